@@ -1,0 +1,3 @@
+"""gsfw: Gaussian splatting, static and dynamic."""
+
+__version__: str

@@ -1,0 +1,166 @@
+"""Column: one per-splat quantity, with its learning rate beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from gsfw.core.learning_rate import LearningRate
+
+
+class Layout(Enum):
+    """How rows lie in a column's tensor."""
+
+    DENSE = "dense"
+    """[n, ...]"""
+    STACKED = "stacked"
+    """[t, n, ...]: one value for each of t times."""
+    RAGGED = "ragged"
+    """[m, ...] with offsets [n + 1]: each row has its own number of values."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Some rows of a column, in the column's own layout."""
+
+    values: Tensor
+    lengths: Int[Tensor, " r"] | None = None
+    """Number of values of each row; ``None`` unless ragged."""
+
+    @staticmethod
+    def zeros_like(rows: Rows) -> Rows:
+        """The same rows with every value zero (fresh optimizer moments)."""
+        return Rows(torch.zeros_like(rows.values), rows.lengths)
+
+
+class Column(nn.Module):
+    """One per-splat quantity: dense, ragged or stacked over time; trained, or a buffer.
+
+    The model owns its columns; only ``SplatTable`` changes their number of rows.
+    """
+
+    values: Tensor
+    offsets: Tensor | None
+
+    def __init__(
+        self,
+        values: Float[Tensor, ...],
+        learning_rate: LearningRate | None = None,
+        layout: Layout = Layout.DENSE,
+        offsets: Int[Tensor, " n_plus_1"] | None = None,
+        bands: bool = False,
+    ) -> None:
+        """Take ``values`` as they are.
+
+        Args:
+            values: the rows, laid out as ``layout`` says.
+            learning_rate: ``None`` makes this a buffer, which no optimizer touches.
+            layout: how rows lie in ``values``.
+            offsets: where each row begins; given exactly when ragged.
+            bands: whether the axis after the rows holds SH coefficients above the constant one,
+                of which only those of the active degree are trained.
+        """
+        super().__init__()
+        if (layout is Layout.RAGGED) != (offsets is not None):
+            raise ValueError(
+                f"a {layout.value} column: offsets are given exactly when it is ragged"
+            )
+        self.layout = layout
+        self.learning_rate = learning_rate
+        self.bands = bands
+        self.register_buffer("offsets", offsets)
+        self._set_values(values)
+
+    def _set_values(self, values: Tensor) -> None:
+        values = values.detach().contiguous()
+        if self.learning_rate is None:
+            self.register_buffer("values", values)
+        else:
+            self.values = nn.Parameter(values)
+
+    @property
+    def trained(self) -> bool:
+        """Whether an optimizer moves it."""
+        return self.learning_rate is not None
+
+    @property
+    def num_rows(self) -> int:
+        """Number of splats."""
+        if self.offsets is not None:
+            return len(self.offsets) - 1
+        return self.values.shape[1 if self.layout is Layout.STACKED else 0]
+
+    def _value_indices(self, rows: Int[Tensor, " r"]) -> tuple[Tensor, Tensor]:
+        """Where the values of ragged ``rows`` lie, and how many each row has."""
+        assert self.offsets is not None
+        lengths = self.offsets.diff()[rows]
+        starts = self.offsets[:-1][rows]
+        within = torch.arange(int(lengths.sum()), device=rows.device)
+        within = within - (lengths.cumsum(0) - lengths).repeat_interleave(lengths)
+        return starts.repeat_interleave(lengths) + within, lengths
+
+    def take(self, rows: Int[Tensor, " r"], values: Tensor | None = None) -> Rows:
+        """Copy rows out, of the column or of a tensor laid out like it (its moments)."""
+        source = (self.values if values is None else values).detach()
+        if self.layout is Layout.STACKED:
+            return Rows(source[:, rows])
+        if self.layout is Layout.RAGGED:
+            indices, lengths = self._value_indices(rows)
+            return Rows(source[indices], lengths)
+        return Rows(source[rows])
+
+    def join(self, first: Rows, second: Rows) -> Rows:
+        """Rows of ``first``, then those of ``second``."""
+        axis = 1 if self.layout is Layout.STACKED else 0
+        values = torch.cat([first.values, second.values.to(first.values)], dim=axis)
+        if first.lengths is None or second.lengths is None:
+            return Rows(values)
+        return Rows(values, torch.cat([first.lengths, second.lengths]))
+
+    def assign(self, rows: Rows) -> None:
+        """Make ``rows`` the whole content."""
+        self._set_values(rows.values)
+        if self.layout is Layout.RAGGED:
+            assert rows.lengths is not None
+            zero = rows.lengths.new_zeros(1)
+            self.offsets = torch.cat([zero, rows.lengths.cumsum(0)])
+
+    @torch.no_grad()
+    def write(self, rows: Int[Tensor, " r"], new: Rows, values: Tensor | None = None) -> None:
+        """Overwrite rows in place, in the column or in a tensor laid out like it.
+
+        Raises:
+            ValueError: a ragged row would change its number of values (use keep and append).
+        """
+        target = self.values if values is None else values
+        source = new.values.to(target)
+        if self.layout is Layout.STACKED:
+            target[:, rows] = source
+        elif self.layout is Layout.RAGGED:
+            indices, lengths = self._value_indices(rows)
+            if new.lengths is None or not torch.equal(lengths, new.lengths):
+                raise ValueError("ragged rows keep their number of values when overwritten")
+            target[indices] = source
+        else:
+            target[rows] = source
+
+    def _load_from_state_dict(
+        self,
+        state_dict: Mapping[str, Any],
+        prefix: str,
+        *args: Any,  # noqa: ANN401
+    ) -> None:
+        """Accept any number of rows: a checkpoint has the count it was written with."""
+        values = state_dict.get(prefix + "values")
+        if values is not None:
+            self._set_values(values.to(self.values).clone())
+        offsets = state_dict.get(prefix + "offsets")
+        if offsets is not None and self.offsets is not None:
+            self.offsets = offsets.to(self.offsets).clone()
+        super()._load_from_state_dict(state_dict, prefix, *args)

@@ -1,0 +1,277 @@
+"""Configuration: plain dataclasses, one per choice; their fields are the command line's keys."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+from gsfw.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    import torch
+
+    from gsfw.core.capabilities import Capabilities, Needs
+    from gsfw.core.datamanager import DataManager, DataRequest, Views
+    from gsfw.core.method import Method
+    from gsfw.core.optimizer import OptimizerSettings
+    from gsfw.core.rasterizer import Rasterizer
+    from gsfw.core.sampler import Sampler
+    from gsfw.core.scene import Scene
+    from gsfw.core.strategy import DensityStrategy
+
+AUTO = "auto"
+"""The choice that leaves choosing to gsfw."""
+
+
+def steps_field(default: int, at_least: int = 0) -> Any:  # noqa: ANN401 - a dataclass field
+    """A setting counted in training steps, which ``steps=N`` rescales in proportion.
+
+    Args:
+        default: steps, for the method's own default length.
+        at_least: rescaling goes no lower (intervals in which statistics have to gather).
+    """
+    return field(default=default, metadata={"unit": "steps", "at_least": at_least})
+
+
+def step_settings(config: object, prefix: str = "") -> dict[str, tuple[int, int]]:
+    """Every setting counted in steps, by dotted key: its value, and how low rescaling may go."""
+    found: dict[str, tuple[int, int]] = {}
+    for item in fields(config):  # type: ignore[arg-type]
+        value = getattr(config, item.name)
+        if item.metadata.get("unit") == "steps":
+            found[prefix + item.name] = (value, item.metadata["at_least"])
+        elif is_dataclass(value):
+            found |= step_settings(value, f"{prefix}{item.name}.")
+    return found
+
+
+Config = TypeVar("Config")
+
+
+def replace_at(config: Config, key: str, value: object) -> Config:
+    """A copy of ``config`` with the setting at a dotted key replaced."""
+    head, _, rest = key.partition(".")
+    if rest:
+        value = replace_at(getattr(config, head), rest, value)
+    return replace(config, **{head: value})  # type: ignore[type-var]
+
+
+@dataclass
+class SlotConfig:
+    """Settings of one choice (a strategy, a rasterizer, ...)."""
+
+    recommended: ClassVar[Mapping[str, Any]] = {}
+    """Settings of the run, by dotted key, that go with this choice; what the user gives wins."""
+
+    def needs(self) -> Needs:
+        """What this choice asks of the rasterizer."""
+        from gsfw.core.capabilities import Needs
+
+        return Needs()
+
+
+@dataclass
+class StrategyConfig(SlotConfig, ABC):
+    """Settings of a density strategy."""
+
+    @abstractmethod
+    def build(self, scene: Scene) -> DensityStrategy:
+        """The strategy, before its first step."""
+
+
+@dataclass
+class SamplerConfig(SlotConfig, ABC):
+    """Settings of a view sampler."""
+
+    @abstractmethod
+    def build(self, views: Views, seed: int) -> Sampler:
+        """The sampler over the training views, before its first step.
+
+        Raises:
+            ConfigError: these views cannot be sampled so (no times, for instance).
+        """
+
+
+@dataclass
+class RasterizerConfig(SlotConfig, ABC):
+    """Settings of a rasterizer."""
+
+    @abstractmethod
+    def capabilities(self) -> Capabilities:
+        """What it can do on this machine; builds nothing."""
+
+    @abstractmethod
+    def build(self, device: torch.device) -> Rasterizer:
+        """The rasterizer.
+
+        Raises:
+            UnavailableError: it cannot run here.
+        """
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Whether a folder or file looks like a data set of some format."""
+
+    recognised: bool
+    looked_for: str
+    """What would have been recognised, as a phrase: "sparse/0/cameras.bin"."""
+    found: str = ""
+    """What was, as a phrase; empty when nothing."""
+    priority: int = 0
+    """The highest wins when several formats recognise the same folder."""
+
+
+@dataclass
+class DataManagerConfig(SlotConfig, ABC):
+    """Settings of a source of data."""
+
+    @classmethod
+    @abstractmethod
+    def detect(cls, path: Path) -> Detection:
+        """Whether ``path`` looks like this format; looks at names, reads no pictures."""
+
+    @abstractmethod
+    def build(self, request: DataRequest) -> DataManager:
+        """Read cameras and points, check the pictures' headers.
+
+        Raises:
+            DataError: the data cannot be used; says where and why.
+        """
+
+
+@dataclass
+class OptimConfig:
+    """How parameters are moved; the learning rates are those of Kerbl et al. 2023."""
+
+    sparse: bool = False
+    """Rows that no view of a step has seen stay as they are (faster; not what the papers do)."""
+
+    def settings(self) -> OptimizerSettings:
+        """For the optimizer."""
+        from gsfw.core.optimizer import OptimizerSettings
+
+        return OptimizerSettings(sparse=self.sparse)
+
+
+@dataclass
+class MethodConfig(ABC):
+    """The settings every run has; a method's own derive from it and may change the defaults.
+
+    A field whose type is a slot's config (``strategy``, ``rasterizer``, ``datamanager``,
+    ``sampler``) is chosen by name among what is registered; ``None`` means ``auto``.
+    """
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"default": {}}
+    """Settings by dotted key, for ``preset=NAME``."""
+
+    data: str = ""
+    """Data set: a folder or file. Empty: the built-in scene, which needs none."""
+    out: str = ""
+    """Folder of the run. Empty: runs/SCENE/METHOD/TIME."""
+    steps: int = 30_000
+    """Training steps. Schedules follow in proportion, unless rescale=false."""
+    rescale: bool = True
+    """Whether steps=N rescales every schedule that was not given itself."""
+    seed: int = 42
+    """Seed of every generator; on the CPU the same seed gives the same bits."""
+    device: str = AUTO
+    """Where to train: auto, cpu, cuda or cuda:N."""
+    init: str = AUTO
+    """Where splats start: points, random, or a splat file. auto: points where the data has any."""
+    downscale: float = 1.0
+    """Shrink images by this factor (area filter)."""
+    background: str = AUTO
+    """Colour behind everything: white, black or r,g,b. auto: white where images have alpha."""
+    random_background: bool = False
+    """A random background at every training step, so that empty stays empty (needs alpha)."""
+    checkpoint_every: int = steps_field(5000, at_least=100)
+    """Steps between checkpoints; 0: only at the end."""
+    eval_every: int = steps_field(5000, at_least=100)
+    """Steps between evaluations on the held-out views; 0: only at the end."""
+    log_every: int = 10
+    """Steps between logged steps."""
+    holdout_every: int = 8
+    """Every n-th image by name is held out, unless the data brings its own split; 0: none."""
+    holdout: tuple[str, ...] = ()
+    """Names of the images to hold out, instead of every n-th."""
+    cache_mb: int = 2048
+    """Memory that decoded images may take, in megabytes."""
+    batch_views: int = 1
+    """Views drawn per step; their gradients are averaged."""
+    antialias: bool = False
+    """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
+    validation: str = "cheap"
+    """How rasterizer inputs are checked in the loop: cheap or full."""
+    max_skipped: int = 20
+    """Steps in a row that may be skipped because they were not finite before the run stops."""
+    optim: OptimConfig = field(default_factory=OptimConfig)
+    rasterizer: RasterizerConfig | None = None
+    strategy: StrategyConfig | None = None
+    datamanager: DataManagerConfig | None = None
+    sampler: SamplerConfig | None = None
+
+    @abstractmethod
+    def build(self) -> Method:
+        """The method.
+
+        Raises:
+            ConfigError: settings contradict each other.
+        """
+
+    def needs(self) -> Needs:
+        """What the method itself asks of the rasterizer."""
+        from gsfw.core.capabilities import Feature, Needs
+
+        features = {Feature.GRADIENT, Feature.SH}
+        if self.antialias:
+            features.add(Feature.ANTIALIAS)
+        return Needs(features=frozenset(features))
+
+    def check(self) -> None:
+        """Check the values every run has.
+
+        Raises:
+            ConfigError: naming the key, what was expected, and what was given.
+        """
+        positive = {
+            "steps": self.steps,
+            "log_every": self.log_every,
+            "batch_views": self.batch_views,
+        }
+        for key, value in positive.items():
+            if value < 1:
+                raise ConfigError(f"{key}={value}: expected a number of at least 1.")
+        if self.downscale < 1:
+            raise ConfigError(
+                f"downscale={self.downscale:g}: expected a factor of at least 1 "
+                "(2 halves the width and the height)."
+            )
+        parse_background(self.background)
+        if self.validation not in ("cheap", "full"):
+            raise ConfigError(f"validation={self.validation}: expected cheap or full.")
+
+
+NAMED_BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
+
+
+def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, float]:
+    """The colour a ``background`` setting means, in [0, 1] per channel.
+
+    Raises:
+        ConfigError: it is neither a name nor three numbers.
+    """
+    if text == AUTO:
+        return NAMED_BACKGROUNDS["white" if has_alpha else "black"]
+    if text in NAMED_BACKGROUNDS:
+        return NAMED_BACKGROUNDS[text]
+    try:
+        red, green, blue = (float(part) for part in text.strip("[]() ").split(","))
+    except ValueError:
+        raise ConfigError(
+            f"background={text}: expected white, black, auto, or three numbers such as 0.5,0.5,0.5."
+        ) from None
+    return red, green, blue

@@ -1,0 +1,48 @@
+"""Determinism: same seed, same bits on the CPU."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+
+
+@contextmanager
+def deterministic(device: torch.device) -> Iterator[None]:
+    """Run torch with deterministic algorithms on the CPU; elsewhere leave it as it is.
+
+    Without this, indexing backward with accumulation is not repeatable with two threads (seen with
+    more than 50,000 rows). Filling new memory is left off: it costs time and hides nothing here.
+    """
+    before = torch.are_deterministic_algorithms_enabled()
+    fill = torch.utils.deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
+    if device.type == "cpu":
+        torch.use_deterministic_algorithms(True)
+        torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before)
+        torch.utils.deterministic.fill_uninitialized_memory = fill  # type: ignore[attr-defined]
+
+
+def environment(device: torch.device) -> dict[str, str | int]:
+    """What bit-exact repetition depends on besides the seed; kept in every checkpoint."""
+    return {
+        "torch": torch.__version__,
+        "device": device.type,
+        "threads": torch.get_num_threads(),
+        "cpu_capability": torch.backends.cpu.get_cpu_capability(),
+        "machine": platform.machine(),
+    }
+
+
+def differences(recorded: dict[str, str | int], now: dict[str, str | int]) -> list[str]:
+    """What differs between two environments, as phrases."""
+    return [
+        f"{key} was {recorded[key]} and is {value}"
+        for key, value in now.items()
+        if key in recorded and recorded[key] != value
+    ]

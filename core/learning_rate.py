@@ -1,0 +1,32 @@
+"""LearningRate: how fast a parameter moves, as a function of the step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class LearningRate:
+    """Log-linear from ``initial`` to ``final`` over ``steps``, constant after that.
+
+    Kerbl et al. 2023 decay positions so; the form is that of Plenoxels' and JAXNeRF's schedules.
+    """
+
+    initial: float
+    final: float | None = None
+    """``None``: constant."""
+    steps: int = 1
+    """When ``final`` is reached."""
+    start: int = 0
+    """Zero before this step (a phase that comes later); the decay is counted from here."""
+
+    def at(self, step: int) -> float:
+        """The rate at ``step``, counted from 0."""
+        if step < self.start:
+            return 0.0
+        if self.final is None:
+            return self.initial
+        if self.initial <= 0 or self.final <= 0:
+            return self.initial
+        fraction = min((step - self.start) / max(self.steps, 1), 1.0)
+        return float(self.initial * (self.final / self.initial) ** fraction)

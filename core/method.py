@@ -1,0 +1,67 @@
+"""Method: a model and what it is trained with."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.context import StepContext
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
+from gsfw.core.optimizer import Optimizer
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
+
+
+class Method(ABC):
+    """A model and what it is trained with: losses, phases, and what it expects of a scene."""
+
+    def check_scene(self, scene: Scene) -> None:  # noqa: B027
+        """Refuse a scene this method cannot be trained on.
+
+        Raises:
+            ConfigError: saying what the scene lacks and what to do.
+        """
+
+    def notes(self, scene: Scene) -> tuple[str, ...]:
+        """What the user should know before it starts, such as what random initialisation costs."""
+        return ()
+
+    @abstractmethod
+    def build_model(
+        self,
+        scene: Scene,
+        operators: Operators,
+        generator: torch.Generator,
+        initial: Splats | None,
+    ) -> PrimitiveModel:
+        """The model before its first step, on the CPU.
+
+        Args:
+            scene: what is known of the capture.
+            operators: for nearest neighbours.
+            generator: on the CPU; the only source of randomness.
+            initial: splats to start from (``init=FILE``), in the scene frame; ``None`` otherwise.
+        """
+
+    @abstractmethod
+    def losses(self, context: StepContext) -> Mapping[str, Tensor]:
+        """Weighted scalars whose sum is minimised, by name."""
+
+    def phase(self, step: int) -> str:
+        """Name of the phase ``step`` is in (coarse, fine; a time step)."""
+        return "train"
+
+    def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:  # noqa: B027
+        """Before each step: SH degree, phase changes, freezing, forward initialisation."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Tensors and plain data; what ``phase`` and ``prepare`` depend on besides the step."""
+        return {}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:  # noqa: B027
+        """Continue from ``state``."""

@@ -1,0 +1,57 @@
+"""Metrics: how close a rendered picture is to the photo."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gsfw.core.ssim import masked_mean, ssim
+
+PSNR_MAX = 100.0
+"""Reported for pictures that are equal, in dB, so that means stay finite."""
+
+
+def psnr(
+    rendered: Float[Tensor, "h w d"],
+    target: Float[Tensor, "h w d"],
+    valid: Bool[Tensor, "h w 1"] | None = None,
+) -> float:
+    """Peak signal-to-noise ratio in dB, of values clamped to [0, 1]."""
+    squared = (rendered.clamp(0, 1) - target.clamp(0, 1)).double() ** 2
+    mean = masked_mean(squared[None], None if valid is None else valid[None])
+    return float((-10.0 * torch.log10(mean)).clamp_max(PSNR_MAX))
+
+
+class Metric(ABC):
+    """A figure for one picture."""
+
+    higher_is_better: bool = True
+
+    @abstractmethod
+    def __call__(
+        self,
+        rendered: Float[Tensor, "h w 3"],
+        target: Float[Tensor, "h w 3"],
+        valid: Bool[Tensor, "h w 1"] | None,
+    ) -> float:
+        """Compare one picture over its valid pixels."""
+
+
+class Psnr(Metric):
+    """Peak signal-to-noise ratio, in dB."""
+
+    def __call__(self, rendered: Tensor, target: Tensor, valid: Tensor | None) -> float:
+        """Compare one picture."""
+        return psnr(rendered, target, valid)
+
+
+class Ssim(Metric):
+    """Structural similarity with the loss's window, of values clamped to [0, 1]."""
+
+    def __call__(self, rendered: Tensor, target: Tensor, valid: Tensor | None) -> float:
+        """Compare one picture."""
+        picture = rendered.clamp(0, 1)[None]
+        return float(ssim(picture, target[None], None if valid is None else valid[None]))

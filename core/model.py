@@ -1,0 +1,115 @@
+"""PrimitiveModel: parameters, and how they become splats at a time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.column import Column, Rows
+from gsfw.core.parameter_group import ParameterGroup
+from gsfw.core.render_output import RenderOutput
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Splats
+
+if TYPE_CHECKING:
+    from gsfw.core.context import StepContext
+
+Children = Mapping[str, Rows]
+"""New rows for every column, by column name."""
+
+
+class PrimitiveModel(nn.Module, ABC):
+    """Parameters, and how they become splats at a time.
+
+    The second half is what a density strategy may ask for *in model terms*: a strategy knows no
+    logits, logarithms or time parameters.
+    """
+
+    @abstractmethod
+    def columns(self) -> Mapping[str, Column]:
+        """Every per-splat quantity, by name; all have the same number of rows."""
+
+    def parameter_groups(self) -> tuple[ParameterGroup, ...]:
+        """Trained parameters that are not one per splat (networks, grids)."""
+        return ()
+
+    @abstractmethod
+    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+        """The activated Gaussians at ``time`` in [0, 1]; a static model ignores it."""
+
+    def settings(self, settings: RenderSettings) -> RenderSettings:
+        """What this model wants changed in how it is drawn (background of feature channels)."""
+        return settings
+
+    def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
+        """From what was drawn to colours; models that draw features decode them here."""
+        return output
+
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+        """Weighted scalars to add to the loss, by name."""
+        return {}
+
+    def active_bands(self) -> int | None:
+        """Trained SH coefficients above the constant one; ``None`` when all are."""
+        return None
+
+    def project_(self) -> None:
+        """After each optimizer step: norms, manifolds, minimum durations. In place."""
+
+    # What a strategy may ask for.
+
+    @property
+    def num_rows(self) -> int:
+        """Number of primitives."""
+        return next(iter(self.columns().values())).num_rows
+
+    @abstractmethod
+    def opacities(self) -> Float[Tensor, " n"]:
+        """Opacity of each row in [0, 1], without a temporal weight; no gradient."""
+
+    @abstractmethod
+    def sizes(self) -> Float[Tensor, " n"]:
+        """Largest standard deviation of each row, in scene units; no gradient."""
+
+    def lifetimes(self) -> Float[Tensor, " n"] | None:
+        """How much of [0, 1] each row is there for; ``None`` when all are there always."""
+        return None
+
+    @torch.no_grad()
+    def clone_rows(self, rows: Int[Tensor, " r"]) -> Children:
+        """Copies of ``rows``."""
+        return {name: column.take(rows) for name, column in self.columns().items()}
+
+    @abstractmethod
+    def split_rows(
+        self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
+    ) -> Children:
+        """``copies`` smaller children for each of ``rows``, drawn from the row's own density.
+
+        The first child of every row comes first, then all the second ones.
+        """
+
+    @abstractmethod
+    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
+        """``rows`` with opacity and scale such that ``counts`` coincident copies look as one did.
+
+        Equation 9 of Kheradmand et al. 2024; counts >= 1 include the row itself.
+        """
+
+    @abstractmethod
+    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+        """Move positions by noise shaped by each row's covariance, strong where opacity is low.
+
+        Equation 8 of Kheradmand et al. 2024; ``rate`` is the noise rate times the position's
+        learning rate. In place.
+        """
+
+    @abstractmethod
+    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
+        """Cap every opacity at ``limit``, in place; the names of the columns that changed."""

@@ -1,0 +1,95 @@
+"""Operators: the heavy parts of a step besides drawing, each with a plain torch default."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from gsfw.core.ssim import masked_mean, ssim
+
+
+@dataclass(frozen=True)
+class AdamSettings:
+    """Constants of Adam (Kingma and Ba 2015); epsilon as in 3DGS."""
+
+    beta1: float = 0.9
+    beta2: float = 0.999
+    epsilon: float = 1e-15
+
+
+@dataclass
+class AdamMoments:
+    """Adam's state for one tensor."""
+
+    first: Tensor
+    """Running mean of the gradient, laid out like the tensor."""
+    second: Tensor
+    """Running mean of its square."""
+    count: Float[Tensor, ""]
+    """Steps taken, for the bias correction; float64, on the tensor's device."""
+
+    @staticmethod
+    def zeros_like(values: Tensor) -> AdamMoments:
+        """Fresh moments."""
+        count = torch.zeros((), dtype=torch.float64, device=values.device)
+        return AdamMoments(torch.zeros_like(values), torch.zeros_like(values), count)
+
+
+class Operators:
+    """The torch defaults; a device's faster set overrides some, and compose injects it."""
+
+    def l1_dssim(
+        self,
+        rendered: Float[Tensor, "c h w d"],
+        target: Float[Tensor, "c h w d"],
+        valid: Bool[Tensor, "c h w 1"] | None = None,
+    ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
+        """Mean absolute difference, and 1 - SSIM, over the valid pixels; both differentiable."""
+        l1 = masked_mean((rendered - target).abs(), valid)
+        return l1, 1.0 - ssim(rendered, target, valid)
+
+    @torch.no_grad()
+    def adam_(
+        self,
+        values: Tensor,
+        gradient: Tensor,
+        moments: AdamMoments,
+        rate: float,
+        settings: AdamSettings,
+        finite: Bool[Tensor, ""],
+        rows: Int[Tensor, " r"] | None = None,
+    ) -> None:
+        """One step of Adam, in place.
+
+        With ``rows`` only those rows (of the first axis) and their moments are touched: the moments
+        of the others do not decay, and the bias correction counts steps, not visits.
+        When ``finite`` is false nothing changes; no device is waited for.
+        """
+        if rows is not None:
+            part = AdamMoments(moments.first[rows], moments.second[rows], moments.count)
+            chosen = values[rows]
+            self.adam_(chosen, gradient[rows], part, rate, settings, finite)
+            values[rows] = chosen
+            moments.first[rows], moments.second[rows] = part.first, part.second
+            return
+        gate = finite.to(values.dtype)
+        moments.count += finite
+        gradient = torch.where(finite, gradient, 0.0)
+        bias1 = 1.0 - settings.beta1**moments.count
+        bias2 = 1.0 - settings.beta2**moments.count
+        moments.first.lerp_(gradient, gate * (1.0 - settings.beta1))
+        moments.second.mul_(1.0 - gate * (1.0 - settings.beta2))
+        moments.second.addcmul_(gradient, gradient, value=1.0 - settings.beta2)
+        scale = torch.where(finite, rate / bias1, 0.0).to(values.dtype)
+        denominator = (moments.second / bias2.clamp_min(1e-300).to(values.dtype)).sqrt_()
+        values.sub_(moments.first / denominator.add_(settings.epsilon) * scale)
+
+    def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:
+        """Distances to the ``k`` nearest other points, nearest first; inf where there are fewer."""
+        host = points.detach().double().cpu().numpy()
+        distances, _ = cKDTree(host).query(host, k=k + 1, workers=-1)
+        return torch.from_numpy(distances[:, 1:]).to(points)

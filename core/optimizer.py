@@ -1,0 +1,176 @@
+"""Optimizer: Adam over columns and parameter groups, each at its own learning rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from gsfw.core.column import Column, Layout
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+
+
+@dataclass(frozen=True)
+class OptimizerSettings:
+    """How the optimizer treats rows that no view of a step has seen."""
+
+    adam: AdamSettings = AdamSettings()  # noqa: RUF009 - frozen
+    sparse: bool = False
+    """False: plain Adam, in which rows that were not seen go on moving by their momentum.
+    True: such rows and their moments do not change at all (dense columns only)."""
+
+
+class Optimizer:
+    """Adam over a model's columns and parameter groups.
+
+    Bands above the active SH degree have never had a gradient, so leaving them out changes nothing.
+    """
+
+    def __init__(
+        self, model: PrimitiveModel, operators: Operators, settings: OptimizerSettings
+    ) -> None:
+        self._model = model
+        self._operators = operators
+        self._settings = settings
+        self._frozen: set[str] = set()
+        self._moments: dict[str, list[AdamMoments]] = {
+            name: [AdamMoments.zeros_like(tensor) for tensor in tensors]
+            for name, tensors in self._tensors().items()
+        }
+
+    def _tensors(self) -> dict[str, list[Tensor]]:
+        columns: dict[str, list[Tensor]] = {
+            name: [column.values]
+            for name, column in self._model.columns().items()
+            if column.trained
+        }
+        groups: dict[str, list[Tensor]] = {
+            group.name: [*group.parameters] for group in self._model.parameter_groups()
+        }
+        return columns | groups
+
+    def learning_rates(self, step: int) -> dict[str, float]:
+        """The rate of every column and group at ``step``; 0 where frozen."""
+        rates = {
+            name: column.learning_rate
+            for name, column in self._model.columns().items()
+            if column.learning_rate is not None
+        } | {group.name: group.learning_rate for group in self._model.parameter_groups()}
+        return {
+            name: 0.0 if name in self._frozen else rate.at(step) for name, rate in rates.items()
+        }
+
+    def gradients(self) -> list[Tensor]:
+        """Every gradient that exists now."""
+        tensors = (tensor for group in self._tensors().values() for tensor in group)
+        return [tensor.grad for tensor in tensors if tensor.grad is not None]
+
+    def zero_gradients(self) -> None:
+        """Forget all gradients."""
+        for tensors in self._tensors().values():
+            for tensor in tensors:
+                tensor.grad = None
+
+    @torch.no_grad()
+    def step(
+        self, step: int, finite: Bool[Tensor, ""], visible: Bool[Tensor, " n"] | None = None
+    ) -> None:
+        """Move every parameter that has a gradient.
+
+        Args:
+            step: counted from 0; sets the learning rates.
+            finite: when false, nothing changes.
+            visible: rows that some view of this step saw; used when ``sparse`` is set.
+        """
+        rates = self.learning_rates(step)
+        rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
+        for name, column in self._model.columns().items():
+            if column.trained and name not in self._frozen and column.values.grad is not None:
+                self._step_column(column, self._moments[name][0], rates[name], finite, rows)
+        for group in self._model.parameter_groups():
+            if group.name in self._frozen:
+                continue
+            for tensor, moments in zip(group.parameters, self._moments[group.name], strict=True):
+                if tensor.grad is None:
+                    continue
+                if group.weight_decay:
+                    tensor.mul_(1.0 - finite * rates[group.name] * group.weight_decay)
+                self._operators.adam_(
+                    tensor, tensor.grad, moments, rates[group.name], self._settings.adam, finite
+                )
+
+    def _step_column(
+        self,
+        column: Column,
+        moments: AdamMoments,
+        rate: float,
+        finite: Tensor,
+        rows: Tensor | None,
+    ) -> None:
+        values, gradient = column.values, column.values.grad
+        assert gradient is not None
+        bands = self._model.active_bands() if column.bands else None
+        if bands is not None and column.layout is Layout.DENSE:
+            if bands == 0:
+                moments.count += finite
+                return
+            values, gradient = values[:, :bands], gradient[:, :bands]
+            moments = AdamMoments(
+                moments.first[:, :bands], moments.second[:, :bands], moments.count
+            )
+        if column.layout is not Layout.DENSE:
+            rows = None
+        adam = self._settings.adam
+        self._operators.adam_(values, gradient, moments, rate, adam, finite, rows)
+
+    def moments(self, name: str) -> list[AdamMoments]:
+        """Adam's state for a column or group, as it is kept."""
+        return self._moments[name]
+
+    def replace_moments(self, name: str, moments: list[AdamMoments]) -> None:
+        """Adam's state after rows were edited; for ``SplatTable``."""
+        self._moments[name] = moments
+
+    def reset(self, names: Iterable[str]) -> None:
+        """Start these columns or groups with fresh moments and step counts."""
+        tensors = self._tensors()
+        for name in names:
+            if name in tensors:
+                self._moments[name] = [AdamMoments.zeros_like(tensor) for tensor in tensors[name]]
+
+    def freeze(self, names: Iterable[str]) -> None:
+        """Stop moving these columns or groups."""
+        self._frozen.update(names)
+
+    def unfreeze(self, names: Iterable[str]) -> None:
+        """Move them again."""
+        self._frozen.difference_update(names)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Tensors and plain data."""
+        moments = {
+            name: [{"first": m.first, "second": m.second, "count": m.count} for m in group]
+            for name, group in self._moments.items()
+        }
+        return {"moments": moments, "frozen": sorted(self._frozen)}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from ``state``; the model must have been loaded first."""
+        tensors = self._tensors()
+        self._frozen = set(state["frozen"])
+        self._moments = {
+            name: [
+                AdamMoments(
+                    saved["first"].to(tensor).clone(),
+                    saved["second"].to(tensor).clone(),
+                    saved["count"].to(tensor.device).clone(),
+                )
+                for saved, tensor in zip(state["moments"][name], group, strict=True)
+            ]
+            for name, group in tensors.items()
+        }

@@ -1,0 +1,21 @@
+"""ParameterGroup: trained parameters that are not one per splat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import nn
+
+from gsfw.core.learning_rate import LearningRate
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """Parameters of a network or a grid that share a learning rate."""
+
+    name: str
+    """Unique among the model's groups and columns; the name in ``lr/NAME``, reset and freeze."""
+    parameters: tuple[nn.Parameter, ...]
+    learning_rate: LearningRate
+    weight_decay: float = 0.0
+    """Decoupled, as in AdamW (Loshchilov and Hutter 2019)."""

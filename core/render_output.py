@@ -1,0 +1,43 @@
+"""RenderOutput: what a rasterizer returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class RenderStatistics:
+    """Per camera and splat, in the order of the splats drawn (``Splats.rows`` leads to the model).
+
+    The tensors of the gradient statistics exist, full of zeros, from the forward pass on; backward
+    fills them in place. Strategies read these, and nothing reads intermediate tensors' ``.grad``.
+    """
+
+    visible: Bool[Tensor, "c n"]
+    """Whether any pixel can receive the splat: in front, in the image, opaque enough."""
+    radii: Float[Tensor, "c n"]
+    """Half of the larger side of the splat's exact bounding box, in pixels; 0 where invisible."""
+    screen_gradient: Float[Tensor, "c n"] | None = None
+    """|dL / d centre| with the centre in NDC: pixel gradients times (width / 2, height / 2)."""
+    absgrad: Float[Tensor, "c n"] | None = None
+    """The same with each pixel's absolute gradient summed instead (Ye et al. 2024, AbsGS)."""
+    contribution: Float[Tensor, "c n"] | None = None
+    """Sum over pixels of alpha times transmittance; written by the forward pass."""
+
+
+@dataclass(frozen=True)
+class RenderOutput:
+    """``c`` pictures of ``h`` by ``w`` pixels with ``d`` channels."""
+
+    color: Float[Tensor, "c h w d"]
+    """Background included; not clamped."""
+    alpha: Float[Tensor, "c h w 1"]
+    """1 - remaining transmittance; 0 where nothing is drawn."""
+    statistics: RenderStatistics
+    depth: Float[Tensor, "c h w 1"] | None = None
+    """In scene units; ``None`` when not asked for."""
+    extra: Float[Tensor, "c h w e"] | None = None
+    """The splats' extra channels over 0; ``None`` when they have none."""

@@ -1,0 +1,118 @@
+"""SplatTable: the only place where rows are kept, appended or replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from jaxtyping import Bool, Int
+from torch import Tensor
+
+from gsfw.core.column import Column, Rows
+from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.operators import AdamMoments
+from gsfw.core.optimizer import Optimizer
+
+
+class SplatTable:
+    """A model's columns and their optimizer moments, edited together or not at all.
+
+    Every edit is worked out in full before anything is changed, so that an error (out of memory,
+    wrong shapes) leaves model and optimizer as they were. Rows that are kept keep their moments;
+    new and replaced ones begin with moments of zero.
+    """
+
+    def __init__(self, model: PrimitiveModel, optimizer: Optimizer) -> None:
+        self._model = model
+        self._optimizer = optimizer
+
+    def __len__(self) -> int:
+        return self._model.num_rows
+
+    @property
+    def device(self) -> torch.device:
+        """Where the rows live."""
+        return next(iter(self._model.columns().values())).values.device
+
+    def learning_rate(self, name: str, step: int) -> float:
+        """The rate of a column at ``step``, counted from 0."""
+        return self._optimizer.learning_rates(step)[name]
+
+    def keep(self, rows: Bool[Tensor, " n"] | Int[Tensor, " r"]) -> None:
+        """Keep these rows (a mask, or indices in the order wanted) and drop all others."""
+        self.edit(rows, None)
+
+    def append(self, children: Children) -> None:
+        """Add rows at the end.
+
+        Raises:
+            ValueError: ``children`` does not have exactly the model's columns.
+        """
+        self.edit(None, children)
+
+    @torch.no_grad()
+    def edit(
+        self, keep: Bool[Tensor, " n"] | Int[Tensor, " r"] | None, children: Children | None
+    ) -> None:
+        """Keep some rows (all if ``None``), then add ``children`` (none if ``None``)."""
+        columns = self._model.columns()
+        if children is not None:
+            self._check_names(children)
+        if keep is None:
+            keep = torch.arange(len(self), device=self.device)
+        rows = keep.nonzero()[:, 0] if keep.dtype == torch.bool else keep
+        values: dict[str, Rows] = {}
+        moments: dict[str, list[AdamMoments]] = {}
+        for name, column in columns.items():
+            new = None if children is None else children[name]
+            values[name] = self._edited(column, column.values, rows, new)
+            if column.trained:
+                fresh = None if new is None else Rows.zeros_like(new)
+                moments[name] = [
+                    AdamMoments(
+                        self._edited(column, state.first, rows, fresh).values,
+                        self._edited(column, state.second, rows, fresh).values,
+                        state.count,
+                    )
+                    for state in self._optimizer.moments(name)
+                ]
+        for name, column in columns.items():
+            column.assign(values[name])
+            if column.trained:
+                self._optimizer.replace_moments(name, moments[name])
+
+    @staticmethod
+    def _edited(column: Column, values: Tensor, rows: Tensor, new: Rows | None) -> Rows:
+        kept = column.take(rows, values)
+        return kept if new is None else column.join(kept, new)
+
+    @torch.no_grad()
+    def replace(self, rows: Int[Tensor, " r"], children: Children) -> None:
+        """Overwrite rows in place; their moments begin again at zero."""
+        self._check_names(children)
+        for name, column in self._model.columns().items():
+            column.write(rows, children[name])
+        self.reset_rows(rows)
+
+    @torch.no_grad()
+    def reset_rows(self, rows: Int[Tensor, " r"]) -> None:
+        """Moments of zero for these rows, in every column."""
+        for name, column in self._model.columns().items():
+            if column.trained:
+                for state in self._optimizer.moments(name):
+                    for moment in (state.first, state.second):
+                        column.write(rows, Rows.zeros_like(column.take(rows, moment)), moment)
+
+    def reset_columns(self, names: Iterable[str]) -> None:
+        """Moments of zero for whole columns; their step counts go on."""
+        for name in names:
+            for state in self._optimizer.moments(name):
+                state.first.zero_()
+                state.second.zero_()
+
+    def _check_names(self, children: Children) -> None:
+        expected, found = set(self._model.columns()), set(children)
+        if expected != found:
+            raise ValueError(
+                f"new rows: expected the columns {sorted(expected)}, found {sorted(found)}"
+            )

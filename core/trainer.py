@@ -1,0 +1,357 @@
+"""Trainer: the one loop, for static and dynamic methods alike."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.context import StepContext
+from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.determinism import deterministic, environment
+from gsfw.core.errors import TrainingError
+from gsfw.core.evaluation import Evaluation, evaluate
+from gsfw.core.memory import peak_memory_mb
+from gsfw.core.method import Method
+from gsfw.core.metrics import Metric, psnr
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
+from gsfw.core.optimizer import Optimizer
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.reducer import Reducer
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.run_folder import RunFolder
+from gsfw.core.sampler import Sampler
+from gsfw.core.stopwatch import Stopwatch
+from gsfw.core.strategy import DensityStrategy
+from gsfw.core.table import SplatTable
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """How long, and what happens when; intervals in steps, 0 meaning only at the end."""
+
+    steps: int
+    log_every: int
+    eval_every: int
+    checkpoint_every: int
+    settings: RenderSettings
+    """How training views are drawn; the background is that of the evaluation too."""
+    random_background: bool = False
+    max_skipped: int = 20
+    prefetch_views: int = 4
+
+
+@dataclass(frozen=True)
+class TrainingParts:
+    """Everything a run is made of; built and checked by ``gsfw.plugins.compose``."""
+
+    method: Method
+    model: PrimitiveModel
+    optimizer: Optimizer
+    table: SplatTable
+    strategy: DensityStrategy
+    sampler: Sampler
+    data: DataManager
+    rasterizer: Rasterizer
+    operators: Operators
+    metrics: Mapping[str, Metric]
+    generator: torch.Generator
+    device: torch.device
+    reducer: Reducer = field(default_factory=Reducer)
+
+
+@dataclass
+class _Drawn:
+    """One batch of a step after its forward pass."""
+
+    context: StepContext
+    losses: Mapping[str, Tensor]
+    total: Tensor
+
+
+class Trainer:
+    """Batches -> splats -> render -> decode -> losses -> backward -> observe -> step -> refine."""
+
+    def __init__(
+        self,
+        parts: TrainingParts,
+        plan: TrainingPlan,
+        folder: RunFolder,
+        info: RunInfo,
+        callbacks: Sequence[Callback] = (),
+    ) -> None:
+        self.parts, self.plan, self.folder, self.info = parts, plan, folder, info
+        self.control = Control()
+        self.step = 0
+        self.train_seconds = 0.0
+        self._callbacks = callbacks
+        self._stopwatch = Stopwatch()
+        self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
+        self._skipped_in_a_row = torch.zeros_like(self._skipped)
+        self._checkpointed = -1
+
+    def fit(self) -> dict[str, Any]:
+        """Train until the plan's end or until a callback asks to stop; the run's summary.
+
+        Raises:
+            TrainingError: too many steps in a row were not finite.
+            OutputError: a checkpoint could not be written.
+        """
+        with deterministic(self.parts.device):
+            try:
+                if self._checkpointed != self.step:  # Also proves that the folder can hold one.
+                    self._checkpoint()
+                for callback in self._callbacks:
+                    callback.on_start(self.info, self.control)
+                self._stopwatch.restart()
+                while self.step < self.plan.steps and self.control.stop_reason is None:
+                    self._one_step()
+                return self._finish()
+            finally:
+                for callback in self._callbacks:
+                    callback.close()
+
+    def _one_step(self) -> None:
+        """One optimizer step and what follows from it."""
+        started = time.perf_counter()
+        parts, clock = self.parts, self._stopwatch
+        parts.method.prepare(self.step, parts.model, parts.optimizer)
+        with clock.stage("load"):
+            batches = self._load()
+        drawn: list[_Drawn] = []
+        for batch in batches:
+            with clock.stage("render"):
+                drawn.append(self._draw(batch, share=1.0 / len(batches)))
+            with clock.stage("backward"):
+                drawn[-1].total.backward()
+        with clock.stage("optimize"):
+            finite = self._reduce([item.total for item in drawn])
+            parts.optimizer.step(self.step, finite, self._visible(drawn))
+            parts.optimizer.zero_gradients()
+            parts.model.project_()
+        with clock.stage("refine"):
+            for item in drawn:
+                statistics = _gated(item.context.rendered.statistics, finite)
+                parts.strategy.observe(item.context, statistics)
+                parts.sampler.observe(item.context.batch.views, item.total.detach().expand(1))
+            parts.strategy.refine(self.step, parts.table, parts.model, parts.generator)
+        clock.step_done()
+        self.step += 1
+        self.train_seconds += time.perf_counter() - started
+        self._follow_up(drawn)
+
+    def _load(self) -> list[Batch]:
+        parts = self.parts
+        views = parts.sampler.next()
+        parts.data.prefetch(Split.TRAIN, parts.sampler.peek(self.plan.prefetch_views))
+        return parts.data.load(Split.TRAIN, views, parts.device)
+
+    def _draw(self, batch: Batch, share: float) -> _Drawn:
+        """Forward pass of one batch, whose loss counts ``share`` of the step's."""
+        parts = self.parts
+        splats = parts.model.splats(batch.time)
+        settings = replace(
+            self.plan.settings,
+            background=self._background(),
+            statistics=parts.strategy.statistics(self.step),
+        )
+        output = parts.rasterizer.render(splats, batch.cameras, parts.model.settings(settings))
+        assert settings.background is not None
+        context = StepContext(
+            step=self.step,
+            steps=self.plan.steps,
+            phase=parts.method.phase(self.step),
+            batch=batch,
+            splats=splats,
+            rendered=parts.model.decode(output, batch.cameras),
+            target=batch.target(settings.background),
+            extent=parts.data.scene.extent,
+            operators=parts.operators,
+            generator=parts.generator,
+        )
+        losses = {
+            **parts.method.losses(context),
+            **parts.model.regularizers(context),
+            **parts.strategy.regularizers(context),
+        }
+        total = torch.stack(list(losses.values())).sum() * (share * batch.weight)
+        return _Drawn(context, losses, total)
+
+    def _background(self) -> Tensor | None:
+        if not self.plan.random_background:
+            return self.plan.settings.background
+        generator = self.parts.generator
+        return torch.rand(3, generator=generator, device=generator.device)
+
+    def _reduce(self, totals: list[Tensor]) -> Tensor:
+        """Average gradients over processes; whether loss and gradients are finite."""
+        gradients = self.parts.optimizer.gradients()
+        self.parts.reducer.gradients_(gradients)
+        sums = [self.parts.reducer.loss(total.detach()) for total in totals]
+        finite = torch.stack([value.isfinite().all() for value in [*sums, *gradients]]).all()
+        self._skipped += ~finite
+        self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
+        return finite
+
+    def _visible(self, drawn: list[_Drawn]) -> Tensor:
+        """Model rows that any view of the step saw."""
+        visible = torch.zeros(len(self.parts.table), dtype=torch.bool, device=self.parts.device)
+        for item in drawn:
+            seen = item.context.rendered.statistics.visible.any(0)
+            rows = item.context.splats.rows
+            visible |= seen if rows is None else visible.index_fill(0, rows[seen], True)
+        return visible
+
+    # After a step.
+
+    def _follow_up(self, drawn: list[_Drawn]) -> None:
+        plan, step = self.plan, self.step
+        for callback in self._callbacks:
+            callback.on_tick(step, self.control)
+        if step % plan.log_every == 0 or step in (1, plan.steps):
+            self._report(drawn)
+        if plan.eval_every and step % plan.eval_every == 0 and step < plan.steps:
+            self._evaluate()
+            self._stopwatch.restart()
+        due = plan.checkpoint_every and step % plan.checkpoint_every == 0
+        if due or self.control.checkpoint_requested:
+            self._checkpoint()
+
+    @torch.no_grad()
+    def _report(self, drawn: list[_Drawn]) -> None:
+        skipped_in_a_row = int(self._skipped_in_a_row)
+        losses: dict[str, float] = {}
+        for item in drawn:
+            for name, value in item.losses.items():
+                losses[name] = losses.get(name, 0.0) + float(value) / len(drawn)
+        context = drawn[0].context
+        valid = None if context.batch.valid is None else context.batch.valid[0]
+        step_ms, stage_ms = self._stopwatch.read()
+        report = StepReport(
+            step=self.step,
+            loss=sum(float(item.total) for item in drawn),
+            losses=losses,
+            psnr=psnr(context.rendered.color[0], context.target[0], valid),
+            num_gaussians=len(self.parts.table),
+            learning_rates=self.parts.optimizer.learning_rates(self.step - 1),
+            step_ms=step_ms,
+            stage_ms=stage_ms,
+            memory_mb=peak_memory_mb(self.parts.device),
+            skipped_steps=int(self._skipped),
+        )
+        for callback in self._callbacks:
+            callback.on_step(report, self.control)
+        if skipped_in_a_row >= self.plan.max_skipped:
+            raise TrainingError(
+                f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
+                f"stopped at step {self.step}.",
+                f"The last good state is in {self.folder.checkpoints}. Try lower learning rates "
+                "(optim.means_lr=...), or look for broken images or poses with gsfw info DATA.",
+            )
+
+    def _evaluate(self) -> Evaluation:
+        parts = self.parts
+
+        def on_view(view: EvaluatedView) -> None:
+            for callback in self._callbacks:
+                callback.on_view(self.step, view)
+
+        settings = self.plan.settings
+        evaluation = evaluate(
+            parts.model,
+            parts.rasterizer,
+            parts.data,
+            parts.metrics,
+            settings,
+            parts.device,
+            on_view=on_view,
+        )
+        for callback in self._callbacks:
+            callback.on_evaluation(self.step, evaluation, self.control)
+        return evaluation
+
+    def _finish(self) -> dict[str, Any]:
+        completed = self.step >= self.plan.steps
+        if self._checkpointed != self.step:
+            self._checkpoint()
+        summary: dict[str, Any] = {"completed": completed}
+        if completed:
+            evaluation = self._evaluate()
+            summary |= evaluation.means
+            summary |= {"views": len(evaluation.views), "render_ms": evaluation.render_ms}
+        else:
+            summary["stopped"] = self.control.stop_reason
+        summary |= {
+            "num_gaussians": len(self.parts.table),
+            "train_seconds": round(self.train_seconds, 3),
+            "steps": self.step,
+            "skipped_steps": int(self._skipped),
+            "peak_memory_mb": round(
+                max(peak_memory_mb(self.parts.device).values(), default=0.0), 1
+            ),
+        }
+        for callback in self._callbacks:
+            callback.on_end(self.step, summary)
+        return summary
+
+    # State.
+
+    def _checkpoint(self) -> None:
+        path = self.folder.write_checkpoint(self.step, self.state_dict())
+        self._checkpointed = self.step
+        self.control.checkpoint_requested = False
+        for callback in self._callbacks:
+            callback.on_checkpoint(self.step, path)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that a step depends on: tensors and plain data."""
+        parts = self.parts
+        return {
+            "model": dict(parts.model.state_dict()),
+            "optimizer": parts.optimizer.state_dict(),
+            "strategy": parts.strategy.state_dict(),
+            "sampler": parts.sampler.state_dict(),
+            "method": parts.method.state_dict(),
+            "generator": parts.generator.get_state(),
+            "train_seconds": self.train_seconds,
+            "skipped": self._skipped,
+            "skipped_in_a_row": self._skipped_in_a_row,
+            "environment": environment(parts.device),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from a checkpoint."""
+        parts = self.parts
+        parts.model.load_state_dict(state["model"])
+        parts.optimizer.load_state_dict(state["optimizer"])
+        parts.strategy.load_state_dict(state["strategy"])
+        parts.sampler.load_state_dict(state["sampler"])
+        parts.method.load_state_dict(state["method"])
+        parts.generator.set_state(state["generator"].cpu())
+        self.train_seconds = state["train_seconds"]
+        self._skipped = state["skipped"].to(parts.device)
+        self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)
+        self.step = self._checkpointed = state["step"]
+
+
+def _gated(statistics: RenderStatistics, finite: Tensor) -> RenderStatistics:
+    """The same statistics, or none at all after a step that was not finite; no synchronisation."""
+
+    def gate(values: Tensor | None) -> Tensor | None:
+        return None if values is None else torch.where(finite, values, 0.0)
+
+    return RenderStatistics(
+        visible=statistics.visible & finite,
+        radii=torch.where(finite, statistics.radii, 0.0),
+        screen_gradient=gate(statistics.screen_gradient),
+        absgrad=gate(statistics.absgrad),
+        contribution=gate(statistics.contribution),
+    )

@@ -1,0 +1,1 @@
+"""Finding plugins, choosing among what they register, and composing a run."""

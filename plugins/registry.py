@@ -1,0 +1,88 @@
+"""Registry: what can be chosen by name, slot by slot."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from types import MappingProxyType
+
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.discovery import BrokenPlugin, Discovery, PluginError
+from gsfw.plugins.specs import Spec
+
+SLOTS = MappingProxyType(
+    {
+        "method": "gsfw_methods",
+        "rasterizer": "gsfw_rasterizers",
+        "datamanager": "gsfw_datamanagers",
+        "strategy": "gsfw_strategies",
+        "sampler": "gsfw_samplers",
+        "operators": "gsfw_operators",
+        "exporter": "gsfw_exporters",
+        "importer": "gsfw_importers",
+        "metric": "gsfw_metrics",
+        "callback": "gsfw_callbacks",
+        "command": "gsfw_commands",
+    }
+)
+"""Slot name -> the hook that fills it."""
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """A sentence that suggests the nearest known name, with a leading space; or nothing."""
+    near = difflib.get_close_matches(given, list(known), 1, cutoff=0.6)
+    return f" Did you mean {near[0]!r}?" if near else ""
+
+
+class Registry:
+    """What can be chosen by name; specs only, nothing heavy is imported to list them."""
+
+    def __init__(self, discovery: Discovery) -> None:
+        self._discovery = discovery
+
+    def slot(self, slot: str) -> Mapping[str, Spec]:
+        """Everything that fits into a slot, by name.
+
+        Raises:
+            PluginError: two plugins chose the same name; both distributions are named.
+        """
+        found: dict[str, Spec] = {}
+        for spec in self._discovery.specs(SLOTS[slot]):
+            if spec.name in found:
+                raise PluginError(
+                    f"{slot} {spec.name!r} is registered by both {found[spec.name].distribution!r} "
+                    f"and {spec.distribution!r}.",
+                    "Uninstall one of them, or load only some with GSFW_PLUGINS=name,name.",
+                )
+            found[spec.name] = spec
+        return dict(sorted(found.items()))
+
+    def find(self, slot: str, name: str) -> Spec:
+        """The spec with this name.
+
+        Raises:
+            ConfigError: there is none; suggests the nearest, and lists what is installed.
+        """
+        specs = self.slot(slot)
+        if name in specs:
+            return specs[name]
+        broken = "".join(f"\nnote: {plugin}" for plugin in self.broken)
+        raise ConfigError(
+            f"no {slot} {name!r}.{did_you_mean(name, specs)}",
+            f"Installed: {', '.join(specs) or 'none'}.{broken}",
+        )
+
+    @property
+    def broken(self) -> list[BrokenPlugin]:
+        """Plugins that were skipped, and why."""
+        return self._discovery.broken
+
+
+@lru_cache(maxsize=1)
+def installed() -> Registry:
+    """Everything installed in this environment."""
+    discovery = Discovery()
+    discovery.load_builtin()
+    discovery.load_installed()
+    return Registry(discovery)
