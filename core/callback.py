@@ -42,6 +42,8 @@ class RunInfo:
     """0, or the step a resumed run goes on from."""
     settings: Mapping[str, Any]
     """Every setting as plain data, by dotted key."""
+    protocol: Mapping[str, Any]
+    """How the figures are measured; written into every result file."""
     notes: tuple[str, ...] = ()
     """What the user should know before it starts."""
 

@@ -42,6 +42,11 @@ class AdamMoments:
 class Operators:
     """The torch defaults; a device's faster set overrides some, and compose injects it."""
 
+    @classmethod
+    def preference(cls, device: torch.device) -> int | None:
+        """How willingly this set serves ``device``: the highest is taken, ``None`` cannot."""
+        return 0
+
     def l1_dssim(
         self,
         rendered: Float[Tensor, "c h w d"],

@@ -1,0 +1,77 @@
+"""Log: log.txt, what happened in a run, line by line."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gsfw.core.callback import Callback, Control, RunInfo, StepReport
+from gsfw.core.evaluation import Evaluation
+from gsfw.core.run_folder import RunFolder, readable_write_errors
+
+logger = logging.getLogger("gsfw.run")
+
+STEPS_BETWEEN_LINES = 10
+"""Every so many reports become a line: a log is read by people."""
+
+
+class Log(Callback):
+    """Writes log.txt; also takes what any part of gsfw logs meanwhile."""
+
+    def __init__(self) -> None:
+        self._handler: logging.Handler | None = None
+        self._level = logging.NOTSET
+        self._reports = 0
+
+    def on_start(self, run: RunInfo, control: Control) -> None:
+        """Open the file, say what is being run."""
+        path = RunFolder(run.folder).log
+        with readable_write_errors(path):
+            self._handler = logging.FileHandler(path, encoding="utf-8")
+        self._handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        root = logging.getLogger("gsfw")
+        self._level = root.level
+        root.setLevel(logging.INFO)
+        root.addHandler(self._handler)
+        verb = "resumed at step" if run.first_step else "started at step"
+        logger.info("%s on %s %s %d of %d", run.method, run.scene, verb, run.first_step, run.steps)
+        for note in run.notes:
+            logger.info("note: %s", note)
+
+    def on_step(self, report: StepReport, control: Control) -> None:
+        """A line now and then."""
+        if self._reports % STEPS_BETWEEN_LINES == 0:
+            logger.info(
+                "step %d: loss %.5f, psnr %.2f dB, %d Gaussians, %.1f ms/step, %d steps skipped",
+                report.step,
+                report.loss,
+                report.psnr,
+                report.num_gaussians,
+                report.step_ms,
+                report.skipped_steps,
+            )
+        self._reports += 1
+
+    def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
+        """The means."""
+        means = ", ".join(f"{name} {value:.4f}" for name, value in evaluation.means.items())
+        logger.info("step %d: held-out views: %s", step, means or "there are none")
+
+    def on_checkpoint(self, step: int, path: Path) -> None:
+        """Where it is."""
+        logger.info("step %d: checkpoint %s", step, path.name)
+
+    def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
+        """How it ended."""
+        logger.info("ended at step %d: %s", step, dict(summary))
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._handler is not None:
+            root = logging.getLogger("gsfw")
+            root.removeHandler(self._handler)
+            root.setLevel(self._level)
+            self._handler.close()
+            self._handler = None

@@ -1,0 +1,109 @@
+"""Progress: one line on the screen that says how the run goes."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, TaskID, TextColumn
+from rich.progress import Progress as Bar
+
+from gsfw.core.callback import Callback, Control, RunInfo, StepReport
+from gsfw.core.evaluation import Evaluation
+
+SECONDS_BETWEEN_LINES = 10.0
+"""Where there is no terminal to draw on, a plain line is written this often."""
+
+SMOOTHING = 0.9
+"""Weight of the past in the loss and PSNR shown: single views differ too much to be read."""
+
+
+class Progress(Callback):
+    """A live line on a terminal, a plain line now and then elsewhere; always on standard error."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._bar: Bar | None = None
+        self._task = TaskID(0)
+        self._run: RunInfo | None = None
+        self._last_line = 0.0
+        self._loss = self._psnr = float("nan")
+        self._steps_per_second = 0.0
+
+    def on_start(self, run: RunInfo, control: Control) -> None:
+        """Show the notes, then the line."""
+        self._run = run
+        for note in run.notes:
+            self._say(f"note: {note}")
+        if self._console.is_terminal:
+            self._bar = Bar(
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=24),
+                TextColumn("{task.fields[state]}"),
+                console=self._console,
+            )
+            self._task = self._bar.add_task(
+                f"{run.method} on {run.scene}", total=run.steps, completed=run.first_step, state=""
+            )
+            self._bar.start()
+
+    def _say(self, line: str) -> None:
+        self._console.print(line, markup=False, soft_wrap=True)
+
+    def on_step(self, report: StepReport, control: Control) -> None:
+        """Loss, PSNR, count, speed, time left, memory."""
+        self._loss = _smoothed(self._loss, report.loss)
+        self._psnr = _smoothed(self._psnr, report.psnr)
+        self._steps_per_second = 1e3 / max(report.step_ms, 1e-6)
+        assert self._run is not None
+        line = self._line(report, self._run.steps)
+        now = time.monotonic()
+        if self._bar is not None:
+            self._bar.update(self._task, completed=report.step, state=line)
+        elif now - self._last_line >= SECONDS_BETWEEN_LINES or report.step == self._run.steps:
+            self._last_line = now
+            self._say(line)
+
+    def _line(self, report: StepReport, steps: int) -> str:
+        left = (steps - report.step) / self._steps_per_second
+        memory = "  ".join(f"{name} {mb / 1e3:.1f} GB" for name, mb in report.memory_mb.items())
+        skipped = f"  {report.skipped_steps} skipped" if report.skipped_steps else ""
+        return (
+            f"step {report.step}/{steps}  loss {self._loss:.4f}  psnr {self._psnr:.2f}  "
+            f"{report.num_gaussians:,} Gaussians  {self._steps_per_second:.1f} it/s  "
+            f"{_duration(left)} left  {memory}{skipped}"
+        )
+
+    def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
+        """The means, on a line that stays."""
+        means = "  ".join(f"{name} {value:.4g}" for name, value in evaluation.means.items())
+        self._say(
+            f"step {step}: {len(evaluation.views)} held-out views: {means}"
+            if means
+            else f"step {step}: no held-out views to evaluate"
+        )
+
+    def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
+        """Take the line away."""
+        self.close()
+
+    def close(self) -> None:
+        """Give the terminal back."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+        sys.stderr.flush()
+
+
+def _smoothed(past: float, now: float) -> float:
+    return now if math.isnan(past) else SMOOTHING * past + (1 - SMOOTHING) * now
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,74 @@
+"""Results: figures as JSON, for programs and plots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import IO, Any
+
+from gsfw.core.callback import Callback, Control, RunInfo, StepReport
+from gsfw.core.evaluation import Evaluation
+from gsfw.core.run_folder import RunFolder, readable_write_errors
+
+
+class Results(Callback):
+    """Writes metrics.jsonl (a line per logged step), eval/step_N.json, and at last metrics.json."""
+
+    def __init__(self) -> None:
+        self._folder: RunFolder | None = None
+        self._run: RunInfo | None = None
+        self._log: IO[str] | None = None
+
+    def on_start(self, run: RunInfo, control: Control) -> None:
+        """Open the log; a resumed run goes on where its checkpoint was."""
+        self._run, self._folder = run, RunFolder(run.folder)
+        self._folder.cut_metrics_log(run.first_step)
+        with readable_write_errors(self._folder.metrics_log):
+            self._log = self._folder.metrics_log.open("a", encoding="utf-8")
+
+    def _write(self, document: Mapping[str, Any]) -> None:
+        assert self._log is not None
+        assert self._folder is not None
+        with readable_write_errors(self._folder.metrics_log):
+            self._log.write(json.dumps(document) + "\n")
+            self._log.flush()
+
+    def on_step(self, report: StepReport, control: Control) -> None:
+        """One line per logged step."""
+        self._write(
+            {
+                "step": report.step,
+                "loss": report.loss,
+                **{f"loss/{name}": value for name, value in report.losses.items()},
+                "psnr": report.psnr,
+                "num_gaussians": report.num_gaussians,
+                **{f"lr/{name}": value for name, value in report.learning_rates.items()},
+                "step_ms": report.step_ms,
+                "skipped_steps": report.skipped_steps,
+            }
+        )
+
+    def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
+        """Figures of every held-out view."""
+        assert self._run is not None
+        assert self._folder is not None
+        means = {f"eval/{name}": value for name, value in evaluation.means.items()}
+        self._write({"step": step, **means})
+        path = self._folder.evaluations / f"step_{step:09d}.json"
+        document = {"step": step, **evaluation.document(), "protocol": dict(self._run.protocol)}
+        self._folder.write_json(path, document)
+
+    def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
+        """The final figures of a run that was completed."""
+        assert self._run is not None
+        assert self._folder is not None
+        if summary["completed"]:
+            head = {"method": self._run.method, "scene": self._run.scene}
+            document = {**head, **summary, "protocol": dict(self._run.protocol)}
+            self._folder.write_json(self._folder.summary, document)
+
+    def close(self) -> None:
+        """Close the log."""
+        if self._log is not None:
+            self._log.close()
+            self._log = None

@@ -1,0 +1,107 @@
+"""TensorBoard: curves, pictures and settings as event files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+import yaml
+from torch.utils.tensorboard import SummaryWriter
+from torch.utils.tensorboard.summary import hparams
+
+from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.evaluation import Evaluation
+from gsfw.core.run_folder import RunFolder, readable_write_errors
+
+MAX_PICTURES = 4
+"""Held-out views shown per evaluation; more make event files large and pages slow."""
+
+ERROR_GAIN = 4.0
+"""Absolute errors are multiplied by this to be seen."""
+
+
+class TensorBoard(Callback):
+    """train/*, eval/*, gaussians/count, lr/*, time/*, mem/*; pictures: gt | render | error."""
+
+    def __init__(self) -> None:
+        self._writer: SummaryWriter | None = None
+        self._run: RunInfo | None = None
+        self._pictures = 0
+
+    def on_start(self, run: RunInfo, control: Control) -> None:
+        """Open the events; steps of an interrupted run after its checkpoint are purged."""
+        self._run = run
+        path = RunFolder(run.folder).tensorboard
+        purge = run.first_step + 1 if run.first_step else None
+        with readable_write_errors(path):
+            self._writer = SummaryWriter(str(path), purge_step=purge)
+        text = yaml.safe_dump(dict(run.settings), sort_keys=False)
+        indented = "".join(f"    {line}\n" for line in text.splitlines())
+        self._writer.add_text("config", indented, run.first_step)
+
+    def on_step(self, report: StepReport, control: Control) -> None:
+        """Curves of a logged step."""
+        scalars = {
+            "train/loss": report.loss,
+            "train/psnr": report.psnr,
+            "train/skipped_steps": report.skipped_steps,
+            "gaussians/count": report.num_gaussians,
+            "time/step_ms": report.step_ms,
+            **{f"train/{name}": value for name, value in report.losses.items()},
+            **{f"lr/{name}": value for name, value in report.learning_rates.items()},
+            **{f"time/{name}_ms": value for name, value in report.stage_ms.items()},
+            **{f"mem/{name}_mb": value for name, value in report.memory_mb.items()},
+        }
+        self._add(report.step, scalars)
+
+    def _add(self, step: int, scalars: Mapping[str, float]) -> None:
+        assert self._writer is not None
+        assert self._run is not None
+        with readable_write_errors(self._run.folder):
+            for tag, value in scalars.items():
+                self._writer.add_scalar(tag, value, step)
+
+    def on_view(self, step: int, view: EvaluatedView) -> None:
+        """The first few held-out views."""
+        assert self._writer is not None
+        if self._pictures >= MAX_PICTURES:
+            return
+        self._pictures += 1
+        rendered, target = view.rendered.clamp(0, 1), view.target.clamp(0, 1)
+        error = ((rendered - target).abs() * ERROR_GAIN).clamp(0, 1)
+        row = torch.cat([target, rendered, error], dim=1)
+        self._writer.add_image(f"eval/{view.name}", row.cpu(), step, dataformats="HWC")
+
+    def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
+        """Curves of the means; pictures are counted anew."""
+        assert self._writer is not None
+        self._pictures = 0
+        self._add(step, {f"eval/{name}": value for name, value in evaluation.means.items()})
+        self._writer.flush()
+
+    def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
+        """Settings and final figures, for the hparams page."""
+        assert self._writer is not None
+        assert self._run is not None
+        if summary["completed"]:
+            plain = (bool, int, float, str)
+            settings = {
+                key: value if isinstance(value, plain) else str(value)
+                for key, value in self._run.settings.items()
+            }
+            figures = {
+                f"hparam/{key}": float(value)
+                for key, value in summary.items()
+                if isinstance(value, int | float) and not isinstance(value, bool)
+            }
+            # SummaryWriter.add_hparams would open a second run beside this one.
+            for event in hparams(settings, figures):
+                self._writer._get_file_writer().add_summary(event)
+            self._add(step, figures)
+
+    def close(self) -> None:
+        """Write out what is left."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None

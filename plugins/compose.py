@@ -1,0 +1,279 @@
+"""Compose: checks that the chosen parts fit together, then builds a run of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from gsfw.core.callback import Callback, RunInfo
+from gsfw.core.capabilities import Capabilities, Needs, check_fit
+from gsfw.core.config import (
+    AUTO,
+    DataManagerConfig,
+    RasterizerConfig,
+    SamplerConfig,
+    StrategyConfig,
+    parse_background,
+)
+from gsfw.core.datamanager import DataManager, DataRequest, Split
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.exchange import Importer
+from gsfw.core.frame import transform_splats
+from gsfw.core.operators import Operators
+from gsfw.core.optimizer import Optimizer
+from gsfw.core.render_settings import RenderSettings, Validation
+from gsfw.core.run_folder import RunFolder
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Sh, Splats
+from gsfw.core.table import SplatTable
+from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.settings import Settings
+
+INIT_WORDS = (AUTO, "points", "random")
+"""Values of ``init`` that are not a file."""
+
+
+@dataclass(frozen=True)
+class Composition:
+    """A run that is built, and has not started."""
+
+    settings: Settings
+    parts: TrainingParts
+    plan: TrainingPlan
+
+    @property
+    def scene(self) -> Scene:
+        """What is known of the capture."""
+        return self.parts.data.scene
+
+    def protocol(self) -> dict[str, Any]:
+        """How the figures of this run are measured."""
+        config = self.settings.config
+        views = self.parts.data.views(Split.EVAL)
+        sizes = sorted({(camera.width, camera.height) for camera in views.cameras})
+        background = self.plan.settings.background
+        assert background is not None
+        return {
+            "split": "eval",
+            "views": len(views),
+            "image_sizes": [list(size) for size in sizes],
+            "downscale": config.downscale,
+            "downscale_filter": "area",
+            "background": background.tolist(),
+            "psnr": "per image on values clamped to [0, 1], then the mean",
+            "ssim": "11x11 Gaussian window, sigma 1.5, zero padding",
+            "checkpoint": "last",
+        }
+
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know before it starts."""
+        return (*self.parts.data.notes(), *self.parts.method.notes(self.scene))
+
+    def trainer(
+        self, folder: RunFolder, callbacks: Sequence[Callback] = (), first_step: int = 0
+    ) -> Trainer:
+        """The loop over these parts, before its first step."""
+        info = RunInfo(
+            folder=folder.path,
+            method=self.settings.method.name,
+            scene=self.scene.name,
+            steps=self.plan.steps,
+            first_step=first_step,
+            settings=self.settings.flat(),
+            protocol=self.protocol(),
+            notes=self.notes(),
+        )
+        return Trainer(self.parts, self.plan, folder, info, callbacks)
+
+
+def check(settings: Settings, registry: Registry) -> None:
+    """Check, before any data is read, that the chosen parts fit together on this machine.
+
+    Raises:
+        ConfigError: naming who needs what, and which installed rasterizers fit.
+    """
+    config = settings.config
+    config.check()
+    device = settings_device(settings)
+    needs = {
+        f"{slot} {settings.choices[slot].name!r}": part.needs()
+        for slot, part in (("strategy", config.strategy), ("datamanager", config.datamanager))
+        if part is not None
+    }
+    needs[f"method {settings.method.name!r}"] = config.needs()
+    _check_rasterizer(settings, registry, needs, device)
+
+
+def settings_device(settings: Settings) -> torch.device:
+    """The device a run was set to.
+
+    Raises:
+        ConfigError: there is no such device here.
+    """
+    name = settings.config.device
+    try:
+        device = torch.device(name)
+    except RuntimeError:
+        raise ConfigError(
+            f"device={name}: expected auto, cpu, cuda, or cuda:N with the number of a GPU."
+        ) from None
+    if device.type == "cuda":
+        count = torch.cuda.device_count()
+        if (device.index or 0) >= count:
+            raise ConfigError(
+                f"device={name}: torch sees {count} GPUs on this machine.",
+                "Use device=cpu, or see gsfw doctor.",
+            )
+    return device
+
+
+def _check_rasterizer(
+    settings: Settings, registry: Registry, needs: dict[str, Needs], device: torch.device
+) -> None:
+    chosen = settings.choices["rasterizer"].name
+    check_fit(chosen, needs, rasterizer_capabilities(registry), device.type)
+
+
+def rasterizer_capabilities(registry: Registry) -> dict[str, Capabilities]:
+    """What every installed rasterizer can do here, with its default settings."""
+    return {
+        name: spec.load()().capabilities() for name, spec in registry.slot("rasterizer").items()
+    }
+
+
+def open_data(settings: Settings) -> DataManager:
+    """Read the data set's cameras and points.
+
+    Raises:
+        DataError: it cannot be used; says where and why.
+    """
+    config = settings.config
+    assert isinstance(config.datamanager, DataManagerConfig)
+    request = DataRequest(
+        path=Path(config.data) if config.data else None,
+        downscale=config.downscale,
+        eval_every_nth=config.holdout_every,
+        eval_names=config.holdout,
+        cache_megabytes=config.cache_mb,
+    )
+    return config.datamanager.build(request)
+
+
+def compose(settings: Settings, registry: Registry, data: DataManager | None = None) -> Composition:
+    """Check and build a run.
+
+    Raises:
+        ConfigError: the parts, or the scene, do not fit together.
+        DataError: the data set cannot be used.
+    """
+    check(settings, registry)
+    config = settings.config
+    device = settings_device(settings)
+    method = config.build()
+    data = data or open_data(settings)
+    scene, views = data.scene, data.views(Split.TRAIN)
+    if len(views) == 0:
+        raise DataError(
+            f"{config.data or scene.name}: no view is left to train on.",
+            "Hold out fewer images (holdout_every=0 holds out none).",
+        )
+    models = Needs(camera_models=frozenset(camera.model for camera in views.cameras))
+    _check_rasterizer(settings, registry, {f"data set {scene.name!r}": models}, device)
+    method.check_scene(scene)
+    operators = choose_operators(registry, device)
+    initial = read_initial(config.init, registry, scene)
+    seeded = torch.Generator().manual_seed(config.seed)
+    model = method.build_model(scene, operators, seeded, initial).to(device)
+    optimizer = Optimizer(model, operators, config.optim.settings())
+    assert isinstance(config.strategy, StrategyConfig)
+    assert isinstance(config.sampler, SamplerConfig)
+    assert isinstance(config.rasterizer, RasterizerConfig)
+    parts = TrainingParts(
+        method=method,
+        model=model,
+        optimizer=optimizer,
+        table=SplatTable(model, optimizer),
+        strategy=config.strategy.build(scene),
+        sampler=config.sampler.build(views, config.seed),
+        data=data,
+        rasterizer=config.rasterizer.build(device),
+        operators=operators,
+        metrics={name: spec.load()() for name, spec in registry.slot("metric").items()},
+        generator=torch.Generator(device=device).manual_seed(config.seed + 1),
+        device=device,
+    )
+    return Composition(settings, parts, training_plan(settings, scene, device))
+
+
+def training_plan(settings: Settings, scene: Scene, device: torch.device) -> TrainingPlan:
+    """How long, and what happens when."""
+    config = settings.config
+    background = parse_background(config.background, scene.has_alpha)
+    return TrainingPlan(
+        steps=config.steps,
+        log_every=config.log_every,
+        eval_every=config.eval_every,
+        checkpoint_every=config.checkpoint_every,
+        settings=RenderSettings(
+            background=torch.tensor(background, device=device),
+            antialias=config.antialias,
+            validation=Validation(config.validation),
+        ),
+        random_background=config.random_background and scene.has_alpha,
+        max_skipped=config.max_skipped,
+    )
+
+
+def choose_operators(registry: Registry, device: torch.device) -> Operators:
+    """The set of operators that serves ``device`` most willingly."""
+    willing: list[tuple[int, str, type[Operators]]] = []
+    for name, spec in registry.slot("operators").items():
+        kind: type[Operators] = spec.load()
+        preference = kind.preference(device)
+        if preference is not None:
+            willing.append((preference, name, kind))
+    return max(willing, key=lambda item: item[:2])[2]()
+
+
+def find_importer(path: Path, registry: Registry) -> Importer:
+    """The importer that recognises a splat file.
+
+    Raises:
+        DataError: the file is missing, or no importer recognises it.
+    """
+    if not path.is_file():
+        raise DataError(f"{path}: there is no such file.")
+    importers = registry.slot("importer")
+    for spec in importers.values():
+        kind: type[Importer] = spec.load()
+        if kind.recognises(path):
+            return kind()
+    raise DataError(
+        f"{path} is not a splat file that can be read here.",
+        f"Formats that can be read: {', '.join(importers) or 'none'}.",
+    )
+
+
+def read_initial(init: str, registry: Registry, scene: Scene) -> Splats | None:
+    """The splats of ``init=FILE`` in the scene frame, float32; ``None`` for other values."""
+    if init in INIT_WORDS:
+        return None
+    content = find_importer(Path(init), registry).read(Path(init))
+    splats = transform_splats(content.splats, scene.world_from_scene.inverse())
+    colors = splats.colors
+    assert isinstance(colors, Sh)
+    assert splats.quats is not None
+    assert splats.scales is not None
+    return replace(
+        splats,
+        means=splats.means.float(),
+        opacities=splats.opacities.float(),
+        quats=splats.quats.float(),
+        scales=splats.scales.float(),
+        colors=Sh(colors.coefficients.float(), colors.degree),
+    )

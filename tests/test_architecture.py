@@ -1,0 +1,101 @@
+"""The folder list is the architecture: who may import whom, how long things may be."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+SPECS = "gsfw.plugins.specs"
+"""Records and hook markers, which every folder of implementations needs to register itself."""
+
+MAY_IMPORT = {
+    "core": {"gsfw.core"},
+    "plugins": {"gsfw.core", "gsfw.plugins"},
+    "kernels": {"gsfw.core", "gsfw.kernels"},
+    "rasterizers": {"gsfw.core", "gsfw.kernels", "gsfw.rasterizers", SPECS},
+    "datamanagers": {"gsfw.core", "gsfw.datamanagers", SPECS},
+    "methods": {"gsfw.core", "gsfw.methods", SPECS},
+    "strategies": {"gsfw.core", "gsfw.strategies", SPECS},
+    "samplers": {"gsfw.core", "gsfw.samplers", SPECS},
+    "callbacks": {"gsfw.core", "gsfw.callbacks", SPECS},
+    "formats": {"gsfw.core", "gsfw.formats", SPECS},
+    "commands": {"gsfw"},
+}
+
+MAX_FILE_LINES = 400
+MAX_FUNCTION_LINES = 50
+
+FILES = sorted(path for folder in MAY_IMPORT for path in (ROOT / folder).rglob("*.py"))
+
+
+def imported_modules(path: Path) -> set[str]:
+    """Every gsfw module a file imports, anywhere in it."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative imports are not used here"
+            assert node.module is not None
+            found.update(f"{node.module}.{alias.name}" for alias in node.names)
+    return {name for name in found if name.split(".")[0] == "gsfw"}
+
+
+def test_every_top_level_package_has_its_rule():
+    packages = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    assert packages == set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_file_imports_only_what_its_folder_may(path):
+    allowed = MAY_IMPORT[path.relative_to(ROOT).parts[0]]
+    for name in imported_modules(path):
+        assert any(name == prefix or name.startswith(f"{prefix}.") for prefix in allowed), (
+            f"{path.relative_to(ROOT)} imports {name}; this folder may import {sorted(allowed)}"
+        )
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_and_functions_fit_their_limits(path):
+    text = path.read_text()
+    assert len(text.splitlines()) <= MAX_FILE_LINES, "one noun, one file"
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            length = (node.end_lineno or 0) - node.lineno + 1
+            assert length <= MAX_FUNCTION_LINES, f"{node.name} has {length} lines"
+
+
+def modules_after(statement: str) -> set[str]:
+    """Names of all modules loaded once a fresh interpreter has run ``statement``."""
+    code = f"import sys\n{statement}\nprint(*sys.modules)"
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    return set(result.stdout.splitlines()[-1].split())
+
+
+def test_importing_core_brings_in_no_implementation():
+    loaded = modules_after("import gsfw.core.trainer")
+    folders = {name.split(".")[1] for name in loaded if name.startswith("gsfw.")}
+    assert folders == {"core"}
+
+
+def test_listing_what_is_installed_imports_no_torch():
+    loaded = modules_after(
+        "from gsfw.plugins.registry import SLOTS, installed\n"
+        "for slot in SLOTS: installed().slot(slot)"
+    )
+    assert "torch" not in loaded
+    assert "numpy" not in loaded
+
+
+def test_every_registered_name_can_be_loaded():
+    from gsfw.plugins.registry import SLOTS, installed
+
+    for slot in SLOTS:
+        for spec in installed().slot(slot).values():
+            assert callable(spec.load()), f"{slot} {spec.name}"
