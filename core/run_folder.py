@@ -21,6 +21,16 @@ from gsfw.core.errors import DataError, OutputError
 CHECKPOINT_SCHEMA = 1
 """Number of the checkpoint layout; raised when an older gsfw could not read a newer file."""
 
+NOT_WRITABLE = (
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOTDIR,
+    errno.ENOENT,
+    errno.EEXIST,
+)
+"""System errors that mean: not here. (EEXIST: a file stands where a folder should.)"""
+
 _STEP = re.compile(r"step_(\d+)\.pt$")
 
 
@@ -39,7 +49,7 @@ def readable_write_errors(path: Path) -> Iterator[None]:
                 f"the disk is full: {path} could not be written.",
                 "Free some space, or choose another place with out=DIR.",
             ) from error
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.ENOENT):
+        if error.errno in NOT_WRITABLE:
             raise OutputError(
                 f"{path} cannot be written: {os.strerror(error.errno or 0)}.",
                 "Choose another place with out=DIR.",

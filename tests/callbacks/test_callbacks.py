@@ -1,0 +1,120 @@
+"""What a run leaves behind: curves, pictures, figures, a log."""
+
+import json
+import logging
+import math
+
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from gsfw.callbacks.log import Log
+from gsfw.callbacks.progress import Progress
+from gsfw.callbacks.results import Results
+from gsfw.callbacks.tensorboard import TensorBoard
+from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.evaluation import Evaluation
+from gsfw.core.run_folder import RunFolder
+
+SUMMARY = {
+    "completed": True, "psnr": 30.5, "ssim": 0.9, "num_gaussians": 100, "train_seconds": 1.0,
+    "steps": 20, "peak_memory_mb": 100.0, "views": 5,
+}  # fmt: skip
+
+
+def info(path, first_step: int = 0) -> RunInfo:
+    settings = {"method": "3dgs", "steps": 20, "holdout": []}
+    protocol = {"background": [1.0, 1.0, 1.0]}
+    return RunInfo(path, "3dgs", "toy", 20, first_step, settings, protocol, ("a note",))
+
+
+def report(step: int) -> StepReport:
+    return StepReport(
+        step=step, loss=0.5 / step, losses={"l1": 0.4 / step}, psnr=20.0 + step,
+        num_gaussians=100, learning_rates={"means": 1e-4}, step_ms=10.0,
+        stage_ms={"render": 5.0}, memory_mb={"rss": 200.0},
+    )  # fmt: skip
+
+
+def play(callback: Callback, path, steps=(10, 20), first_step: int = 0, summary=None) -> None:
+    """A short run as the trainer tells it."""
+    control = Control()
+    callback.on_start(info(path, first_step), control)
+    for step in steps:
+        callback.on_tick(step, control)
+        callback.on_step(report(step), control)
+    for index in range(6):
+        picture = torch.full((8, 10, 3), 0.5)
+        callback.on_view(steps[-1], EvaluatedView(f"v{index}", {"psnr": 30.0}, picture, picture))
+    evaluation = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0})
+    callback.on_evaluation(steps[-1], evaluation, control)
+    callback.on_checkpoint(steps[-1], path / "step.pt")
+    callback.on_end(steps[-1], SUMMARY if summary is None else summary)
+    callback.close()
+    assert control.stop_reason is None
+
+
+def test_results_have_a_line_per_logged_step_and_a_final_summary(tmp_path):
+    play(Results(), tmp_path)
+    folder = RunFolder(tmp_path)
+    lines = [json.loads(line) for line in folder.metrics_log.read_text().splitlines()]
+    assert [line["step"] for line in lines] == [10, 20, 20]
+    assert lines[0]["loss/l1"] == pytest.approx(0.04)
+    summary = json.loads(folder.summary.read_text())
+    assert summary["psnr"] == 30.5
+    assert summary["protocol"] == {"background": [1.0, 1.0, 1.0]}
+    evaluation = json.loads((folder.evaluations / "step_000000020.json").read_text())
+    assert evaluation["per_view"] == [{"name": "v0", "psnr": 30.0}]
+
+
+def test_results_of_a_stopped_run_claim_no_final_figures(tmp_path):
+    play(Results(), tmp_path, summary={"completed": False, "steps": 10})
+    assert not RunFolder(tmp_path).summary.exists()
+
+
+def test_a_resumed_run_does_not_repeat_lines(tmp_path):
+    play(Results(), tmp_path, steps=(10, 20), summary={"completed": False})
+    play(Results(), tmp_path, steps=(20,), first_step=10)
+    lines = RunFolder(tmp_path).metrics_log.read_text().splitlines()
+    assert [json.loads(line)["step"] for line in lines] == [10, 20, 20]
+
+
+def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
+    play(TensorBoard(), tmp_path)
+    events = EventAccumulator(str(tmp_path / "tb"), size_guidance={"images": 0})
+    events.Reload()
+    tags = events.Tags()
+    expected = {"train/loss", "train/l1", "train/psnr", "eval/psnr", "gaussians/count",
+                "lr/means", "time/step_ms", "time/render_ms", "mem/rss_mb", "hparam/psnr"}  # fmt: skip
+    assert expected <= set(tags["scalars"])
+    assert [event.value for event in events.Scalars("train/loss")] == pytest.approx([0.05, 0.025])
+    assert tags["images"] == [f"eval/v{index}" for index in range(4)]
+    assert events.Images("eval/v0")[0].width == 3 * 10
+    assert "config/text_summary" in tags["tensors"]
+
+
+def test_the_log_is_for_people_and_lets_go_of_its_file(tmp_path):
+    play(Log(), tmp_path)
+    text = RunFolder(tmp_path).log.read_text()
+    assert "3dgs on toy started at step 0 of 20" in text
+    assert "note: a note" in text
+    assert "step 20: held-out views: psnr 30.0000" in text
+    assert not logging.getLogger("gsfw").handlers
+
+
+def test_progress_is_plain_lines_on_standard_error_without_a_terminal(tmp_path, capsys):
+    play(Progress(), tmp_path)
+    out, err = capsys.readouterr()
+    assert out == ""
+    lines = err.splitlines()
+    assert lines[0] == "note: a note"
+    assert lines[1].startswith("step 10/20  loss 0.0500  psnr 30.00  100 Gaussians  100.0 it/s")
+    assert "1 held-out views: psnr 30" in lines[-1]
+
+
+def test_time_left_is_counted_from_the_steps_that_remain():
+    from gsfw.callbacks.progress import _duration
+
+    assert _duration(59.6) == "1:00"
+    assert _duration(3725.0) == "1:02:05"
+    assert math.isfinite(SUMMARY["psnr"])
