@@ -1,0 +1,86 @@
+"""Camera paths: where to look from when no photo says so."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+
+MIN_SPREAD = 1e-3
+"""Least eigenvalue (per camera) below which viewing axes count as parallel: they meet nowhere."""
+
+
+def viewing_center(cameras: Cameras) -> Float[Tensor, " 3"]:
+    """The point nearest to all viewing axes, in the least-squares sense; float64, scene units.
+
+    Where the axes are nearly parallel: the point at distance 1 in front of the mean camera.
+    """
+    centers = cameras.centers.double()
+    axes = cameras.world_to_camera[:, 2, :3].double()
+    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    matrix = across.mean(0)
+    if float(torch.linalg.eigvalsh(matrix)[0]) < MIN_SPREAD:
+        return centers.mean(0) + axes.mean(0)
+    return torch.linalg.solve(matrix, (across @ centers[:, :, None]).mean(0)[:, 0])
+
+
+def up_direction(cameras: Cameras) -> Float[Tensor, " 3"]:
+    """The mean of the cameras' upward directions, unit length, float64."""
+    up = -cameras.world_to_camera[:, 1, :3].double().mean(0)
+    length = float(up.norm())
+    return up / length if length > 1e-6 else torch.tensor([0.0, -1.0, 0.0], dtype=torch.float64)
+
+
+def look_at(
+    centers: Float[Tensor, "c 3"], target: Float[Tensor, " 3"], up: Float[Tensor, " 3"]
+) -> Float[Tensor, "c 4 4"]:
+    """World-to-camera transforms at ``centers`` that look at ``target`` with ``up`` upwards.
+
+    Raises:
+        ValueError: a camera is at the target, or looks along ``up``.
+    """
+    forward = target - centers
+    right = torch.linalg.cross(forward, up.expand_as(forward))
+    if bool((forward.norm(dim=1) < 1e-12).any()) or bool((right.norm(dim=1) < 1e-12).any()):
+        raise ValueError("a camera cannot look at its own position, nor straight along up")
+    forward = forward / forward.norm(dim=1, keepdim=True)
+    right = right / right.norm(dim=1, keepdim=True)
+    down = torch.linalg.cross(forward, right)
+    pose = torch.eye(4, dtype=centers.dtype).repeat(len(centers), 1, 1)
+    pose[:, :3, :3] = torch.stack([right, down, forward], dim=1)
+    pose[:, :3, 3] = -(pose[:, :3, :3] @ centers[:, :, None])[:, :, 0]
+    return pose
+
+
+def orbit(cameras: Cameras, frames: int) -> Cameras:
+    """A full circle around what ``cameras`` look at, at their mean height and distance.
+
+    The lens and the image size are those of the first camera.
+    """
+    target, up = viewing_center(cameras), up_direction(cameras)
+    offsets = cameras.centers.double() - target
+    height = float((offsets @ up).mean())
+    level = offsets - (offsets @ up)[:, None] * up
+    radius = max(float(level.norm(dim=1).mean()), 1e-3)
+    first = level[0] if float(level[0].norm()) > 1e-9 else torch.linalg.cross(up, up.roll(1))
+    first = first / first.norm()
+    second = torch.linalg.cross(up, first)
+    angles = torch.arange(frames, dtype=torch.float64) * (2 * math.pi / frames)
+    circle = angles.cos()[:, None] * first + angles.sin()[:, None] * second
+    poses = look_at(target + radius * circle + height * up, target, up)
+    return replace(
+        cameras.select([0]),
+        world_to_camera=poses.to(cameras.world_to_camera),
+        intrinsics=cameras.intrinsics[:1].expand(frames, 3, 3),
+        distortion=None
+        if cameras.distortion is None
+        else cameras.distortion[:1].expand(frames, -1),
+        time=None,
+        image_index=None,
+        camera_index=None,
+    )
