@@ -126,10 +126,11 @@ class Trainer:
         parts.method.prepare(self.step, parts.model, parts.optimizer)
         with clock.stage("load"):
             batches = self._load()
+        num_views = sum(len(batch.views) for batch in batches)
         drawn: list[_Drawn] = []
         for batch in batches:
             with clock.stage("render"):
-                drawn.append(self._draw(batch, share=1.0 / len(batches)))
+                drawn.append(self._draw(batch, share=len(batch.views) / num_views))
             with clock.stage("backward"):
                 drawn[-1].total.backward()
         with clock.stage("optimize"):
@@ -141,7 +142,8 @@ class Trainer:
             for item in drawn:
                 statistics = _gated(item.context.rendered.statistics, finite)
                 parts.strategy.observe(item.context, statistics)
-                parts.sampler.observe(item.context.batch.views, item.total.detach().expand(1))
+                views = item.context.batch.views
+                parts.sampler.observe(views, item.total.detach().expand(len(views)))
             parts.strategy.refine(self.step, parts.table, parts.model, parts.generator)
         clock.step_done()
         self.step += 1
@@ -207,7 +209,9 @@ class Trainer:
         for item in drawn:
             seen = item.context.rendered.statistics.visible.any(0)
             rows = item.context.splats.rows
-            visible |= seen if rows is None else visible.index_fill(0, rows[seen], True)
+            if rows is not None:
+                seen = torch.zeros_like(visible).index_copy(0, rows, seen)
+            visible |= seen
         return visible
 
     # After a step.
@@ -250,6 +254,7 @@ class Trainer:
         for callback in self._callbacks:
             callback.on_step(report, self.control)
         if skipped_in_a_row >= self.plan.max_skipped:
+            self._checkpoint()  # Skipped steps change nothing: this is still the last good state.
             raise TrainingError(
                 f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
                 f"stopped at step {self.step}.",

@@ -1,0 +1,32 @@
+"""Installing, as users without a compiler do it."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.mark.slow
+def test_without_a_compiler_the_package_installs_as_pure_python(tmp_path):
+    environment = os.environ | {"CXX": "/no/such/c++", "CC": "/no/such/cc"}
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", str(tmp_path), str(ROOT)]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    (wheel,) = tmp_path.glob("gsfw-*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    assert "gsfw/core/trainer.py" in names
+    assert "gsfw/py.typed" in names
+    assert not [name for name in names if name.endswith((".so", ".pyd", ".cpp"))]
+
+
+def test_the_version_is_that_of_the_distribution():
+    from importlib import metadata
+
+    import gsfw
+
+    assert gsfw.__version__ == metadata.version("gsfw")
