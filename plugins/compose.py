@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from gsfw.core.callback import Callback, RunInfo
-from gsfw.core.capabilities import Capabilities, Needs, check_fit
+from gsfw.core.capabilities import Needs, check_fit
 from gsfw.core.config import (
     AUTO,
     DataManagerConfig,
@@ -31,6 +31,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
+from gsfw.plugins.automatic import load, rasterizer_capabilities
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 
@@ -139,13 +140,6 @@ def _check_rasterizer(
     check_fit(chosen, needs, rasterizer_capabilities(registry), device.type)
 
 
-def rasterizer_capabilities(registry: Registry) -> dict[str, Capabilities]:
-    """What every installed rasterizer can do here, with its default settings."""
-    return {
-        name: spec.load()().capabilities() for name, spec in registry.slot("rasterizer").items()
-    }
-
-
 def open_data(settings: Settings) -> DataManager:
     """Read the data set's cameras and points.
 
@@ -203,7 +197,7 @@ def compose(settings: Settings, registry: Registry, data: DataManager | None = N
         data=data,
         rasterizer=config.rasterizer.build(device),
         operators=operators,
-        metrics={name: spec.load()() for name, spec in registry.slot("metric").items()},
+        metrics={name: load("metric", spec)() for name, spec in registry.slot("metric").items()},
         generator=torch.Generator(device=device).manual_seed(config.seed + 1),
         device=device,
     )
@@ -233,7 +227,7 @@ def choose_operators(registry: Registry, device: torch.device) -> Operators:
     """The set of operators that serves ``device`` most willingly."""
     willing: list[tuple[int, str, type[Operators]]] = []
     for name, spec in registry.slot("operators").items():
-        kind: type[Operators] = spec.load()
+        kind: type[Operators] = load("operators", spec)
         preference = kind.preference(device)
         if preference is not None:
             willing.append((preference, name, kind))
@@ -250,7 +244,7 @@ def find_importer(path: Path, registry: Registry) -> Importer:
         raise DataError(f"{path}: there is no such file.")
     importers = registry.slot("importer")
     for spec in importers.values():
-        kind: type[Importer] = spec.load()
+        kind: type[Importer] = load("importer", spec)
         if kind.recognises(path):
             return kind()
     raise DataError(

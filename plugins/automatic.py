@@ -1,0 +1,158 @@
+"""Automatic choices: the data format that is recognised, the device and rasterizer that fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gsfw.core.config import AUTO, DataManagerConfig, Detection
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.plugins.registry import Registry, did_you_mean
+from gsfw.plugins.specs import Spec
+
+BUILT_IN_SCENE = "synthetic"
+"""The data manager that needs no file."""
+
+MAX_NAMES_SHOWN = 12
+"""A folder that is not recognised is described by this many of its names."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A name that was chosen automatically."""
+
+    name: str
+    reason: str
+
+    @property
+    def source(self) -> str:
+        """For ``Settings.sources``."""
+        return f"chosen automatically: {self.reason}"
+
+
+def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot holds
+    """Import what a spec names.
+
+    Raises:
+        ConfigError: the import fails; names the package at fault.
+    """
+    try:
+        return spec.load()
+    except Exception as error:
+        raise ConfigError(
+            f"{slot} {spec.name!r} ({spec.distribution} {spec.version}) cannot be loaded: "
+            f"{type(error).__name__}: {error}",
+            "Install what is missing, or choose another one; see gsfw plugins.",
+        ) from error
+
+
+def choose_datamanager(data: str, registry: Registry) -> Choice:
+    """The data manager whose format ``data`` is in.
+
+    Raises:
+        DataError: it is missing, empty, or of no known format; says what was looked for.
+    """
+    if not data:
+        return Choice(BUILT_IN_SCENE, "data is empty")
+    path = Path(data)
+    _check_exists(path)
+    detections: dict[str, Detection] = {}
+    for name, spec in registry.slot("datamanager").items():
+        kind: type[DataManagerConfig] = load("datamanager", spec)
+        detections[name] = kind.detect(path)
+    recognised = [name for name, seen in detections.items() if seen.recognised]
+    if not recognised:
+        raise DataError(*_unrecognised(path, detections))
+    best = max(recognised, key=lambda name: detections[name].priority)
+    others = [name for name in recognised if name != best]
+    also = f" (preferred to {', '.join(others)})" if others else ""
+    return Choice(best, f"found {detections[best].found}{also}")
+
+
+def _check_exists(path: Path) -> None:
+    if path.exists():
+        if path.is_dir() and not any(path.iterdir()):
+            raise DataError(
+                f"data={path}: the folder is empty.",
+                "Give the folder that holds the pictures and their cameras.",
+            )
+        return
+    missing, parent = path, path.parent
+    while not parent.is_dir():
+        missing, parent = parent, parent.parent
+    near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
+    raise DataError(
+        f"data={path}: there is no such file or folder.",
+        f"{parent.resolve()} holds no {missing.name!r}.{near}",
+    )
+
+
+def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, str]:
+    lines = [f"data={path}: this is not a data set that can be read here. Looked for:"]
+    for name, seen in detections.items():
+        if seen.looked_for:
+            found = f" (found {seen.found})" if seen.found else ""
+            lines.append(f"  {name}: {seen.looked_for}{found}")
+    if path.is_dir():
+        names = sorted(f"{item.name}/" if item.is_dir() else item.name for item in path.iterdir())
+        more = f" and {len(names) - MAX_NAMES_SHOWN} more" if len(names) > MAX_NAMES_SHOWN else ""
+        lines.append(f"The folder holds: {', '.join(names[:MAX_NAMES_SHOWN])}{more}.")
+    advice = "If it is one of these formats, name it: datamanager=NAME says what is wrong with it."
+    return "\n".join(lines), advice
+
+
+def choose_device(
+    device: str, rasterizer: str, registry: Registry, needs: dict[str, Any]
+) -> tuple[Choice | None, Choice | None]:
+    """The device and the rasterizer of a run; ``None`` for each that is not ``auto``.
+
+    Where nothing fits, the rasterizer that lacks least is taken: checking it afterwards tells what
+    is missing.
+
+    Raises:
+        ConfigError: no rasterizer is installed.
+    """
+    import torch
+
+    from gsfw.core.capabilities import fitting
+
+    able = rasterizer_capabilities(registry)
+    if not able:
+        raise ConfigError("no rasterizer is installed.", "See gsfw doctor.")
+    if rasterizer != AUTO:
+        able = {rasterizer: able[rasterizer]}
+    chosen_device = None
+    if device == AUTO:
+        if not torch.cuda.is_available():
+            chosen_device = Choice("cpu", "torch sees no GPU here")
+        elif fits := fitting(needs, able, "cuda"):
+            chosen_device = Choice("cuda", f"torch sees a GPU, and rasterizer {fits[0]} runs on it")
+        else:
+            chosen_device = Choice("cpu", "there is a GPU, but no installed rasterizer fits there")
+        device = chosen_device.name
+    if rasterizer != AUTO:
+        return chosen_device, None
+    kind = device.partition(":")[0]
+    fits = fitting(needs, able, kind)
+    if fits:
+        return chosen_device, Choice(fits[0], f"the fastest that fits on {kind}")
+    missing = {
+        name: sum(len(item.lacking(need, kind)) for need in needs.values())
+        for name, item in able.items()
+    }
+    least = min(missing, key=lambda name: missing[name])
+    return chosen_device, Choice(least, f"none fits on {kind}; this one lacks least")
+
+
+def rasterizer_capabilities(registry: Registry) -> dict[str, Any]:
+    """What every installed rasterizer can do here, with its default settings, by name."""
+    from gsfw.core.capabilities import Capabilities
+
+    able: dict[str, Capabilities] = {}
+    for name, spec in registry.slot("rasterizer").items():
+        try:
+            able[name] = load("rasterizer", spec)().capabilities()
+        except ConfigError as error:
+            able[name] = Capabilities(unavailable=error.message)
+    return able

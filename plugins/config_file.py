@@ -1,0 +1,111 @@
+"""Config files: settings as flat or nested YAML, read by a safe loader that builds plain data."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.settings import Layer, Settings
+from gsfw.plugins.specs import PROJECT
+
+SCHEMA = 1
+"""Number of the layout; raised when an older gsfw could not read a newer file."""
+
+HEADER = ("schema", "gsfw", "torch", "python", "plugins", "command line")
+"""Keys that say where a file comes from; they are no settings."""
+
+PLACES = ("data", "init")
+"""Settings that may name a file: saved as absolute paths, so that they hold in any folder."""
+
+
+def write_config(settings: Settings, arguments: Sequence[str]) -> str:
+    """The text of a run's config.yaml, from which ``config=FILE`` makes the same run again.
+
+    The folder of the run is left out: the next run has its own.
+
+    Args:
+        settings: of the run.
+        arguments: what was typed, for people.
+    """
+    values = settings.flat()
+    del values["out"]
+    for key in PLACES:
+        text = values.get(key)
+        if text and Path(text).exists():
+            values[key] = str(Path(text).resolve())
+    parts = [settings.method, *settings.choices.values()]
+    header = {
+        "schema": SCHEMA,
+        "gsfw": metadata.version(PROJECT),
+        "torch": metadata.version("torch"),
+        "python": platform.python_version(),
+        "plugins": sorted(
+            {
+                f"{part.distribution} {part.version}"
+                for part in parts
+                if part.distribution != PROJECT
+            }
+        ),
+        "command line": shlex.join(["gsfw", *arguments]),
+    }
+    head = yaml.safe_dump(header, sort_keys=False, allow_unicode=True, width=100)
+    body = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
+    return f"# Made by gsfw. Use it again with config=FILE.\n{head}\n{body}"
+
+
+def read_config(path: Path) -> Layer:
+    """The settings of a config file.
+
+    Raises:
+        ConfigError: it is missing, is no YAML mapping, or was written by a newer gsfw.
+    """
+    where = f"config file {path}"
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"config={path}: there is no such file.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"config={path}: the file cannot be read: {error}.") from None
+    except yaml.YAMLError as error:
+        problem = " ".join(str(error).split())
+        raise ConfigError(
+            f"{where}: this is not valid YAML: {problem}.", "Write one 'key: value' on each line."
+        ) from None
+    if document is None:
+        document = {}
+    if not isinstance(document, dict):
+        raise ConfigError(
+            f"{where}: expected 'key: value' on each line, found {type(document).__name__}."
+        )
+    _check_schema(where, document)
+    values = {key: value for key, value in document.items() if key not in HEADER}
+    return Layer(where, dict(_flattened(values)))
+
+
+def _check_schema(where: str, document: Mapping[Any, Any]) -> None:
+    schema = document.get("schema", SCHEMA)
+    if not isinstance(schema, int) or schema > SCHEMA or schema < 1:
+        raise ConfigError(
+            f"{where}: expected schema {SCHEMA}, found {schema}.",
+            f"It was written by gsfw {document.get('gsfw', 'of another version')}; "
+            f"this is {metadata.version(PROJECT)}. Use that version to read it.",
+        )
+
+
+def _flattened(values: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Nested mappings as dotted keys."""
+    found: list[tuple[str, Any]] = []
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            found += _flattened(value, f"{name}.")
+        else:
+            found.append((name, value))
+    return found

@@ -1,0 +1,87 @@
+"""Keys: the settings of a configuration by dotted key, with type, value and explanation."""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import inspect
+import textwrap
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, get_type_hints
+
+SLOT_KEYS = ("strategy", "rasterizer", "datamanager", "sampler")
+"""Fields of a method's configuration that are chosen by name among what is registered."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """One setting."""
+
+    name: str
+    """Dotted, as it is typed."""
+    kind: Any
+    """Its annotation."""
+    value: Any
+    owner: type[Any]
+    """The dataclass that declares it."""
+
+    @property
+    def help(self) -> str:
+        """What it means, in a sentence; empty when its author gave none."""
+        return field_help(self.owner).get(self.name.rpartition(".")[2], "")
+
+
+def keys(config: object, prefix: str = "") -> Iterator[Key]:
+    """Every setting of a configuration, except the choices of slots themselves."""
+    kind: type[Any] = type(config)
+    hints = get_type_hints(kind)
+    nested: list[tuple[str, object]] = []
+    for item in fields(config):  # type: ignore[arg-type]
+        value = getattr(config, item.name)
+        if is_dataclass(value):
+            nested.append((item.name, value))
+        elif item.init and not (prefix == "" and item.name in SLOT_KEYS):
+            yield Key(prefix + item.name, hints[item.name], value, kind)
+    for name, value in nested:
+        yield from keys(value, f"{prefix}{name}.")
+
+
+def field_help(kind: type[Any]) -> dict[str, str]:
+    """The docstring under each field of a dataclass, its own and inherited ones."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        if is_dataclass(base):
+            found |= _own_field_help(base)
+    return found
+
+
+def _own_field_help(kind: type) -> dict[str, str]:
+    try:
+        source = textwrap.dedent(inspect.getsource(kind))
+        (tree,) = ast.parse(source).body
+    except (OSError, TypeError, SyntaxError):  # Made in a session that keeps no source.
+        return {}
+    assert isinstance(tree, ast.ClassDef)
+    found: dict[str, str] = {}
+    for statement, following in zip(tree.body, tree.body[1:], strict=False):
+        if not isinstance(statement, ast.AnnAssign) or not isinstance(statement.target, ast.Name):
+            continue
+        if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
+            text = following.value.value
+            if isinstance(text, str):
+                found[statement.target.id] = " ".join(text.split())
+    return found
+
+
+def suggest_key(given: str, known: Iterable[str]) -> str:
+    """A sentence that suggests the nearest key, with a leading space; or nothing.
+
+    A key given without its group ("means_lr") suggests the whole one ("optim.means_lr").
+    """
+    names = list(known)
+    near = [name for name in names if name.rpartition(".")[2] == given.rpartition(".")[2]]
+    near = difflib.get_close_matches(given, near, 1, cutoff=0.0) or difflib.get_close_matches(
+        given, names, 1, cutoff=0.6
+    )
+    return f" Did you mean {near[0]!r}?" if near else ""

@@ -1,0 +1,72 @@
+"""Restore: a run folder becomes a composed run again, as its checkpoint left it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gsfw.core.determinism import differences, environment
+from gsfw.core.errors import DataError
+from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.plugins.compose import Composition, compose, settings_device
+from gsfw.plugins.config_file import read_config
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.settings import Layer, resolve
+
+
+@dataclass(frozen=True)
+class Restored:
+    """A run as a checkpoint left it."""
+
+    folder: RunFolder
+    composition: Composition
+    """Its model has the checkpoint's parameters; the rest is as before the first step."""
+    state: dict[str, Any]
+    """The whole checkpoint, for ``Trainer.load_state_dict``."""
+
+    @property
+    def step(self) -> int:
+        """Steps done."""
+        return int(self.state["step"])
+
+    def changes(self) -> list[str]:
+        """What differs from the machine that wrote the checkpoint and may change bits."""
+        now = environment(self.composition.parts.device)
+        return differences(self.state["environment"], now)
+
+
+def restore(
+    folder: RunFolder,
+    registry: Registry,
+    checkpoint: Path | None = None,
+    changed: Layer | None = None,
+) -> Restored:
+    """Compose a run again and load a checkpoint into it.
+
+    Args:
+        folder: of the run.
+        registry: what is installed now.
+        checkpoint: which one; ``None`` for the last.
+        changed: settings that replace the run's own.
+
+    Raises:
+        DataError: the folder is no run, has no checkpoint, or the data is gone.
+        ConfigError: its settings no longer resolve (a plugin is missing).
+    """
+    if not folder.config.is_file():
+        raise DataError(
+            f"{folder.path} is not a run: it has no {folder.config.name}.",
+            "Give the folder that gsfw train made, a checkpoint in it, or latest.",
+        )
+    checkpoint = checkpoint or folder.latest_checkpoint()
+    if checkpoint is None:
+        raise DataError(
+            f"{folder.path} has no checkpoint.", "Train again into another folder with out=DIR."
+        )
+    layers = [read_config(folder.config), *([changed] if changed is not None else [])]
+    settings = resolve(registry, layers)
+    state = read_checkpoint(checkpoint, settings_device(settings))
+    composition = compose(settings, registry)
+    composition.parts.model.load_state_dict(state["model"])
+    return Restored(folder, composition, state)

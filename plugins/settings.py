@@ -1,0 +1,275 @@
+"""Settings: every value of a run, where it came from, and what was chosen for each slot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gsfw.core.config import AUTO, MethodConfig, SlotConfig, replace_at, step_settings
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.automatic import Choice, choose_datamanager, choose_device, load
+from gsfw.plugins.keys import SLOT_KEYS, Key, keys, suggest_key
+from gsfw.plugins.registry import Registry, did_you_mean
+from gsfw.plugins.specs import Spec
+from gsfw.plugins.values import as_text, describe, parse, plain
+
+COMMAND_LINE = "command line"
+METHOD_DEFAULT = "method default"
+
+CHOICE_KEYS = ("method", "preset", *SLOT_KEYS)
+"""Keys that choose by name; all others are fields of a configuration."""
+
+DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
+"""What ``auto`` means where nothing has to be found out."""
+
+OWN_LAYERS = 3
+"""Layers below those that are given: two recommendations and a preset."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Values from one place; later layers win."""
+
+    source: str
+    """Such as "command line", "preset fast", "config file a.yaml"."""
+    values: Mapping[str, Any]
+    """By dotted key: text as it is typed, or plain data."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Every value of a run, resolved."""
+
+    method: Spec
+    config: MethodConfig
+    """All slots are filled."""
+    choices: Mapping[str, Spec]
+    """What was chosen for each slot: strategy, rasterizer, datamanager, sampler."""
+    sources: Mapping[str, str]
+    """Where each value came from, by dotted key."""
+
+    def flat(self) -> dict[str, Any]:
+        """Every setting as plain data by dotted key, the choices first."""
+        chosen = {slot: spec.name for slot, spec in self.choices.items()}
+        values = {key.name: plain(key.value) for key in keys(self.config)}
+        return {"method": self.method.name, **chosen, **values}
+
+
+def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
+    """Settings from the method's defaults, what its parts recommend, a preset, and ``layers``.
+
+    Raises:
+        ConfigError: a key or name is unknown, or a value has the wrong type; says where.
+        DataError: the data set is missing or of no known format.
+    """
+    name, _ = _last(layers, "method")
+    if name is None:
+        installed = ", ".join(registry.slot("method"))
+        raise ConfigError(
+            "no method is chosen.", f"Add method=NAME; installed: {installed or 'none'}."
+        )
+    spec = registry.find("method", name)
+    _check_names(registry, layers)
+    kind: type[MethodConfig] = load("method", spec)
+    resolution = _Resolution(registry, spec, kind(), layers)
+    resolution.choose("datamanager", recommendations=0)
+    resolution.choose("strategy", recommendations=1)
+    resolution.choose("sampler")
+    resolution.apply_values()
+    resolution.choose_rasterizer()
+    resolution.rescale(kind().steps)
+    return resolution.settings()
+
+
+def _check_names(registry: Registry, layers: Sequence[Layer]) -> None:
+    """Refuse unknown choices before anything heavy is imported."""
+    for slot in SLOT_KEYS:
+        name, _ = _last(layers, slot)
+        if name not in (None, AUTO):
+            registry.find(slot, str(name))
+
+
+def _last(layers: Sequence[Layer], key: str) -> tuple[str | None, str]:
+    """The value of ``key`` that wins, as text, and its source."""
+    for layer in reversed(layers):
+        if key in layer.values:
+            return as_text(layer.values[key]), layer.source
+    return None, METHOD_DEFAULT
+
+
+class _Resolution:
+    """Settings while they are being resolved."""
+
+    def __init__(
+        self, registry: Registry, method: Spec, config: MethodConfig, layers: Sequence[Layer]
+    ) -> None:
+        self._registry, self._method, self._config = registry, method, config
+        self._layers = [_preset(method, config, layers), *layers]
+        self._choices: dict[str, Spec] = {}
+        self._sources: dict[str, str] = {"method": _last(layers, "method")[1]}
+        self._defaults = {slot: self._default_name(slot) for slot in SLOT_KEYS}
+
+    def _default_name(self, slot: str) -> str:
+        """Name of the method's own choice for a slot."""
+        part = getattr(self._config, slot)
+        if part is None:
+            return AUTO
+        target = f"{type(part).__module__}:{type(part).__qualname__}"
+        for name, spec in self._registry.slot(slot).items():
+            if spec.target == target:
+                return name
+        raise ConfigError(
+            f"method {self._method.name!r} has {target} as its {slot}, which is not registered.",
+            f"Its package ({self._method.distribution}) has to register it through a hook.",
+        )
+
+    def choose(self, slot: str, recommendations: int | None = None) -> None:
+        """Fill a slot; what the choice recommends becomes the layer at that position."""
+        name, source = _last(self._layers, slot)
+        name = name or self._defaults[slot]
+        if name == AUTO:
+            choice = self._automatic(slot)
+            name, source = choice.name, choice.source
+        part = self._fill(slot, name, source)
+        if recommendations is not None:
+            layer = Layer(f"recommended by {slot} {name}", part.recommended)
+            self._layers.insert(recommendations, layer)
+
+    def _automatic(self, slot: str) -> Choice:
+        if slot == "datamanager":
+            data, _ = _last(self._layers, "data")
+            return choose_datamanager(self._config.data if data is None else data, self._registry)
+        return Choice(DEFAULT_CHOICES[slot], "the usual one")
+
+    def _fill(self, slot: str, name: str, source: str) -> SlotConfig:
+        spec = self._registry.find(slot, name)
+        if name != self._defaults[slot]:
+            self._config = replace(self._config, **{slot: load(slot, spec)()})
+        self._choices[slot], self._sources[slot] = spec, source
+        part: SlotConfig = getattr(self._config, slot)
+        return part
+
+    def apply_values(self, only: str = "") -> None:
+        """Set every given value, except those of the rasterizer, which is chosen by the others."""
+        known = {key.name: key for key in keys(self._config)}
+        for layer, key, value in self._given():
+            if key in CHOICE_KEYS or key.startswith("rasterizer.") != (only == "rasterizer"):
+                continue
+            if key not in known:
+                raise self._unknown(key, layer.source, known)
+            self._set(known[key], value, layer.source)
+
+    def _given(self) -> Iterator[tuple[Layer, str, object]]:
+        """Every value, but for those of a choice that was then replaced by another.
+
+        A preset's ``strategy.*`` is for the method's own strategy, a file's for the one the file
+        names; what names none is for the strategy that is used.
+        """
+        final = {slot: spec.name for slot, spec in self._choices.items()}
+        usual = {slot: name for slot, name in self._defaults.items() if name != AUTO}
+        in_force = {**final, **DEFAULT_CHOICES, **usual}
+        for position, layer in enumerate(self._layers):
+            if position == OWN_LAYERS:
+                in_force = dict(final)
+            for slot in SLOT_KEYS:
+                if slot in layer.values:
+                    name = as_text(layer.values[slot])
+                    in_force[slot] = final.get(slot, name) if name == AUTO else name
+            for key, value in layer.values.items():
+                slot = key.partition(".")[0]
+                if "." not in key or in_force.get(slot) == final.get(slot):
+                    yield layer, key, value
+
+    def _set(self, key: Key, value: object, source: str) -> None:
+        try:
+            parsed = parse(key.kind, value)
+        except ValueError:
+            raise ConfigError(
+                f"{_where(source)}{key.name}={as_text(value)}: "
+                f"expected {describe(key.kind)}, found {as_text(value)!r}.",
+                f"{key.name}: {key.help}" if key.help else "",
+            ) from None
+        self._config = replace_at(self._config, key.name, parsed)
+        self._sources[key.name] = source
+
+    def _unknown(self, key: str, source: str, known: Mapping[str, Key]) -> ConfigError:
+        slot, _, setting = key.partition(".")
+        hint = suggest_key(key, [*known, *CHOICE_KEYS])
+        if slot in SLOT_KEYS:
+            others = [
+                name
+                for name, spec in self._registry.slot(slot).items()
+                if any(item.name == setting for item in keys(load(slot, spec)()))
+            ]
+            if others:
+                hint = (
+                    f" It belongs to {slot} {' and '.join(others)}, "
+                    f"but {slot}={self._choices[slot].name}."
+                )
+        return ConfigError(
+            f"{_where(source)}unknown key {key!r}.{hint}",
+            f"All keys: gsfw train method={self._method.name} --help",
+        )
+
+    def choose_rasterizer(self) -> None:
+        """Choose the device and the rasterizer by what the other parts need, then set its values.
+
+        Raises:
+            ConfigError: as for every other value.
+        """
+        name, source = _last(self._layers, "rasterizer")
+        name = name or self._defaults["rasterizer"]
+        config = self._config
+        needs = {"method": config.needs()}
+        for part in (config.strategy, config.datamanager):
+            assert part is not None
+            needs[type(part).__name__] = part.needs()
+        device, rasterizer = choose_device(config.device, name, self._registry, needs)
+        if device is not None:
+            self._config = replace(self._config, device=device.name)
+            self._sources["device"] = device.source
+        if rasterizer is not None:
+            name, source = rasterizer.name, rasterizer.source
+        self._fill("rasterizer", name, source)
+        self.apply_values(only="rasterizer")
+
+    def rescale(self, default_steps: int) -> None:
+        """Stretch every schedule that is still the method's default to the run's length."""
+        config = self._config
+        if not config.rescale or config.steps == default_steps:
+            return
+        ratio = config.steps / default_steps
+        for key, (value, at_least) in step_settings(config).items():
+            if key not in self._sources and value > 0:
+                steps = max(round(value * ratio), min(at_least, value))
+                self._config = replace_at(self._config, key, steps)
+                self._sources[key] = f"{METHOD_DEFAULT} x {ratio:.3g} (steps={config.steps})"
+
+    def settings(self) -> Settings:
+        """The result."""
+        choices = {slot: self._choices[slot] for slot in SLOT_KEYS}
+        sources = {
+            key: self._sources.get(key, METHOD_DEFAULT)
+            for key in ["method", *SLOT_KEYS, *(key.name for key in keys(self._config))]
+        }
+        return Settings(self._method, self._config, choices, sources)
+
+
+def _preset(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> Layer:
+    """The preset as a layer; without one, that named "default", where the method has it."""
+    name, source = _last(layers, "preset")
+    if name is None:
+        return Layer("preset default", config.presets.get("default", {}))
+    if name not in config.presets:
+        raise ConfigError(
+            f"{_where(source)}method {method.name!r} has no preset {name!r}."
+            f"{did_you_mean(name, config.presets)}",
+            f"Presets: {', '.join(config.presets) or 'none'}.",
+        )
+    return Layer(f"preset {name}", config.presets[name])
+
+
+def _where(source: str) -> str:
+    """The beginning of a message about a value; what was just typed needs no place."""
+    return "" if source == COMMAND_LINE else f"{source}: "
