@@ -1,1 +1,21 @@
-"""gsfw.commands."""
+"""The verbs of the command line, one file each."""
+
+from __future__ import annotations
+
+from gsfw.plugins.specs import Spec, hookimpl
+
+
+@hookimpl
+def gsfw_commands() -> list[Spec]:
+    """The built-in verbs."""
+    return [
+        Spec("train", "train a method on a data set", "gsfw.commands.train:run"),
+        Spec("resume", "go on with a run that was stopped", "gsfw.commands.resume:run"),
+        Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
+        Spec("render", "draw pictures of a run", "gsfw.commands.render:run"),
+        Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
+        Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
+        Spec("plugins", "list what is installed, slot by slot", "gsfw.commands.plugins:run"),
+        Spec("config", "show every setting, and where it came from", "gsfw.commands.config:run"),
+        Spec("doctor", "check what works on this machine, and why not", "gsfw.commands.doctor:run"),
+    ]

@@ -105,6 +105,29 @@ class Column(nn.Module):
         within = within - (lengths.cumsum(0) - lengths).repeat_interleave(lengths)
         return starts.repeat_interleave(lengths) + within, lengths
 
+    def count(self, rows: Rows) -> int:
+        """How many rows ``rows`` holds.
+
+        Raises:
+            ValueError: they do not fit this column.
+        """
+        found = rows.values.shape
+        axis = 1 if self.layout is Layout.STACKED else 0
+        fits = (
+            len(found) == self.values.dim()
+            and found[:axis] == self.values.shape[:axis]
+            and found[axis + 1 :] == self.values.shape[axis + 1 :]
+            and (rows.lengths is not None) == (self.layout is Layout.RAGGED)
+        )
+        if fits and rows.lengths is not None:
+            fits = int(rows.lengths.sum()) == found[0]
+        if not fits:
+            raise ValueError(
+                f"rows of shape {tuple(found)} do not fit a {self.layout.value} column of shape "
+                f"{tuple(self.values.shape)}"
+            )
+        return found[axis] if rows.lengths is None else len(rows.lengths)
+
     def take(self, rows: Int[Tensor, " r"], values: Tensor | None = None) -> Rows:
         """Copy rows out, of the column or of a tensor laid out like it (its moments)."""
         source = (self.values if values is None else values).detach()
@@ -131,6 +154,17 @@ class Column(nn.Module):
             zero = rows.lengths.new_zeros(1)
             self.offsets = torch.cat([zero, rows.lengths.cumsum(0)])
 
+    def check_lengths(self, rows: Int[Tensor, " r"], new: Rows) -> None:
+        """Check that overwriting ``rows`` changes the number of values of none.
+
+        Raises:
+            ValueError: it would.
+        """
+        if self.offsets is None:
+            return
+        if new.lengths is None or not torch.equal(self.offsets.diff()[rows], new.lengths):
+            raise ValueError("ragged rows keep their number of values when overwritten")
+
     @torch.no_grad()
     def write(self, rows: Int[Tensor, " r"], new: Rows, values: Tensor | None = None) -> None:
         """Overwrite rows in place, in the column or in a tensor laid out like it.
@@ -138,15 +172,13 @@ class Column(nn.Module):
         Raises:
             ValueError: a ragged row would change its number of values (use keep and append).
         """
+        self.check_lengths(rows, new)
         target = self.values if values is None else values
         source = new.values.to(target)
         if self.layout is Layout.STACKED:
             target[:, rows] = source
         elif self.layout is Layout.RAGGED:
-            indices, lengths = self._value_indices(rows)
-            if new.lengths is None or not torch.equal(lengths, new.lengths):
-                raise ValueError("ragged rows keep their number of values when overwritten")
-            target[indices] = source
+            target[self._value_indices(rows)[0]] = source
         else:
             target[rows] = source
 

@@ -200,8 +200,6 @@ class MethodConfig(ABC):
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = 2048
     """Memory that decoded images may take, in megabytes."""
-    batch_views: int = 1
-    """Views drawn per step; their gradients are averaged."""
     antialias: bool = False
     """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
     validation: str = "cheap"
@@ -237,11 +235,7 @@ class MethodConfig(ABC):
         Raises:
             ConfigError: naming the key, what was expected, and what was given.
         """
-        positive = {
-            "steps": self.steps,
-            "log_every": self.log_every,
-            "batch_views": self.batch_views,
-        }
+        positive = {"steps": self.steps, "log_every": self.log_every}
         for key, value in positive.items():
             if value < 1:
                 raise ConfigError(f"{key}={value}: expected a number of at least 1.")

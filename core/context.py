@@ -31,6 +31,10 @@ class StepContext:
     """After ``PrimitiveModel.decode``; its statistics are those of the rasterizer."""
     target: Float[Tensor, "c h w 3"]
     """The batch's pictures over this step's background."""
+    num_rows: int
+    """Rows of the model; ``splats.rows`` counts among them."""
+    share: float
+    """This batch's part of the step's loss: its views over all views of the step."""
     extent: float
     """The scene's extent, in scene units."""
     operators: Operators

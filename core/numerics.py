@@ -13,6 +13,13 @@ FAR = 1e10
 QUATERNION_MIN_NORM = 1e-12
 """Quaternions shorter than this count as the identity rotation, with gradient zero."""
 
+DEPTH_MIN = 1e-12
+"""Nearer splats are never drawn, whatever the near plane: 1 / depth squared must fit float32."""
+
+LENGTH_MAX = 1e9
+"""Standard deviations are cut off here, in scene units and again in pixels, and splats centred
+further off in the image (pixels) are not drawn: fourth powers of this still fit float32."""
+
 
 @dataclass(frozen=True)
 class NumericsProfile:

@@ -11,6 +11,9 @@ from torch import Tensor
 
 from gsfw.core.ssim import masked_mean, ssim
 
+GRADIENT_LIMIT = 1e18
+"""Larger gradients count as this, whose square is still finite in float32."""
+
 
 @dataclass(frozen=True)
 class AdamSettings:
@@ -83,14 +86,15 @@ class Operators:
             return
         gate = finite.to(values.dtype)
         moments.count += finite
-        gradient = torch.where(finite, gradient, 0.0)
-        bias1 = 1.0 - settings.beta1**moments.count
-        bias2 = 1.0 - settings.beta2**moments.count
+        gradient = torch.where(finite, gradient, 0.0).clamp_(-GRADIENT_LIMIT, GRADIENT_LIMIT)
+        # Before the first finite step the corrections are 0, and nothing may be divided by them.
+        bias1 = torch.where(finite, 1.0 - settings.beta1**moments.count, 1.0)
+        bias2 = torch.where(finite, 1.0 - settings.beta2**moments.count, 1.0)
         moments.first.lerp_(gradient, gate * (1.0 - settings.beta1))
         moments.second.mul_(1.0 - gate * (1.0 - settings.beta2))
         moments.second.addcmul_(gradient, gradient, value=1.0 - settings.beta2)
         scale = torch.where(finite, rate / bias1, 0.0).to(values.dtype)
-        denominator = (moments.second / bias2.clamp_min(1e-300).to(values.dtype)).sqrt_()
+        denominator = (moments.second / bias2.to(values.dtype)).sqrt_()
         values.sub_(moments.first / denominator.add_(settings.epsilon) * scale)
 
     def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:

@@ -90,7 +90,7 @@ class Optimizer:
         rates = self.learning_rates(step)
         rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
         for name, column in self._model.columns().items():
-            if column.trained and name not in self._frozen and column.values.grad is not None:
+            if column.trained and name not in self._frozen:
                 self._step_column(column, self._moments[name][0], rates[name], finite, rows)
         for group in self._model.parameter_groups():
             if group.name in self._frozen:
@@ -99,7 +99,8 @@ class Optimizer:
                 if tensor.grad is None:
                     continue
                 if group.weight_decay:
-                    tensor.mul_(1.0 - finite * rates[group.name] * group.weight_decay)
+                    decay = rates[group.name] * group.weight_decay
+                    tensor.mul_(1.0 - finite.to(tensor.dtype) * decay)
                 self._operators.adam_(
                     tensor, tensor.grad, moments, rates[group.name], self._settings.adam, finite
                 )
@@ -113,12 +114,13 @@ class Optimizer:
         rows: Tensor | None,
     ) -> None:
         values, gradient = column.values, column.values.grad
-        assert gradient is not None
         bands = self._model.active_bands() if column.bands else None
+        if bands == 0:  # Plain Adam would have counted a step with a gradient of zero.
+            moments.count += finite
+            return
+        if gradient is None:
+            return
         if bands is not None and column.layout is Layout.DENSE:
-            if bands == 0:
-                moments.count += finite
-                return
             values, gradient = values[:, :bands], gradient[:, :bands]
             moments = AdamMoments(
                 moments.first[:, :bands], moments.second[:, :bands], moments.count

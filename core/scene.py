@@ -34,6 +34,8 @@ class Scene:
     """Number of distinct capture times; 0 for a static capture."""
     has_alpha: bool = False
     """Whether images carry an alpha channel."""
+    up: str = ""
+    """Which way is up in the data's world ("z", "-y"); empty when unknown. Exports say it."""
 
     @property
     def is_dynamic(self) -> bool:

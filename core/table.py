@@ -46,7 +46,8 @@ class SplatTable:
         """Add rows at the end.
 
         Raises:
-            ValueError: ``children`` does not have exactly the model's columns.
+            ValueError: ``children`` does not have exactly the model's columns, or not the same
+                number of rows in each.
         """
         self.edit(None, children)
 
@@ -54,12 +55,18 @@ class SplatTable:
     def edit(
         self, keep: Bool[Tensor, " n"] | Int[Tensor, " r"] | None, children: Children | None
     ) -> None:
-        """Keep some rows (all if ``None``), then add ``children`` (none if ``None``)."""
+        """Keep some rows (all if ``None``), then add ``children`` (none if ``None``).
+
+        Raises:
+            ValueError: as ``append``, or the mask does not have one value per row.
+        """
         columns = self._model.columns()
         if children is not None:
-            self._check_names(children)
+            self._check(children)
         if keep is None:
             keep = torch.arange(len(self), device=self.device)
+        if keep.dtype == torch.bool and len(keep) != len(self):
+            raise ValueError(f"a mask of {len(keep)} rows for {len(self)}")
         rows = keep.nonzero()[:, 0] if keep.dtype == torch.bool else keep
         values: dict[str, Rows] = {}
         moments: dict[str, list[AdamMoments]] = {}
@@ -89,8 +96,11 @@ class SplatTable:
     @torch.no_grad()
     def replace(self, rows: Int[Tensor, " r"], children: Children) -> None:
         """Overwrite rows in place; their moments begin again at zero."""
-        self._check_names(children)
-        for name, column in self._model.columns().items():
+        columns = self._model.columns()
+        self._check(children, len(rows))
+        for name, column in columns.items():
+            column.check_lengths(rows, children[name])
+        for name, column in columns.items():
             column.write(rows, children[name])
         self.reset_rows(rows)
 
@@ -110,9 +120,15 @@ class SplatTable:
                 state.first.zero_()
                 state.second.zero_()
 
-    def _check_names(self, children: Children) -> None:
-        expected, found = set(self._model.columns()), set(children)
+    def _check(self, children: Children, expected_rows: int | None = None) -> None:
+        """Check that new rows have every column, and the same number of rows in each."""
+        columns = self._model.columns()
+        expected, found = set(columns), set(children)
         if expected != found:
             raise ValueError(
                 f"new rows: expected the columns {sorted(expected)}, found {sorted(found)}"
             )
+        counts = {name: column.count(children[name]) for name, column in columns.items()}
+        number = next(iter(counts.values())) if expected_rows is None else expected_rows
+        if set(counts.values()) != {number}:
+            raise ValueError(f"new rows: expected {number} in every column, found {counts}")

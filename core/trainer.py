@@ -175,6 +175,8 @@ class Trainer:
             splats=splats,
             rendered=parts.model.decode(output, batch.cameras),
             target=batch.target(settings.background),
+            num_rows=len(parts.table),
+            share=share,
             extent=parts.data.scene.extent,
             operators=parts.operators,
             generator=parts.generator,

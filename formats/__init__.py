@@ -1,1 +1,21 @@
-"""gsfw.formats."""
+"""Splat files of other tools: one module per format."""
+
+from __future__ import annotations
+
+from gsfw.plugins.specs import Spec, hookimpl
+
+
+@hookimpl
+def gsfw_exporters() -> list[Spec]:
+    """The formats that can be written."""
+    return [
+        Spec("ply", "3DGS PLY, as Kerbl et al. 2023 write it", "gsfw.formats.ply:PlyExporter"),
+    ]
+
+
+@hookimpl
+def gsfw_importers() -> list[Spec]:
+    """The formats that can be read."""
+    return [
+        Spec("ply", "3DGS PLY, any SH degree", "gsfw.formats.ply:PlyImporter"),
+    ]

@@ -128,13 +128,19 @@ class _Resolution:
         """Fill a slot; what the choice recommends becomes the layer at that position."""
         name, source = _last(self._layers, slot)
         name = name or self._defaults[slot]
-        if name == AUTO:
+        if name == AUTO or (slot == "datamanager" and self._has_other_data()):
             choice = self._automatic(slot)
             name, source = choice.name, choice.source
         part = self._fill(slot, name, source)
         if recommendations is not None:
             layer = Layer(f"recommended by {slot} {name}", part.recommended)
             self._layers.insert(recommendations, layer)
+
+    def _has_other_data(self) -> bool:
+        """Whether the layer that names the data manager does so for data that was replaced."""
+        with_data = [layer for layer in self._layers if "data" in layer.values]
+        named = [layer for layer in self._layers if "datamanager" in layer.values]
+        return bool(named) and named[-1] in with_data[:-1]
 
     def _automatic(self, slot: str) -> Choice:
         if slot == "datamanager":

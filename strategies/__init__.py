@@ -1,1 +1,25 @@
-"""gsfw.strategies."""
+"""Density strategies: which splats to add, move and remove."""
+
+from __future__ import annotations
+
+from gsfw.plugins.specs import Spec, hookimpl
+
+
+@hookimpl
+def gsfw_strategies() -> list[Spec]:
+    """The built-in strategies."""
+    return [
+        Spec(
+            "adc",
+            "clone, split and prune by screen gradient, size and opacity",
+            "gsfw.strategies.adc:AdcConfig",
+            paper="Kerbl et al. 2023",
+        ),
+        Spec(
+            "mcmc",
+            "relocate dead splats, add noise, grow to a fixed number",
+            "gsfw.strategies.mcmc:McmcConfig",
+            paper="Kheradmand et al. 2024",
+        ),
+        Spec("none", "keep the rows as they are", "gsfw.strategies.none:NoneConfig"),
+    ]

@@ -6,6 +6,15 @@ import pytest
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
+SMALL_SCENE = (
+    "datamanager.views=6",
+    "datamanager.eval_views=2",
+    "datamanager.width=32",
+    "datamanager.height=24",
+    "datamanager.points=150",
+)
+"""The built-in scene at a size that trains in a second."""
+
 
 @pytest.fixture
 def shared_data() -> Path:
@@ -13,3 +22,13 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("the folder of real captures (../shared/data) is not on this machine")
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small finished run; tests must not change what is in it."""
+    from gsfw.commands.main import main
+
+    out = tmp_path_factory.mktemp("runs") / "finished"
+    assert main(["train", "method=3dgs", *SMALL_SCENE, "steps=20", f"out={out}"]) == 0
+    return out

@@ -1,0 +1,44 @@
+"""The verb ``config``: every setting a run would have, and where each came from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gsfw.commands.arguments import HelpRequested, parse
+from gsfw.commands.console import Console
+from gsfw.commands.train import read_settings
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.registry import installed
+
+HELP = """usage: gsfw config show method=NAME [key=value ...]
+
+Show every setting that gsfw train would use, and where each came from. Nothing is run.
+
+examples:
+  gsfw config show method=3dgs
+  gsfw config show method=3dgs preset=fast strategy=mcmc json=true
+  gsfw config show config=runs/first/config.yaml"""
+
+
+def run(tokens: list[str]) -> int:
+    """Show settings."""
+    arguments = parse(tokens)
+    if arguments.flag("help"):
+        raise HelpRequested(HELP)
+    if arguments.words[:1] != ("show",):
+        raise ConfigError(
+            "gsfw config: what to do is missing.", "Write gsfw config show method=NAME."
+        )
+    arguments = replace(arguments, words=arguments.words[1:])
+    settings = read_settings("train", arguments, installed())
+    from gsfw.plugins.values import as_text
+
+    console, values = Console(arguments.flag("json")), settings.flat()
+    console.table(
+        ["setting", "source"],
+        [[f"{key}={as_text(value)}", settings.sources[key]] for key, value in values.items()],
+    )
+    console.result(
+        {key: {"value": value, "source": settings.sources[key]} for key, value in values.items()}
+    )
+    return 0

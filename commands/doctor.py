@@ -1,0 +1,126 @@
+"""The verb ``doctor``: what works on this machine, what does not, why, and what to do."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from gsfw.commands.arguments import Options, read
+from gsfw.commands.console import Console
+from gsfw.plugins.registry import SLOTS, Registry, installed
+from gsfw.plugins.specs import PROJECT
+
+if TYPE_CHECKING:
+    from gsfw.core.capabilities import Capabilities
+
+LIBRARIES = ("numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
+"""What training imports sooner or later."""
+
+
+@dataclass(kw_only=True)
+class DoctorOptions(Options):
+    """Check what works on this machine, and say why the rest does not.
+
+    The exit code is 1 where something is missing without which nothing can be trained.
+    """
+
+    examples: ClassVar[tuple[str, ...]] = ("gsfw doctor", "gsfw doctor json=true")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at."""
+
+    what: str
+    status: str
+    """ok, missing (something is lost), or broken (nothing can be trained)."""
+    details: str
+
+
+def run(tokens: list[str]) -> int:
+    """Look at everything."""
+    options = read("doctor", DoctorOptions, tokens)
+    console = Console(options.json)
+    findings = [*_versions(), *_libraries(), _native(), *_rasterizers(installed())]
+    findings += [*_plugins(installed()), _write_access()]
+    console.table(
+        ["", "status", "details"],
+        [[finding.what, finding.status, finding.details] for finding in findings],
+    )
+    broken = [finding.what for finding in findings if finding.status == "broken"]
+    console.say(f"broken: {', '.join(broken)}" if broken else "everything that is needed works")
+    console.result({"ok": not broken, "findings": [asdict(finding) for finding in findings]})
+    return 1 if broken else 0
+
+
+def _versions() -> Iterator[Finding]:
+    yield Finding(PROJECT, "ok", metadata.version(PROJECT))
+    yield Finding("python", "ok", f"{platform.python_version()} at {sys.executable}")
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
+    yield Finding("machine", "ok", machine)
+    try:
+        import torch
+    except ImportError as error:
+        yield Finding("torch", "broken", f"{error}; pip install torch")
+        return
+    yield Finding("torch", "ok", f"{torch.__version__}, {torch.get_num_threads()} threads")
+    count = torch.cuda.device_count()
+    names = ", ".join(torch.cuda.get_device_name(index) for index in range(count))
+    yield Finding("GPUs", "ok", names or "torch sees none")
+
+
+def _libraries() -> Iterator[Finding]:
+    for name in LIBRARIES:
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            advice = f"{error}; pip install --force-reinstall {PROJECT}"
+            yield Finding(name, "broken", advice)
+        else:
+            yield Finding(name, "ok", "")
+
+
+def _native() -> Finding:
+    from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
+
+    found = instruction_sets()
+    if not found:
+        return Finding("native CPU module", "missing", NOT_BUILT)
+    return Finding("native CPU module", "ok", f"instruction sets: {', '.join(found)}")
+
+
+def _rasterizers(registry: Registry) -> Iterator[Finding]:
+    from gsfw.plugins.automatic import rasterizer_capabilities
+
+    capabilities = rasterizer_capabilities(registry)
+    for name, able in capabilities.items():
+        status = "missing" if able.unavailable else "ok"
+        yield Finding(f"rasterizer {name}", status, able.unavailable or _abilities(able))
+    if all(able.unavailable for able in capabilities.values()):
+        yield Finding("rasterizers", "broken", "none works here")
+
+
+def _abilities(able: Capabilities) -> str:
+    details = "".join(f"; {key}: {value}" for key, value in able.details.items())
+    return f"runs on {', '.join(sorted(able.devices))}{details}"
+
+
+def _plugins(registry: Registry) -> Iterator[Finding]:
+    for slot in SLOTS:  # Only asking shows which plugins fail to answer.
+        registry.slot(slot)
+    for item in registry.broken:
+        yield Finding(f"plugin {item.name}", "missing", f"{item.distribution}: {item.reason}")
+
+
+def _write_access() -> Finding:
+    here = Path.cwd()
+    if os.access(here, os.W_OK):
+        return Finding("write access", "ok", f"runs go to {here / 'runs'}")
+    return Finding("write access", "missing", f"{here} cannot be written to; give out=DIR")

@@ -1,0 +1,77 @@
+"""The command line: finds the verb, runs it, and turns every error into one clear message."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from importlib import metadata
+
+from gsfw.commands.arguments import HelpRequested, parse
+from gsfw.commands.console import Console
+from gsfw.commands.failure import INTERRUPTED, report
+from gsfw.commands.help import main_help
+from gsfw.core.errors import ConfigError, UserError
+from gsfw.plugins.registry import Registry, did_you_mean, installed
+from gsfw.plugins.specs import PROJECT
+
+SHOW_BROKEN = ("plugins", "doctor")
+"""Verbs that tell of broken plugins themselves."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; the exit code.
+
+    0: done. 1: failed. 2: something the user can put right. 130: interrupted.
+    """
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    console = Console(_flag(tokens, "json"))
+    try:
+        code = _run(tokens, console)
+        sys.stdout.flush()
+        return code
+    except HelpRequested as wanted:
+        console.say(str(wanted))
+        console.result({"help": str(wanted)})
+        return 0
+    except BrokenPipeError:  # The reader (a pager, head) has seen enough.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        sys.stderr.write("\ninterrupted\n")
+        return INTERRUPTED
+    except Exception as error:
+        return report(error, console, _flag(tokens, "debug"))
+
+
+def _flag(tokens: list[str], name: str) -> bool:
+    """Whether a flag is on, however broken the rest of the line is."""
+    try:
+        return parse(tokens).flag(name)
+    except UserError:
+        return f"--{name}" in tokens
+
+
+def _run(tokens: list[str], console: Console) -> int:
+    if not tokens or tokens[0] in ("--help", "-h", "help"):
+        raise HelpRequested(main_help(installed()))
+    if tokens[0] in ("--version", "version"):
+        console.say(f"{PROJECT} {metadata.version(PROJECT)}")
+        console.result({PROJECT: metadata.version(PROJECT)})
+        return 0
+    verb = _find_verb(tokens[0], installed())
+    if tokens[0] not in SHOW_BROKEN:
+        for broken in installed().broken:
+            console.warn(str(broken))
+    return verb(tokens[1:])
+
+
+def _find_verb(name: str, registry: Registry) -> Callable[[list[str]], int]:
+    verbs = registry.slot("command")
+    if name not in verbs:
+        raise ConfigError(
+            f"gsfw has no verb {name!r}.{did_you_mean(name, verbs)}",
+            f"Verbs: {', '.join(verbs)}. See gsfw --help.",
+        )
+    verb: Callable[[list[str]], int] = verbs[name].load()
+    return verb

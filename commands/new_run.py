@@ -1,0 +1,88 @@
+"""New run: where a run goes, and that nothing half-written stays if it never gets going."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gsfw.commands.run_argument import RUNS
+from gsfw.core.errors import OutputError
+from gsfw.core.run_folder import RunFolder, readable_write_errors
+
+
+def check_free(out: str) -> None:
+    """Refuse a folder that is in use, before any work is done.
+
+    Raises:
+        OutputError: it holds a run or other files, or cannot be made.
+    """
+    path = Path(out)
+    if (path / "config.yaml").exists():
+        raise OutputError(
+            f"out={out}: this folder holds a run already.",
+            f"Go on with it: gsfw resume {out}, or choose another folder with out=DIR.",
+        )
+    if path.is_dir() and any(path.iterdir()):
+        raise OutputError(
+            f"out={out}: this folder is not empty.", "Choose a new or empty folder with out=DIR."
+        )
+    existing = _nearest_existing(path)
+    if not existing.is_dir():
+        problem = f"{existing} is not a folder"
+    elif not os.access(existing, os.W_OK | os.X_OK):
+        problem = f"you may not write to {existing}"
+    else:
+        return
+    raise OutputError(f"out={out} cannot be written: {problem}.", "Choose another with out=DIR.")
+
+
+def _nearest_existing(path: Path) -> Path:
+    while not path.exists():
+        path = path.parent
+    return path
+
+
+def default_folder(scene: str, method: str) -> Path:
+    """``runs/SCENE/METHOD/TIME``; a number is added where two runs start in the same second."""
+    name = re.sub(r"[^\w.-]+", "-", scene).strip("-") or "scene"
+    base = RUNS / name / method / time.strftime("%Y-%m-%d_%H-%M-%S")
+    path, number = base, 2
+    while path.exists():
+        path, number = base.with_name(f"{base.name}_{number}"), number + 1
+    return path
+
+
+@contextmanager
+def new_run_folder(path: Path) -> Iterator[RunFolder]:
+    """Make the folder of a run; take it away again if the run fails before its first checkpoint.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    kept = _nearest_existing(path)
+    folder = RunFolder(path)
+    with readable_write_errors(path):
+        path.mkdir(parents=True, exist_ok=True)
+    try:
+        yield folder
+    except BaseException:
+        if folder.latest_checkpoint() is None:
+            _remove(path, kept)
+        raise
+
+
+def _remove(path: Path, kept: Path) -> None:
+    """Remove a folder, and those above it that were made for it and are empty."""
+    shutil.rmtree(path, ignore_errors=True)
+    if path == kept:
+        path.mkdir()
+        return
+    for parent in path.parents:
+        if parent == kept or any(parent.iterdir()):
+            return
+        parent.rmdir()

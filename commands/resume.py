@@ -1,0 +1,109 @@
+"""The verb ``resume``: a run goes on from its checkpoint, bit by bit as if it had not stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, parse
+from gsfw.commands.console import Console
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.registry import did_you_mean, installed
+
+if TYPE_CHECKING:
+    from gsfw.plugins.restore import Restored
+
+CHANGEABLE = (
+    "steps",
+    "data",
+    "device",
+    "rasterizer",
+    "checkpoint_every",
+    "eval_every",
+    "log_every",
+    "cache_mb",
+    "validation",
+    "max_skipped",
+)
+"""Settings that a run may go on with changed; all others are part of its state."""
+
+HELP = f"""usage: gsfw resume RUN [key=value ...]
+
+Go on with a run that was stopped, from its last checkpoint or the one that RUN names. On the CPU
+the result has the same bits as that of a run that was never stopped.
+
+RUN is the folder that gsfw train made, a checkpoint in it, or latest.
+Keys that may change: {", ".join(CHANGEABLE)}.
+
+examples:
+  gsfw resume latest
+  gsfw resume runs/first steps=40000"""
+
+
+def run(tokens: list[str]) -> int:
+    """Go on with a run."""
+    arguments = parse(tokens)
+    if arguments.flag("help"):
+        raise HelpRequested(HELP)
+    changed = _changed(arguments)
+    console = Console(arguments.flag("json"))
+
+    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.training import describe, make_callbacks, run_training
+    from gsfw.core.run_folder import write_atomically
+    from gsfw.plugins.config_file import write_config
+    from gsfw.plugins.restore import restore
+    from gsfw.plugins.settings import COMMAND_LINE, Layer
+
+    found = find_run(arguments.words[0])
+    restored = restore(found.folder, installed(), found.checkpoint, Layer(COMMAND_LINE, changed))
+    if _is_finished(restored, console):
+        return 0
+    for change in restored.changes():
+        console.warn(f"{change}: the result may differ in its last bits from an unstopped run's.")
+    composition, folder = restored.composition, restored.folder
+    trainer = composition.trainer(folder, make_callbacks(installed()), restored.step)
+    trainer.load_state_dict(restored.state)
+    if changed:
+        text = write_config(composition.settings, ["resume", *tokens])
+        write_atomically(folder.config, text.encode())
+    console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
+    return run_training(trainer, console)
+
+
+def _changed(arguments: Arguments) -> Mapping[str, str]:
+    """The settings that were given.
+
+    Raises:
+        ConfigError: RUN is missing, or a setting cannot change.
+    """
+    if len(arguments.words) != 1:
+        problem = "RUN is missing" if not arguments.words else "more than one RUN is given"
+        raise ConfigError(f"gsfw resume: {problem}.", "See gsfw resume --help.")
+    changed = {key: text for key, text in arguments.values.items() if key not in FLAGS}
+    for key in changed:
+        if key.partition(".")[0] not in CHANGEABLE:
+            raise ConfigError(
+                f"{key} cannot change when a run goes on.{did_you_mean(key, CHANGEABLE)}",
+                f"Keys that may: {', '.join(CHANGEABLE)}.",
+            )
+    return changed
+
+
+def _is_finished(restored: Restored, console: Console) -> bool:
+    """Whether nothing is left to do; says so."""
+    steps, done = restored.composition.plan.steps, restored.step
+    if done > steps:
+        raise ConfigError(
+            f"steps={steps}: the run has done {done} steps already.",
+            "Give a larger number, or an earlier checkpoint.",
+        )
+    if done < steps or not restored.folder.summary.is_file():
+        return False
+    run = restored.folder.path
+    console.say(
+        f"{run} is finished: it has done all of its {steps} steps. "
+        f"To train longer: gsfw resume {run} steps=N"
+    )
+    console.result({"run": str(run), "completed": True, "steps": done})
+    return True

@@ -1,0 +1,104 @@
+"""The verb ``train``: settings, checks, a run folder, the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, layers, parse
+from gsfw.commands.console import Console
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.registry import Registry, installed
+
+if TYPE_CHECKING:
+    from gsfw.plugins.settings import Settings
+
+
+def run(tokens: list[str]) -> int:
+    """Train a method on a data set."""
+    arguments = parse(tokens)
+    registry = installed()
+    settings = read_settings("train", arguments, registry)
+    console = Console(arguments.flag("json"))
+    # torch is imported from here on; what could be said without it has been said.
+    from gsfw.commands.new_run import check_free, default_folder, new_run_folder
+    from gsfw.commands.training import describe, make_callbacks, run_training
+    from gsfw.core.run_folder import write_atomically
+    from gsfw.plugins.compose import check, compose
+    from gsfw.plugins.config_file import write_config
+
+    check(settings, registry)
+    out = settings.config.out
+    if out:
+        check_free(out)
+    composition = compose(settings, registry)
+    path = Path(out) if out else default_folder(composition.scene.name, settings.method.name)
+    console.say(describe(composition))
+    if arguments.flag("dry_run"):
+        for note in composition.notes():
+            console.say(f"note: {note}")
+        console.say(f"everything fits; without --dry-run the run would go to {path}")
+        composition.parts.data.close()
+        console.result({"fits": True, "run": str(path), "settings": settings.flat()})
+        return 0
+    with new_run_folder(path) as folder:
+        write_atomically(folder.config, write_config(settings, ["train", *tokens]).encode())
+        trainer = composition.trainer(folder, make_callbacks(registry))
+        return run_training(trainer, console)
+
+
+def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settings:
+    """The settings that were asked for, or help on them.
+
+    Raises:
+        HelpRequested: ``--help`` was given.
+        ConfigError: no method was chosen, or a setting is wrong.
+    """
+    from gsfw.plugins.settings import CHOICE_KEYS, COMMAND_LINE, Layer, resolve
+
+    wanted = arguments.flag("help")
+    given = layers(arguments)
+    _check_words(verb, arguments.words, registry)
+    if not any("method" in layer.values for layer in given):
+        if wanted:
+            raise HelpRequested("\n".join([_usage(verb), *_methods(verb, registry)]))
+        raise ConfigError("no method is chosen.", "\n".join(_methods(verb, registry)))
+    if wanted:
+        from gsfw.commands.help import settings_help
+
+        chosen = {
+            key: text for layer in given for key, text in layer.values.items() if key in CHOICE_KEYS
+        }
+        settings = resolve(registry, [Layer(COMMAND_LINE, chosen)])
+        raise HelpRequested(settings_help(verb, settings, registry))
+    return resolve(registry, given)
+
+
+def _usage(verb: str) -> str:
+    return f"usage: gsfw {verb} method=NAME [key=value ...]\n"
+
+
+def _methods(verb: str, registry: Registry) -> list[str]:
+    methods = registry.slot("method")
+    width = max((len(name) for name in methods), default=0)
+    first = next(iter(methods), "NAME")
+    return [
+        "Methods:",
+        *(f"  {name:{width}}  {spec.description}" for name, spec in methods.items()),
+        f"Next: gsfw {verb} method={first} (with --help: every setting).",
+    ]
+
+
+def _check_words(verb: str, words: Sequence[str], registry: Registry) -> None:
+    """Explain a word that is not ``key=value``."""
+    for word in words:
+        if word in registry.slot("method"):
+            advice = f"Write method={word}."
+        elif Path(word).exists():
+            advice = f"Write data={word}."
+        elif word in FLAGS:
+            advice = f"Write {word}=true, or --{word.replace('_', '-')}."
+        else:
+            advice = f"Write {word}=VALUE; all keys: gsfw {verb} --help."
+        raise ConfigError(f"{word!r} is not key=value.", advice)

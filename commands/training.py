@@ -1,0 +1,102 @@
+"""Training: what ``train`` and ``resume`` share: running the loop, and telling how it ended."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+
+from gsfw.commands.console import Console
+from gsfw.commands.failure import INTERRUPTED, tracebacks_in
+from gsfw.commands.interrupt import stop_on_signal
+from gsfw.core.callback import Callback
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import TrainingError
+from gsfw.core.run_folder import RunFolder
+from gsfw.core.trainer import Trainer
+from gsfw.plugins.automatic import load
+from gsfw.plugins.compose import Composition
+from gsfw.plugins.registry import Registry
+
+
+def make_callbacks(registry: Registry) -> list[Callback]:
+    """Every watcher that is installed."""
+    return [load("callback", spec)() for spec in registry.slot("callback").values()]
+
+
+def describe(composition: Composition) -> str:
+    """Two lines: what is trained with what, and on what."""
+    settings, data = composition.settings, composition.parts.data
+    choices = {slot: spec.name for slot, spec in settings.choices.items()}
+    return (
+        f"method {settings.method.name}, strategy {choices['strategy']}, rasterizer "
+        f"{choices['rasterizer']} on {composition.parts.device}, {composition.plan.steps} steps\n"
+        f"data {composition.scene.name} ({choices['datamanager']}): "
+        f"{len(data.views(Split.TRAIN))} views to train on, {len(data.views(Split.EVAL))} held "
+        f"out; {len(composition.parts.table):,} Gaussians to start with"
+    )
+
+
+def run_training(trainer: Trainer, console: Console) -> int:
+    """Train to the end, or until a signal; tell how it ended. The exit code.
+
+    Raises:
+        TrainingError: the GPU's memory is full, or steps are no longer finite.
+    """
+    folder = trainer.folder
+    console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
+    try:
+        with stop_on_signal(trainer.control) as interrupt, tracebacks_in(folder):
+            summary = _fit(trainer)
+    finally:
+        trainer.parts.data.close()
+    _tell(summary, trainer, console)
+    console.result({**summary, "run": str(folder.path)})
+    return INTERRUPTED if interrupt.received and not summary["completed"] else 0
+
+
+def _fit(trainer: Trainer) -> dict[str, Any]:
+    try:
+        return trainer.fit()
+    except torch.OutOfMemoryError:
+        raise TrainingError(
+            f"the GPU's memory is full after {trainer.step} steps, with "
+            f"{len(trainer.parts.table):,} Gaussians.",
+            "Shrink the images (downscale=2), or limit the number of Gaussians "
+            "(strategy=mcmc strategy.cap_max=500000).",
+        ) from None
+
+
+def quoted(folder: RunFolder) -> str:
+    """The folder as one types it."""
+    return shlex.quote(str(folder.path))
+
+
+def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console) -> None:
+    run = quoted(trainer.folder)
+    if not summary["completed"]:
+        console.say(
+            f"stopped after {summary['steps']} of {trainer.plan.steps} steps: {summary['stopped']}."
+        )
+        console.say(f"Go on with: gsfw resume {run}")
+        return
+    figures = "".join(
+        f", {name.upper()} {summary[name]:.{digits}f}{unit}"
+        for name, digits, unit in (("psnr", 2, " dB"), ("ssim", 4, ""))
+        if name in summary
+    )
+    console.say(
+        f"done: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
+        f"{summary['num_gaussians']:,} Gaussians"
+    )
+    console.say(f"held-out views: {summary['views']}{figures}")
+    console.say(f"everything is in {run}")
+    console.say(
+        "next:\n"
+        f"  tensorboard --logdir {run}\n"
+        f"  gsfw eval {run}\n"
+        f"  gsfw render {run}\n"
+        f"  gsfw export {run} format=ply"
+    )

@@ -1,0 +1,53 @@
+"""Area filter: each pixel of a smaller picture is the mean of the area that it covers."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float32, UInt8
+from scipy.sparse import csr_matrix
+
+
+def shrink(
+    pixels: UInt8[np.ndarray, "h w d"], width: int, height: int
+) -> UInt8[np.ndarray, "h2 w2 d"]:
+    """A picture at a smaller size; with alpha (d = 4) colours are averaged by their coverage."""
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    values = pixels.astype(np.float32)
+    if pixels.shape[2] == 4:
+        values[..., :3] *= values[..., 3:] / 255
+    values = _means(values, width, height)
+    if pixels.shape[2] == 4:
+        coverage = values[..., 3:] / 255
+        values[..., :3] /= np.where(coverage > 0, coverage, 1)
+    return np.rint(values.clip(0, 255)).astype(np.uint8)
+
+
+def shrink_mask(
+    mask: Bool[np.ndarray, "h w"], width: int, height: int
+) -> Bool[np.ndarray, "h2 w2"]:
+    """A mask at a smaller size: true only where every pixel beneath is, as colours are mixed."""
+    if mask.shape == (height, width):
+        return mask
+    return _means(mask[..., None].astype(np.float32), width, height)[..., 0] > 1 - 1e-4
+
+
+def _means(
+    values: Float32[np.ndarray, "h w d"], width: int, height: int
+) -> Float32[np.ndarray, "h2 w2 d"]:
+    rows, columns, channels = values.shape
+    values = _weights(rows, height) @ values.reshape(rows, columns * channels)
+    values = values.reshape(height, columns, channels).transpose(1, 0, 2)
+    values = _weights(columns, width) @ values.reshape(columns, height * channels)
+    return values.reshape(width, height, channels).transpose(1, 0, 2)
+
+
+def _weights(size: int, smaller: int) -> csr_matrix:
+    """[smaller, size]: which part of each small pixel each pixel of a row covers."""
+    cuts = np.union1d(np.arange(size + 1), np.linspace(0, size, smaller + 1))
+    middles = (cuts[:-1] + cuts[1:]) / 2
+    into = np.minimum(middles * smaller / size, smaller - 1).astype(np.int64)
+    share = np.diff(cuts) * smaller / size
+    return csr_matrix(
+        (share.astype(np.float32), (into, middles.astype(np.int64))), shape=(smaller, size)
+    )

@@ -1,0 +1,83 @@
+"""The ``blender`` format: transforms_train.json and its siblings (NeRF-synthetic, D-NeRF)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gsfw.core.config import DataManagerConfig, Detection
+from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.frames import (
+    Recording,
+    data_folder,
+    missing_pictures,
+    no_points,
+    number_cameras,
+)
+from gsfw.datamanagers.transforms_file import SPLIT_FILES, TransformsFile
+
+
+@dataclass
+class BlenderConfig(DataManagerConfig):
+    """Settings of the ``blender`` format."""
+
+    eval_split: str = "test"
+    """Which of the data set's splits is held out: test or val."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with a transforms_train.json, or such a file itself."""
+        folder = _folder(path)
+        found = [name for name in SPLIT_FILES.values() if (folder / name).is_file()]
+        recognised = SPLIT_FILES["train"] in found
+        return Detection(recognised, SPLIT_FILES["train"], ", ".join(found), priority=20)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the files of the splits, check the pictures' headers.
+
+        Raises:
+            ConfigError: ``eval_split`` is neither test nor val.
+            DataError: a file is damaged, or the pictures do not fit.
+        """
+        if self.eval_split not in ("test", "val"):
+            raise ConfigError(f"datamanager.eval_split={self.eval_split}: expected test or val.")
+        path = data_folder(request.path, "blender")
+        return Capture(self._recording(_folder(path)), request)
+
+    def _recording(self, folder: Path) -> Recording:
+        files = {
+            name: TransformsFile.read(folder / file)
+            for name, file in SPLIT_FILES.items()
+            if (folder / file).is_file()
+        }
+        if "train" not in files:
+            raise DataError(
+                f"{folder} holds no {SPLIT_FILES['train']}.", "Give the folder that does."
+            )
+        held = files.get(self.eval_split)
+        # Without a split of its own the data set's pictures are held out by name, as any others.
+        frames, missing = files["train"].frames(Split.TRAIN if held else None)
+        notes = [f"{files['train'].path}: {len(frames) + len(missing)} frames"]
+        if held:
+            held_frames, held_missing = held.frames(Split.EVAL)
+            notes.append(f"{held.path}: {len(held_frames) + len(held_missing)} frames")
+            frames, missing = frames + held_frames, missing + held_missing
+        else:
+            notes.append(f"there is no {SPLIT_FILES[self.eval_split]}")
+        notes.extend(missing_pictures(missing, len(frames) + len(missing), folder))
+        points, colors = no_points()
+        return Recording(
+            name=folder.resolve().name,
+            path=folder,
+            frames=tuple(number_cameras(frames)),
+            points=points,
+            point_colors=colors,
+            notes=tuple(notes),
+            unused_times=tuple(time for file in files.values() for time in file.times()),
+        )
+
+
+def _folder(path: Path) -> Path:
+    return path.parent if path.name in SPLIT_FILES.values() else path

@@ -1,0 +1,106 @@
+"""The ``colmap`` format: a sparse model and the undistorted pictures it was computed from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from gsfw.core.config import DataManagerConfig, Detection
+from gsfw.core.datamanager import DataRequest
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.colmap.model import ColmapModel, model_folders, model_suffix
+from gsfw.datamanagers.colmap.reader import pinhole, read_model
+from gsfw.datamanagers.detection import describe_unrecognised
+from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
+from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.poses import from_quaternion
+
+LOOKED_FOR = "cameras, images and points3D (.bin or .txt) in sparse/0, in sparse, or in the folder"
+
+
+@dataclass
+class ColmapConfig(DataManagerConfig):
+    """Settings of the ``colmap`` format."""
+
+    images: str = ""
+    """Folder of the pictures, relative to the data set. Empty: images, or the data set itself."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with a model in sparse/0, in sparse, or in itself."""
+        folders = model_folders(path)
+        if not folders:
+            return Detection(False, LOOKED_FOR, describe_unrecognised(path))
+        file = folders[0] / f"cameras{model_suffix(folders[0])}"
+        return Detection(True, LOOKED_FOR, str(file.relative_to(path)), priority=30)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the model, check the pictures' headers.
+
+        Raises:
+            DataError: the model is damaged, its cameras are distorted, or the pictures do not fit.
+        """
+        return Capture(self._recording(data_folder(request.path, "colmap")), request)
+
+    def _recording(self, path: Path) -> Recording:
+        folders = model_folders(path)
+        if not folders:
+            found = describe_unrecognised(path)
+            raise DataError(
+                f"{path} holds no COLMAP model; looked for {LOOKED_FOR}"
+                + (f"; found {found}." if found else "."),
+                "Give the folder that holds sparse/ and images/.",
+            )
+        model = read_model(folders[0])
+        root = path if self.images else _capture_root(path)
+        folder = root / (self.images or ("images" if (root / "images").is_dir() else ""))
+        if not folder.is_dir():
+            raise DataError(f"datamanager.images={self.images}: there is no folder {folder}.")
+        frames, missing = _frames(model, folder)
+        notes = [f"{model.cameras_file}: {len(model.images)} images, {len(model.points)} points"]
+        if len(folders) > 1:
+            others = ", ".join(str(other) for other in folders[1:])
+            notes.append(f"used the largest of {len(folders)} models; the others are {others}")
+        notes.extend(missing_pictures(missing, len(model.images), folder))
+        return Recording(
+            name=root.resolve().name,
+            path=path,
+            frames=frames,
+            points=torch.from_numpy(model.points),
+            point_colors=torch.from_numpy(model.colors).float() / 255,
+            notes=tuple(notes),
+        )
+
+
+def _capture_root(path: Path) -> Path:
+    """Where images/ is: beside sparse/ when ``path`` is the folder of the model itself."""
+    path = path.absolute()
+    around = (path, path.parent, path.parent.parent)
+    return next((folder for folder in around if (folder / "images").is_dir()), path)
+
+
+def _frames(model: ColmapModel, folder: Path) -> tuple[tuple[Frame, ...], list[str]]:
+    """The images that are on disk, and the names of those that are not."""
+    used = sorted({image.camera for image in model.images})
+    lenses = {number: pinhole(model.cameras[number], number, model.cameras_file) for number in used}
+    frames, missing = [], []
+    for image in model.images:
+        path = folder / image.name
+        if not path.is_file():
+            missing.append(image.name)
+            continue
+        frame = Frame(
+            name=image.name,
+            path=path,
+            header=read_header(path),
+            lens=lenses[image.camera],
+            world_to_camera=from_quaternion(
+                image.quaternion, image.translation, f"{model.cameras_file.parent}: {image.name}"
+            ),
+            camera=used.index(image.camera),
+        )
+        frames.append(frame)
+    return tuple(frames), missing

@@ -1,0 +1,96 @@
+"""Reads a COLMAP model, and checks that it is one that can be trained on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.colmap import binary, text
+from gsfw.datamanagers.colmap.model import (
+    ColmapCamera,
+    ColmapModel,
+    damaged,
+    model_suffix,
+)
+from gsfw.datamanagers.frames import Lens
+
+FOCAL_LENGTHS = {
+    "SIMPLE_PINHOLE": 1,
+    "PINHOLE": 2,
+    "SIMPLE_RADIAL": 1,
+    "RADIAL": 1,
+    "OPENCV": 2,
+    "FULL_OPENCV": 2,
+}
+"""Of the models that are pinholes where all parameters after cx and cy are 0."""
+
+
+def read_model(folder: Path) -> ColmapModel:
+    """Read and check a model.
+
+    Raises:
+        DataError: a file is missing, cut off or damaged, or there are no images.
+    """
+    suffix = model_suffix(folder) or ".bin"
+    cameras, images, points = (
+        folder / f"{part}{suffix}" for part in ("cameras", "images", "points3D")
+    )
+    if not images.is_file():
+        raise DataError(
+            f"{folder} holds {cameras.name}, but there is no {images.name} beside it.",
+            "Copy the whole model: cameras, images and points3D.",
+        )
+    reader = binary if suffix == ".bin" else text
+    known, registered = reader.read_cameras(cameras), reader.read_images(images)
+    if not registered:
+        raise DataError(
+            f"{images} holds no images: COLMAP has placed no camera.",
+            "Look at COLMAP's log; it needs pictures that overlap and show texture.",
+        )
+    for image in registered:
+        if image.camera not in known:
+            raise damaged(
+                images,
+                f"{image.name} was taken by camera {image.camera}, "
+                f"which {cameras.name} does not have",
+            )
+    if points.is_file():
+        positions, colors = reader.read_points(points)
+    else:
+        positions, colors = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+    if not np.isfinite(positions).all():
+        raise damaged(points, "some of its points are not finite")
+    return ColmapModel(cameras, known, registered, positions, colors)
+
+
+def pinhole(camera: ColmapCamera, number: int, file: Path) -> Lens:
+    """The camera as a pinhole.
+
+    Raises:
+        DataError: it is distorted, or its numbers are not those of a camera.
+    """
+    focals = FOCAL_LENGTHS.get(camera.model)
+    values = camera.parameters
+    if focals is None or any(values[focals + 2 :]):
+        numbers = ", ".join(f"{value:g}" for value in values)
+        raise DataError(
+            f"{file}: camera {number} is distorted, model {camera.model} ({numbers}); "
+            "expected PINHOLE or SIMPLE_PINHOLE.",
+            "Undistort the pictures: colmap image_undistorter --image_path IMAGES "
+            "--input_path MODEL --output_path NEW, or without COLMAP: python -c "
+            "\"import pycolmap; pycolmap.undistort_images('NEW', 'MODEL', 'IMAGES')\". "
+            "Then use data=NEW. A later version of gsfw will do so itself.",
+        )
+    lens = Lens(
+        fx=values[0],
+        fy=values[focals - 1],
+        cx=values[focals],
+        cy=values[focals + 1],
+        width=camera.width,
+        height=camera.height,
+        source=f"camera {number} of {file}",
+    )
+    lens.check()
+    return lens

@@ -1,0 +1,52 @@
+"""What to say of a path that is no data set: pictures without cameras, a video, a parent folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from gsfw.datamanagers.pictures import EXTENSIONS
+
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
+"""Extensions of video files."""
+
+RECONSTRUCT = (
+    "gsfw does not compute camera poses yet: run COLMAP (colmap automatic_reconstructor, then "
+    "colmap image_undistorter) and give the folder it wrote"
+)
+
+
+def describe_unrecognised(path: Path) -> str:
+    """What a path holds instead of a data set, and what to do about it; else empty."""
+    if path.suffix.lower() in VIDEOS:
+        return _video(path.name)
+    if not path.is_dir():
+        return ""
+    for folder in (path, path / "images", path / "input"):
+        files = _files(folder)
+        pictures = [item for item in files if item.suffix.lower() in EXTENSIONS]
+        if pictures:
+            where = "" if folder == path else f" in {folder.name}/"
+            return f"{len(pictures)} pictures{where}, but no cameras; {RECONSTRUCT}"
+        videos = [item.name for item in files if item.suffix.lower() in VIDEOS]
+        if videos:
+            return _video(videos[0])
+    inner = [f"{item.name}/" for item in sorted(path.iterdir()) if _is_data_set(item)]
+    return f"data sets in {', '.join(inner)}; give one of these folders" if inner else ""
+
+
+def _is_data_set(path: Path) -> bool:
+    signs = ("sparse", "transforms.json", "transforms_train.json")
+    return any((path / sign).exists() for sign in signs)
+
+
+def _files(folder: Path) -> list[Path]:
+    items: Iterable[Path] = folder.iterdir() if folder.is_dir() else ()
+    return sorted(item for item in items if item.is_file())
+
+
+def _video(name: str) -> str:
+    return (
+        f"the video {name}; cut it into pictures first (ffmpeg -i {name} -vf fps=2 "
+        f"images/%04d.png); {RECONSTRUCT}"
+    )

@@ -1,0 +1,64 @@
+"""PictureCache: decoded pictures within a memory budget, decoded by threads ahead of use."""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from gsfw.datamanagers.pictures import Picture
+
+
+class PictureCache:
+    """Keeps the pictures that were used last; what is asked for never depends on what is kept."""
+
+    def __init__(self, decode: Callable[[int], Picture], sizes: Sequence[int], budget: int) -> None:
+        """Nothing is decoded yet.
+
+        Args:
+            decode: gives a picture by its number; called from several threads.
+            sizes: bytes that each picture takes once decoded.
+            budget: bytes that all of them may take; one picture is kept even if it takes more.
+        """
+        self._decode = decode
+        self._sizes = sizes
+        self._budget = budget
+        self._held: OrderedDict[int, Future[Picture]] = OrderedDict()
+        self._used = 0
+        self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "gsfw-decode")
+
+    def get(self, index: int) -> Picture:
+        """The picture, waiting for it to be decoded if need be.
+
+        Raises:
+            DataError: it does not decode.
+        """
+        return self._request(index).result()
+
+    def prefetch(self, indices: Sequence[int]) -> None:
+        """Start decoding, as far as half of the budget goes: the rest stays for what is in use."""
+        ahead = 0
+        for index in indices:
+            ahead += self._sizes[index]
+            if 2 * ahead > self._budget:
+                break
+            self._request(index)
+
+    def close(self) -> None:
+        """Stop decoding and free the pictures."""
+        self._pool.shutdown(cancel_futures=True)
+        self._held.clear()
+        self._used = 0
+
+    def _request(self, index: int) -> Future[Picture]:
+        if index in self._held:
+            self._held.move_to_end(index)
+            return self._held[index]
+        while self._held and self._used + self._sizes[index] > self._budget:
+            oldest, future = self._held.popitem(last=False)
+            future.cancel()
+            self._used -= self._sizes[oldest]
+        self._used += self._sizes[index]
+        self._held[index] = self._pool.submit(self._decode, index)
+        return self._held[index]

@@ -1,0 +1,165 @@
+"""Picture files: headers, decoding to upright 8-bit colours, masks.
+
+Policy on EXIF orientation: it is always applied, and a camera describes the upright picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+from PIL import Image, UnidentifiedImageError
+from PIL.ExifTags import Base
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.area import shrink, shrink_mask
+
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
+"""Of picture files; also what is tried, in this order, where a path has no extension."""
+
+FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+"""What Pillow may read; told by content, not by extension."""
+UPRIGHT = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+"""What turns a picture with this EXIF orientation upright (CIPA DC-008, tag 274)."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of a picture without decoding it."""
+
+    width: int
+    """Pixels of the upright picture."""
+    height: int
+    has_alpha: bool
+    orientation: int = 1
+    """The EXIF orientation that was applied; 1 when there is none."""
+
+    def __str__(self) -> str:
+        size = f"{self.width}x{self.height} pixels"
+        return size if self.orientation == 1 else f"{size} (EXIF orientation {self.orientation})"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A decoded picture."""
+
+    pixels: UInt8[np.ndarray, "h w d"]
+    """Red, green, blue, and alpha where the file has it (d = 3 or 4); straight colours."""
+    mask: Bool[np.ndarray, "h w"] | None = None
+    """True where a pixel is valid; ``None`` when all are."""
+
+
+def read_header(path: Path) -> Header:
+    """Look at the beginning of a picture file.
+
+    Raises:
+        DataError: it is no picture that can be decoded.
+    """
+    with _opened(path) as image:
+        if image.mode == "F":
+            raise DataError(
+                f"{path}: the pixels are floating-point numbers.",
+                "Expected 8 or 16 bits per channel; convert the picture to PNG.",
+            )
+        orientation = _orientation(image)
+        width, height = image.size if orientation < 5 else image.size[::-1]
+        has_alpha = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+        return Header(width, height, has_alpha, orientation)
+
+
+def load_picture(
+    path: Path, header: Header, width: int, height: int, mask: Path | None = None
+) -> Picture:
+    """Decode a picture and shrink it (area filter).
+
+    Raises:
+        DataError: the picture or its mask does not decode, or their sizes differ.
+    """
+    pixels = decode(path, header)
+    if mask is None:
+        return Picture(shrink(pixels, width, height))
+    valid = decode_mask(mask)
+    if valid.shape != pixels.shape[:2]:
+        raise DataError(
+            f"{mask}: the mask is {valid.shape[1]}x{valid.shape[0]} pixels, "
+            f"its picture {path} is {pixels.shape[1]}x{pixels.shape[0]}.",
+            "A mask needs the size of its (upright) picture.",
+        )
+    return Picture(shrink(pixels, width, height), shrink_mask(valid, width, height))
+
+
+def decode(path: Path, header: Header) -> UInt8[np.ndarray, "h w d"]:
+    """The upright picture as 8-bit RGB, or RGBA where its header says that it has alpha.
+
+    16-bit colours keep their upper 8 bits; grey, palette and CMYK are converted.
+
+    Raises:
+        DataError: it does not decode.
+    """
+    with _opened(path) as image:
+        upright = _upright(image)
+        if upright.mode.startswith("I"):
+            grey = np.asarray(upright).clip(0, 65535).astype(np.uint16) >> 8
+            return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+        return np.array(upright.convert("RGBA" if header.has_alpha else "RGB"))
+
+
+def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:
+    """True where a mask is bright; black and white may be 0 and 255, or 0 and 1.
+
+    Raises:
+        DataError: it does not decode.
+    """
+    with _opened(path) as image:
+        values = np.asarray(_upright(image).convert("L"))
+        return values > values.max() // 2
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            yield image
+    except DataError:
+        raise
+    except Exception as error:  # Pillow's decoders raise whatever a broken file makes them.
+        raise DataError(
+            f"{path}: {_reason(path, error)}",
+            "Replace the file, or remove it: pictures that are missing are left out.",
+        ) from error
+
+
+def _reason(path: Path, error: Exception) -> str:
+    if not path.exists():
+        return "there is no such file."
+    size = path.stat().st_size
+    if size == 0:
+        return "the file is empty (0 bytes)."
+    if isinstance(error, UnidentifiedImageError):
+        return f"these {size} bytes are no {', '.join(FORMATS)} picture."
+    return f"the picture does not decode: {error}"
+
+
+def _orientation(image: Image.Image) -> int:
+    # Pillow turns TIFF upright itself, and would decode a whole PNG to look for late EXIF.
+    if image.format == "TIFF" or (image.format == "PNG" and "exif" not in image.info):
+        return 1
+    orientation = image.getexif().get(Base.Orientation, 1)
+    return orientation if orientation in UPRIGHT else 1
+
+
+def _upright(image: Image.Image) -> Image.Image:
+    orientation = _orientation(image)
+    return image.transpose(UPRIGHT[orientation]) if orientation != 1 else image

@@ -1,0 +1,77 @@
+"""Camera poses: checks, and conversions to rigid OpenCV world-to-camera transforms in float64."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from gsfw.core.errors import DataError
+
+RIGID = 1e-3
+"""How far R^T R may be from the identity: files hold rounded numbers."""
+
+
+def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
+    """World-to-camera, from a camera-to-world matrix with OpenGL axes (x right, y up, z back).
+
+    The rotation becomes the nearest exact one, as a file's rounding would otherwise move cameras
+    that are far from the world's origin.
+
+    Raises:
+        DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
+    """
+    if not camera_to_world.isfinite().all():
+        raise DataError(
+            f"{where}: the pose (transform_matrix) has numbers that are not finite.",
+            "Remove this frame, or compute its pose again.",
+        )
+    axes, center = camera_to_world[:3, :3], camera_to_world[:3, 3]
+    error = float((axes.T @ axes - torch.eye(3, dtype=torch.float64)).abs().max())
+    if error > RIGID or torch.linalg.det(axes) < 0:
+        raise DataError(
+            f"{where}: the pose (transform_matrix) is not rigid: its columns are not those of a "
+            f"rotation (off by {error:.2g}, determinant {float(torch.linalg.det(axes)):.3g}).",
+            "Expected camera-to-world without scale or mirroring; scale the positions instead.",
+        )
+    left, _, right = torch.linalg.svd(axes)
+    rotation = (left @ right * torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)).T
+    return _rigid(rotation, -(rotation @ center))
+
+
+def from_quaternion(
+    wxyz: Sequence[float], translation: Sequence[float], where: str
+) -> Float64[Tensor, "4 4"]:
+    """World-to-camera, from its rotation (a quaternion of norm about 1) and translation.
+
+    Raises:
+        DataError: it has numbers that are not finite, or is no rotation; begins with ``where``.
+    """
+    norm = math.hypot(*wxyz)
+    if not all(map(math.isfinite, translation)) or not abs(norm - 1) < 0.1:
+        raise DataError(
+            f"{where}: the pose is not finite or not rigid (quaternion {list(wxyz)}, "
+            f"translation {list(translation)}).",
+            "Remove this image from the model, or compute it again.",
+        )
+    w, x, y, z = (value / norm for value in wxyz)
+    rotation = torch.tensor(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ],
+        dtype=torch.float64,
+    )
+    return _rigid(rotation, torch.tensor(translation, dtype=torch.float64))
+
+
+def _rigid(
+    rotation: Float64[Tensor, "3 3"], translation: Float64[Tensor, " 3"]
+) -> Float64[Tensor, "4 4"]:
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[:3, :3], pose[:3, 3] = rotation, translation
+    return pose

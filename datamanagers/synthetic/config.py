@@ -1,0 +1,81 @@
+"""Settings of the built-in scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gsfw.core.config import DataManagerConfig, Detection
+from gsfw.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gsfw.core.datamanager import DataManager, DataRequest
+
+
+@dataclass
+class SyntheticConfig(DataManagerConfig):
+    """The built-in scene: a small still life, ray-cast analytically when a run starts."""
+
+    recommended: ClassVar[Mapping[str, Any]] = {"steps": 1500}
+
+    views: int = 32
+    """Training views, on a dome around the scene."""
+    eval_views: int = 8
+    """Held-out views, elsewhere on the dome."""
+    width: int = 96
+    """Width of a picture in pixels, before downscaling."""
+    height: int = 72
+    """Height of a picture in pixels, before downscaling."""
+    points: int = 2000
+    """Surface points to start from, each seen by some training view."""
+    moving: bool = False
+    """Whether solids translate, rotate, deform, appear and vanish, and views carry a time."""
+    times: int = 10
+    """Distinct times of the moving scene, shared evenly among the training views."""
+    seed: int = 0
+    """Draws textures, cameras and points; independent of the run's seed."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """Nothing on disk is the built-in scene."""
+        return Detection(recognised=False, looked_for="")
+
+    def build(self, request: DataRequest) -> DataManager:
+        """Cast every picture.
+
+        Raises:
+            ConfigError: the settings ask for nothing, contradict each other, or would take more
+                memory than ``cache_mb``.
+        """
+        self._check(request)
+        from gsfw.datamanagers.synthetic.data import SyntheticData
+
+        return SyntheticData(self, request)
+
+    def _check(self, request: DataRequest) -> None:
+        if request.path is not None:
+            raise ConfigError(
+                f"datamanager=synthetic is built in and reads no data, but data={request.path}.",
+                "Leave out data, or leave out datamanager to have the format recognised.",
+            )
+        least = {"views": 2, "eval_views": 0, "width": 1, "height": 1, "points": 0, "times": 2}
+        for name, minimum in least.items():
+            if getattr(self, name) < minimum:
+                raise ConfigError(
+                    f"datamanager.{name}={getattr(self, name)}: expected at least {minimum}."
+                )
+        if self.moving and self.views < self.times:
+            raise ConfigError(
+                f"datamanager.views={self.views} cannot show datamanager.times={self.times}.",
+                "Each time needs a view of its own: ask for more views, or for fewer times.",
+            )
+        pixels = self.width * self.height / request.downscale**2
+        megabytes = (self.views + self.eval_views) * pixels * 4 / 1e6
+        if megabytes > request.cache_megabytes:
+            raise ConfigError(
+                f"the built-in scene would take {megabytes:.0f} MB, "
+                f"but cache_mb={request.cache_megabytes}.",
+                "Raise cache_mb, or ask for fewer or smaller pictures.",
+            )

@@ -1,0 +1,185 @@
+"""The data manager of the built-in scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
+from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
+from gsfw.core.scene import Scene
+from gsfw.core.similarity import Similarity
+from gsfw.datamanagers.scene_frame import scene_frame
+from gsfw.datamanagers.synthetic.config import SyntheticConfig
+from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
+from gsfw.datamanagers.synthetic.raycast import photograph, rays
+from gsfw.datamanagers.synthetic.stage import Solid, Stage, solids
+from gsfw.datamanagers.synthetic.tracks import Marks, Tracks
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points that rays of the training views have met."""
+
+    marks: Marks
+    world: Float64[Tensor, "p 3"]
+    """Where they were, at the time of the view that saw them."""
+    colors: Float[Tensor, "p 3"]
+    """As that view saw them."""
+    times: Float[Tensor, " p"]
+    """Time of that view."""
+
+
+class SyntheticData(DataManager):
+    """Pictures of the built-in scene, all cast at the start and held as 8-bit RGBA."""
+
+    def __init__(self, config: SyntheticConfig, request: DataRequest) -> None:
+        self._config = config
+        self._solids = solids(config.seed)
+        world = {
+            Split.TRAIN: self._cameras(config.views, 0.0, request.downscale),
+            Split.EVAL: self._cameras(config.eval_views, HELD_OUT, request.downscale),
+        }
+        self._pictures = {
+            split: [photograph(Stage(self._solids, _time(camera)), camera) for camera in cameras]
+            for split, cameras in world.items()
+        }
+        self._surface = find_surface(self._solids, world[Split.TRAIN], config.points, config.seed)
+        poses = torch.cat([camera.world_to_camera for camera in world[Split.TRAIN]])
+        frame, extent = scene_frame(poses, self._surface.world)
+        self._views = {split: self._in_scene(split, world[split], frame) for split in Split}
+        self._scene = Scene(
+            name="synthetic-moving" if config.moving else "synthetic",
+            points=frame.apply(self._surface.world).float(),
+            point_colors=self._surface.colors,
+            camera_centers=torch.cat([c.centers for c in self._views[Split.TRAIN].cameras]),
+            extent=extent,
+            world_from_scene=frame.inverse(),
+            point_times=self._surface.times if config.moving else None,
+            time_range=(0.0, 1.0) if config.moving else None,
+            num_times=config.times if config.moving else 0,
+            has_alpha=True,
+            up="z",
+        )
+
+    def _cameras(self, count: int, first: float, downscale: float) -> list[Cameras]:
+        """Views in the world, in float64, in order of time; every time gets about as many."""
+        config = self._config
+        cameras = dome(count, first, config.width, config.height, config.seed)
+        width, height = (max(1, round(side / downscale)) for side in (config.width, config.height))
+        cameras = cameras.resized(width, height)
+        if config.moving:
+            instant = torch.arange(count) * config.times // max(count, 1)
+            cameras = replace(cameras, time=instant.double() / (config.times - 1))
+        return [cameras.select([index]) for index in range(count)]
+
+    def _in_scene(self, split: Split, world: Sequence[Cameras], frame: Similarity) -> Views:
+        """The views in the scene frame, in float32, with names and numbers."""
+        first = 0 if split is Split.TRAIN else self._config.views
+        cameras = [
+            replace(
+                camera,
+                world_to_camera=frame.camera(camera.world_to_camera),
+                image_index=torch.tensor([first + index]),
+            ).to(dtype=torch.float32)
+            for index, camera in enumerate(world)
+        ]
+        names = tuple(f"{split.value}_{index:03d}" for index in range(len(world)))
+        return Views(names, tuple(cameras))
+
+    @property
+    def scene(self) -> Scene:
+        """What a method may know of it, in the scene frame."""
+        return self._scene
+
+    def views(self, split: Split) -> Views:
+        """The views of a split; in order of time where solids move."""
+        return self._views[split]
+
+    def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
+        """Batches of pictures that were cast at the start."""
+        batches = []
+        for group in self._views[split].groups(indices):
+            pictures = torch.stack([self._pictures[split][index] for index in group])
+            pixels = pictures.to(device).float() / 255
+            cameras = Cameras.cat([self._views[split].cameras[index] for index in group])
+            batches.append(
+                Batch(
+                    images=pixels[..., :3],
+                    cameras=cameras.to(device),
+                    views=group,
+                    alpha=pixels[..., 3:],
+                )
+            )
+        return batches
+
+    def notes(self) -> tuple[str, ...]:
+        """What it is."""
+        config = self._config
+        moving = f" at {config.times} times" if config.moving else ""
+        return (
+            f"the built-in scene: {config.views} views to train on, {config.eval_views} held out, "
+            f"ray-cast{moving}",
+        )
+
+    def tracks(self, times: Sequence[float]) -> Tracks:
+        """The true paths of ``scene.points``, in the scene frame, at times in [0, 1]."""
+        tracks = self._surface.marks.tracks(self._solids, times)
+        frame = self._scene.world_from_scene.inverse()
+        return replace(tracks, positions=frame.apply(tracks.positions))
+
+
+def _time(camera: Cameras) -> float:
+    return 0.0 if camera.time is None else float(camera.time[0])
+
+
+def find_surface(
+    items: tuple[Solid, ...], cameras: Sequence[Cameras], count: int, seed: int
+) -> SurfacePoints:
+    """``count`` random points that are visible from ``cameras``, in their world.
+
+    Random rays of every view are cast, in float64, until enough have met something.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    found: list[Tensor] = [torch.zeros(0, 11, dtype=torch.float64)]
+    while sum(map(len, found)) < count:
+        for time in sorted({_time(camera) for camera in cameras}):
+            cast = [
+                _random_rays(camera, 64 + count // len(cameras), generator)
+                for camera in cameras
+                if _time(camera) == time
+            ]
+            origins, directions = (torch.cat(part, dim=1) for part in zip(*cast, strict=True))
+            found.append(_met(Stage(items, time), origins, directions))
+    rows = torch.cat(found)
+    rows = rows[torch.randperm(len(rows), generator=generator)[:count]]
+    solid, own, world, colors, times = rows.split([1, 3, 3, 3, 1], dim=1)
+    marks = Marks(solid[:, 0].long(), own)
+    return SurfacePoints(marks, world, colors.float(), times[:, 0].float())
+
+
+def _random_rays(
+    camera: Cameras, count: int, generator: torch.Generator
+) -> tuple[Float64[Tensor, "3 n"], Float64[Tensor, "3 n"]]:
+    size = torch.tensor([[camera.width], [camera.height]], dtype=torch.float64)
+    return rays(camera, size * torch.rand(2, count, generator=generator, dtype=torch.float64))
+
+
+def _met(
+    stage: Stage, origins: Float64[Tensor, "3 n"], directions: Float64[Tensor, "3 n"]
+) -> Float64[Tensor, "hits 11"]:
+    """What rays meet: solid, point in its own coordinates, point in the world, colour, time."""
+    hits = stage.trace(origins, directions)
+    colors = stage.shade(hits, directions)
+    rows = []
+    for index, _, pose in stage.placed:
+        chosen = hits.solid == index
+        world = hits.points[:, chosen]
+        number, time = torch.full_like(world[:1], index), torch.full_like(world[:1], stage.time)
+        rows.append(torch.cat([number, pose.to_own(world), world, colors[:, chosen], time]).T)
+    return torch.cat(rows)

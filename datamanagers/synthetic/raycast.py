@@ -1,0 +1,69 @@
+"""Ray casting: pictures of the stage through the camera model, without a splat in sight."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.datamanagers.synthetic.stage import Stage
+
+SUBPIXELS = 4
+"""Samples per pixel along each axis; a pixel is their mean, as a sensor's pixel is an area."""
+MAX_RAYS = 1 << 17
+"""Rays traced at once, which bounds the memory of large pictures."""
+
+
+def rays(
+    camera: Cameras, pixels: Float[Tensor, "2 n"]
+) -> tuple[Float[Tensor, "3 n"], Float[Tensor, "3 n"]]:
+    """Origins and directions of the rays through positions in a picture, in the camera's world.
+
+    Args:
+        camera: one pinhole camera.
+        pixels: x and y in columns; the centre of the first pixel is (0.5, 0.5).
+
+    Returns:
+        Directions reach view depth 1, so that distances along them are depths.
+    """
+    matrix = camera.intrinsics[0].to(pixels)
+    rotation = camera.world_to_camera[0, :3, :3].to(pixels)
+    across = (pixels - matrix[:2, 2:]) / matrix.diagonal()[:2, None]
+    ahead = torch.cat([across, torch.ones_like(across[:1])])
+    return camera.centers.to(pixels).T.expand_as(ahead), rotation.T @ ahead
+
+
+def project(camera: Cameras, points: Float[Tensor, "3 n"]) -> Float[Tensor, "2 n"]:
+    """Where points appear in a picture, in pixels."""
+    pose = camera.world_to_camera[0].to(points)
+    seen = pose[:3, :3] @ points + pose[:3, 3:]
+    matrix = camera.intrinsics[0].to(points)
+    return seen[:2] / seen[2] * matrix.diagonal()[:2, None] + matrix[:2, 2:]
+
+
+def photograph(stage: Stage, camera: Cameras) -> UInt8[Tensor, "h w 4"]:
+    """A picture as a file would hold it: straight colours and coverage, 8 bits each."""
+    rows = max(1, MAX_RAYS // (camera.width * SUBPIXELS**2))
+    strips = [
+        _strip(stage, camera, first, min(first + rows, camera.height))
+        for first in range(0, camera.height, rows)
+    ]
+    premultiplied = torch.cat(strips, dim=1)
+    alpha = premultiplied[3:]
+    straight = premultiplied[:3] / alpha.clamp_min(1e-6)
+    pixels = (torch.cat([straight, alpha]) * 255).round().to(torch.uint8)
+    return pixels.permute(1, 2, 0).contiguous()
+
+
+def _strip(stage: Stage, camera: Cameras, first: int, last: int) -> Float[Tensor, "4 r w"]:
+    """Rows of a picture: mean colour times coverage, and mean coverage, of each pixel."""
+    steps = SUBPIXELS
+    y = (torch.arange(first * steps, last * steps) + 0.5) / steps
+    x = (torch.arange(camera.width * steps) + 0.5) / steps
+    grid_y, grid_x = torch.meshgrid(y, x, indexing="ij")
+    origins, directions = rays(camera, torch.stack([grid_x, grid_y]).view(2, -1))
+    hits = stage.trace(origins, directions)
+    covered = (hits.solid >= 0).to(origins.dtype)
+    seen = torch.cat([stage.shade(hits, directions), covered[None]])
+    return seen.view(4, last - first, steps, camera.width, steps).mean(dim=(2, 4))

@@ -1,0 +1,1 @@
+"""Method 3dgs: static Gaussians."""

@@ -1,0 +1,120 @@
+"""Settings of method 3dgs; the defaults are those of Kerbl et al. 2023."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gsfw.core.config import MethodConfig, OptimConfig, steps_field
+from gsfw.core.errors import ConfigError
+from gsfw.core.learning_rate import LearningRate
+
+if TYPE_CHECKING:
+    from gsfw.core.method import Method
+
+MAX_SH_DEGREE = 4
+"""The highest that rasterizers draw."""
+
+
+@dataclass
+class StaticGaussiansOptim(OptimConfig):
+    """Learning rates of the columns."""
+
+    means_lr: float = 1.6e-4
+    """Rate of positions at the first step, times the scene's extent."""
+    means_lr_final: float = 1.6e-6
+    """Rate of positions once it has decayed, log-linearly, times the scene's extent."""
+    means_lr_steps: int = steps_field(30_000)
+    """Steps over which the rate of positions decays."""
+    scales_lr: float = 5e-3
+    """Rate of the logarithms of the scales."""
+    quats_lr: float = 1e-3
+    """Rate of the quaternions."""
+    opacities_lr: float = 5e-2
+    """Rate of the logits of the opacities."""
+    sh_dc_lr: float = 2.5e-3
+    """Rate of the constant colour coefficient."""
+    sh_rest_lr: float = 1.25e-4
+    """Rate of the view-dependent colour coefficients."""
+
+    def learning_rates(self, extent: float) -> dict[str, LearningRate]:
+        """The rate of every column, by its name."""
+        means = LearningRate(
+            self.means_lr * extent, self.means_lr_final * extent, self.means_lr_steps
+        )
+        return {
+            "means": means,
+            "log_scales": LearningRate(self.scales_lr),
+            "quats": LearningRate(self.quats_lr),
+            "opacity_logits": LearningRate(self.opacities_lr),
+            "sh_dc": LearningRate(self.sh_dc_lr),
+            "sh_rest": LearningRate(self.sh_rest_lr),
+        }
+
+    def check(self) -> None:
+        """Check the rates.
+
+        Raises:
+            ConfigError: one is negative; names it.
+        """
+        for key, value in vars(self).items():
+            if key != "sparse" and value < 0:
+                raise ConfigError(f"optim.{key}={value:g}: expected a number of at least 0.")
+
+
+@dataclass
+class StaticGaussiansConfig(MethodConfig):
+    """Static 3D Gaussians (Kerbl et al. 2023)."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "fast": {"steps": 7_000, "sh_degree": 2},
+        "default": {},
+        "high": {"strategy": "mcmc", "strategy.cap_max": 2_000_000},
+    }
+    """fast: a quarter of the steps, every schedule in proportion, and 27 instead of 48 colour
+    coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
+
+    sh_degree: int = 3
+    """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""
+    sh_degree_interval: int = steps_field(1000)
+    """Steps after which one more degree is trained; 0: all from the first step."""
+    ssim_weight: float = 0.2
+    """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
+    init_opacity: float = 0.1
+    """Opacity of every splat at the start."""
+    init_scale: float = 1.0
+    """Size at the start, times the mean distance to the three nearest points."""
+    random_points: int = 100_000
+    """Splats to start from when they start at random."""
+    ignore_time: bool = False
+    """Train on a capture of several times as if it were of one; what moves becomes blurred."""
+    optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
+
+    def build(self) -> Method:
+        """The method."""
+        from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
+
+        return StaticGaussiansMethod(self)
+
+    def check(self) -> None:
+        """Check the values every run has, and this method's own.
+
+        Raises:
+            ConfigError: naming the key, what was expected, and what was given.
+        """
+        super().check()
+        self.optim.check()
+        expectations = {
+            "sh_degree": (
+                0 <= self.sh_degree <= MAX_SH_DEGREE,
+                f"a whole number from 0 to {MAX_SH_DEGREE}",
+            ),
+            "ssim_weight": (0 <= self.ssim_weight <= 1, "a number from 0 to 1"),
+            "init_opacity": (0 < self.init_opacity < 1, "a number between 0 and 1"),
+            "init_scale": (self.init_scale > 0, "a number above 0"),
+            "random_points": (self.random_points >= 1, "a number of at least 1"),
+        }
+        for key, (fulfilled, expected) in expectations.items():
+            if not fulfilled:
+                raise ConfigError(f"{key}={getattr(self, key)}: expected {expected}.")

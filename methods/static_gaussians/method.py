@@ -1,0 +1,133 @@
+"""Method 3dgs: Kerbl et al. 2023, "3D Gaussian Splatting for Real-Time Radiance Field Rendering".
+
+Density control (section 5.2) is a strategy of its own. We differ in the initial size, which is the
+mean distance to three neighbours as the paper says (the released code has the root mean square),
+and in leaving out points that coincide or that lie at a camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from gsfw.core.config import AUTO
+from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError
+from gsfw.core.method import Method
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
+from gsfw.core.optimizer import Optimizer
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Sh, Splats
+from gsfw.methods.static_gaussians.initialisation import (
+    from_points,
+    from_splats,
+    random_points,
+    usable_points,
+)
+from gsfw.methods.static_gaussians.model import GaussianParameters, StaticGaussians
+
+if TYPE_CHECKING:
+    from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
+
+
+class StaticGaussiansMethod(Method):
+    """L1 and SSIM, a growing SH degree, and Gaussians that stay where they are in time."""
+
+    def __init__(self, config: StaticGaussiansConfig) -> None:
+        self._config = config
+        self._first_degree = 0
+
+    def check_scene(self, scene: Scene) -> None:
+        """Refuse captures that move, and init=points where there are none.
+
+        Raises:
+            ConfigError: saying what to do instead.
+        """
+        if scene.is_dynamic and not self._config.ignore_time:
+            raise ConfigError(
+                f"method '3dgs' is for static scenes, and {scene.name!r} was captured at "
+                f"{scene.num_times} different times.",
+                "Use a dynamic method (gsfw plugins lists them), or ignore_time=true to train on "
+                "all times as if they were one; what moves becomes blurred.",
+            )
+        if self._config.init == "points" and len(usable_points(scene)[0]) == 0:
+            raise ConfigError(
+                f"init=points: {scene.name!r} brings {len(scene.points)} points, "
+                "and none that can be used.",
+                "Use init=random, or give a splat file: init=FILE.",
+            )
+
+    def notes(self, scene: Scene) -> tuple[str, ...]:
+        """How the start differs from what one may expect."""
+        notes: list[str] = []
+        if scene.is_dynamic:
+            notes.append(f"ignore_time=true: {scene.num_times} times are treated as one.")
+        if self._config.init not in (AUTO, "points", "random"):
+            return tuple(notes)
+        points, _, dropped = usable_points(scene)
+        if self._starts_at_random(points):
+            why = "init=random" if self._config.init == "random" else "there are no points to use"
+            notes.append(
+                f"Starting from {self._config.random_points} random splats ({why}). This costs "
+                "detail and leaves floaters where few views look, most of all in the background; "
+                "strategy=mcmc depends least on the start, and a COLMAP model with points is best."
+            )
+        else:
+            notes += [f"Left out {n} initial points: {why}." for why, n in dropped.items()]
+        return tuple(notes)
+
+    def _starts_at_random(self, points: Tensor) -> bool:
+        return self._config.init == "random" or len(points) == 0
+
+    def build_model(
+        self,
+        scene: Scene,
+        operators: Operators,
+        generator: torch.Generator,
+        initial: Splats | None,
+    ) -> StaticGaussians:
+        """Gaussians at the splats of a file, at the scene's points, or at random."""
+        config = self._config
+        if initial is not None:
+            assert isinstance(initial.colors, Sh)
+            self._first_degree = min(initial.colors.degree, config.sh_degree)
+            start = from_splats(initial, config.sh_degree)
+        else:
+            start = self._from_scene(scene, operators, generator)
+        return StaticGaussians(start, config.optim.learning_rates(scene.extent))
+
+    def _from_scene(
+        self, scene: Scene, operators: Operators, generator: torch.Generator
+    ) -> GaussianParameters:
+        config = self._config
+        points, colors, _ = usable_points(scene)
+        if self._starts_at_random(points):
+            points, colors = random_points(scene, config.random_points, generator)
+        return from_points(
+            points,
+            colors,
+            extent=scene.extent,
+            scale=config.init_scale,
+            opacity=config.init_opacity,
+            sh_degree=config.sh_degree,
+            operators=operators,
+        )
+
+    def losses(self, context: StepContext) -> Mapping[str, Tensor]:
+        """(1 - w) L1 + w (1 - SSIM): equation 7, with D-SSIM as the released code has it."""
+        weight = self._config.ssim_weight
+        l1, dssim = context.operators.l1_dssim(
+            context.rendered.color, context.target, context.batch.valid
+        )
+        return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
+
+    def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:
+        """Let the SH degree follow the step; splats of a file keep the degree they came with."""
+        assert isinstance(model, StaticGaussians)
+        interval = self._config.sh_degree_interval
+        scheduled = (step + 1) // interval if interval > 0 else model.degree
+        model.active_degree = min(max(scheduled, self._first_degree), model.degree)

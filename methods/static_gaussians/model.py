@@ -1,0 +1,162 @@
+"""Static Gaussians: position, rotation, scale, opacity and spherical-harmonic colour of each.
+
+Kerbl et al. 2023, section 4: covariance R S S^T R^T (equation 6), scales through exp and opacities
+through a sigmoid. Quaternions are left at any norm, as there: rasterizers normalise them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.column import Column, Rows
+from gsfw.core.learning_rate import LearningRate
+from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.spherical_harmonics import degree_of, num_coefficients
+from gsfw.core.splats import Sh, Splats
+from gsfw.methods.static_gaussians.relocation import coincident_copies
+
+MIN_NORM = 1e-12
+"""A shorter quaternion counts as the identity, as rasterizers have it."""
+MIN_LOG_SCALE, MAX_LOG_SCALE = math.log(1e-10), math.log(1e6)
+"""In scene units, whose cameras span about 1: beyond them exp would soon leave float32."""
+SPLIT_SHRINK = 0.8
+"""Children of a split are smaller by 1 / (0.8 * copies): 1.6 for two (Kerbl et al. 2023, 5.2)."""
+NOISE_SHARPNESS, NOISE_OPACITY = 100.0, 0.005
+"""Where noise fades out: sigmoid(-100 (o - 0.005)). The text of Kheradmand et al. 2024 has
+t = 1 - 0.005 in equation 8; the released code has 0.005, the pruning threshold, and so have we."""
+
+
+@dataclass(frozen=True)
+class GaussianParameters:
+    """Gaussians as they are trained, before activation."""
+
+    means: Float[Tensor, "n 3"]
+    quats: Float[Tensor, "n 4"]
+    log_scales: Float[Tensor, "n 3"]
+    opacity_logits: Float[Tensor, " n"]
+    sh: Float[Tensor, "n k 3"]
+
+
+class StaticGaussians(PrimitiveModel):
+    """Gaussians that do not change with time.
+
+    ``active_degree`` is the SH degree drawn and trained now. It follows from the step, which is why
+    it is not part of the state; until a method lowers it, all bands are drawn.
+    """
+
+    def __init__(self, start: GaussianParameters, rates: Mapping[str, LearningRate]) -> None:
+        super().__init__()
+        self.degree = degree_of(start.sh.shape[1])
+        self.active_degree = self.degree
+        self.means = Column(start.means, rates["means"])
+        self.quats = Column(start.quats, rates["quats"])
+        self.log_scales = Column(start.log_scales, rates["log_scales"])
+        self.opacity_logits = Column(start.opacity_logits, rates["opacity_logits"])
+        self.sh_dc = Column(start.sh[:, :1], rates["sh_dc"])
+        self.sh_rest = (
+            Column(start.sh[:, 1:], rates["sh_rest"], bands=True) if self.degree > 0 else None
+        )
+
+    def columns(self) -> Mapping[str, Column]:
+        """Means, quats, log_scales, opacity_logits, sh_dc, and sh_rest above degree 0."""
+        always = {
+            "means": self.means,
+            "quats": self.quats,
+            "log_scales": self.log_scales,
+            "opacity_logits": self.opacity_logits,
+            "sh_dc": self.sh_dc,
+        }
+        return always if self.sh_rest is None else {**always, "sh_rest": self.sh_rest}
+
+    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+        """The activated Gaussians, the same at every time."""
+        return Splats(
+            means=self.means.values,
+            opacities=self.opacity_logits.values.sigmoid(),
+            colors=Sh(self._active_coefficients(), self.active_degree),
+            quats=self.quats.values,
+            scales=self.log_scales.values.exp(),
+        )
+
+    def _active_coefficients(self) -> Float[Tensor, "n k 3"]:
+        if self.sh_rest is None or self.active_degree == 0:
+            return self.sh_dc.values
+        return torch.cat([self.sh_dc.values, self.sh_rest.values[:, : self.active_bands()]], dim=1)
+
+    def active_bands(self) -> int:
+        """Coefficients above the constant one that are drawn and trained now."""
+        return num_coefficients(self.active_degree) - 1
+
+    @torch.no_grad()
+    def project_(self) -> None:
+        """Keep scales where exp neither overflows nor vanishes, at any learning rate."""
+        self.log_scales.values.clamp_(MIN_LOG_SCALE, MAX_LOG_SCALE)
+
+    # What a strategy may ask for.
+
+    @torch.no_grad()
+    def opacities(self) -> Float[Tensor, " n"]:
+        """Opacity of each row in [0, 1]."""
+        return self.opacity_logits.values.sigmoid()
+
+    @torch.no_grad()
+    def sizes(self) -> Float[Tensor, " n"]:
+        """Largest standard deviation of each row, in scene units."""
+        return self.log_scales.values.amax(dim=1).exp()
+
+    @torch.no_grad()
+    def split_rows(
+        self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
+    ) -> Children:
+        """Smaller children at points drawn from each row's own Gaussian (section 5.2)."""
+        children = dict(self.clone_rows(rows.repeat(copies)))
+        means, log_scales = children["means"].values, children["log_scales"].values
+        noise = torch.randn(means.shape, generator=generator, device=means.device)
+        offsets = _rotate(children["quats"].values, log_scales.exp() * noise.to(means))
+        children["means"] = Rows(means + offsets)
+        children["log_scales"] = Rows(log_scales - math.log(SPLIT_SHRINK * copies))
+        return children
+
+    @torch.no_grad()
+    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
+        """``rows`` with the opacity and scale of which ``counts`` copies look as one did."""
+        children = dict(self.clone_rows(rows))
+        logits, log_scales = children["opacity_logits"].values, children["log_scales"].values
+        new_logits, factors = coincident_copies(logits, counts)
+        children["opacity_logits"] = Rows(new_logits.to(logits))
+        children["log_scales"] = Rows(log_scales + factors.log().to(log_scales)[:, None])
+        return children
+
+    @torch.no_grad()
+    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+        """Add noise of covariance Sigma^2 to positions, where opacity is near nothing (eq. 8)."""
+        means, quats = self.means.values, self.quats.values
+        noise = torch.randn(means.shape, generator=generator, device=means.device).to(means)
+        strength = torch.sigmoid(NOISE_SHARPNESS * (NOISE_OPACITY - self.opacities()))
+        variances = (2.0 * self.log_scales.values).exp()
+        shaped = _rotate(quats, variances * _rotate(_inverse(quats), noise))
+        means.add_(shaped * (rate * strength)[:, None])
+
+    @torch.no_grad()
+    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
+        """Cap every opacity at ``limit``, in (0, 1)."""
+        self.opacity_logits.values.clamp_(max=math.log(limit / (1.0 - limit)))
+        return ("opacity_logits",)
+
+
+def _inverse(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "n 4"]:
+    return quats * quats.new_tensor([1.0, -1.0, -1.0, -1.0])
+
+
+def _rotate(quats: Float[Tensor, "n 4"], vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+    """Vectors turned by quaternions of any norm: v + 2 u x (u x v + w v) with q = (w, u)."""
+    unit = quats / quats.norm(dim=1, keepdim=True).clamp_min(MIN_NORM)
+    w, u = unit[:, :1], unit[:, 1:]
+    twice = 2.0 * torch.linalg.cross(u, vectors)
+    return vectors + w * twice + torch.linalg.cross(u, twice)

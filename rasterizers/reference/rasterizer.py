@@ -1,0 +1,145 @@
+"""The reference rasterizer: project, bin and blend in plain torch, one camera after the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.capabilities import Capabilities, Determinism, Feature
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import Depth, RenderSettings, Statistic
+from gsfw.core.splats import Splats
+from gsfw.rasterizers.reference.bin import bin_ellipses
+from gsfw.rasterizers.reference.blend import blend
+from gsfw.rasterizers.reference.canvas import Canvas, CutOffs
+from gsfw.rasterizers.reference.color import view_colors
+from gsfw.rasterizers.reference.layers import brushes
+from gsfw.rasterizers.reference.measure import Measurements
+from gsfw.rasterizers.reference.project import project, visible_extents
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """What one camera sees."""
+
+    color: Float[Tensor, "h w d"]
+    alpha: Float[Tensor, "h w 1"]
+    depth: Float[Tensor, "h w z"]
+    """z is 1 if asked for, else 0."""
+    extra: Float[Tensor, "h w e"]
+    """e is 0 where the splats have none."""
+
+
+class ReferenceRasterizer(Rasterizer):
+    """Draws in float32 and float64 on any torch device; the oracle for every other backend."""
+
+    def __init__(self, chunk_mb: float = 8.0) -> None:
+        self.chunk_mb = chunk_mb
+
+    @classmethod
+    def capabilities(cls) -> Capabilities:
+        """Everything, except lens distortion."""
+        devices = {"cpu"} | ({"cuda"} if torch.cuda.is_available() else set())
+        return Capabilities(
+            devices=frozenset(devices),
+            camera_models=frozenset(CameraModel),
+            features=frozenset(Feature),
+            determinism=Determinism.BITWISE,
+            details={"torch": torch.__version__},
+        )
+
+    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+        if cameras.distortion is not None:
+            raise ValueError(
+                "cameras.distortion: expected None, because the reference rasterizer draws without "
+                "lens distortion; undistort the images first"
+            )
+        statistics = _empty_statistics(splats, len(cameras), settings)
+        pictures = [
+            self._draw_one(splats, cameras.select(slice(i, i + 1)), settings, statistics, i)
+            for i in range(len(cameras))
+        ]
+
+        depth = torch.stack([picture.depth for picture in pictures])
+        extra = torch.stack([picture.extra for picture in pictures])
+        return RenderOutput(
+            color=torch.stack([picture.color for picture in pictures]),
+            alpha=torch.stack([picture.alpha for picture in pictures]),
+            statistics=statistics,
+            depth=None if settings.depth is Depth.NONE else depth,
+            extra=None if splats.extra is None else extra,
+        )
+
+    def _draw_one(
+        self,
+        splats: Splats,
+        camera: Cameras,
+        settings: RenderSettings,
+        statistics: RenderStatistics,
+        index: int,
+    ) -> _Picture:
+        profile = settings.profile
+        with torch.no_grad():
+            # Visible rows are found first, so that no gradient runs through the others, for which
+            # the projection may not even be finite.
+            everything = project(splats, camera, settings)
+            visible, extents = visible_extents(everything, camera, settings)
+            rows = visible.nonzero()[:, 0]
+            rows = rows[everything.depths[rows].argsort(stable=True)]
+            statistics.visible[index] = visible
+            statistics.radii[index, rows] = extents.amax(1)[rows]
+        ellipses = project(splats, camera, settings, rows)
+        channels = [view_colors(splats, camera, rows)]
+        if splats.extra is not None:
+            channels.append(splats.extra.index_select(0, rows))
+        if settings.depth is not Depth.NONE:
+            channels.append(ellipses.depths[:, None])
+        if settings.depth is Depth.EXPECTED:
+            # The sum of weights, which 1 - transmittance has no digits of where it is small.
+            channels.append(torch.ones_like(ellipses.depths)[:, None])
+        with torch.no_grad():
+            canvas = Canvas(
+                bin_ellipses(ellipses, camera, profile),
+                CutOffs.of(profile, splats.means.dtype),
+                self.chunk_mb,
+                Measurements.of(statistics, index, rows, camera),
+            )
+        painted, left = blend(brushes(ellipses, torch.cat(channels, dim=1)), canvas, camera)
+        return _picture(painted, left, splats, settings)
+
+
+def _empty_statistics(splats: Splats, cameras: int, settings: RenderSettings) -> RenderStatistics:
+    shape = (cameras, len(splats))
+
+    def zeros(statistic: Statistic) -> Tensor | None:
+        wanted = statistic in settings.statistics
+        return splats.means.new_zeros(shape) if wanted else None
+
+    return RenderStatistics(
+        visible=splats.means.new_zeros(shape, dtype=torch.bool),
+        radii=splats.means.new_zeros(shape),
+        screen_gradient=zeros(Statistic.SCREEN_GRADIENT),
+        absgrad=zeros(Statistic.ABSGRAD),
+        contribution=zeros(Statistic.CONTRIBUTION),
+    )
+
+
+def _picture(
+    painted: Float[Tensor, "h w f"],
+    left: Float[Tensor, "h w 1"],
+    splats: Splats,
+    settings: RenderSettings,
+) -> _Picture:
+    """Take the painted channels apart, and put the background behind the colours."""
+    extras = 0 if splats.extra is None else splats.extra.shape[1]
+    color, extra, depth = painted.tensor_split([splats.channels, splats.channels + extras], dim=2)
+    if settings.background is not None:
+        color = color + left * settings.background
+    if settings.depth is Depth.EXPECTED:
+        depth = depth[:, :, :1] / depth[:, :, 1:].clamp(min=settings.profile.depth_epsilon)
+    return _Picture(color, 1 - left, depth, extra)

@@ -1,0 +1,89 @@
+"""Sampler same-time: several views of one time per step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gsfw.core.config import SamplerConfig
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+from gsfw.core.sampler import Sampler
+from gsfw.samplers.order import epoch_order
+
+
+@dataclass
+class SameTimeConfig(SamplerConfig):
+    """Views of one time together, times in random order."""
+
+    views_per_step: int = 2
+    """Views drawn per step, fewer where a time has no more left in this epoch."""
+
+    def build(self, views: Views, seed: int) -> Sampler:
+        """The sampler.
+
+        Raises:
+            ConfigError: the views have no times, or no two share one.
+        """
+        if self.views_per_step < 1:
+            raise ConfigError(f"sampler.views_per_step={self.views_per_step}: expected at least 1.")
+        if views.times is None:
+            raise ConfigError(
+                "sampler 'same-time': the views of this capture have no times.",
+                "Use sampler=uniform.",
+            )
+        by_time: dict[float, list[int]] = {}
+        for view, time in enumerate(views.times):
+            by_time.setdefault(time, []).append(view)
+        if len(by_time) == len(views):
+            raise ConfigError(
+                "sampler 'same-time': no two of the training views have the same time.",
+                "Use sampler=uniform: one camera that moves has one view per time.",
+            )
+        return SameTimeSampler(list(by_time.values()), self.views_per_step, seed)
+
+
+class SameTimeSampler(Sampler):
+    """Every view once per epoch: the views of each time are shuffled and cut into steps."""
+
+    def __init__(self, times: Sequence[Sequence[int]], views_per_step: int, seed: int) -> None:
+        self._times = times
+        self._views_per_step = views_per_step
+        self._seed = seed
+        self._steps = [
+            (time, start)
+            for time, views in enumerate(times)
+            for start in range(0, len(views), views_per_step)
+        ]
+        self._position = 0
+
+    def next(self) -> tuple[int, ...]:
+        """Up to ``views_per_step`` views of one time."""
+        views = self._step(self._position)
+        self._position += 1
+        return views
+
+    def peek(self, count: int) -> tuple[int, ...]:
+        """The next ``count`` views, exactly."""
+        found: list[int] = []
+        position = self._position
+        while len(found) < count:
+            found += self._step(position)
+            position += 1
+        return tuple(found[:count])
+
+    def _step(self, position: int) -> tuple[int, ...]:
+        epoch, within = divmod(position, len(self._steps))
+        time, start = self._steps[epoch_order(len(self._steps), self._seed, epoch)[within]]
+        views = self._times[time]
+        order = epoch_order(len(views), self._seed, epoch, part=1 + time)
+        return tuple(views[index] for index in order[start : start + self._views_per_step])
+
+    def state_dict(self) -> dict[str, Any]:
+        """Steps consumed."""
+        return {"position": self._position}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue after the steps consumed."""
+        self._position = state["position"]

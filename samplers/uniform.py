@@ -1,0 +1,63 @@
+"""Sampler uniform: every view once per epoch, in random order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gsfw.core.config import SamplerConfig
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+from gsfw.core.sampler import Sampler
+from gsfw.samplers.order import epoch_order
+
+
+@dataclass
+class UniformConfig(SamplerConfig):
+    """Every view once per epoch."""
+
+    views_per_step: int = 1
+    """Views drawn per step; their gradients are averaged."""
+
+    def build(self, views: Views, seed: int) -> Sampler:
+        """The sampler.
+
+        Raises:
+            ConfigError: views_per_step is below 1.
+        """
+        if self.views_per_step < 1:
+            raise ConfigError(f"sampler.views_per_step={self.views_per_step}: expected at least 1.")
+        return UniformSampler(len(views), self.views_per_step, seed)
+
+
+class UniformSampler(Sampler):
+    """An endless sequence of epochs, each a permutation of all views, cut into steps."""
+
+    def __init__(self, num_views: int, views_per_step: int, seed: int) -> None:
+        self._num_views = num_views
+        self._views_per_step = views_per_step
+        self._seed = seed
+        self._position = 0
+
+    def next(self) -> tuple[int, ...]:
+        """The next ``views_per_step`` views; a step may reach into the next epoch."""
+        views = self.peek(self._views_per_step)
+        self._position += self._views_per_step
+        return views
+
+    def peek(self, count: int) -> tuple[int, ...]:
+        """The next ``count`` views, exactly."""
+        return tuple(self._view(self._position + ahead) for ahead in range(count))
+
+    def _view(self, position: int) -> int:
+        epoch, within = divmod(position, self._num_views)
+        return epoch_order(self._num_views, self._seed, epoch)[within]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Views consumed."""
+        return {"position": self._position}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue after the views consumed."""
+        self._position = state["position"]

@@ -1,0 +1,163 @@
+"""Density control as Markov chain Monte Carlo (Kheradmand et al. 2024).
+
+Rows move by noise shaped by their covariance (equation 8), dead rows are relocated to live ones
+drawn by opacity so that the picture stays as it is (equation 9), the number of rows grows to a
+fixed limit, and opacities and scales are pulled towards zero (section 3.4).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.config import StrategyConfig, steps_field
+from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError
+from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
+from gsfw.core.strategy import DensityStrategy, Refinement
+from gsfw.core.table import SplatTable
+
+POSITIONS = "means"
+"""The column whose learning rate the noise follows."""
+
+
+@dataclass
+class McmcConfig(StrategyConfig):
+    """Settings of MCMC density control; steps are those of a run of 30,000."""
+
+    recommended: ClassVar[Mapping[str, Any]] = {"init_opacity": 0.5, "init_scale": 0.1}
+    """As in the paper's released code."""
+
+    cap_max: int = 1_000_000
+    """The number of splats it grows to; more at the start stay as many."""
+    growth: float = 0.05
+    """Splats added by each refinement, relative to those there are."""
+    min_opacity: float = 0.005
+    """Rows up to this opacity are dead, and are relocated."""
+    noise_lr: float = 5e5
+    """Strength of the noise, times the learning rate of positions."""
+    opacity_reg: float = 0.01
+    """Weight of the mean opacity in the loss."""
+    scale_reg: float = 0.01
+    """Weight of the mean scale, in scene units, in the loss."""
+    refine_start: int = steps_field(500)
+    """No relocation and no growth up to this step."""
+    refine_stop: int = steps_field(25_000)
+    """No relocation and no growth from this step on."""
+    refine_every: int = steps_field(100, at_least=20)
+    """Steps between refinements."""
+
+    def build(self, scene: Scene) -> DensityStrategy:
+        """The strategy.
+
+        Raises:
+            ConfigError: an interval or a limit is out of range.
+        """
+        for key, value in (("refine_every", self.refine_every), ("cap_max", self.cap_max)):
+            if value < 1:
+                raise ConfigError(f"strategy.{key}={value}: expected at least 1.")
+        return MarkovChainMonteCarlo(self)
+
+
+class MarkovChainMonteCarlo(DensityStrategy):
+    """Relocates, grows and perturbs; has no state besides the generator it is given."""
+
+    def __init__(self, config: McmcConfig) -> None:
+        self._config = config
+
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+        """Mean opacity and mean scale of the splats drawn, weighted."""
+        return {
+            "opacity_reg": self._config.opacity_reg * context.splats.opacities.mean(),
+            "scale_reg": self._config.scale_reg * _standard_deviations(context.splats).mean(),
+        }
+
+    def observe(self, context: StepContext, statistics: RenderStatistics) -> None:
+        """Nothing to note: opacities say what is dead."""
+
+    def refine(
+        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
+    ) -> Refinement:
+        """Relocate and grow every ``refine_every`` steps; add noise after every step."""
+        config, done = self._config, step + 1
+        counts: dict[str, int] = {}
+        if config.refine_start < done < config.refine_stop and done % config.refine_every == 0:
+            counts = {
+                "relocated": self._relocate(table, model, generator),
+                "added": self._grow(table, model, generator),
+            }
+        model.perturb_(config.noise_lr * table.learning_rate(POSITIONS, step), generator)
+        return counts
+
+    def _relocate(
+        self, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
+    ) -> int:
+        """Let every dead row become a copy of a live one."""
+        opacities = model.opacities()
+        alive = opacities > self._config.min_opacity
+        num_dead = len(alive) - int(alive.sum())
+        if num_dead == 0 or num_dead == len(alive):
+            return 0
+        chosen = draw_rows(torch.where(alive, opacities, 0.0), num_dead, generator)
+        table.edit(alive, self._shared_out(chosen, table, model))
+        return num_dead
+
+    def _grow(self, table: SplatTable, model: PrimitiveModel, generator: torch.Generator) -> int:
+        """Add copies of rows drawn by opacity, up to the limit."""
+        wanted = math.ceil(len(table) * (1.0 + self._config.growth))
+        number = min(wanted, self._config.cap_max) - len(table)
+        opacities = model.opacities()
+        if number <= 0 or not bool(opacities.sum() > 0):
+            return 0
+        chosen = draw_rows(opacities, number, generator)
+        table.append(self._shared_out(chosen, table, model))
+        return number
+
+    @staticmethod
+    def _shared_out(
+        chosen: Int[Tensor, " r"], table: SplatTable, model: PrimitiveModel
+    ) -> Children:
+        """Copies of ``chosen``, once these rows have been thinned to make up for their copies."""
+        sources, copies = chosen.unique(return_counts=True)
+        table.replace(sources, model.relocated(sources, copies + 1))
+        return model.clone_rows(chosen)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Nothing to keep."""
+        return {}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Nothing to restore."""
+
+
+def draw_rows(
+    weights: Float[Tensor, " n"], number: int, generator: torch.Generator
+) -> Int[Tensor, " r"]:
+    """Rows drawn with replacement, in proportion to weights that are not all zero.
+
+    By inversion of the cumulated weights: torch.multinomial has a limit of 2^24 rows.
+    """
+    cumulated = weights.double().cumsum(0)
+    points = torch.rand(number, generator=generator, device=weights.device, dtype=torch.float64)
+    # A point lies in [0, total): the first row whose cumulated weight exceeds it has weight > 0.
+    return torch.searchsorted(cumulated, points * cumulated[-1], right=True).clamp_max(
+        int(weights.nonzero()[-1])
+    )
+
+
+def _standard_deviations(splats: Splats) -> Float[Tensor, "n 3"]:
+    """Scales; for covariances, the standard deviations along the axes of the scene."""
+    if splats.scales is not None:
+        return splats.scales
+    assert splats.covariances is not None
+    variances = splats.covariances.diagonal(dim1=1, dim2=2)
+    return variances.clamp_min(torch.finfo(variances.dtype).tiny).sqrt()

@@ -1,0 +1,59 @@
+"""Tests of gsfw.commands.doctor."""
+
+import json
+
+from fake_parts import registry_of
+
+from gsfw.commands import doctor
+from gsfw.commands.main import main
+from gsfw.kernels.cpu import native_module
+from gsfw.plugins.specs import Spec, hookimpl
+
+
+def findings(capsys) -> dict[str, tuple[str, str]]:
+    document = json.loads(capsys.readouterr().out)
+    return {item["what"]: (item["status"], item["details"]) for item in document["findings"]}
+
+
+def test_what_is_installed_works_here(capsys):
+    assert main(["doctor", "json=true"]) == 0
+    found = findings(capsys)
+    assert found["gsfw"] == ("ok", "0.1.0")
+    assert found["torch"][0] == found["python"][0] == "ok"
+    assert found["rasterizer reference"][0] == "ok"
+    assert "cpu" in found["rasterizer reference"][1]
+
+
+def test_people_get_a_table_and_a_verdict(capsys):
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    assert said.endswith("everything that is needed works\n")
+
+
+def test_without_the_native_module_it_says_what_is_lost(capsys, monkeypatch):
+    monkeypatch.setattr(native_module, "instruction_sets", list)
+    assert main(["doctor", "json=true"]) == 0
+    status, details = findings(capsys)["native CPU module"]
+    assert status == "missing"
+    assert details.startswith("the native CPU module was not built: no working C++ compiler")
+
+
+class Lost:
+    @hookimpl
+    def gsfw_rasterizers(self):
+        return [Spec("lost", "", "no_such_module_of_gsfw:Config")]
+
+    @hookimpl
+    def gsfw_samplers(self):
+        raise RuntimeError("no network")
+
+
+def test_without_any_rasterizer_nothing_can_be_trained(capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "installed", lambda: registry_of(Lost()))
+    assert doctor.run(["json=true"]) == 1
+    found = findings(capsys)
+    assert found["rasterizers"] == ("broken", "none works here")
+    assert found["rasterizer lost"][1].endswith("No module named 'no_such_module_of_gsfw'")
+    assert found["plugin plugin0"] == (
+        "missing", "pkg0: gsfw_samplers raised RuntimeError: no network"
+    )  # fmt: skip

@@ -1,0 +1,45 @@
+"""`gsfw eval` repeats a run's own figures, picture by picture."""
+
+import json
+import shutil
+
+import pytest
+
+from gsfw.commands.main import main
+from gsfw.core.run_folder import RunFolder
+
+
+@pytest.fixture
+def run(finished_run, tmp_path):
+    """A copy that may be changed."""
+    return shutil.copytree(finished_run, tmp_path / "run")
+
+
+def test_eval_repeats_the_figures_the_run_ended_with(run, capsys):
+    assert main(["eval", str(run), "json=true"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    summary = json.loads(RunFolder(run).summary.read_text())
+    assert document["psnr"] == summary["psnr"]
+    assert document["ssim"] == summary["ssim"]
+    assert document["protocol"] == summary["protocol"]
+    assert [view["name"] for view in document["per_view"]] == ["eval_000", "eval_001"]
+    written = RunFolder(run).evaluations / "step_000000020.json"
+    assert json.loads(written.read_text())["psnr"] == summary["psnr"]
+
+
+def test_the_views_it_was_trained_on_can_be_evaluated_too(run, capsys):
+    assert main(["eval", str(run), "split=train"]) == 0
+    out = capsys.readouterr().out
+    assert "train_005" in out
+    assert "mean" in out
+    assert (RunFolder(run).evaluations / "step_000000020_train.json").is_file()
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):
+    assert main(["eval", str(tmp_path)]) == 2
+    assert "is not a run: it has no config.yaml" in capsys.readouterr().err
+
+
+def test_an_unknown_split_names_the_ones_there_are(run, capsys):
+    assert main(["eval", str(run), "split=test"]) == 2
+    assert "expected one of eval, train, found 'test'" in capsys.readouterr().err

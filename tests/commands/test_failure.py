@@ -1,0 +1,60 @@
+"""Tests of gsfw.commands.failure."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gsfw.commands.console import Console
+from gsfw.commands.failure import RecordedError, report, tracebacks_in
+from gsfw.core.errors import ConfigError, TrainingError
+from gsfw.core.run_folder import RunFolder
+
+
+def test_a_users_mistake_is_its_message_and_advice(capsys):
+    code = report(ConfigError("seed=x: wrong.", "Write seed=1."), Console(), debug=False)
+    assert code == 2
+    assert capsys.readouterr().err == "error: seed=x: wrong.\nWrite seed=1.\n"
+    assert report(TrainingError("gone."), Console(), debug=False) == 1
+
+
+def test_for_programs_the_error_is_the_document(capsys):
+    report(ConfigError("seed=x: wrong.", "Write seed=1."), Console(json_only=True), debug=False)
+    document = json.loads(capsys.readouterr().out)
+    assert document == {"error": "seed=x: wrong.", "advice": "Write seed=1."}
+
+
+def test_an_unexpected_error_is_one_sentence_and_a_file(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert report(ZeroDivisionError("by zero\nmore"), Console(), debug=False) == 1
+    (path,) = tmp_path.iterdir()
+    assert capsys.readouterr().err == (
+        "error: gsfw failed unexpectedly: ZeroDivisionError: by zero\n"
+        f"The traceback is in {path}; --debug shows it here. This is a bug of gsfw or of a "
+        "plugin.\n"
+    )
+    assert "ZeroDivisionError: by zero" in path.read_text()
+
+
+def test_the_traceback_of_a_run_is_in_its_log(capsys, tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.write_checkpoint(0, {})
+    with pytest.raises(RecordedError) as caught, tracebacks_in(folder):
+        raise ZeroDivisionError("by zero")
+    assert "ZeroDivisionError: by zero" in folder.log.read_text()
+    assert report(caught.value, Console(), debug=True) == 1
+    said = capsys.readouterr().err
+    assert "error: gsfw failed unexpectedly: ZeroDivisionError: by zero" in said
+    assert f"The traceback is in {folder.log}" in said
+    assert "Traceback (most recent call last)" in said
+
+
+def test_a_run_that_will_be_removed_keeps_no_log(tmp_path):
+    with pytest.raises(ZeroDivisionError), tracebacks_in(RunFolder(tmp_path)):
+        raise ZeroDivisionError
+    assert list(Path(tmp_path).iterdir()) == []
+
+
+def test_a_users_mistake_is_not_logged(tmp_path):
+    with pytest.raises(ConfigError), tracebacks_in(RunFolder(tmp_path)):
+        raise ConfigError("seed=x: wrong.")

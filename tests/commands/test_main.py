@@ -1,0 +1,113 @@
+"""Tests of gsfw.commands.main, in processes of their own: start-up, exit codes, streams."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from gsfw.commands import main as main_module
+from gsfw.commands.main import main
+
+
+def gsfw(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "gsfw", *arguments],
+        capture_output=True, text=True, check=False, env=os.environ | environment,
+    )  # fmt: skip
+
+
+LIGHT = [
+    ([], 0),
+    (["--help"], 0),
+    (["--version"], 0),
+    (["trian"], 2),
+    (["train"], 2),
+    (["train", "--help"], 0),
+    (["train", "method=3dgz"], 2),
+    (["train", "method=3dgs", "strategy=mcmcm"], 2),
+    (["eval", "--help"], 0),
+    (["resume"], 2),
+    (["plugins"], 0),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code"), LIGHT, ids=str)
+def test_what_needs_no_torch_does_not_import_it(arguments, code):
+    script = (
+        "import sys\nfrom gsfw.commands.main import main\n"
+        f"code = main({arguments})\n"
+        "print(sorted({'torch', 'numpy', 'scipy'} & set(sys.modules)), code, file=sys.stderr)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert result.stderr.splitlines()[-1] == f"[] {code}"
+
+
+def test_help_lists_every_verb_in_a_line_and_two_examples():
+    result = gsfw("--help")
+    assert result.returncode == 0
+    for verb in ("train", "resume", "eval", "render", "export", "info", "plugins", "doctor"):
+        assert f"\n  {verb} " in result.stdout
+    assert result.stdout.count("\n  gsfw train ") == 2
+    assert gsfw().stdout == result.stdout
+
+
+def test_the_version_is_that_of_the_package():
+    assert gsfw("--version").stdout == "gsfw 0.1.0\n"
+
+
+def test_an_unknown_verb_suggests_the_nearest():
+    result = gsfw("trian", "method=3dgs")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == (
+        "error: gsfw has no verb 'trian'. Did you mean 'train'?\n"
+        "Verbs: config, doctor, eval, export, info, plugins, render, resume, train. "
+        "See gsfw --help.\n"
+    )
+
+
+def test_errors_are_a_document_too_where_json_is_asked_for():
+    result = gsfw("train", "method=3dgz", "json=true")
+    assert result.returncode == 2
+    document = json.loads(result.stdout)
+    assert document["error"] == "no method '3dgz'. Did you mean '3dgs'?"
+    assert document["advice"].startswith("Installed: 3dgs")
+
+
+def test_a_reader_that_stops_reading_is_no_error():
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gsfw", "plugins"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(), errors) == (0, b"")
+
+
+def failing_verb(error: BaseException):
+    def verb(tokens: list[str]) -> int:
+        raise error
+
+    return lambda name, registry: verb
+
+
+def test_an_unexpected_error_is_one_sentence_and_exit_code_1(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(main_module, "_find_verb", failing_verb(ZeroDivisionError("by zero")))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert main(["train"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: gsfw failed unexpectedly: ZeroDivisionError: by zero\n")
+    assert "Traceback" not in said
+    assert main(["train", "--debug"]) == 1
+    assert "Traceback (most recent call last)" in capsys.readouterr().err
+
+
+def test_ctrl_c_has_its_own_exit_code(capsys, monkeypatch):
+    monkeypatch.setattr(main_module, "_find_verb", failing_verb(KeyboardInterrupt()))
+    assert main(["train"]) == 130
+    assert capsys.readouterr().err == "\ninterrupted\n"

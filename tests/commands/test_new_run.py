@@ -1,0 +1,89 @@
+"""Tests of gsfw.commands.new_run."""
+
+import os
+
+import pytest
+
+from gsfw.commands.new_run import check_free, default_folder, new_run_folder
+from gsfw.core.errors import OutputError
+
+
+def refusal(path) -> str:
+    with pytest.raises(OutputError) as caught:
+        check_free(str(path))
+    return str(caught.value)
+
+
+def test_a_new_or_empty_folder_is_free(tmp_path):
+    check_free(str(tmp_path))
+    check_free(str(tmp_path / "a" / "b"))
+
+
+def test_a_folder_with_a_run_is_refused_with_both_ways_out(tmp_path):
+    (tmp_path / "config.yaml").touch()
+    assert refusal(tmp_path) == (
+        f"out={tmp_path}: this folder holds a run already.\n"
+        f"Go on with it: gsfw resume {tmp_path}, or choose another folder with out=DIR."
+    )
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").touch()
+    assert refusal(tmp_path) == (
+        f"out={tmp_path}: this folder is not empty.\nChoose a new or empty folder with out=DIR."
+    )
+
+
+def test_a_file_in_the_way_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    assert refusal(tmp_path / "file" / "run") == (
+        f"out={tmp_path / 'file' / 'run'} cannot be written: {tmp_path / 'file'} is not a folder.\n"
+        "Choose another with out=DIR."
+    )
+
+
+def test_a_place_one_may_not_write_to_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    assert f"you may not write to {tmp_path}" in refusal(tmp_path / "run")
+
+
+def test_the_default_folder_is_of_scene_method_and_time_and_never_taken_twice(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("time.strftime", lambda _: "now")
+    first = default_folder("my scene/2", "3dgs")
+    assert str(first) == "runs/my-scene-2/3dgs/now"
+    first.mkdir(parents=True)
+    assert str(default_folder("my scene/2", "3dgs")) == "runs/my-scene-2/3dgs/now_2"
+
+
+def start_and_fail(path, checkpoint: bool) -> None:
+    with new_run_folder(path) as folder:
+        folder.config.write_text("seed: 1\n")
+        if checkpoint:
+            folder.write_checkpoint(0, {})
+        raise RuntimeError
+
+
+def failing_run(path, checkpoint: bool = False) -> None:
+    with pytest.raises(RuntimeError):
+        start_and_fail(path, checkpoint)
+
+
+def test_a_run_that_fails_before_its_first_checkpoint_leaves_nothing(tmp_path):
+    failing_run(tmp_path / "a" / "b" / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folders_that_were_there_stay(tmp_path):
+    (tmp_path / "a" / "empty").mkdir(parents=True)
+    (tmp_path / "a" / "other").touch()
+    failing_run(tmp_path / "a" / "b" / "run")
+    failing_run(tmp_path / "a" / "empty")
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == ["empty", "other"]
+
+
+def test_a_run_with_a_checkpoint_stays_to_be_resumed(tmp_path):
+    failing_run(tmp_path / "run", checkpoint=True)
+    assert (tmp_path / "run" / "config.yaml").is_file()

@@ -1,0 +1,31 @@
+"""Tests of gsfw.commands.plugins."""
+
+import json
+
+from gsfw.commands.main import main
+
+
+def test_everything_is_listed_with_who_brings_it(capsys):
+    assert main(["plugins"]) == 0
+    lines = [line.split(maxsplit=4) for line in capsys.readouterr().out.splitlines()]
+    assert lines[0] == ["slot", "name", "from", "description"]
+    found = {(line[0], line[1]): line[2:] for line in lines[1:] if len(line) == 5}
+    assert found["method", "3dgs"][:2] == ["gsfw", "0.1.0"]
+    assert found["strategy", "mcmc"][-1].endswith("(Kheradmand et al. 2024)")
+
+
+def test_one_slot_can_be_asked_for(capsys):
+    assert main(["plugins", "slot=strategy", "json=true"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [item["name"] for item in document["plugins"]] == ["adc", "mcmc", "none"]
+    assert document["plugins"][0]["distribution"] == "gsfw"
+    assert document["broken"] == []
+
+
+def test_an_unknown_slot_suggests_the_nearest(capsys):
+    assert main(["plugins", "slot=strat"]) == 2
+    assert capsys.readouterr().err == (
+        "error: slot=strat: there is no such slot. Did you mean 'strategy'?\n"
+        "Slots: method, rasterizer, datamanager, strategy, sampler, operators, exporter, "
+        "importer, metric, callback, command.\n"
+    )

@@ -1,0 +1,127 @@
+"""Tests of gsfw.commands.train and what it shares with resume."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gsfw.commands.main import main
+from gsfw.core.run_folder import RunFolder
+
+SMALL = (
+    "method=3dgs", "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",
+    "datamanager.height=24", "datamanager.points=150", "steps=4",
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    """Runs without out= go below an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+def refusal(capsys, *arguments: str) -> str:
+    assert main(["train", *arguments]) == 2
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err
+    return said.err
+
+
+def test_without_a_method_the_methods_are_listed_with_the_next_command(capsys):
+    lines = refusal(capsys).splitlines()
+    assert lines[:2] == ["error: no method is chosen.", "Methods:"]
+    assert lines[2] == "  3dgs  static 3D Gaussians with spherical-harmonic colours"
+    assert lines[-1] == "Next: gsfw train method=3dgs (with --help: every setting)."
+
+
+def test_words_that_are_no_pairs_are_explained(capsys, tmp_path):
+    (tmp_path / "garden").mkdir()
+    explained = {
+        "3dgs": "Write method=3dgs.",
+        "garden": "Write data=garden.",
+        "json": "Write json=true, or --json.",
+        "steps": "Write steps=VALUE; all keys: gsfw train --help.",
+    }
+    for word, advice in explained.items():
+        assert refusal(capsys, word) == f"error: {word!r} is not key=value.\n{advice}\n"
+
+
+def test_help_shows_every_key_with_type_default_and_sentence(capsys):
+    assert main(["train", "method=3dgs", "strategy=mcmc", "steps=oops", "--help"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert lines[0] == "usage: gsfw train method=3dgs [key=value ...]"
+    assert "strategy=mcmc name adc, mcmc, none" in lines
+    assert any(line.startswith("seed=42 whole number Seed of every generator;") for line in lines)
+    assert {"parts", "run", "optim", "strategy mcmc", "datamanager synthetic"} <= set(lines)
+
+
+def test_a_misspelt_key_a_wrong_type_and_a_missing_folder_make_no_folder(capsys, tmp_path):
+    assert "Did you mean 'optim.means_lr'?" in refusal(capsys, *SMALL, "optim.mean_lr=1")
+    assert "steps=abc: expected a whole number, found 'abc'." in refusal(
+        capsys, *SMALL, "steps=abc"
+    )
+    assert "data=nowhere: there is no such file or folder." in refusal(
+        capsys, *SMALL, "data=nowhere"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_dry_run_checks_everything_and_writes_nothing(capsys, tmp_path):
+    assert main(["train", *SMALL, "--dry-run"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("method 3dgs, strategy adc, rasterizer ")
+    assert "6 views to train on, 2 held out; 150 Gaussians to start with" in said
+    assert "everything fits; without --dry-run the run would go to runs/" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_goes_to_a_folder_of_its_own_and_says_what_is_next(capsys, tmp_path):
+    assert main(["train", *SMALL]) == 0
+    (path,) = (tmp_path / "runs").glob("*/3dgs/*")
+    said = capsys.readouterr().out
+    run = path.relative_to(tmp_path)
+    assert "done: 4 steps in " in said
+    assert "held-out views: 2, PSNR " in said
+    assert f"everything is in {run}" in said
+    for following in ("tensorboard --logdir", "gsfw eval", "gsfw render", "gsfw export"):
+        assert f"\n  {following} {run}" in said
+
+
+def test_with_json_standard_output_is_the_summary_alone(capsys, tmp_path):
+    assert main(["train", *SMALL, "out=run", "json=true"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["run"] == "run"
+    assert document["completed"] is True
+    assert {"psnr", "ssim", "num_gaussians", "train_seconds", "steps"} <= document.keys()
+    assert document["steps"] == 4
+
+
+def test_the_saved_config_makes_the_same_run_again(capsys):
+    assert main(["train", *SMALL, "strategy=mcmc", "seed=7", "out=first"]) == 0
+    assert main(["train", "config=first/config.yaml", "out=second"]) == 0
+    first, second = RunFolder(Path("first")), RunFolder(Path("second"))
+    assert "strategy: mcmc" in second.config.read_text()
+    figures = [json.loads(folder.summary.read_text())["psnr"] for folder in (first, second)]
+    assert figures[0] == figures[1]
+
+
+def test_an_existing_run_is_refused_before_any_work(capsys, monkeypatch):
+    assert main(["train", *SMALL, "out=run"]) == 0
+    capsys.readouterr()
+    monkeypatch.setattr("gsfw.plugins.compose.compose", None)
+    assert refusal(capsys, *SMALL, "out=run") == (
+        "error: out=run: this folder holds a run already.\n"
+        "Go on with it: gsfw resume run, or choose another folder with out=DIR.\n"
+    )
+
+
+def test_a_failure_before_the_first_checkpoint_leaves_nothing(capsys, monkeypatch, tmp_path):
+    def fail(self, step, state, keep=2):
+        raise OSError("disk on fire")
+
+    monkeypatch.setattr(RunFolder, "write_checkpoint", fail)
+    (tmp_path / "errors").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "errors"))
+    assert main(["train", *SMALL, "out=a/b/run"]) == 1
+    assert "error: gsfw failed unexpectedly: OSError: disk on fire" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["errors"]

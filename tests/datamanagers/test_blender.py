@@ -1,0 +1,140 @@
+"""The ``blender`` format."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from small_captures import (
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    projection_error,
+    request,
+    ring,
+    write_picture,
+    write_transforms,
+)
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.datamanagers.blender import BlenderConfig
+
+CPU = torch.device("cpu")
+
+
+def write(folder, splits=("train", "test"), times=None, mode="RGBA"):
+    """A part of the ring for each split; file paths have no extension, as in NeRF-synthetic."""
+    for number, split in enumerate(splits):
+        members = [0, 1, 2] if split == "train" else [2 + number]
+        part = replace(
+            ring(6),
+            poses=[ring(6).poses[index] for index in members],
+            names=[f"./{split}/r_{index}" for index in members],
+        )
+        for name in part.names:
+            write_picture(folder / f"{name}.png", WIDTH, HEIGHT, mode)
+        settings = [{"time": times[index]} for index in members] if times else ()
+        write_transforms(folder / f"transforms_{split}.json", part, settings)
+    return folder
+
+
+def build(path, eval_split="test", **settings):
+    return BlenderConfig(eval_split).build(request(path, **settings))
+
+
+def named(splits=("train", "test")):
+    """The ring under the names that the loader gives the views of ``write``."""
+    owner = ["train/r_0", "train/r_1", "train/r_2", f"{splits[-1]}/r_3", "", ""]
+    return replace(ring(6), names=owner)
+
+
+def test_points_fall_where_they_should_in_both_splits(tmp_path):
+    data = build(write(tmp_path))
+    assert data.views(Split.TRAIN).names == ("train/r_0", "train/r_1", "train/r_2")
+    assert data.views(Split.EVAL).names == ("test/r_3",)
+    assert projection_error(data, named()) < 0.01
+
+
+def test_the_split_of_the_files_is_used_whatever_would_be_held_out(tmp_path):
+    data = build(write(tmp_path), eval_every_nth=2)
+    assert data.views(Split.EVAL).names == ("test/r_3",)
+    assert data.notes() == (
+        f"{tmp_path}/transforms_train.json: 3 frames",
+        f"{tmp_path}/transforms_test.json: 1 frames",
+        "3 views to train on, 1 held out (the data set's own split)",
+    )
+
+
+def test_val_is_held_out_only_when_asked_for(tmp_path):
+    write(tmp_path, ("train", "test", "val"))
+    assert build(tmp_path).views(Split.EVAL).names == ("test/r_3",)
+    assert build(tmp_path, "val").views(Split.EVAL).names == ("val/r_4",)
+
+
+def test_without_a_test_file_training_pictures_are_held_out(tmp_path):
+    data = build(write(tmp_path, ("train",)), eval_every_nth=2)
+    assert data.views(Split.EVAL).names == ("train/r_0", "train/r_2")
+    assert "there is no transforms_test.json" in data.notes()
+
+
+def test_alpha_comes_with_straight_colours(tmp_path):
+    data = build(write(tmp_path))
+    assert data.scene.has_alpha
+    assert data.scene.points.shape == (0, 3)
+    (batch,) = data.load(Split.TRAIN, [0, 1], CPU)
+    values = torch.arange(WIDTH * HEIGHT * 4).mul(7).remainder(256).reshape(HEIGHT, WIDTH, 4) / 255
+    torch.testing.assert_close(batch.images[1], values[..., :3])
+    torch.testing.assert_close(batch.alpha[1], values[..., 3:])
+    white = batch.target(torch.ones(3))[0]
+    torch.testing.assert_close(white, values[..., :3] * values[..., 3:] + 1 - values[..., 3:])
+
+
+def test_times_are_normalised_over_all_splits_even_unused_ones(tmp_path):
+    write(tmp_path, ("train", "test", "val"), times=[1.0, 2.0, 2.0, 4.0, 5.0, 9.0])
+    data = build(tmp_path)
+    assert data.views(Split.TRAIN).times == (0.0, 0.25, 0.25)
+    assert data.views(Split.EVAL).times == (0.75,)
+    assert (data.scene.time_range, data.scene.num_times) == ((1.0, 5.0), 4)
+
+
+def test_the_same_lens_in_both_files_is_one_camera(tmp_path):
+    data = build(write(tmp_path))
+    for split in Split:
+        assert {int(camera.camera_index[0]) for camera in data.views(split).cameras} == {0}
+
+
+def test_a_file_of_the_split_stands_for_its_folder(tmp_path):
+    data = build(write(tmp_path) / "transforms_train.json")
+    assert len(data.views(Split.EVAL)) == 1
+    assert data.scene.name == tmp_path.name
+
+
+def test_the_angle_refers_to_the_width_of_the_picture(tmp_path):
+    write_picture(tmp_path / "a.png", 20, 10)
+    part = replace(ring(1), names=["a"])
+    settings = dict.fromkeys(("fl_x", "fl_y", "cx", "cy", "w", "h"))
+    write_transforms(
+        tmp_path / "transforms_train.json", part, **settings, camera_angle_x=torch.pi / 2
+    )
+    intrinsics = build(tmp_path).views(Split.TRAIN).cameras[0].intrinsics[0]
+    torch.testing.assert_close(intrinsics, torch.tensor([[10.0, 0, 10], [0, 10, 5], [0, 0, 1]]))
+
+
+def test_an_unknown_split_is_refused(tmp_path):
+    with pytest.raises(ConfigError) as error:
+        build(write(tmp_path), "tset")
+    assert str(error.value) == "datamanager.eval_split=tset: expected test or val."
+
+
+def test_a_folder_without_training_file_is_refused(tmp_path):
+    write(tmp_path, ("test",))
+    with pytest.raises(DataError) as error:
+        build(tmp_path)
+    assert str(error.value) == (
+        f"{tmp_path} holds no transforms_train.json.\nGive the folder that does."
+    )
+
+
+def test_focal_lengths_are_those_of_the_file(tmp_path):
+    intrinsics = build(write(tmp_path)).views(Split.TRAIN).cameras[0].intrinsics[0]
+    assert (intrinsics[0, 0], intrinsics[1, 1]) == FOCAL

@@ -1,0 +1,88 @@
+"""Frames: pictures and the cameras that describe them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.frames import Frame, Lens, data_folder, missing_pictures
+from gsfw.datamanagers.pictures import Header
+
+LENS = Lens(70.0, 72.0, 31.0, 25.5, 64, 48, "camera 1 of cameras.bin")
+
+
+def frame(width: int, height: int, orientation: int = 1) -> Frame:
+    header = Header(width, height, has_alpha=False, orientation=orientation)
+    return Frame("a.jpg", Path("a.jpg"), header, LENS, torch.eye(4).double())
+
+
+def test_the_camera_of_a_full_size_picture_is_the_lens():
+    camera = frame(64, 48).camera_at(1.0)
+    torch.testing.assert_close(camera.intrinsics[0], LENS.matrix())
+    assert (camera.width, camera.height) == (64, 48)
+
+
+def test_a_picture_smaller_by_a_whole_number_scales_the_camera():
+    camera = frame(16, 12).camera_at(1.0)
+    assert (camera.width, camera.height) == (16, 12)
+    assert camera.intrinsics[0, 0].tolist() == [17.5, 0.0, 7.75]
+
+
+def test_downscaling_rounds_the_size_and_keeps_the_exact_ratio_per_axis():
+    camera = frame(64, 48).camera_at(5.0)
+    assert (camera.width, camera.height) == (13, 10)
+    assert camera.intrinsics[0, 0, 0] == pytest.approx(70 * 13 / 64)
+    assert camera.intrinsics[0, 1, 2] == pytest.approx(25.5 * 10 / 48)
+
+
+@pytest.mark.parametrize(("width", "height"), [(63, 48), (32, 16), (128, 96), (21, 16)])
+def test_a_size_that_contradicts_the_camera_names_both(width, height):
+    with pytest.raises(DataError) as error:
+        frame(width, height).camera_at(1.0)
+    assert str(error.value) == (
+        f"a.jpg is {width}x{height} pixels, but camera 1 of cameras.bin describes 64x48.\n"
+        "Use the pictures that the cameras were computed from. Smaller ones are fine where both "
+        "sides are smaller by the same whole number; downscale=N shrinks pictures and cameras "
+        "together."
+    )
+
+
+def test_a_picture_that_exif_turns_away_from_its_camera_is_explained():
+    with pytest.raises(DataError) as error:
+        frame(48, 64, orientation=6).camera_at(1.0)
+    assert "a.jpg is 48x64 pixels (EXIF orientation 6), but" in str(error.value)
+    assert "gsfw always applies EXIF orientation, so remove that tag" in str(error.value)
+
+
+@pytest.mark.parametrize("broken", [{"fx": 0.0}, {"cx": float("nan")}, {"width": 0}])
+def test_numbers_that_are_no_camera_are_refused(broken):
+    with pytest.raises(DataError, match=r"camera 1 of cameras\.bin: fx=.* is no camera"):
+        replace(LENS, **broken).check()
+
+
+def test_missing_pictures_are_listed_up_to_five(tmp_path):
+    missing = [f"{index}.png" for index in range(7)]
+    (note,) = missing_pictures(missing, 10, tmp_path)
+    assert note == (
+        "7 of 10 pictures are not on disk and are left out: "
+        "0.png, 1.png, 2.png, 3.png, 4.png and 2 more"
+    )
+    assert missing_pictures([], 10, tmp_path) == ()
+
+
+def test_a_data_set_without_any_picture_is_refused():
+    with pytest.raises(DataError) as error:
+        missing_pictures(["a.png", "b.png"], 2, Path("data/images"))
+    assert str(error.value) == (
+        "none of the 2 pictures is in data/images (looked for a.png, b.png).\n"
+        "Put the pictures there, or name their folder (datamanager.images=DIR for colmap)."
+    )
+
+
+def test_a_format_that_reads_files_wants_one():
+    with pytest.raises(DataError, match="datamanager=colmap reads files, and data is empty"):
+        data_folder(None, "colmap")
+    with pytest.raises(DataError, match="data=nowhere: there is no such file or folder"):
+        data_folder(Path("nowhere"), "colmap")

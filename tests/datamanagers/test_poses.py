@@ -1,0 +1,67 @@
+"""Camera poses."""
+
+import pytest
+import torch
+from small_captures import opengl, ring
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.poses import from_opengl, from_quaternion
+
+
+def matrix(values) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+def test_opengl_poses_become_opencv_transforms():
+    for pose in ring(5).poses:
+        torch.testing.assert_close(from_opengl(matrix(opengl(pose)), "a"), torch.from_numpy(pose))
+
+
+def test_rounded_rotations_are_made_exact_about_the_camera_centre():
+    pose = matrix(opengl(ring(origin=(5e6, 5e6, 0.0)).poses[0]))
+    rounded = pose.clone()
+    rounded[:3, :3] = (pose[:3, :3] * 1e4).round() / 1e4
+    loaded = from_opengl(rounded, "a")
+    rotation = loaded[:3, :3]
+    torch.testing.assert_close(rotation @ rotation.T, torch.eye(3).double())
+    center = -rotation.T @ loaded[:3, 3]
+    assert float((center - pose[:3, 3]).abs().max()) < 1e-7
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_pose_that_is_not_finite_names_its_frame(value):
+    pose = matrix(opengl(ring().poses[0]))
+    pose[1, 3] = value
+    with pytest.raises(DataError) as error:
+        from_opengl(pose, "transforms.json: frame a.png")
+    assert str(error.value) == (
+        "transforms.json: frame a.png: the pose (transform_matrix) has numbers that are not "
+        "finite.\nRemove this frame, or compute its pose again."
+    )
+
+
+def test_a_scaled_pose_is_refused_with_the_reason():
+    pose = matrix(opengl(ring().poses[0]))
+    pose[:3, :3] *= 2
+    with pytest.raises(DataError, match=r"frame a\.png: .* not rigid: .*off by 3, determinant 8"):
+        from_opengl(pose, "frame a.png")
+
+
+def test_a_mirrored_pose_is_refused():
+    pose = matrix(opengl(ring().poses[0]))
+    pose[:3, 0] *= -1
+    with pytest.raises(DataError, match="determinant -1"):
+        from_opengl(pose, "frame a.png")
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "translation"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((float("nan"), 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((1.0, 0.0, 0.0, 0.0), (0.0, float("inf"), 0.0)),
+    ],
+)
+def test_a_quaternion_pose_that_is_none_names_its_image(quaternion, translation):
+    with pytest.raises(DataError, match=r"a\.png: the pose is not finite or not rigid"):
+        from_quaternion(quaternion, translation, "a.png")

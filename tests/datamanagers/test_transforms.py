@@ -1,0 +1,315 @@
+"""The ``transforms`` format."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from plyfile import PlyData, PlyElement
+from small_captures import (
+    CENTER,
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    opengl,
+    projection_error,
+    request,
+    ring,
+    write_pictures,
+    write_transforms,
+)
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.transforms import TransformsConfig
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with the pictures of the ring, which a test adds its transforms.json to."""
+    write_pictures(tmp_path, ring())
+    return tmp_path
+
+
+def build(path, **settings):
+    return TransformsConfig().build(request(path, **settings))
+
+
+def write(folder, frame_settings=(), **settings):
+    return write_transforms(folder / "transforms.json", ring(), frame_settings, **settings)
+
+
+def failure(path) -> DataError:
+    with pytest.raises(DataError) as error:
+        build(path)
+    return error.value
+
+
+def write_ply(path, columns: dict) -> None:
+    values = np.rec.fromarrays(list(columns.values()), names=list(columns))
+    PlyData([PlyElement.describe(np.asarray(values), "vertex")]).write(path)
+
+
+def test_points_fall_where_they_should(folder):
+    write(folder)
+    assert projection_error(build(folder), ring()) < 0.01
+    assert projection_error(build(folder / "transforms.json"), ring()) < 0.01
+    assert projection_error(build(folder, downscale=2.0), ring(), scale=0.5) < 0.01
+
+
+def test_georeferenced_cameras_see_the_same_pixels(folder):
+    capture = ring(4, 30.0, origin=(5e6, 4.9e6, 300.0))
+    write_transforms(folder / "transforms.json", capture)
+    data = build(folder)
+    # There are no points in this file, so the world's points go through the frame here.
+    assert projection_error(data, capture) < 0.01
+
+
+def test_camera_angles_give_the_focal_lengths_and_the_centre_is_the_default(folder):
+    angles = {
+        "camera_angle_x": 2 * math.atan(WIDTH / 2 / FOCAL[0]),
+        "camera_angle_y": 2 * math.atan(HEIGHT / 2 / FOCAL[1]),
+    }
+    write(folder, fl_x=None, fl_y=None, cx=None, cy=None, w=None, h=None, **angles)
+    camera = build(folder).views(Split.TRAIN).cameras[0]
+    wanted = torch.tensor([[FOCAL[0], 0, WIDTH / 2], [0, FOCAL[1], HEIGHT / 2], [0, 0, 1]])
+    torch.testing.assert_close(camera.intrinsics[0], wanted)
+
+
+def test_one_angle_stands_for_square_pixels(folder):
+    write(folder, fl_x=None, fl_y=None, camera_angle_x=1.0)
+    intrinsics = build(folder).views(Split.TRAIN).cameras[0].intrinsics[0]
+    assert intrinsics[0, 0] == intrinsics[1, 1] == pytest.approx(32 / math.tan(0.5))
+
+
+def test_settings_of_a_frame_go_before_those_of_the_file(folder):
+    settings = [{}, {"camera_angle_x": 1.0, "cx": 30.0}, {}, {}]
+    write(folder, settings)
+    cameras = build(folder).views(Split.TRAIN).cameras
+    assert cameras[0].intrinsics[0, 0, 0] == FOCAL[0]
+    assert cameras[1].intrinsics[0, 0, 0] == pytest.approx(32 / math.tan(0.5))
+    assert cameras[1].intrinsics[0, 0, 2] == 30.0
+    assert [int(camera.camera_index[0]) for camera in cameras] == [0, 1, 0, 0]
+
+
+def test_file_paths_may_lack_their_extension_and_use_backslashes(tmp_path):
+    write_pictures(tmp_path / "images", ring())
+    names = [f".\\images\\{name.removesuffix('.png')}" for name in ring().names]
+    write_transforms(tmp_path / "transforms.json", replace(ring(), names=names))
+    assert build(tmp_path).views(Split.TRAIN).names[0] == "images/view_000"
+
+
+def test_frames_whose_files_are_missing_are_listed_and_left_out(folder):
+    write(folder)
+    (folder / "view_002.png").unlink()
+    data = build(folder)
+    assert data.views(Split.TRAIN).names == ("view_000.png", "view_001.png", "view_003.png")
+    assert "1 of 4 pictures are not on disk and are left out: view_002.png" in data.notes()
+
+
+def test_a_file_without_any_of_its_pictures_is_refused(tmp_path):
+    write(tmp_path)
+    assert f"none of the 4 pictures is in {tmp_path}" in str(failure(tmp_path))
+
+
+def test_points_of_a_ply_come_along_with_their_colours(folder):
+    capture = ring()
+    columns = dict(zip("xyz", capture.points.astype(np.float32).T, strict=True))
+    columns |= dict(zip(("red", "green", "blue"), capture.colors.T, strict=True))
+    write_ply(folder / "sparse_pc.ply", columns)
+    write(folder, ply_file_path="sparse_pc.ply")
+    scene = build(folder).scene
+    world = scene.world_from_scene.apply(scene.points)
+    torch.testing.assert_close(world, torch.from_numpy(capture.points), atol=1e-6, rtol=0)
+    assert np.allclose(scene.point_colors.numpy(), capture.colors / 255)
+
+
+def test_points_without_colours_are_grey(folder):
+    write_ply(folder / "points.ply", {name: np.zeros(2, np.float32) for name in "xyz"})
+    write(folder, ply_file_path="./points.ply")
+    assert build(folder).scene.point_colors.tolist() == [[0.5] * 3] * 2
+
+
+def test_points_that_are_not_on_disk_are_noted(folder):
+    write(folder, ply_file_path="sparse_pc.ply")
+    data = build(folder)
+    assert data.scene.points.shape == (0, 3)
+    assert "its points (ply_file_path sparse_pc.ply) are not on disk" in data.notes()
+
+
+def test_broken_points_name_their_file(folder):
+    write(folder, ply_file_path="points.ply")
+    (folder / "points.ply").write_text("ply\nformat ascii 1.0\nelement vertex 9\n")
+    assert str(failure(folder)).startswith(f"{folder}/points.ply does not hold points: ")
+    write_ply(folder / "points.ply", {name: np.full(2, np.nan, np.float32) for name in "xyz"})
+    assert str(failure(folder)) == (
+        f"{folder}/points.ply: some of its points are not finite.\nRemove them."
+    )
+
+
+def test_masks_tell_which_pixels_are_valid(folder):
+    values = np.zeros((HEIGHT, WIDTH), np.uint8)
+    values[:, : WIDTH // 2] = 255
+    Image.fromarray(values).save(folder / "mask.png")
+    write(folder, [{"mask_path": "mask.png"}, {}, {}, {}])
+    (batch,) = build(folder, downscale=2.0).load(Split.TRAIN, [0, 1], CPU)
+    assert batch.valid is not None
+    assert batch.valid[0, :, :, 0].float().mean(0).tolist() == [1.0] * 16 + [0.0] * 16
+    assert batch.valid[1].all()
+
+
+def test_a_missing_mask_names_its_frame(folder):
+    path = write(folder, [{"mask_path": "mask.png"}, {}, {}, {}])
+    assert str(failure(folder)) == (
+        f"{path}: frame view_000.png: its mask mask.png is not on disk.\n"
+        "Put it there, or remove mask_path to use every pixel."
+    )
+
+
+def test_the_own_split_of_the_file_is_kept(folder):
+    names = ring().names
+    write(folder, train_filenames=names[1:3], test_filenames=["./" + names[0]])
+    data = build(folder, eval_every_nth=2)
+    assert data.views(Split.TRAIN).names == tuple(names[1:3])
+    assert data.views(Split.EVAL).names == (names[0],)
+    assert data.notes()[-2:] == (
+        "1 frames are neither in train_filenames nor in test_filenames: left out",
+        "2 views to train on, 1 held out (the data set's own split)",
+    )
+
+
+@pytest.mark.parametrize("key", ["test_filenames", "val_filenames"])
+def test_frames_outside_the_only_list_make_up_the_other_split(folder, key):
+    names = ring().names
+    write(folder, **{key: names[:1]})
+    assert build(folder).views(Split.TRAIN).names == tuple(names[1:])
+    write(folder, train_filenames=names[:3])
+    assert build(folder).views(Split.EVAL).names == (names[3],)
+
+
+def test_times_are_normalised_and_their_range_is_kept(folder):
+    write(folder, [{"time": time} for time in (2.0, 6.0, 2.0, 3.0)])
+    data = build(folder)
+    assert data.views(Split.TRAIN).times == (0.0, 1.0, 0.0, 0.25)
+    assert (data.scene.time_range, data.scene.num_times) == ((2.0, 6.0), 3)
+    batches = data.load(Split.TRAIN, [0, 1, 2], CPU)
+    assert [(batch.views, float(batch.time)) for batch in batches] == [((0, 2), 0.0), ((1,), 1.0)]
+
+
+def test_a_pose_with_nan_names_its_frame(folder):
+    pose = opengl(ring().poses[2])
+    pose[0][3] = float("nan")
+    path = write(folder, [{}, {}, {"transform_matrix": pose}, {}])
+    assert str(failure(folder)).startswith(
+        f"{path}: frame view_002.png: the pose (transform_matrix) has numbers that are not finite."
+    )
+
+
+@pytest.mark.parametrize("pose", [None, [[1, 2], [3, 4]], "none", [[1, 2, 3, "x"]] * 4])
+def test_a_frame_without_a_pose_is_named(folder, pose):
+    path = write(folder, [{"transform_matrix": pose}, {}, {}, {}])
+    assert str(failure(folder)) == (
+        f"{path}: frame view_000.png: there is no pose.\n"
+        "Expected transform_matrix with 4 rows of 4 numbers."
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "found"),
+    [
+        ({"k1": 0.1, "p2": -0.02}, "k1=0.1, p2=-0.02"),
+        ({"is_fisheye": True}, "is_fisheye"),
+        ({"camera_model": "OPENCV_FISHEYE", "k1": 0.0}, "camera_model=OPENCV_FISHEYE"),
+    ],
+)
+def test_distorted_cameras_are_refused_with_the_way_out(folder, settings, found):
+    path = write(folder, **settings)
+    assert str(failure(folder)) == (
+        f"{path}: frame view_000.png: its camera is distorted ({found}); expected a pinhole "
+        "camera.\nUndistort the pictures first: run colmap image_undistorter on the COLMAP model "
+        "that this file was made from, and train on its result (data=DIR). A later version of gsfw "
+        "will do so itself."
+    )
+
+
+def test_a_distortion_of_zero_is_a_pinhole(folder):
+    write(folder, k1=0.0, k2=0, p1=0.0, camera_model="OPENCV", is_fisheye=False)
+    assert projection_error(build(folder), ring()) < 0.01
+
+
+def test_a_camera_without_focal_length_says_what_would_give_one(folder):
+    path = write(folder, fl_x=None, fl_y=None)
+    assert str(failure(folder)) == (
+        f"{path}: frame view_000.png: there is no focal length.\n"
+        "Expected one of fl_x, fl_y, camera_angle_x, camera_angle_y, for the file or for the frame."
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"fl_x": "70"}, "fl_x is '70'; expected a number."),
+        ({"cx": float("inf")}, "cx is inf; expected a number."),
+        (
+            {"fl_x": None, "camera_angle_x": 40.0},
+            "camera_angle_x is 40; expected radians between 0 and pi.",
+        ),
+    ],
+)
+def test_a_setting_that_is_no_number_is_named(folder, settings, message):
+    path = write(folder, **settings)
+    assert str(failure(folder)) == f"{path}: frame view_000.png: {message}"
+
+
+def test_a_picture_of_another_size_is_refused_with_both_sizes(folder):
+    path = write(folder, w=WIDTH + 2)
+    assert failure(folder).message == (
+        f"{folder}/view_000.png is 64x48 pixels, but {path} describes 66x48."
+    )
+
+
+def test_a_file_that_is_cut_off_is_refused(folder):
+    path = write(folder)
+    path.write_text(path.read_text()[:100])
+    assert str(failure(folder)).startswith(f"{path} cannot be read as JSON: ")
+
+
+@pytest.mark.parametrize("content", [[], {}, {"frames": {}}, {"frames": ["a.png"]}])
+def test_a_file_of_another_kind_is_refused(folder, content):
+    path = folder / "transforms.json"
+    path.write_text(json.dumps(content))
+    assert str(failure(folder)) == (
+        f"{path} has no list of frames.\n"
+        'Expected {"frames": [{"file_path": ..., "transform_matrix": ...}, ...]}.'
+    )
+
+
+def test_empty_frames_and_frames_without_a_path_are_refused(folder):
+    path = folder / "transforms.json"
+    path.write_text('{"frames": []}')
+    assert str(failure(folder)) == f"{path}: its list of frames is empty."
+    path.write_text('{"frames": [{"file_path": 3}]}')
+    assert str(failure(folder)) == f"{path}: frame 0 (counted from 0) has no file_path."
+
+
+def test_a_list_of_names_has_to_be_one(folder):
+    path = write(folder, train_filenames=[1, 2])
+    assert str(failure(folder)) == f"{path}: train_filenames is not a list of file paths."
+
+
+def test_a_folder_without_the_file_is_refused(tmp_path):
+    assert str(failure(tmp_path)) == (
+        f"{tmp_path} holds no transforms.json.\nGive the folder that does, or the file."
+    )
+
+
+def test_principal_point_and_focal_lengths_are_those_of_the_file(folder):
+    write(folder)
+    intrinsics = build(folder).views(Split.TRAIN).cameras[0].intrinsics[0]
+    wanted = [[FOCAL[0], 0.0, CENTER[0]], [0.0, FOCAL[1], CENTER[1]], [0.0, 0.0, 1.0]]
+    assert intrinsics.tolist() == wanted

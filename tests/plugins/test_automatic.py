@@ -1,0 +1,149 @@
+"""Tests of gsfw.plugins.automatic."""
+
+import pytest
+import torch
+from fake_parts import FakePlugin, fake_registry, registry_of
+
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.plugins.automatic import choose_datamanager, rasterizer_capabilities
+from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
+from gsfw.plugins.specs import Spec, hookimpl
+
+
+def settings(registry=None, **typed: str) -> Settings:
+    line = Layer(COMMAND_LINE, {"method": "demo", **typed})
+    return resolve(registry or fake_registry(), [line])
+
+
+def data_refusal(path) -> str:
+    with pytest.raises(DataError) as caught:
+        choose_datamanager(str(path), fake_registry())
+    return str(caught.value)
+
+
+def test_without_data_the_built_in_scene_is_taken():
+    found = settings()
+    assert found.choices["datamanager"].name == "synthetic"
+    assert found.sources["datamanager"] == "chosen automatically: data is empty"
+
+
+def test_the_format_is_recognised_and_the_reason_given(tmp_path):
+    (tmp_path / "apples.txt").touch()
+    found = settings(data=str(tmp_path))
+    assert found.choices["datamanager"].name == "apples"
+    assert found.sources["datamanager"] == "chosen automatically: found apples.txt"
+
+
+def test_of_several_formats_the_one_with_priority_wins_and_brings_its_recommendations(tmp_path):
+    (tmp_path / "apples.txt").touch()
+    (tmp_path / "pears.txt").touch()
+    found = settings(data=str(tmp_path))
+    assert found.sources["datamanager"] == (
+        "chosen automatically: found pears.txt (preferred to apples)"
+    )
+    assert (found.config.background, found.config.steps) == ("white", 3000)
+    assert found.sources["steps"] == "recommended by datamanager pears"
+    assert found.sources["strategy.until"] == "method default x 0.1 (steps=3000)"
+
+
+def test_a_files_data_manager_is_for_the_files_data(tmp_path):
+    (tmp_path / "pears.txt").touch()
+    typed = Layer(COMMAND_LINE, {"method": "demo", "data": str(tmp_path)})
+
+    def chosen(**values: str) -> str:
+        layers = [Layer("config file a.yaml", values), typed]
+        return resolve(fake_registry(), layers).choices["datamanager"].name
+
+    assert chosen(data="elsewhere", datamanager="apples") == "pears"
+    assert chosen(datamanager="apples") == "apples", "chosen for whatever data there will be"
+
+
+def test_a_missing_folder_suggests_its_sibling(tmp_path):
+    (tmp_path / "garden").mkdir()
+    assert data_refusal(tmp_path / "gardne") == (
+        f"data={tmp_path / 'gardne'}: there is no such file or folder.\n"
+        f"{tmp_path} holds no 'gardne'. Did you mean 'garden'?"
+    )
+
+
+def test_a_missing_parent_is_named(tmp_path):
+    (tmp_path / "captures").mkdir()
+    said = data_refusal(tmp_path / "capture" / "fox")
+    assert said.endswith(f"{tmp_path} holds no 'capture'. Did you mean 'captures'?")
+
+
+def test_an_empty_folder_has_its_own_message(tmp_path):
+    assert data_refusal(tmp_path) == (
+        f"data={tmp_path}: the folder is empty.\n"
+        "Give the folder that holds the pictures and their cameras."
+    )
+
+
+def test_nothing_recognised_lists_what_was_looked_for_and_what_is_there(tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "notes.txt").touch()
+    assert data_refusal(tmp_path) == (
+        f"data={tmp_path}: this is not a data set that can be read here. Looked for:\n"
+        "  apples: apples.txt\n"
+        "  pears: pears.txt\n"
+        "The folder holds: images/, notes.txt.\n"
+        "If it is one of these formats, name it: datamanager=NAME says what is wrong with it."
+    )
+
+
+def test_the_rasterizer_is_the_preferred_one_that_meets_every_need():
+    assert settings().choices["rasterizer"].name == "fast"
+    found = settings(antialias="true")
+    assert found.choices["rasterizer"].name == "slow"
+    assert found.sources["rasterizer"] == "chosen automatically: the fastest that fits on cpu"
+
+
+def test_settings_of_an_automatic_rasterizer_are_applied_to_it():
+    assert settings(antialias="true", **{"rasterizer.tile": "8"}).flat()["rasterizer.tile"] == 8
+    with pytest.raises(ConfigError, match=r"It belongs to rasterizer slow, but rasterizer=fast\."):
+        settings(**{"rasterizer.tile": "8"})
+
+
+def test_the_device_is_the_gpu_only_where_a_rasterizer_fits_there(monkeypatch):
+    assert settings().config.device == "cpu"
+    assert settings().sources["device"] == "chosen automatically: torch sees no GPU here"
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    found = settings()
+    assert (found.config.device, found.choices["rasterizer"].name) == ("cuda", "slow")
+    found = settings(rasterizer="fast")
+    assert found.config.device == "cpu"
+    assert found.sources["device"] == (
+        "chosen automatically: there is a GPU, but no installed rasterizer fits there"
+    )
+
+
+def test_where_nothing_fits_the_rasterizer_that_lacks_least_is_named():
+    found = settings(device="cuda", rasterizer="auto", antialias="true")
+    assert found.choices["rasterizer"].name == "slow"
+    found = settings(device="tpu")
+    assert found.sources["rasterizer"].endswith("none fits on tpu; this one lacks least")
+
+
+def test_a_rasterizer_that_cannot_be_imported_is_unavailable_and_harms_nobody():
+    class Broken:
+        @hookimpl
+        def gsfw_rasterizers(self):
+            return [Spec("lost", "", "no_such_module_of_gsfw:Config")]
+
+    registry = registry_of(FakePlugin(), Broken())
+    assert settings(registry).choices["rasterizer"].name == "fast"
+    assert rasterizer_capabilities(registry)["lost"].unavailable == (
+        "rasterizer 'lost' (pkg1 1.0) cannot be loaded: "
+        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'"
+    )
+
+
+def test_without_any_rasterizer_that_is_said():
+    class Nothing(FakePlugin):
+        @hookimpl
+        def gsfw_rasterizers(self):
+            return []
+
+    with pytest.raises(ConfigError) as caught:
+        settings(registry_of(Nothing()))
+    assert str(caught.value) == "no rasterizer is installed.\nSee gsfw doctor."

@@ -1,0 +1,90 @@
+"""Tests of gsfw.plugins.config_file."""
+
+import pytest
+import yaml
+from fake_parts import FakePlugin, fake_registry, registry_of
+
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.config_file import read_config, write_config
+from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
+
+
+def refusal(path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        read_config(path)
+    return str(caught.value)
+
+
+def test_a_written_file_reproduces_the_settings_and_only_the_folder_is_new(tmp_path):
+    typed = {
+        "method": "demo", "strategy": "mcmc", "steps": "7000", "limit": "inf", "out": "there",
+        "holdout": "007,null,yes", "shape": "1,2e-9,3",
+    }  # fmt: skip
+    settings = resolve(fake_registry(), [Layer(COMMAND_LINE, typed)])
+    path = tmp_path / "config.yaml"
+    path.write_text(write_config(settings, ["train", "method=demo", "data=a b"]))
+    again = resolve(fake_registry(), [read_config(path)])
+    expected = {**settings.flat(), "out": ""}
+    assert again.flat() == expected
+    assert set(again.sources.values()) == {f"config file {path}", "method default"}
+    assert again.sources["out"] == "method default"
+
+
+def test_the_file_is_plain_data_and_says_where_it_comes_from(tmp_path):
+    settings = resolve(registry_of(FakePlugin()), [Layer(COMMAND_LINE, {"method": "demo"})])
+    text = write_config(settings, ["train", "method=demo", "data=a b"])
+    document = yaml.safe_load(text)
+    assert document["schema"] == 1
+    assert document["command line"] == "gsfw train method=demo 'data=a b'"
+    assert document["plugins"] == ["pkg0 1.0"]
+    assert {"gsfw", "torch", "python"} <= document.keys()
+    assert "!!" not in text
+
+
+def test_the_data_is_saved_as_an_absolute_path(tmp_path, monkeypatch):
+    (tmp_path / "fruit").mkdir()
+    (tmp_path / "fruit" / "apples.txt").touch()
+    monkeypatch.chdir(tmp_path)
+    typed = {"method": "demo", "data": "fruit"}
+    settings = resolve(fake_registry(), [Layer(COMMAND_LINE, typed)])
+    document = yaml.safe_load(write_config(settings, []))
+    assert document["data"] == str(tmp_path / "fruit")
+    assert document["init"] == "auto"
+
+
+def test_nested_mappings_are_dotted_keys(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("method: demo\nstrategy: mcmc\noptim:\n  sparse: true\n")
+    assert read_config(path).values == {
+        "method": "demo", "strategy": "mcmc", "optim.sparse": True,
+    }  # fmt: skip
+
+
+def test_an_empty_file_is_no_settings(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("# nothing\n")
+    assert read_config(path).values == {}
+
+
+def test_a_missing_file_and_one_that_is_no_mapping_are_refused(tmp_path):
+    path = tmp_path / "a.yaml"
+    assert refusal(path) == f"config={path}: there is no such file."
+    path.write_text("- a\n- b\n")
+    assert refusal(path) == f"config file {path}: expected 'key: value' on each line, found list."
+    path.write_text("a: [1\n")
+    assert refusal(path).startswith(f"config file {path}: this is not valid YAML: ")
+
+
+def test_python_objects_are_never_made(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("seed: !!python/object/apply:os.getpid []\n")
+    assert "this is not valid YAML" in refusal(path)
+
+
+def test_a_newer_schema_is_refused_with_a_sentence(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("schema: 2\ngsfw: 9.0.0\nmethod: demo\n")
+    assert refusal(path) == (
+        f"config file {path}: expected schema 1, found 2.\n"
+        "It was written by gsfw 9.0.0; this is 0.1.0. Use that version to read it."
+    )
