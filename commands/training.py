@@ -14,11 +14,13 @@ from gsfw.commands.interrupt import stop_on_signal
 from gsfw.core.callback import Callback
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
+from gsfw.core.exchange import Exporter
 from gsfw.core.run_folder import RunFolder
 from gsfw.core.trainer import Trainer
 from gsfw.plugins.automatic import load
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.registry import Registry
+from gsfw.plugins.registry import Registry, installed
+from gsfw.plugins.snapshot import snapshot
 
 
 def make_callbacks(registry: Registry) -> list[Callback]:
@@ -50,6 +52,8 @@ def run_training(trainer: Trainer, console: Console) -> int:
     try:
         with stop_on_signal(trainer.control) as interrupt, tracebacks_in(folder):
             summary = _fit(trainer)
+            if summary["completed"]:
+                write_splats(trainer, console)
     finally:
         trainer.parts.data.close()
     _tell(summary, trainer, console)
@@ -67,6 +71,16 @@ def _fit(trainer: Trainer) -> dict[str, Any]:
             "Shrink the images (downscale=2), or limit the number of Gaussians "
             "(strategy=mcmc strategy.cap_max=500000).",
         ) from None
+
+
+def write_splats(trainer: Trainer, console: Console) -> None:
+    """The result as a 3DGS PLY, in the world of the data; rows that are not finite are left out."""
+    parts = trainer.parts
+    taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
+    exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
+    exporter.write(trainer.folder.splats, taken.content)
+    if taken.num_dropped:
+        console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
 
 
 def quoted(folder: RunFolder) -> str:

@@ -93,6 +93,11 @@ def _own_split(file: TransformsFile, frames: list[Frame]) -> tuple[list[Frame], 
             split.append(replace(frame, split=Split.EVAL))
         elif frame.name in train or not train:
             split.append(replace(frame, split=Split.TRAIN))
+    if not split:
+        raise DataError(
+            f"{file.path}: none of its frames is in train_filenames or test_filenames.",
+            "Write the names there as in file_path, or remove both lists.",
+        )
     left_out = len(frames) - len(split)
     note = f"{left_out} frames are neither in train_filenames nor in test_filenames: left out"
     return split, (note,) if left_out else ()

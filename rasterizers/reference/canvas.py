@@ -85,7 +85,10 @@ class Canvas:
         by_count = counts.argsort(stable=True)
         for first in range(0, int(counts.max()), SLOTS):
             waiting = (counts > first) & (ahead.amax(1) > self.cut_offs.transmittance_min)
-            for tiles in by_count[waiting[by_count]].split(tiles_at_once):
+            tiles_waiting = by_count[waiting[by_count]]
+            if len(tiles_waiting) == 0:  # Splitting nothing would yield one empty chunk.
+                return
+            for tiles in tiles_waiting.split(tiles_at_once):
                 left = (counts[tiles] - first)[:, None]
                 slots = torch.arange(min(SLOTS, int(left.max())), device=tiles.device)
                 pairs = torch.where(slots < left, starts[tiles, None] + first + slots, -1)

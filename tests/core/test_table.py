@@ -110,11 +110,9 @@ def test_an_edit_that_fails_changes_nothing(how, verb):
     optimizer, table = with_optimizer(model)
     before = copy.deepcopy(everything(model, optimizer))
     children = broken_children(model, how)
+    arguments = (children,) if verb == "append" else (torch.tensor([1, 2]), children)
     with pytest.raises(ValueError, match=MESSAGES[how]):
-        if verb == "append":
-            table.append(children)
-        else:
-            table.replace(torch.tensor([1, 2]), children)
+        getattr(table, verb)(*arguments)
     assert everything(model, optimizer) == before
 
 

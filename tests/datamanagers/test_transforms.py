@@ -183,6 +183,14 @@ def test_the_own_split_of_the_file_is_kept(folder):
     )
 
 
+def test_lists_that_name_no_frame_are_refused(folder):
+    path = write(folder, train_filenames=["a.png"], test_filenames=["b.png"])
+    assert str(failure(folder)) == (
+        f"{path}: none of its frames is in train_filenames or test_filenames.\n"
+        "Write the names there as in file_path, or remove both lists."
+    )
+
+
 @pytest.mark.parametrize("key", ["test_filenames", "val_filenames"])
 def test_frames_outside_the_only_list_make_up_the_other_split(folder, key):
     names = ring().names

@@ -128,7 +128,11 @@ def site(tmp_path_factory) -> Path:
 
 
 def gsfw(site: Path, plugins: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(site), "GSFW_PLUGINS": plugins}
+    environment = os.environ | {
+        "PYTHONPATH": str(site),
+        "GSFW_PLUGINS": plugins,
+        "OMP_NUM_THREADS": "1",  # The scenes are tiny.
+    }
     return subprocess.run(
         [sys.executable, "-m", "gsfw", *arguments],
         capture_output=True, text=True, check=False, env=environment,

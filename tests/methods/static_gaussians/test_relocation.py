@@ -13,19 +13,17 @@ def double_sum(opacity: float, copies: int) -> tuple[float, float]:
     """New opacity and the factor of the scales, as the paper has them."""
     new = 1 - (1 - opacity) ** (1 / copies)
     exact = Fraction(new)
-    total = 0.0
     # Terms of one power are added exactly before the irrational weight is applied.
     powers = [
         sum(math.comb(i, k) for i in range(k, copies)) * (-1) ** k * exact ** (k + 1)
         for k in range(copies)
     ]
-    scale = 10**60
-    total_fraction = sum(
-        power * Fraction(math.isqrt(scale * scale // (k + 1)), scale)
+    digits = 10**60
+    total = sum(
+        power * Fraction(math.isqrt(digits * digits // (k + 1)), digits)
         for k, power in enumerate(powers)
     )
-    total = float(total_fraction)
-    return new, opacity / total
+    return new, opacity / float(total)
 
 
 @pytest.mark.parametrize("copies", [1, 2, 3, 10, 51])

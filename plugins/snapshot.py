@@ -1,0 +1,66 @@
+"""Snapshot: a model at one time as a splat file holds it, in the world of the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.exchange import SplatFile
+from gsfw.core.frame import transform_splats
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Sh, Splats
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What an exporter is given, and what was left out of it."""
+
+    content: SplatFile
+    num_dropped: int
+    """Rows that were not finite."""
+
+
+@torch.no_grad()
+def snapshot(
+    model: PrimitiveModel,
+    scene: Scene,
+    antialiased: bool,
+    time: Float[Tensor, ""] | None = None,
+) -> Snapshot:
+    """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU."""
+    world = transform_splats(_on_cpu(model.splats(time)), scene.world_from_scene)
+    finite = torch.stack(
+        [tensor.flatten(1).isfinite().all(1) for tensor in _by_row(world)], dim=1
+    ).all(1)
+    kept = finite.nonzero()[:, 0]
+    content = SplatFile(_select(world, kept), antialiased=antialiased, up=scene.up)
+    return Snapshot(content, len(finite) - len(kept))
+
+
+def _by_row(splats: Splats) -> list[Tensor]:
+    return [tensor.reshape(len(splats), -1) for tensor in splats.tensors().values()]
+
+
+def _on_cpu(splats: Splats) -> Splats:
+    colors = splats.colors
+    if isinstance(colors, Sh):
+        offsets = None if colors.offsets is None else colors.offsets.cpu()
+        colors = Sh(colors.coefficients.cpu(), colors.degree, offsets)
+    else:
+        colors = colors.cpu()
+    moved = {name: tensor.cpu() for name, tensor in splats.tensors().items() if name != "colors"}
+    return replace(splats, colors=colors, rows=None, **moved)
+
+
+def _select(splats: Splats, rows: Tensor) -> Splats:
+    colors = splats.colors
+    if isinstance(colors, Sh):
+        colors = replace(colors, coefficients=colors.coefficients[rows])
+    else:
+        colors = colors[rows]
+    kept = {name: tensor[rows] for name, tensor in splats.tensors().items() if name != "colors"}
+    return replace(splats, colors=colors, **kept)

@@ -1,0 +1,65 @@
+"""Uniform sampling."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import front_camera
+
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+from gsfw.samplers.uniform import UniformConfig, UniformSampler
+
+
+def views(count: int) -> Views:
+    return Views(tuple(f"{i}.png" for i in range(count)), (front_camera(),) * count)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 9), st.integers(1, 5), st.integers(-3, 2**40))
+def test_every_view_comes_once_per_epoch(count, views_per_step, seed):
+    sampler = UniformSampler(count, views_per_step, seed)
+    stream = [view for _ in range(3 * count) for view in sampler.next()]
+    for epoch in range(3 * views_per_step):
+        assert sorted(stream[epoch * count : (epoch + 1) * count]) == list(range(count))
+
+
+def test_looking_ahead_is_exact_and_changes_nothing():
+    sampler, other = UniformSampler(5, 2, 7), UniformSampler(5, 2, 7)
+    ahead = sampler.peek(16)
+    assert ahead == sampler.peek(16)
+    assert [view for _ in range(8) for view in sampler.next()] == list(ahead)
+    assert [view for _ in range(8) for view in other.next()] == list(ahead)
+
+
+def test_a_restored_sampler_continues_where_it_was():
+    sampler = UniformSampler(7, 3, 1)
+    for _ in range(4):
+        sampler.next()
+    sampler.peek(9)
+    state = sampler.state_dict()
+    other = UniformSampler(7, 3, 1)
+    other.load_state_dict(state)
+    assert [sampler.next() for _ in range(20)] == [other.next() for _ in range(20)]
+
+
+def test_seeds_and_epochs_have_orders_of_their_own():
+    def epochs(seed):
+        sampler = UniformSampler(50, 50, seed)
+        return [sampler.next() for _ in range(3)]
+
+    assert len({*epochs(0), *epochs(1)}) == 6
+    assert epochs(0) == epochs(0)
+
+
+def test_the_generators_of_torch_are_left_alone():
+    before = torch.get_rng_state()
+    UniformSampler(50, 2, 0).next()
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_settings_out_of_range_are_refused():
+    assert len(UniformConfig(views_per_step=3).build(views(4), 0).next()) == 3
+    with pytest.raises(ConfigError) as caught:
+        UniformConfig(views_per_step=0).build(views(4), 0)
+    assert caught.value.message == "sampler.views_per_step=0: expected at least 1."

@@ -1,0 +1,239 @@
+"""Adaptive density control on cases worked out by hand."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
+from scenes import random_splats
+from states import assert_same_bits
+
+from gsfw.core.capabilities import Feature
+from gsfw.core.config import step_settings
+from gsfw.core.errors import ConfigError
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import Statistic
+from gsfw.strategies.adc import AdcConfig
+
+SETTINGS = AdcConfig(refine_start=0, refine_every=10, refine_stop=100, reset_every=0)
+HIGH, LOW = 3e-4, 1e-4
+SMALL, LARGE = 0.005 * EXTENT, 0.05 * EXTENT
+
+
+def statistics(gradient, radii=None, visible=None) -> RenderStatistics:
+    values = torch.tensor([gradient])
+    seen = torch.ones_like(values, dtype=torch.bool) if visible is None else torch.tensor([visible])
+    return RenderStatistics(
+        seen,
+        torch.ones_like(values) if radii is None else torch.tensor([radii]),
+        screen_gradient=values,
+        absgrad=10 * values,
+    )
+
+
+def strategy(**changes):
+    return replace(SETTINGS, **changes).build(toy_scene())
+
+
+def generator():
+    return torch.Generator().manual_seed(0)
+
+
+def refined(adc, model, gradient, step=9, **measured):
+    """Observe one view, refine, and say what was done."""
+    optimizer, table = table_of(model)
+    seen = statistics(gradient, **measured)
+    adc.observe(context_of(seen, model.num_rows, step), seen)
+    return adc.refine(step, table, model, generator()), optimizer
+
+
+def test_small_rows_are_cloned_large_ones_split_and_transparent_ones_pruned():
+    model = gaussians(6)
+    set_rows(model, [0.5, 0.5, 0.5, 0.5, 0.004, 0.006], [SMALL, LARGE, SMALL, LARGE, SMALL, SMALL])
+    before = {name: column.values.detach().clone() for name, column in model.columns().items()}
+    counts, optimizer = refined(strategy(), model, [HIGH, HIGH, LOW, LOW, LOW, HIGH])
+    assert counts == {"cloned": 2, "split": 1, "pruned": 1}
+    # Rows 0, 2, 3 and 5 stay; then the clones of 0 and 5; then the two halves of 1.
+    origin = torch.tensor([0, 2, 3, 5, 0, 5, 1, 1])
+    for name in ("quats", "opacity_logits", "sh_dc", "sh_rest"):
+        assert torch.equal(model.columns()[name].values, before[name][origin])
+    assert torch.equal(model.means.values[:6], before["means"][origin[:6]])
+    assert torch.equal(model.log_scales.values[:6], before["log_scales"][origin[:6]])
+    halves = model.log_scales.values[6:].detach().exp()
+    torch.testing.assert_close(halves, torch.full((2, 3), LARGE / 1.6))
+    assert not torch.equal(model.means.values[6], model.means.values[7])
+    for name in model.columns():
+        (moments,) = optimizer.moments(name)
+        assert bool((moments.first[:4] == 1).all())
+        assert not moments.first[4:].any()
+        assert not moments.second[4:].any()
+
+
+def test_the_gradient_is_averaged_over_the_views_that_saw_a_row():
+    model = gaussians(3)
+    set_rows(model, [0.5] * 3, [SMALL] * 3)
+    adc = strategy()
+    for gradient, visible in (
+        ([HIGH, HIGH, HIGH], [True, True, True]),
+        ([0.0, 0.0, HIGH], [True, False, True]),
+    ):
+        seen = statistics(gradient, visible=visible)
+        adc.observe(context_of(seen, 3), seen)
+    counts = adc.refine(9, table_of(model)[1], model, generator())
+    assert counts == {"cloned": 2, "split": 0, "pruned": 0}  # All but row 0.
+
+
+def test_several_views_in_a_step_count_as_much_as_one_in_several_steps():
+    # In a step of two views each has half of the loss, and so half of the gradient.
+    gradient, visible = torch.tensor([[HIGH, LOW], [LOW, HIGH]]), torch.ones(2, 2, dtype=torch.bool)
+    radii = torch.ones(2, 2)
+    apart, together, uneven = strategy(), strategy(), strategy()
+    both = RenderStatistics(visible, radii, gradient / 2)
+    together.observe(context_of(both, 2), both)
+    for view in range(2):
+        one = RenderStatistics(visible[:1], radii[:1], gradient[view : view + 1])
+        apart.observe(context_of(one, 2), one)
+        half = RenderStatistics(visible[:1], radii[:1], gradient[view : view + 1] / 2)
+        uneven.observe(context_of(half, 2, share=0.5), half)
+    assert_same_bits(together.state_dict(), apart.state_dict())
+    assert_same_bits(uneven.state_dict(), apart.state_dict())
+
+
+def test_splats_that_are_only_some_of_the_rows_count_for_these_rows():
+    adc = strategy()
+    seen = statistics([HIGH, LOW])
+    drawn = replace(random_splats(2), rows=torch.tensor([4, 1]))
+    adc.observe(context_of(seen, 5, splats=drawn), seen)
+    assert adc.state_dict()["views"].tolist() == [0, 1, 0, 0, 1]
+    assert adc.state_dict()["gradient"].tolist() == pytest.approx([0, LOW, 0, 0, HIGH])
+
+
+def test_absgrad_has_a_threshold_of_its_own():
+    model = gaussians(2)
+    set_rows(model, [0.5, 0.5], [SMALL, SMALL])
+    adc = strategy(absgrad=True)
+    assert adc.statistics(0) == {Statistic.ABSGRAD}
+    counts, _ = refined(adc, model, [HIGH / 10, LOW])  # Tenfold: 3e-4 and 1e-3.
+    assert counts["cloned"] == 1
+    assert replace(SETTINGS, absgrad=True).needs().features == {Feature.ABSGRAD}
+    assert SETTINGS.needs().features == {Feature.SCREEN_GRADIENT}
+
+
+def test_growth_stops_at_the_limit_and_takes_the_largest_gradients():
+    model = gaussians(5)
+    set_rows(model, [0.5] * 5, [SMALL] * 5)
+    before = model.means.values.detach().clone()
+    counts, _ = refined(strategy(max_gaussians=7), model, [HIGH, 5 * HIGH, 2 * HIGH, LOW, HIGH])
+    assert counts["cloned"] == 2
+    assert torch.equal(model.means.values[5:], before[[1, 2]])
+    counts, _ = refined(strategy(max_gaussians=6), model, [HIGH] * 7)
+    assert counts == {"cloned": 0, "split": 0, "pruned": 0}
+
+
+@pytest.mark.parametrize(("step", "pruned"), [(19, 0), (29, 2)])
+def test_large_rows_are_pruned_after_the_first_reset(step, pruned):
+    model = gaussians(4)
+    set_rows(model, [0.5] * 4, [SMALL, 0.11 * EXTENT, SMALL, SMALL])
+    adc = strategy(reset_every=20, prune_radius=20.0)
+    counts, _ = refined(adc, model, [LOW] * 4, step=step, radii=[1.0, 1, 21, 19])
+    assert counts["pruned"] == pruned
+
+
+def test_split_children_are_not_pruned_for_the_radius_of_their_parent():
+    model = gaussians(3)
+    set_rows(model, [0.5] * 3, [LARGE, SMALL, SMALL])
+    adc = strategy(reset_every=20, prune_radius=20.0)
+    counts, _ = refined(adc, model, [HIGH, LOW, LOW], step=29, radii=[50.0, 50, 1])
+    assert counts == {"cloned": 0, "split": 1, "pruned": 1}
+    assert model.num_rows == 3
+
+
+def test_a_reset_caps_opacities_and_forgets_their_moments():
+    model = gaussians(4)
+    set_rows(model, [0.5, 0.02, 0.006, 0.9], [SMALL] * 4)
+    counts, optimizer = refined(strategy(reset_every=10), model, [LOW] * 4)
+    assert counts == {"cloned": 0, "split": 0, "pruned": 0, "reset": 4}
+    assert model.opacities().tolist() == pytest.approx([0.01, 0.01, 0.006, 0.01])
+    assert not optimizer.moments("opacity_logits")[0].second.any()
+    assert optimizer.moments("means")[0].second.all()
+
+
+def test_the_most_opaque_row_always_stays():
+    model = gaussians(3)
+    set_rows(model, [0.001, 0.003, 0.002], [SMALL] * 3)
+    counts, _ = refined(strategy(), model, [LOW] * 3)
+    assert counts["pruned"] == 2
+    assert model.opacities().tolist() == pytest.approx([0.003])
+
+
+def test_it_refines_only_when_it_is_time():
+    adc = strategy(refine_start=20, refine_every=10, refine_stop=50)
+    model = gaussians(2)
+    set_rows(model, [0.5, 0.5], [SMALL, SMALL])
+    _, table = table_of(model)
+    times = []
+    for step in range(100):
+        seen = statistics([LOW] * 2)
+        adc.observe(context_of(seen, 2, step), seen)
+        if adc.refine(step, table, model, generator()):
+            times.append(step + 1)
+    assert times == [30, 40]
+    assert adc.statistics(48) == {Statistic.SCREEN_GRADIENT}
+    assert adc.statistics(49) == frozenset()
+    assert adc.state_dict() == {}
+
+
+def test_gathering_begins_again_after_a_refinement():
+    adc = strategy()
+    model = gaussians(2)
+    set_rows(model, [0.5, 0.5], [SMALL, SMALL])
+    refined(adc, model, [HIGH, LOW])
+    assert adc.state_dict() == {}
+    seen = statistics([LOW, LOW, HIGH])
+    adc.observe(context_of(seen, 3), seen)
+    assert adc.state_dict()["views"].tolist() == [1, 1, 1]
+
+
+def test_a_refinement_that_saw_no_view_still_prunes():
+    model = gaussians(2)
+    set_rows(model, [0.5, 0.001], [SMALL, SMALL])
+    counts = strategy().refine(9, table_of(model)[1], model, generator())
+    assert counts == {"cloned": 0, "split": 0, "pruned": 1}
+
+
+def test_a_restored_strategy_does_the_same():
+    outcomes = []
+    for restore in (False, True):
+        model, adc = gaussians(8), strategy()
+        first, second = statistics([HIGH] * 4 + [LOW] * 4), statistics([HIGH, LOW] * 4)
+        adc.observe(context_of(first, 8), first)
+        if restore:
+            state = adc.state_dict()
+            adc = strategy()
+            adc.load_state_dict(state)
+        adc.observe(context_of(second, 8), second)
+        adc.refine(9, table_of(model)[1], model, generator())
+        outcomes.append(dict(model.state_dict()))
+    assert_same_bits(outcomes[0], outcomes[1])
+
+
+def test_the_defaults_are_those_of_the_paper():
+    assert step_settings(AdcConfig()) == {
+        "refine_start": (500, 0),
+        "refine_stop": (15_000, 0),
+        "refine_every": (100, 20),
+        "reset_every": (3000, 300),
+    }
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"refine_every": 0}, "strategy.refine_every=0: expected at least 1."),
+        ({"reset_opacity": 1.0}, "strategy.reset_opacity=1: expected a number between 0 and 1."),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, message):
+    with pytest.raises(ConfigError) as caught:
+        strategy(**settings)
+    assert caught.value.message == message

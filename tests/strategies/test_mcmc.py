@@ -1,0 +1,182 @@
+"""MCMC density control: relocation, growth, noise."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
+from scenes import random_splats
+from states import assert_same_bits
+
+from gsfw.core.capabilities import Needs
+from gsfw.core.config import step_settings
+from gsfw.core.errors import ConfigError
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.splats import Splats
+from gsfw.strategies.mcmc import McmcConfig, draw_rows
+
+SETTINGS = McmcConfig(refine_start=0, refine_every=10, refine_stop=100, noise_lr=0.0, growth=0.0)
+
+
+def strategy(**changes):
+    return replace(SETTINGS, **changes).build(toy_scene())
+
+
+def generator(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def together(model, members):
+    """Opacity of coincident rows: what is seen at their common centre."""
+    return float(1 - (1 - model.opacities()[members]).prod())
+
+
+def members_at(model, mean):
+    return (model.means.values == mean).all(1)
+
+
+def test_dead_rows_move_to_live_ones_and_the_picture_stays():
+    model = gaussians(6)
+    set_rows(model, [0.9, 0.004, 0.001, 0.6, 0.005, 0.002], [0.1] * 6)
+    means, opacities = model.means.values.detach().clone(), model.opacities()
+    optimizer, table = table_of(model)
+    counts = strategy().refine(9, table, model, generator())
+    assert counts == {"relocated": 4, "added": 0}
+    assert model.num_rows == 6
+    total = 0
+    for row in (0, 3):
+        members = members_at(model, means[row])
+        total += int(members.sum())
+        assert together(model, members) == pytest.approx(float(opacities[row]), rel=1e-5)
+        sizes = model.sizes()[members]
+        assert bool((sizes == sizes[0]).all())
+        (moments,) = optimizer.moments("means")
+        if members.sum() > 1:
+            assert float(sizes[0]) < 0.1
+            assert not moments.first[members].any()
+            assert not moments.second[members].any()
+    assert total == 6
+
+
+def test_rows_that_were_not_drawn_keep_values_and_moments():
+    model = gaussians(3)
+    set_rows(model, [0.99, 0.0051, 0.001], [0.1] * 3)
+    before = {name: column.values.detach()[1].clone() for name, column in model.columns().items()}
+    optimizer, table = table_of(model)
+    strategy().refine(9, table, model, generator())
+    for name, column in model.columns().items():
+        assert torch.equal(column.values[1], before[name])
+        assert bool((optimizer.moments(name)[0].first[1] == 1).all())
+
+
+def test_where_no_row_is_alive_or_none_is_dead_nothing_moves():
+    for opacities in ([0.001] * 3, [0.5] * 3):
+        model = gaussians(3)
+        set_rows(model, opacities)
+        before = {name: value.clone() for name, value in model.state_dict().items()}
+        counts = strategy().refine(9, table_of(model)[1], model, generator())
+        assert counts == {"relocated": 0, "added": 0}
+        assert_same_bits(dict(model.state_dict()), before)
+
+
+def test_it_grows_by_a_share_up_to_the_limit():
+    model = gaussians(40)
+    set_rows(model, [0.5] * 40)
+    _, table = table_of(model)
+    mcmc = strategy(growth=0.05, cap_max=43)
+    for expected in (42, 43, 43):
+        mcmc.refine(9, table, model, generator())
+        assert model.num_rows == expected
+
+
+def test_growth_leaves_the_picture_and_starts_fresh_moments():
+    model = gaussians(4)
+    set_rows(model, [0.9, 0.5, 0.3, 0.7], [0.1] * 4)
+    means, opacities = model.means.values.detach().clone(), model.opacities()
+    optimizer, table = table_of(model)
+    counts = strategy(growth=3.0).refine(9, table, model, generator())
+    assert counts == {"relocated": 0, "added": 12}
+    for row in range(4):
+        members = members_at(model, means[row])
+        assert together(model, members) == pytest.approx(float(opacities[row]), rel=1e-5)
+    assert not optimizer.moments("sh_dc")[0].first[4:].any()
+
+
+def test_a_start_above_the_limit_stays_as_it_is():
+    model = gaussians(8)
+    set_rows(model, [0.5] * 8)
+    strategy(growth=0.5, cap_max=5).refine(9, table_of(model)[1], model, generator())
+    assert model.num_rows == 8
+
+
+def test_noise_follows_the_learning_rate_of_positions_at_every_step():
+    model = gaussians(5)
+    set_rows(model, [0.001] * 5, [0.1] * 5)
+    twin = gaussians(5)
+    twin.load_state_dict(model.state_dict())
+    _, table = table_of(model)
+    assert strategy(noise_lr=5e5).refine(3, table, model, generator()) == {}
+    twin.perturb_(5e5 * table.learning_rate("means", 3), generator())
+    assert table.learning_rate("means", 3) == pytest.approx(1.6e-4 * EXTENT, rel=1e-3)
+    assert torch.equal(model.means.values, twin.means.values)
+    assert not torch.equal(model.means.values, gaussians(5).means.values)
+
+
+def test_opacities_and_scales_are_pulled_towards_zero():
+    splats = random_splats(10)
+    unseen = RenderStatistics(torch.ones(1, 10, dtype=torch.bool), torch.ones(1, 10))
+    terms = strategy(opacity_reg=0.02, scale_reg=0.03).regularizers(
+        context_of(unseen, 10, splats=splats)
+    )
+    assert splats.scales is not None
+    torch.testing.assert_close(terms["opacity_reg"], 0.02 * splats.opacities.mean())
+    torch.testing.assert_close(terms["scale_reg"], 0.03 * splats.scales.mean())
+    covariances = torch.diag_embed(splats.scales**2)
+    shaped = Splats(splats.means, splats.opacities, splats.colors, covariances=covariances)
+    terms = strategy(scale_reg=0.03).regularizers(context_of(unseen, 10, splats=shaped))
+    torch.testing.assert_close(terms["scale_reg"], 0.03 * splats.scales.mean())
+
+
+def test_rows_are_drawn_in_proportion_to_their_weights_and_never_at_zero():
+    weights = torch.tensor([0.0, 1.0, 0.0, 3.0, 0.0])
+    drawn = draw_rows(weights, 40_000, generator()).bincount(minlength=5)
+    assert drawn[[0, 2, 4]].tolist() == [0, 0, 0]
+    assert float(drawn[3] / drawn[1]) == pytest.approx(3.0, rel=0.05)
+
+
+def test_the_same_seed_gives_the_same_bits():
+    outcomes = []
+    for seed in (1, 1, 2):
+        model = gaussians(30)
+        set_rows(model, [0.001, 0.5, 0.9] * 10)
+        _, table = table_of(model)
+        strategy(noise_lr=5e5, growth=0.2).refine(9, table, model, generator(seed))
+        outcomes.append(dict(model.state_dict()))
+    assert_same_bits(outcomes[0], outcomes[1])
+    assert not torch.equal(outcomes[0]["means.values"], outcomes[2]["means.values"])
+
+
+def test_it_refines_only_when_it_is_time_and_keeps_no_state():
+    mcmc = strategy(refine_start=20, refine_stop=50)
+    model = gaussians(3)
+    _, table = table_of(model)
+    times = [step + 1 for step in range(100) if mcmc.refine(step, table, model, generator())]
+    assert times == [30, 40]
+    assert mcmc.state_dict() == {}
+    assert mcmc.statistics(0) == frozenset()
+    assert SETTINGS.needs() == Needs()
+
+
+def test_the_defaults_are_those_of_the_paper():
+    config = McmcConfig()
+    assert step_settings(config) == {
+        "refine_start": (500, 0), "refine_stop": (25_000, 0), "refine_every": (100, 20),
+    }  # fmt: skip
+    assert config.recommended == {"init_opacity": 0.5, "init_scale": 0.1}
+
+
+@pytest.mark.parametrize("key", ["refine_every", "cap_max"])
+def test_settings_out_of_range_are_refused(key):
+    with pytest.raises(ConfigError) as caught:
+        strategy(**{key: 0})
+    assert caught.value.message == f"strategy.{key}=0: expected at least 1."

@@ -1,0 +1,20 @@
+"""No density control."""
+
+import torch
+from gaussians import gaussians, table_of, toy_scene
+from states import assert_same_bits
+
+from gsfw.core.capabilities import Needs
+from gsfw.strategies.none import NoneConfig
+
+
+def test_it_changes_nothing_and_needs_nothing():
+    model = gaussians(4)
+    before = {name: value.clone() for name, value in model.state_dict().items()}
+    strategy = NoneConfig().build(toy_scene())
+    _, table = table_of(model)
+    assert all(strategy.refine(s, table, model, torch.Generator()) == {} for s in range(50))
+    assert_same_bits(dict(model.state_dict()), before)
+    assert strategy.statistics(0) == frozenset()
+    assert strategy.state_dict() == {}
+    assert NoneConfig().needs() == Needs()
