@@ -78,7 +78,10 @@ def write_splats(trainer: Trainer, console: Console) -> None:
     parts = trainer.parts
     taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
     exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
-    exporter.write(trainer.folder.splats, taken.content)
+    try:
+        exporter.write(trainer.folder.splats, taken.content)
+    except ValueError as error:  # The run itself is whole: its checkpoint holds everything.
+        console.warn(f"no splats.ply was written: {error}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
 

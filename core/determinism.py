@@ -31,7 +31,7 @@ def deterministic(device: torch.device) -> Iterator[None]:
 def environment(device: torch.device) -> dict[str, str | int]:
     """What bit-exact repetition depends on besides the seed; kept in every checkpoint."""
     return {
-        "torch": torch.__version__,
+        "torch": str(torch.__version__),  # A class of its own, which checkpoints refuse to hold.
         "device": device.type,
         "threads": torch.get_num_threads(),
         "cpu_capability": torch.backends.cpu.get_cpu_capability(),

@@ -90,11 +90,13 @@ def _check_exists(path: Path) -> None:
 
 def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, str]:
     lines = [f"data={path}: this is not a data set that can be read here. Looked for:"]
-    for name, seen in detections.items():
-        if seen.looked_for:
-            found = f" (found {seen.found})" if seen.found else ""
-            lines.append(f"  {name}: {seen.looked_for}{found}")
-    if path.is_dir():
+    lines += [
+        f"  {name}: {seen.looked_for}" for name, seen in detections.items() if seen.looked_for
+    ]
+    explained = {seen.found: None for seen in detections.values() if seen.found}
+    if explained:
+        lines += [f"Found {found}." for found in explained]
+    elif path.is_dir():
         names = sorted(f"{item.name}/" if item.is_dir() else item.name for item in path.iterdir())
         more = f" and {len(names) - MAX_NAMES_SHOWN} more" if len(names) > MAX_NAMES_SHOWN else ""
         lines.append(f"The folder holds: {', '.join(names[:MAX_NAMES_SHOWN])}{more}.")

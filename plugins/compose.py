@@ -108,6 +108,8 @@ def check(settings: Settings, registry: Registry) -> None:
     }
     needs[f"method {settings.method.name!r}"] = config.needs()
     _check_rasterizer(settings, registry, needs, device)
+    if config.init not in INIT_WORDS:
+        find_importer(Path(config.init), registry)
 
 
 def settings_device(settings: Settings) -> torch.device:
@@ -241,7 +243,9 @@ def find_importer(path: Path, registry: Registry) -> Importer:
         DataError: the file is missing, or no importer recognises it.
     """
     if not path.is_file():
-        raise DataError(f"{path}: there is no such file.")
+        raise DataError(
+            f"{path}: there is no such file.", f"init is a splat file, or {', '.join(INIT_WORDS)}."
+        )
     importers = registry.slot("importer")
     for spec in importers.values():
         kind: type[Importer] = load("importer", spec)

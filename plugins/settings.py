@@ -24,7 +24,7 @@ DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
 """What ``auto`` means where nothing has to be found out."""
 
 OWN_LAYERS = 3
-"""Layers below those that are given: two recommendations and a preset."""
+"""Layers below those that are given: a preset and two recommendations."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Settings:
 
 
 def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
-    """Settings from the method's defaults, what its parts recommend, a preset, and ``layers``.
+    """Settings from the method's defaults, a preset, what its parts recommend, and ``layers``.
 
     Raises:
         ConfigError: a key or name is unknown, or a value has the wrong type; says where.
@@ -73,8 +73,8 @@ def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
     _check_names(registry, layers)
     kind: type[MethodConfig] = load("method", spec)
     resolution = _Resolution(registry, spec, kind(), layers)
-    resolution.choose("datamanager", recommendations=0)
-    resolution.choose("strategy", recommendations=1)
+    resolution.choose("datamanager", recommendations=1)
+    resolution.choose("strategy", recommendations=2)
     resolution.choose("sampler")
     resolution.apply_values()
     resolution.choose_rasterizer()

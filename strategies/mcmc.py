@@ -53,8 +53,8 @@ class McmcConfig(StrategyConfig):
     """No relocation and no growth up to this step."""
     refine_stop: int = steps_field(25_000)
     """No relocation and no growth from this step on."""
-    refine_every: int = steps_field(100, at_least=20)
-    """Steps between refinements."""
+    refine_every: int = steps_field(100, at_least=5)
+    """Steps between refinements; nothing has to gather in them, so short runs refine more often."""
 
     def build(self, scene: Scene) -> DensityStrategy:
         """The strategy.

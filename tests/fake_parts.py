@@ -108,7 +108,8 @@ class Source(DataManagerConfig):
     @classmethod
     def detect(cls, path: Path):
         there = bool(cls.file) and (path / cls.file).exists()
-        return Detection(there, cls.file, cls.file if there else "", cls.priority)
+        found = cls.file if there else "a hint" if (path / "hint").exists() else ""
+        return Detection(there, cls.file, found, cls.priority)
 
     def build(self, request):
         raise NotImplementedError

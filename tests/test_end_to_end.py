@@ -15,11 +15,18 @@ import torch
 from gsfw.core.run_folder import RunFolder, read_checkpoint
 
 SMALL = (
-    "datamanager.views=8", "datamanager.eval_views=2", "datamanager.width=32",
-    "datamanager.height=24", "datamanager.points=150", "steps=120", "checkpoint_every=20",
-    "strategy.refine_every=25", "strategy.refine_start=20",
-)  # fmt: skip
-"""A built-in scene of a few seconds, in which rows are added several times."""
+    "datamanager.views=8",
+    "datamanager.eval_views=2",
+    "datamanager.width=32",
+    "datamanager.height=24",
+    "datamanager.points=150",
+    "steps=120",
+    "checkpoint_every=20",
+)
+"""A built-in scene of a few seconds."""
+
+REFINING = ("strategy.refine_every=25", "strategy.refine_start=20")
+"""Lets rows be added several times on the way."""
 
 UNREPEATABLE = {"train_seconds", "peak_memory_mb", "render_ms"}
 """Figures that are measured with a clock or by the system."""
@@ -76,12 +83,14 @@ def logged_steps(out: Path) -> list[int]:
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
 def test_a_killed_run_resumes_to_the_same_bits(tmp_path, strategy):
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    train(whole, f"strategy={strategy}")
+    train(whole, *REFINING, f"strategy={strategy}")
     assert figures(whole)["num_gaussians"] != 150, "rows must have been added or removed"
 
-    arguments = ("train", "method=3dgs", *SMALL, f"strategy={strategy}", f"out={killed}")
+    arguments = (*SMALL, *REFINING, f"strategy={strategy}", f"out={killed}")
     process = subprocess.Popen(
-        command(*arguments), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        command("train", "method=3dgs", *arguments),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     after = RunFolder(killed).checkpoint(random.choice([20, 40, 60]))
     deadline = time.monotonic() + 60

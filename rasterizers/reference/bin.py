@@ -1,7 +1,8 @@
 """Bin: which ellipse meets which tile, exactly.
 
 An ellipse cut by a row of tiles spans an interval of x; a tile of that row is met if and only if it
-overlaps the interval, because the cut is convex. The published code tests squares around the centre.
+overlaps the interval, because the cut is convex. The published code takes the square around the
+ellipse instead.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def bin_ellipses(ellipses: Ellipses, camera: Cameras, profile: NumericsProfile) 
         everyone = torch.arange(len(ellipses.means), device=device)
         members = everyone.repeat_interleave(columns * rows)
         tiles = torch.arange(columns * rows, device=device).repeat(len(everyone))
-    # Meetings come ellipse after ellipse, from front to back; a stable sort keeps that in each tile.
+    # Meetings come ellipse after ellipse, from front to back; a stable sort keeps this in a tile.
     sorted_tiles, order = tiles.sort(stable=True)
     counts = sorted_tiles.bincount(minlength=columns * rows)
     by_ellipse = torch.empty_like(order)

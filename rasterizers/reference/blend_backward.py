@@ -2,8 +2,8 @@
 
 The chunks are taken from back to front and evaluated again, so that only what lies behind has to be
 carried. With w = alpha T and p = d loss / d w, alpha's gradient is T p less what it hides, which is
-the sum of w p behind it over 1 - alpha. Transmittance is replayed from the front; the published code
-recovers it from the back by division, which loses precision.
+the sum of w p behind it over 1 - alpha. Transmittance is replayed from the front; the published
+code recovers it from the back by division, which loses precision.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def blend_backward(
         parts = [shape, layers.weights @ image.transpose(1, 2), *absolute]
         pairs[chunk.pairs] = torch.cat(parts, dim=2)
     gradient = canvas.bins.sum_by_ellipse(pairs)
-    measurements.record_gradients(gradient[:, :2], gradient[:, features:])
+    absolute_sums = gradient[:, features:] if wants_absolute else None
+    measurements.record_gradients(gradient[:, :2], absolute_sums)
     return gradient[:, :features]
 
 
@@ -60,7 +61,7 @@ def _alpha_gradient(
     hidden: Float[Tensor, "t s p"],
     behind: Float[Tensor, "t p"],
 ) -> Float[Tensor, "t s p"]:
-    """d loss / d (opacity times falloff): 0 where a cut-off has the say.
+    """The gradient of opacity times falloff: 0 where a cut-off has the say.
 
     Args:
         layers: the chunk.

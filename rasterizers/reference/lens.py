@@ -45,12 +45,13 @@ def project_points(
         size = points.new_tensor([camera.width, camera.height])
         beyond = margin * 0.5 * size / focal
         low, high = -principal / focal - beyond, (size - principal) / focal + beyond
+        # Linearised far outside the image, a splat would smear across it.
         unit, jacobian = slopes, _perspective(slopes.clamp(low, high))
     return focal * unit + principal, jacobian * focal[:, None] / points[:, 2, None, None]
 
 
 def _perspective(slopes: Float[Tensor, "m 2"]) -> Float[Tensor, "m 2 3"]:
-    """d slopes / d point, times depth; far outside the image its linearisation would smear."""
+    """The derivative of slopes by points, times depth."""
     identity = torch.eye(2, dtype=slopes.dtype, device=slopes.device)
     return torch.cat([identity.expand(len(slopes), 2, 2), -slopes[:, :, None]], dim=2)
 

@@ -31,6 +31,17 @@ from gsfw.strategies.mcmc import McmcConfig
 from gsfw.strategies.none import NoneConfig
 
 CPU = torch.device("cpu")
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Pictures this small gain nothing from more, and lose much on a busy machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
 TRUTH = random_splats(100, degree=0)
 
 STRATEGIES = {
@@ -171,17 +182,17 @@ def test_losses_fall_and_held_out_pictures_are_met(tmp_path, strategy):
 
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
 def test_a_resumed_run_repeats_across_refinements_bit_for_bit(tmp_path, strategy):
-    whole = trainer(tmp_path / "whole", strategy, Recorder())
+    whole = trainer(tmp_path / "whole", strategy, Recorder(), steps=36)
     whole.fit()
-    interrupted = trainer(tmp_path / "cut", strategy, Recorder(stop_at=33))
+    interrupted = trainer(tmp_path / "cut", strategy, Recorder(stop_at=23), steps=36)
     interrupted.fit()
     checkpoint = interrupted.folder.latest_checkpoint()
-    assert checkpoint == interrupted.folder.checkpoint(33)
+    assert checkpoint == interrupted.folder.checkpoint(23)
     recorder = Recorder()
-    resumed = trainer(tmp_path / "cut", strategy, recorder)
+    resumed = trainer(tmp_path / "cut", strategy, recorder, steps=36)
     resumed.load_state_dict(read_checkpoint(checkpoint))
     resumed.fit()
-    assert recorder.reports[0].step == 34
+    assert recorder.reports[0].step == 24
     counts = {report.num_gaussians for report in recorder.reports}
     assert len(counts) > 1, "a refinement must lie behind the checkpoint"
     assert_same_bits(state_of(resumed), state_of(whole))
@@ -242,11 +253,11 @@ def test_views_of_several_sizes_share_a_step(tmp_path):
             return super().losses(context)
 
     sizes = ((32, 24), (20, 28))
-    run = trainer(tmp_path, "adc", Recorder(), views_per_step=4, sizes=sizes, steps=30)
+    run = trainer(tmp_path, "adc", Recorder(), views_per_step=4, sizes=sizes, steps=12)
     method = Watched(StaticGaussiansConfig(sh_degree=1))
     run.parts = replace(run.parts, method=method)
     run.fit()
-    for step in range(30):
+    for step in range(12):
         batches = [context for context in contexts if context.step == step]
         assert sum(len(item.batch.views) for item in batches) == 4
         assert sum(item.share for item in batches) == 1.0

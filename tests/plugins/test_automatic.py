@@ -91,6 +91,15 @@ def test_nothing_recognised_lists_what_was_looked_for_and_what_is_there(tmp_path
     )
 
 
+def test_what_a_format_found_instead_is_said_once(tmp_path):
+    (tmp_path / "hint").touch()
+    assert data_refusal(tmp_path).splitlines()[1:-1] == [
+        "  apples: apples.txt",
+        "  pears: pears.txt",
+        "Found a hint.",
+    ]
+
+
 def test_the_rasterizer_is_the_preferred_one_that_meets_every_need():
     assert settings().choices["rasterizer"].name == "fast"
     found = settings(antialias="true")

@@ -1,0 +1,146 @@
+"""`gsfw info`: what a splat file, a run or a data set is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gsfw.commands.arguments import Options, read, word
+from gsfw.core.config import AUTO
+
+if TYPE_CHECKING:
+    from gsfw.plugins.registry import Registry
+
+
+@dataclass(kw_only=True)
+class InfoOptions(Options):
+    """Say what a splat file, a run or a data set is."""
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw info latest",
+        "gsfw info splats.ply json=true",
+        "gsfw info data=path/to/capture downscale=2",
+    )
+
+    what: str = word("FILE|RUN|DATA", default="")
+    """A splat file, a run (a folder, a checkpoint, or latest), or a data set."""
+    data: str = ""
+    """A data set, when it shall not be taken for anything else."""
+    format: str = AUTO
+    """Format of the data set: auto, or the name of a datamanager that gsfw plugins lists."""
+    downscale: float = 1.0
+    """Factor by which a data set's images would be shrunk."""
+
+
+def run(arguments: list[str]) -> int:
+    """Find out what it is, and describe it."""
+    options = read("info", InfoOptions, arguments)
+
+    from gsfw.commands.console import Console
+    from gsfw.plugins.registry import installed
+
+    console = Console(options.json)
+    document = _describe(options, installed())
+    console.table(["", ""], _rows(document), _title(document))
+    console.result(document)
+    return 0
+
+
+def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
+    """The document of whatever was named.
+
+    Raises:
+        ConfigError: nothing was named, or two things.
+        DataError: it is nothing that is known here, or it is damaged.
+    """
+    from gsfw.commands.data_info import describe_data
+    from gsfw.commands.run_argument import LATEST, find_run
+    from gsfw.commands.run_info import describe_run
+    from gsfw.commands.splat_info import describe_splats
+    from gsfw.core.errors import ConfigError
+    from gsfw.core.run_folder import RunFolder
+    from gsfw.plugins.automatic import BUILT_IN_SCENE
+
+    what, data = options.what, options.data
+    if what and data:
+        raise ConfigError(f"gsfw info: both {what} and data={data} are given.", "Give one of them.")
+    if not what and not data and options.format != BUILT_IN_SCENE:
+        raise ConfigError(
+            "gsfw info: what to describe is missing.",
+            "Give a splat file, a run, latest, or a data set; see gsfw info --help.",
+        )
+    if what == LATEST or what.endswith(".pt") or (what and RunFolder(Path(what)).config.is_file()):
+        return describe_run(find_run(what))
+    if Path(what).is_file() and options.format == AUTO:
+        importer = _importer(Path(what), registry)
+        if importer:
+            return describe_splats(Path(what), importer, registry)
+        _check_known(what, registry)
+    return describe_data(what or data, options.format, options.downscale, registry)
+
+
+def _importer(path: Path, registry: Registry) -> str | None:
+    """Name of the importer that recognises a file; ``None`` when none does."""
+    from gsfw.plugins.automatic import load
+
+    for name, spec in registry.slot("importer").items():
+        if load("importer", spec).recognises(path):
+            return name
+    return None
+
+
+def _check_known(what: str, registry: Registry) -> None:
+    """Refuse a file that is no data set either, naming what could be read.
+
+    Raises:
+        DataError: no data manager recognises it.
+    """
+    from gsfw.core.errors import DataError
+    from gsfw.plugins.automatic import choose_datamanager
+
+    try:
+        choose_datamanager(what, registry)
+    except DataError:
+        raise DataError(
+            f"{what} is neither a splat file nor a data set that can be read here.",
+            f"Splat files: {', '.join(registry.slot('importer'))}. "
+            f"Data sets: {', '.join(registry.slot('datamanager'))}.",
+        ) from None
+
+
+def _title(document: Mapping[str, Any]) -> str:
+    return f"{document['path'] or 'the built-in scene'}: {document['kind']}"
+
+
+def _rows(document: Mapping[str, Any], prefix: str = "") -> list[Sequence[str]]:
+    """A document as rows of a table; nested ones with their names in front."""
+    rows: list[Sequence[str]] = []
+    for key, value in document.items():
+        name = f"{prefix}{key}".replace("_", " ")
+        if isinstance(value, Mapping):
+            rows += _rows(value, f"{name} ")
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            rows += [
+                (name if index == 0 else "", ", ".join(f"{k} {_text(v)}" for k, v in item.items()))
+                for index, item in enumerate(value)
+            ]
+        elif prefix or key not in ("kind", "path"):
+            rows.append((name, _text(value)))
+    return rows
+
+
+def _text(value: object) -> str:
+    """A value as people read it."""
+    if value is None or value in ("", []):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, int):
+        return f"{value:,}"
+    if isinstance(value, list):
+        return ("; " if isinstance(value[0], str) else ", ").join(map(_text, value))
+    return str(value)

@@ -1,0 +1,127 @@
+"""`gsfw export` writes a run's splats in the world of the data."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+import torch
+
+from gsfw.commands.export import _notes
+from gsfw.commands.main import main
+from gsfw.core.datamanager import Split
+from gsfw.core.evaluation import draw
+from gsfw.core.exchange import SplatFile
+from gsfw.core.run_folder import RunFolder
+from gsfw.core.splats import Sh, Splats
+from gsfw.formats.ply import PlyImporter
+from gsfw.plugins.registry import installed
+from gsfw.plugins.restore import restore
+from gsfw.plugins.snapshot import Snapshot
+
+
+@pytest.fixture
+def run(finished_run, tmp_path):
+    """A copy that may be changed, without the file that training leaves."""
+    copy = shutil.copytree(finished_run, tmp_path / "run")
+    RunFolder(copy).splats.unlink(missing_ok=True)
+    return copy
+
+
+def some_splats(n=4):
+    return Splats(
+        means=torch.rand(n, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64),
+        opacities=torch.full((n,), 0.5, dtype=torch.float64),
+        colors=Sh(torch.zeros(n, 4, 3, dtype=torch.float64), 1),
+        quats=torch.ones(n, 4, dtype=torch.float64),
+        scales=torch.full((n, 3), 0.01, dtype=torch.float64),
+    )
+
+
+def test_export_writes_the_file_into_the_run_and_says_what_is_in_it(run, capsys):
+    assert main(["export", str(run)]) == 0
+    said = capsys.readouterr().out
+    path = RunFolder(run).splats
+    count = len(PlyImporter().read(path).splats)
+    assert said.startswith(f"{count:,} splats after 20 steps, ")
+    assert said.endswith(f": {path}\n")
+
+
+def test_json_is_one_document(run, tmp_path, capsys):
+    out = tmp_path / "elsewhere" / "scene.ply"
+    assert main(["export", str(run), "format=ply", f"out={out}", "step=20", "json=true"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["written"] == str(out)
+    assert document["bytes"] == out.stat().st_size
+    assert (document["step"], document["num_dropped"], document["notes"]) == (20, 0, [])
+    assert document["num_gaussians"] == len(PlyImporter().read(out).splats)
+
+
+def test_an_exported_run_draws_the_same_held_out_pictures_in_the_world_of_the_data(run):
+    assert main(["export", str(run)]) == 0
+    content = PlyImporter().read(RunFolder(run).splats)
+    restored = restore(RunFolder(run), installed())
+    parts, world = restored.composition.parts, restored.composition.scene.world_from_scene
+    settings = restored.composition.plan.settings
+    assert content.up == "z"
+    camera = parts.data.views(Split.EVAL).cameras[0]
+    before = draw(parts.model, parts.rasterizer, camera, settings).color
+    moved = replace(
+        camera.to(dtype=torch.float64), world_to_camera=world.camera(camera.world_to_camera)
+    )
+    exact = replace(settings, background=settings.background.double())
+    after = parts.rasterizer.render(content.splats, moved, exact).color
+    assert float(before.std()) > 0.05
+    assert float((before - after).abs().max()) < 1e-4
+
+
+def test_a_checkpoint_and_a_folder_are_named_after_the_step(run, tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    checkpoint = RunFolder(run).latest_checkpoint()
+    assert main(["export", str(checkpoint), f"out={tmp_path / 'out'}"]) == 0
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["splats_000000020.ply"]
+
+
+def test_a_step_without_a_checkpoint_lists_those_there_are(run, capsys):
+    assert main(["export", str(run), "step=7"]) == 2
+    steps = sorted(int(p.stem[5:]) for p in RunFolder(run).checkpoints.iterdir())
+    assert capsys.readouterr().err == (
+        f"error: {run} has no checkpoint after 7 steps.\n"
+        f"There are checkpoints after {', '.join(map(str, steps))} steps.\n"
+    )
+
+
+def test_an_unknown_format_names_those_there_are(run, capsys):
+    assert main(["export", str(run), "format=plx"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "error: no exporter 'plx'. Did you mean 'ply'?\nInstalled: ply.\n"
+    )
+    assert not RunFolder(run).splats.exists()
+
+
+def test_a_time_out_of_range_is_refused(run, capsys):
+    assert main(["export", str(run), "time=2"]) == 2
+    assert "time=2: expected a time in [0, 1]." in capsys.readouterr().err
+
+
+def test_a_place_that_cannot_be_written_to_is_one_message(run, tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    assert main(["export", str(run), f"out={tmp_path / 'file' / 'a.ply'}"]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+def test_splats_that_are_not_finite_are_noted():
+    taken = Snapshot(SplatFile(some_splats()), 3)
+    assert _notes(taken) == ["3 splats were left out: they are not finite."]
+    assert _notes(Snapshot(SplatFile(some_splats(0)), 0)) == []
+
+
+def test_coordinates_too_far_from_the_origin_for_float32_are_noted():
+    splats = some_splats()
+    far = replace(splats, means=splats.means + 5e6)
+    assert _notes(Snapshot(SplatFile(far), 0)) == [
+        "coordinates reach 5e+06, where float32 numbers are 0.5 apart, and the median splat is "
+        "0.01 in size: the file looks coarser than the model. Move the data set nearer to its "
+        "origin."
+    ]
