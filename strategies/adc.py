@@ -54,11 +54,11 @@ class AdcConfig(StrategyConfig):
     """Rows above this deviation, in extents, are removed after the first reset; 0: none."""
     prune_radius: float = 0.0
     """Rows above this radius in pixels are removed after the first reset (papers: 20); 0: none."""
-    refine_start: int = steps_field(500)
-    """No refinement up to this step."""
+    refine_start: int = steps_field(500, at_least=100)
+    """No refinement up to this step; before, most gradients only say that nothing has settled."""
     refine_stop: int = steps_field(15_000)
     """No refinement and no reset from this step on."""
-    refine_every: int = steps_field(100, at_least=20)
+    refine_every: int = steps_field(100, at_least=50)
     """Steps between refinements, in which gradients are gathered."""
     reset_every: int = steps_field(3000, at_least=300)
     """Steps between opacity resets, after which opacities have to recover; 0: no reset."""

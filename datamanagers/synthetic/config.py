@@ -18,7 +18,13 @@ if TYPE_CHECKING:
 class SyntheticConfig(DataManagerConfig):
     """The built-in scene: a small still life, ray-cast analytically when a run starts."""
 
-    recommended: ClassVar[Mapping[str, Any]] = {"steps": 1500}
+    recommended: ClassVar[Mapping[str, Any]] = {
+        "steps": 800,
+        # Few pixels make large gradients, and few steps leave no time to recover from resets.
+        "strategy.grow_gradient": 1.5e-3,
+        "strategy.max_gaussians": 3000,
+        "strategy.reset_every": 0,
+    }
 
     views: int = 32
     """Training views, on a dome around the scene."""

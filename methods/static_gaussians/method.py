@@ -33,6 +33,12 @@ from gsfw.methods.static_gaussians.model import GaussianParameters, StaticGaussi
 if TYPE_CHECKING:
     from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
 
+RANDOM_COST = (
+    "This costs quality (built-in scene, 2000 steps and splats: 0.6 dB with strategy=adc, 3.7 dB "
+    "with mcmc) and leaves floaters where few views look; a COLMAP model with points is better."
+)
+"""Measured on 12 views of 64 x 48 with points=400, against random_points=2000, seed 42."""
+
 
 class StaticGaussiansMethod(Method):
     """L1 and SSIM, a growing SH degree, and Gaussians that stay where they are in time."""
@@ -72,9 +78,7 @@ class StaticGaussiansMethod(Method):
         if self._starts_at_random(points):
             why = "init=random" if self._config.init == "random" else "there are no points to use"
             notes.append(
-                f"Starting from {self._config.random_points} random splats ({why}). This costs "
-                "detail and leaves floaters where few views look, most of all in the background; "
-                "strategy=mcmc depends least on the start, and a COLMAP model with points is best."
+                f"Starting from {self._config.random_points} random splats ({why}). {RANDOM_COST}"
             )
         else:
             notes += [f"Left out {n} initial points: {why}." for why, n in dropped.items()]

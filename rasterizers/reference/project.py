@@ -126,6 +126,8 @@ def visible_extents(
     # Comparisons are written so that NaN and infinity fail them.
     visible &= (ellipses.determinants > 0) & (ellipses.determinants < torch.inf)
     visible &= (ellipses.means.abs() <= LENGTH_MAX).all(1)
+    # How fast the Jacobian changes with depth must fit the dtype too, or its gradient is NaN.
+    visible &= camera.intrinsics[0].diagonal().amax() / depths.square() < torch.inf
     if settings.profile.alpha_min > 0:
         extents = (reach(ellipses, settings.profile)[:, None] * ellipses.covariances[:, ::2]).sqrt()
         visible &= ellipses.opacities >= settings.profile.alpha_min

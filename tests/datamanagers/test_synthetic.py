@@ -233,6 +233,18 @@ def test_tracks_pass_through_every_point_at_its_time(moving):
     assert bool(tracks.present[rows, columns].all())
 
 
+def test_at_any_time_rays_meet_moved_points_where_their_tracks_say(moving):
+    stage, world = Stage(solids(0), 0.5), moving.scene.world_from_scene
+    tracks = moving.tracks([0.5])
+    points = world.apply(tracks.positions[0][tracks.present[0]]).T
+    met = torch.zeros(points.shape[1], dtype=torch.bool)
+    for camera in [dome(8, 0.0, 400, 300, 0).select([i]) for i in range(8)]:
+        hits = stage.trace(*rays(camera, project(camera, points)))
+        met |= (hits.points - points).norm(dim=0) < 1e-5
+    # What is not met lies in the shade of another solid, or faces the table.
+    assert float(met.float().mean()) > 0.9
+
+
 def test_solids_translate_rotate_deform_appear_and_vanish():
     poses = {solid.name: [solid.motion(time) for time in (0.0, 0.5, 1.0)] for solid in solids(0)}
     shift = {name: float((p[2].center - p[0].center).norm()) for name, p in poses.items()}

@@ -98,7 +98,8 @@ def test_a_random_start_says_what_it_costs(init, why):
     method, model = model_of(config, capture)
     (note,) = method.notes(capture)
     assert note.startswith(f"Starting from 500 random splats ({why}")
-    assert "leaves floaters where few views look" in note
+    assert "0.6 dB with strategy=adc" in note
+    assert "a COLMAP model with points is better" in note
     assert model.num_rows == 500
 
 

@@ -150,7 +150,7 @@ def test_the_picture_is_the_one_that_loops_draw(model, antialias):
     camera = turned_camera(model)
     settings = replace(SETTINGS, antialias=antialias)
     expected = draw_in_loops(splats, camera, antialias)
-    assert expected[:, :, -2].max() > 0.9, "the scene must cover something"
+    assert expected[:, :, -2].max() > 0.3, "the scene must cover something"
     np.testing.assert_allclose(draw(splats, camera, settings), expected, rtol=0, atol=2e-8)
 
 
@@ -167,6 +167,7 @@ def test_the_picture_is_right_with_other_cut_offs(profile):
 def test_more_slots_than_fit_one_chunk_are_drawn_right():
     # Deep enough for several segments, and for pixels that stop within one.
     splats = random_splats(150, 1, seed=5, dtype=torch.float64)
+    splats = replace(splats, opacities=splats.opacities.sqrt())
     camera = turned_camera(CameraModel.PINHOLE)
     found = ReferenceRasterizer(chunk_mb=0.01).render(splats, camera).color[0]
     np.testing.assert_allclose(found, draw_in_loops(splats, camera)[:, :, :3], rtol=0, atol=2e-8)
