@@ -12,7 +12,11 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings, Validation
+from gsfw.core.spherical_harmonics import MAX_DEGREE, degree_of
 from gsfw.core.splats import Sh, Splats
+
+ANY = -1
+"""In an expected shape: whatever is found."""
 
 
 class Rasterizer(ABC):
@@ -36,7 +40,7 @@ class Rasterizer(ABC):
         settings = settings or RenderSettings()
         check_form(splats, cameras, settings)
         if settings.validation is Validation.FULL:
-            check_values(splats, cameras)
+            check_values(splats, cameras, settings)
         return self._draw(splats, cameras, settings)
 
     @abstractmethod
@@ -57,12 +61,7 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
         raise ValueError("splats: give either quats and scales, or covariances")
     if cameras.width < 1 or cameras.height < 1:
         raise ValueError(f"cameras: image size {cameras.width}x{cameras.height} has no pixel")
-    named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
-    if isinstance(splats.colors, Sh) and splats.colors.offsets is not None:
-        named.pop("splats.colors")
-    for name, tensor in named.items():
-        if len(tensor) != len(splats):
-            raise ValueError(f"{name}: expected {len(splats)} rows, found {len(tensor)}")
+    _check_shapes(splats, cameras)
     named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
     named |= {"cameras.world_to_camera": cameras.world_to_camera}
     named |= {"cameras.intrinsics": cameras.intrinsics}
@@ -82,7 +81,42 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
             )
 
 
-def check_values(splats: Splats, cameras: Cameras) -> None:
+def _check_shapes(splats: Splats, cameras: Cameras) -> None:
+    n, c = len(splats), len(cameras)
+    expected = {
+        "means": (n, 3),
+        "opacities": (n,),
+        "colors": (n, ANY),
+        "quats": (n, 4),
+        "scales": (n, 3),
+        "covariances": (n, 3, 3),
+        "extra": (n, ANY),
+    }
+    colors = splats.colors
+    if isinstance(colors, Sh):
+        expected["colors"] = (n, ANY, 3) if colors.offsets is None else (ANY, 3)
+        if colors.offsets is not None:
+            _check_shape("splats.colors.offsets", colors.offsets, (n + 1,))
+        if not 0 <= colors.degree <= MAX_DEGREE:
+            raise ValueError(f"splats.colors: expected degree 0 to 4, found {colors.degree}")
+    for name, tensor in splats.tensors().items():
+        _check_shape(f"splats.{name}", tensor, expected[name])
+    if isinstance(colors, Sh) and colors.offsets is None:
+        degree_of(colors.coefficients.shape[1])
+    _check_shape("cameras.world_to_camera", cameras.world_to_camera, (c, 4, 4))
+    _check_shape("cameras.intrinsics", cameras.intrinsics, (c, 3, 3))
+
+
+def _check_shape(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
+    fits = tensor.dim() == len(expected) and all(
+        size in (ANY, found) for size, found in zip(expected, tensor.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if size == ANY else str(size) for size in expected)
+        raise ValueError(f"{name}: expected shape [{wanted}], found {list(tensor.shape)}")
+
+
+def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> None:
     """Check that every value can be drawn.
 
     Raises:
@@ -91,6 +125,8 @@ def check_values(splats: Splats, cameras: Cameras) -> None:
     named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
     named["cameras.world_to_camera"] = cameras.world_to_camera
     named["cameras.intrinsics"] = cameras.intrinsics
+    if settings.background is not None:
+        named["settings.background"] = settings.background
     for name, tensor in named.items():
         _refuse(name, ~tensor.isfinite(), "finite values", tensor)
     if splats.scales is not None:

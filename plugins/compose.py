@@ -160,18 +160,25 @@ def open_data(settings: Settings) -> DataManager:
     return config.datamanager.build(request)
 
 
-def compose(settings: Settings, registry: Registry, data: DataManager | None = None) -> Composition:
+def compose(settings: Settings, registry: Registry, restoring: bool = False) -> Composition:
     """Check and build a run.
+
+    Args:
+        settings: of the run.
+        registry: what is installed.
+        restoring: whether a checkpoint follows, so that a splat file to start from is not needed.
 
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
         DataError: the data set cannot be used.
     """
+    if restoring and settings.config.init not in INIT_WORDS:
+        settings = replace(settings, config=replace(settings.config, init=AUTO))
     check(settings, registry)
     config = settings.config
     device = settings_device(settings)
     method = config.build()
-    data = data or open_data(settings)
+    data = open_data(settings)
     scene, views = data.scene, data.views(Split.TRAIN)
     if len(views) == 0:
         raise DataError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,6 @@ def restore(
     layers = [read_config(folder.config), *([changed] if changed is not None else [])]
     settings = resolve(registry, layers)
     state = read_checkpoint(checkpoint, settings_device(settings))
-    composition = compose(settings, registry)
+    composition = replace(compose(settings, registry, restoring=True), settings=settings)
     composition.parts.model.load_state_dict(state["model"])
     return Restored(folder, composition, state)

@@ -174,9 +174,10 @@ class _Resolution:
         """
         final = {slot: spec.name for slot, spec in self._choices.items()}
         usual = {slot: name for slot, name in self._defaults.items() if name != AUTO}
-        in_force = {**final, **DEFAULT_CHOICES, **usual}
         for position, layer in enumerate(self._layers):
-            if position == OWN_LAYERS:
+            if position < OWN_LAYERS:
+                in_force = {**final, **DEFAULT_CHOICES, **usual}
+            elif position == OWN_LAYERS:
                 in_force = dict(final)
             for slot in SLOT_KEYS:
                 if slot in layer.values:

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
-# several times the work in waiting. Tests of repeatability with threads start a process of their own.
+# several times the work in waiting. Tests of repeatability with threads start their own processes.
 torch.set_num_threads(1)
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -8,7 +8,7 @@ and in leaving out points that coincide or that lie at a camera.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -128,6 +128,14 @@ class StaticGaussiansMethod(Method):
             context.rendered.color, context.target, context.batch.valid
         )
         return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
+
+    def state_dict(self) -> dict[str, Any]:
+        """The degree that splats of a file came with: a resumed run does not read that file."""
+        return {"first_degree": self._first_degree}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on with that degree."""
+        self._first_degree = state["first_degree"]
 
     def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:
         """Let the SH degree follow the step; splats of a file keep the degree they came with."""

@@ -31,17 +31,6 @@ from gsfw.strategies.mcmc import McmcConfig
 from gsfw.strategies.none import NoneConfig
 
 CPU = torch.device("cpu")
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Pictures this small gain nothing from more, and lose much on a busy machine."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
 TRUTH = random_splats(100, degree=0)
 
 STRATEGIES = {

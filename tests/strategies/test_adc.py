@@ -219,9 +219,9 @@ def test_a_restored_strategy_does_the_same():
 
 def test_the_defaults_are_those_of_the_paper():
     assert step_settings(AdcConfig()) == {
-        "refine_start": (500, 0),
+        "refine_start": (500, 100),
         "refine_stop": (15_000, 0),
-        "refine_every": (100, 20),
+        "refine_every": (100, 50),
         "reset_every": (3000, 300),
     }
 

@@ -170,7 +170,7 @@ def test_it_refines_only_when_it_is_time_and_keeps_no_state():
 def test_the_defaults_are_those_of_the_paper():
     config = McmcConfig()
     assert step_settings(config) == {
-        "refine_start": (500, 0), "refine_stop": (25_000, 0), "refine_every": (100, 5),
+        "refine_start": (500, 100), "refine_stop": (25_000, 0), "refine_every": (100, 20),
     }  # fmt: skip
     assert config.recommended == {"init_opacity": 0.5, "init_scale": 0.1}
 

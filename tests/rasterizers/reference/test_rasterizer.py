@@ -141,6 +141,7 @@ def test_colours_are_seen_from_the_camera_and_not_below_zero():
     assert peak.tolist() == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deterministic", [False, True])
 def test_repeating_a_picture_gives_the_same_bits(deterministic):
     torch.set_num_threads(2)
