@@ -14,6 +14,7 @@ from gsfw.core.capabilities import Needs, check_fit
 from gsfw.core.config import (
     AUTO,
     DataManagerConfig,
+    MethodConfig,
     RasterizerConfig,
     SamplerConfig,
     StrategyConfig,
@@ -23,6 +24,7 @@ from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Importer
 from gsfw.core.frame import transform_splats
+from gsfw.core.method import Method
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.render_settings import RenderSettings, Validation
@@ -175,19 +177,32 @@ def compose(settings: Settings, registry: Registry, restoring: bool = False) -> 
     if restoring and settings.config.init not in INIT_WORDS:
         settings = replace(settings, config=replace(settings.config, init=AUTO))
     check(settings, registry)
-    config = settings.config
     device = settings_device(settings)
-    method = config.build()
+    method = settings.config.build()
     data = open_data(settings)
-    scene, views = data.scene, data.views(Split.TRAIN)
+    scene = data.scene
+    views = data.views(Split.TRAIN)
     if len(views) == 0:
         raise DataError(
-            f"{config.data or scene.name}: no view is left to train on.",
+            f"{settings.config.data or scene.name}: no view is left to train on.",
             "Hold out fewer images (holdout_every=0 holds out none).",
         )
     models = Needs(camera_models=frozenset(camera.model for camera in views.cameras))
     _check_rasterizer(settings, registry, {f"data set {scene.name!r}": models}, device)
     method.check_scene(scene)
+    parts = _parts(settings.config, registry, method, data, device)
+    return Composition(settings, parts, training_plan(settings, scene, device))
+
+
+def _parts(
+    config: MethodConfig,
+    registry: Registry,
+    method: Method,
+    data: DataManager,
+    device: torch.device,
+) -> TrainingParts:
+    """Build everything that a loop is made of."""
+    scene = data.scene
     operators = choose_operators(registry, device)
     initial = read_initial(config.init, registry, scene)
     seeded = torch.Generator().manual_seed(config.seed)
@@ -196,21 +211,21 @@ def compose(settings: Settings, registry: Registry, restoring: bool = False) -> 
     assert isinstance(config.strategy, StrategyConfig)
     assert isinstance(config.sampler, SamplerConfig)
     assert isinstance(config.rasterizer, RasterizerConfig)
-    parts = TrainingParts(
+    metrics = registry.slot("metric").items()
+    return TrainingParts(
         method=method,
         model=model,
         optimizer=optimizer,
         table=SplatTable(model, optimizer),
         strategy=config.strategy.build(scene),
-        sampler=config.sampler.build(views, config.seed),
+        sampler=config.sampler.build(data.views(Split.TRAIN), config.seed),
         data=data,
         rasterizer=config.rasterizer.build(device),
         operators=operators,
-        metrics={name: load("metric", spec)() for name, spec in registry.slot("metric").items()},
+        metrics={name: load("metric", spec)() for name, spec in metrics},
         generator=torch.Generator(device=device).manual_seed(config.seed + 1),
         device=device,
     )
-    return Composition(settings, parts, training_plan(settings, scene, device))
 
 
 def training_plan(settings: Settings, scene: Scene, device: torch.device) -> TrainingPlan:

@@ -19,10 +19,10 @@ class SyntheticConfig(DataManagerConfig):
     """The built-in scene: a small still life, ray-cast analytically when a run starts."""
 
     recommended: ClassVar[Mapping[str, Any]] = {
-        "steps": 800,
+        "steps": 1000,
         # Few pixels make large gradients, and few steps leave no time to recover from resets.
         "strategy.grow_gradient": 1.5e-3,
-        "strategy.max_gaussians": 3000,
+        "strategy.max_gaussians": 5000,
         "strategy.reset_every": 0,
     }
 
@@ -30,11 +30,11 @@ class SyntheticConfig(DataManagerConfig):
     """Training views, on a dome around the scene."""
     eval_views: int = 8
     """Held-out views, elsewhere on the dome."""
-    width: int = 96
+    width: int = 128
     """Width of a picture in pixels, before downscaling."""
-    height: int = 72
+    height: int = 96
     """Height of a picture in pixels, before downscaling."""
-    points: int = 2000
+    points: int = 3000
     """Surface points to start from, each seen by some training view."""
     moving: bool = False
     """Whether solids translate, rotate, deform, appear and vanish, and views carry a time."""

@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.nn.functional import embedding_bag
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import NumericsProfile
 from gsfw.rasterizers.reference.project import Ellipses, reach
 
@@ -25,6 +26,9 @@ PIXELS = TILE * TILE
 
 SLACK = 1e-3
 """Pixels, and 1/100 of it per pixel of extent, by which rounding may not shrink an ellipse."""
+
+PAIR_BYTES = 64
+"""Memory per pair while binning: eight 64-bit numbers."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +58,20 @@ class Bins:
         )
 
 
-def bin_ellipses(ellipses: Ellipses, camera: Cameras, profile: NumericsProfile) -> Bins:
-    """Sort ellipses, given from front to back, into tiles."""
+def bin_ellipses(
+    ellipses: Ellipses, camera: Cameras, profile: NumericsProfile, pairs_mb: float
+) -> Bins:
+    """Sort ellipses, given from front to back, into tiles.
+
+    Raises:
+        ConfigError: the pairs would take more than ``pairs_mb`` megabytes.
+    """
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     device = ellipses.means.device
     if profile.alpha_min > 0:
-        members, tiles = _meetings(ellipses, reach(ellipses, profile), columns, rows)
+        members, tiles = _meetings(ellipses, reach(ellipses, profile), columns, rows, pairs_mb)
     else:
+        _check_memory(len(ellipses.means) * columns * rows, pairs_mb)
         everyone = torch.arange(len(ellipses.means), device=device)
         members = everyone.repeat_interleave(columns * rows)
         tiles = torch.arange(columns * rows, device=device).repeat(len(everyone))
@@ -83,13 +94,22 @@ def bin_ellipses(ellipses: Ellipses, camera: Cameras, profile: NumericsProfile) 
     )
 
 
+def _check_memory(pairs: int, pairs_mb: float) -> None:
+    if pairs * PAIR_BYTES > pairs_mb * 2**20:
+        raise ConfigError(
+            f"this picture needs {pairs * PAIR_BYTES} bytes for {pairs} pairs of a splat and a "
+            f"tile that it reaches; rasterizer.pairs_mb={pairs_mb:g} does not allow that.",
+            "Draw a smaller image, keep splats from growing this large, or raise the limit.",
+        )
+
+
 def _meetings(
-    ellipses: Ellipses, reaches: Float[Tensor, " m"], columns: int, rows: int
+    ellipses: Ellipses, reaches: Float[Tensor, " m"], columns: int, rows: int, pairs_mb: float
 ) -> tuple[Int[Tensor, " p"], Int[Tensor, " p"]]:
     """All pairs of an ellipse and a tile that meet, ellipse after ellipse."""
     (x, y), (xx, xy, yy) = ellipses.means.unbind(1), ellipses.covariances.unbind(1)
     height = (reaches * yy).sqrt()
-    owner, row = _expand(y - height, y + height, height, rows)
+    owner, row = _expand(y - height, y + height, height, rows, pairs_mb)
     # From here on one element is one ellipse in one row of tiles.
     per_ellipse = [x, y, height, xy / yy, xy * (reaches / xx).sqrt()]
     per_ellipse += [(reaches * xx).sqrt(), (ellipses.determinants / yy).sqrt(), reaches, yy]
@@ -102,12 +122,16 @@ def _meetings(
     at_right, at_left = turn.clamp(low, high), (-turn).clamp(low, high)
     right = tilt * at_right + narrow * (reaches - at_right.square() / yy).clamp(min=0).sqrt()
     left = tilt * at_left - narrow * (reaches - at_left.square() / yy).clamp(min=0).sqrt()
-    which, column = _expand(x + left, x + right, width, columns)
+    which, column = _expand(x + left, x + right, width, columns, pairs_mb)
     return owner[which], row[which] * columns + column
 
 
 def _expand(
-    low: Float[Tensor, " m"], high: Float[Tensor, " m"], extents: Float[Tensor, " m"], tiles: int
+    low: Float[Tensor, " m"],
+    high: Float[Tensor, " m"],
+    extents: Float[Tensor, " m"],
+    tiles: int,
+    pairs_mb: float,
 ) -> tuple[Int[Tensor, " p"], Int[Tensor, " p"]]:
     """One element per interval [low, high] and tile along one axis that has a pixel centre in it.
 
@@ -119,6 +143,7 @@ def _expand(
     first = ((low - slack - (TILE - 0.5)) / TILE).ceil().clamp(0, tiles).long()
     last = ((high + slack - 0.5) / TILE).floor().clamp(-1, tiles - 1).long()
     counts = (last - first + 1).clamp(min=0)
+    _check_memory(int(counts.sum()), pairs_mb)
     owner = torch.arange(len(counts), device=counts.device).repeat_interleave(counts)
     place = torch.arange(len(owner), device=counts.device) - (counts.cumsum(0) - counts)[owner]
     return owner, first[owner] + place

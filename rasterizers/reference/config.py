@@ -18,6 +18,8 @@ class ReferenceConfig(RasterizerConfig):
 
     chunk_mb: float = 16.0
     """Working memory of one chunk of tiles, in megabytes; fastest where it fits the caches."""
+    pairs_mb: float = 4096.0
+    """Memory that the list of splats per tile may take, in megabytes; more is refused."""
 
     def capabilities(self) -> Capabilities:
         """What it can do on this machine."""
@@ -27,10 +29,11 @@ class ReferenceConfig(RasterizerConfig):
         """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing.
 
         Raises:
-            ConfigError: the chunk size is not positive.
+            ConfigError: an amount of memory is not positive.
         """
-        if not self.chunk_mb > 0:
-            raise ConfigError(
-                f"rasterizer.chunk_mb={self.chunk_mb:g}: expected a number of megabytes above 0."
-            )
-        return ReferenceRasterizer(self.chunk_mb)
+        for key, value in {"chunk_mb": self.chunk_mb, "pairs_mb": self.pairs_mb}.items():
+            if not value > 0:
+                raise ConfigError(
+                    f"rasterizer.{key}={value:g}: expected a number of megabytes above 0."
+                )
+        return ReferenceRasterizer(self.chunk_mb, self.pairs_mb)

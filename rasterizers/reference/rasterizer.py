@@ -38,8 +38,9 @@ class _Picture:
 class ReferenceRasterizer(Rasterizer):
     """Draws in float32 and float64 on any torch device; the oracle for every other backend."""
 
-    def __init__(self, chunk_mb: float = 16.0) -> None:
+    def __init__(self, chunk_mb: float = 16.0, pairs_mb: float = 4096.0) -> None:
         self.chunk_mb = chunk_mb
+        self.pairs_mb = pairs_mb
 
     @classmethod
     def capabilities(cls) -> Capabilities:
@@ -104,7 +105,7 @@ class ReferenceRasterizer(Rasterizer):
             channels.append(torch.ones_like(ellipses.depths)[:, None])
         with torch.no_grad():
             canvas = Canvas(
-                bin_ellipses(ellipses, camera, profile),
+                bin_ellipses(ellipses, camera, profile, self.pairs_mb),
                 CutOffs.of(profile, splats.means.dtype),
                 self.chunk_mb,
                 Measurements.of(statistics, index, rows, camera),

@@ -4,6 +4,7 @@ import pytest
 import torch
 from scenes import front_camera, random_splats
 
+from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.rasterizers.reference.bin import TILE, Bins, bin_ellipses
@@ -14,7 +15,7 @@ def ellipses_and_bins(count: int, width: int, height: int) -> tuple[Ellipses, Bi
     splats = random_splats(count, 0, seed=1, dtype=torch.float64)
     camera = front_camera(width, height, distance=3.0, dtype=torch.float64)
     ellipses = project(splats, camera, RenderSettings())
-    return ellipses, bin_ellipses(ellipses, camera, DEFAULT)
+    return ellipses, bin_ellipses(ellipses, camera, DEFAULT, pairs_mb=64.0)
 
 
 def reached_tiles(ellipses: Ellipses, width: int, height: int) -> set[tuple[int, int]]:
@@ -67,6 +68,20 @@ def test_sums_by_ellipse_are_those_of_their_pairs():
 
 def test_without_a_cut_off_every_ellipse_is_in_every_tile():
     ellipses, _ = ellipses_and_bins(5, 40, 30)
-    bins = bin_ellipses(ellipses, front_camera(40, 30), DEFAULT.without_cutoffs())
+    bins = bin_ellipses(ellipses, front_camera(40, 30), DEFAULT.without_cutoffs(), pairs_mb=64.0)
     assert bins.counts.tolist() == [5] * 20
     assert bins.ellipses[:-1].tolist() == list(range(5)) * 20
+
+
+def test_more_pairs_than_allowed_are_refused_with_their_bytes():
+    ellipses, _ = ellipses_and_bins(50, 40, 30)
+    camera = front_camera(40, 30)
+    with pytest.raises(ConfigError) as caught:
+        bin_ellipses(ellipses, camera, DEFAULT.without_cutoffs(), pairs_mb=0.01)
+    assert str(caught.value) == (
+        "this picture needs 64000 bytes for 1000 pairs of a splat and a tile that it reaches; "
+        "rasterizer.pairs_mb=0.01 does not allow that.\n"
+        "Draw a smaller image, keep splats from growing this large, or raise the limit."
+    )
+    with pytest.raises(ConfigError, match="does not allow that"):
+        bin_ellipses(ellipses, camera, DEFAULT, pairs_mb=0.001)

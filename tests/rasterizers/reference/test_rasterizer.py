@@ -197,10 +197,11 @@ def test_it_is_registered_and_built_from_its_config():
     assert config.build(torch.device("cpu")).chunk_mb == 1.0
 
 
-def test_a_chunk_without_memory_is_refused():
+@pytest.mark.parametrize("key", ["chunk_mb", "pairs_mb"])
+def test_settings_without_memory_are_refused(key):
     with pytest.raises(ConfigError) as caught:
-        ReferenceConfig(chunk_mb=0.0).build(torch.device("cpu"))
-    assert str(caught.value) == "rasterizer.chunk_mb=0: expected a number of megabytes above 0."
+        ReferenceConfig(**{key: 0.0}).build(torch.device("cpu"))
+    assert str(caught.value) == f"rasterizer.{key}=0: expected a number of megabytes above 0."
 
 
 @pytest.mark.slow

@@ -1,0 +1,142 @@
+"""What cannot be trained is refused: one clear message, exit code 2, nothing half-written."""
+
+import json
+import shutil
+
+import pytest
+from PIL import Image
+from small_captures import ring, write_colmap, write_picture, write_pictures, write_transforms
+
+from gsfw.commands.main import main
+
+
+@pytest.fixture
+def refusal(tmp_path, capsys):
+    """Try to train; what is said on standard error."""
+    out = tmp_path / "run"
+
+    def refuse(*arguments: str) -> str:
+        given = {argument.partition("=")[0] for argument in arguments}
+        defaults = [] if "method" in given else ["method=3dgs"]
+        capsys.readouterr()
+        assert main(["train", *defaults, *arguments, f"out={out}"]) == 2
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.startswith("error: ")
+        assert "Traceback" not in said.err
+        assert not out.exists(), "nothing half-written may stay"
+        return said.err
+
+    return refuse
+
+
+@pytest.fixture
+def colmap(tmp_path):
+    """A small COLMAP data set with its pictures."""
+    capture, folder = ring(), tmp_path / "capture"
+    write_colmap(folder / "sparse" / "0", capture)
+    write_pictures(folder / "images", capture)
+    return folder
+
+
+def test_an_unknown_method_is_answered_with_the_nearest(refusal):
+    assert "no method '3dgz'. Did you mean '3dgs'?" in refusal("method=3dgz")
+
+
+def test_a_misspelt_key_is_answered_with_the_nearest(refusal):
+    said = refusal("optim.mean_lr=1e-4")
+    assert "unknown key 'optim.mean_lr'. Did you mean 'optim.means_lr'?" in said
+
+
+def test_a_wrong_type_says_what_was_expected(refusal):
+    assert "steps=abc: expected a whole number, found 'abc'." in refusal("steps=abc")
+
+
+def test_a_missing_folder_is_answered_with_the_nearest(refusal, colmap):
+    said = refusal(f"data={colmap.parent / 'captrue'}")
+    assert "there is no such file or folder" in said
+    assert "Did you mean 'capture'?" in said
+
+
+def test_an_empty_folder_is_called_empty(refusal, tmp_path):
+    (tmp_path / "empty").mkdir()
+    assert "the folder is empty" in refusal(f"data={tmp_path / 'empty'}")
+
+
+def test_a_folder_of_no_known_format_is_told_what_was_looked_for(refusal, tmp_path):
+    write_picture(tmp_path / "photos" / "one.png")
+    said = refusal(f"data={tmp_path / 'photos'}")
+    assert "Looked for:" in said
+    assert "transforms.json" in said
+
+
+def test_a_colmap_model_without_images_is_refused(refusal, colmap):
+    shutil.rmtree(colmap / "images")
+    said = refusal(f"data={colmap}")
+    assert "images" in said
+    assert str(colmap) in said
+
+
+def test_a_truncated_colmap_model_is_refused(refusal, shared_data, tmp_path):
+    capture = tmp_path / "cut"
+    shutil.copytree(shared_data / "malformed" / "colmap_truncated", capture / "sparse" / "0")
+    (capture / "images").mkdir()
+    said = refusal(f"data={capture}")
+    assert "cut" in said.lower()
+    assert ".bin" in said
+
+
+def test_a_picture_that_does_not_decode_is_named(refusal, colmap):
+    broken = colmap / "images" / "view_001.png"
+    broken.write_bytes(b"this is not a picture")
+    assert "view_001.png" in refusal(f"data={colmap}")
+
+
+def test_a_picture_cut_short_is_named_even_if_its_header_is_whole(refusal, colmap):
+    broken = colmap / "images" / "view_001.png"
+    broken.write_bytes(broken.read_bytes()[:-200])
+    assert "view_001.png" in refusal(f"data={colmap}", "steps=8")
+
+
+def test_a_pose_that_is_not_a_number_is_named(refusal, tmp_path):
+    capture, folder = ring(), tmp_path / "capture"
+    write_pictures(folder, capture)
+    path = write_transforms(folder / "transforms.json", capture)
+    document = json.loads(path.read_text())
+    document["frames"][2]["transform_matrix"][0][3] = float("nan")
+    path.write_text(json.dumps(document))
+    said = refusal(f"data={folder}")
+    assert "view_002" in said
+    assert "transform_matrix" in said or "pose" in said
+
+
+def test_a_picture_of_another_size_than_its_camera_is_refused(refusal, colmap):
+    with Image.open(colmap / "images" / "view_000.png") as picture:
+        picture.resize((50, 48)).save(colmap / "images" / "view_000.png")
+    said = refusal(f"data={colmap}")
+    assert "50x48" in said
+    assert "64x48" in said
+
+
+def test_a_rasterizer_that_is_not_there_is_refused(refusal):
+    said = refusal("rasterizer=cuda")
+    assert "no rasterizer 'cuda'" in said
+    assert "reference" in said
+
+
+def test_a_gpu_that_is_not_there_is_refused(refusal):
+    import torch
+
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU here")
+    assert "device" in refusal("device=cuda:0")
+
+
+def test_a_splat_file_to_start_from_must_exist(refusal, colmap):
+    said = refusal(f"data={colmap}", "init=nowhere.ply")
+    assert "nowhere.ply: there is no such file" in said
+
+
+def test_a_moving_capture_is_refused_by_a_static_method_with_advice(refusal):
+    said = refusal("datamanager.moving=true", "datamanager.width=16", "datamanager.height=12")
+    assert "ignore_time=true" in said
