@@ -6,10 +6,13 @@ import math
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
+
+CLOSED_GAP = math.pi / 2
+"""Cameras stand all around when no gap between neighbours is wider than this, in radians."""
 
 MIN_SPREAD = 1e-3
 """Least eigenvalue (per camera) below which viewing axes count as parallel: they meet nowhere."""
@@ -57,10 +60,24 @@ def look_at(
     return pose
 
 
-def orbit(cameras: Cameras, frames: int) -> Cameras:
-    """A full circle around what ``cameras`` look at, at their mean height and distance.
+def covered_arc(angles: Float64[Tensor, " c"]) -> tuple[float, float]:
+    """Where the arc that ``angles`` stand on begins, and how far it goes, in radians.
 
-    The lens and the image size are those of the first camera.
+    The largest gap between neighbours is left out; below ``CLOSED_GAP`` the arc is a full circle.
+    """
+    ordered = angles.sort().values
+    gaps = torch.cat([ordered[1:], ordered[:1] + 2 * math.pi]) - ordered
+    widest = int(gaps.argmax())
+    if float(gaps[widest]) < CLOSED_GAP:
+        return 0.0, 2 * math.pi
+    return float(ordered[(widest + 1) % len(ordered)]), 2 * math.pi - float(gaps[widest])
+
+
+def orbit(cameras: Cameras, frames: int) -> Cameras:
+    """Around what ``cameras`` look at, at their mean height and distance, as far as they stood.
+
+    A full circle where cameras stood all around; otherwise to and fro along the arc they stood on,
+    because nobody has seen what is behind. Lens and image size are those of the first camera.
     """
     target, up = viewing_center(cameras), up_direction(cameras)
     offsets = cameras.centers.double() - target
@@ -70,7 +87,9 @@ def orbit(cameras: Cameras, frames: int) -> Cameras:
     first = level[0] if float(level[0].norm()) > 1e-9 else torch.linalg.cross(up, up.roll(1))
     first = first / first.norm()
     second = torch.linalg.cross(up, first)
-    angles = torch.arange(frames, dtype=torch.float64) * (2 * math.pi / frames)
+    start, span = covered_arc(torch.atan2(level @ second, level @ first))
+    turns = torch.arange(frames, dtype=torch.float64) * (2 * math.pi / frames)
+    angles = turns if span >= 2 * math.pi else start + span * (1 - turns.cos()) / 2
     circle = angles.cos()[:, None] * first + angles.sin()[:, None] * second
     poses = look_at(target + radius * circle + height * up, target, up)
     return replace(

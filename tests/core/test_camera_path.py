@@ -52,3 +52,18 @@ def test_an_orbit_keeps_height_and_distance_and_looks_inwards():
     torch.testing.assert_close(offsets[:, :2].norm(dim=1), torch.full((12,), 2.0).double())
     torch.testing.assert_close(viewing_center(path), target)
     torch.testing.assert_close(up_direction(path), torch.tensor([0.0, 0.0, 1.0]).double())
+
+
+def test_an_orbit_goes_no_further_than_the_cameras_stood():
+    target = torch.zeros(3, dtype=torch.float64)
+    half = ring(target).select([0, 1, 2])  # At 0, 45 and 90 degrees; their mean up leans a little.
+    path = orbit(half, 16)
+    angles = torch.rad2deg(torch.atan2(path.centers[:, 1], path.centers[:, 0]))
+    assert float(angles.min()) == pytest.approx(0.0, abs=5.0)
+    assert float(angles.max()) == pytest.approx(90.0, abs=5.0)
+    assert float((angles.roll(-1) - angles).abs().max()) < 25
+
+
+def test_a_single_camera_has_an_orbit_that_stays_where_it_is():
+    path = orbit(front_camera(dtype=torch.float64), 4)
+    torch.testing.assert_close(path.centers, path.centers[:1].expand(4, 3))
