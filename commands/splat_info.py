@@ -38,7 +38,10 @@ def describe_splats(path: Path, importer: str, registry: Registry) -> dict[str, 
         "extent": {"min": low.tolist(), "max": high.tolist(), "size": (high - low).tolist()},
         "opacity": _spread(splats.opacities),
         "scale": _spread(scales.flatten()),
-        "longest_to_shortest_axis": _spread(scales.amax(dim=1) / scales.amin(dim=1)),
+        # Scales of 0 are allowed; JSON knows no infinity.
+        "longest_to_shortest_axis": _spread(
+            scales.amax(dim=1) / scales.amin(dim=1).clamp_min(1e-30)
+        ),
         "file": dict(content.properties),
     }
 

@@ -17,7 +17,7 @@ from gsfw.core.similarity import Similarity
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
-from gsfw.datamanagers.synthetic.raycast import photograph, rays
+from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays
 from gsfw.datamanagers.synthetic.stage import Solid, Stage, solids
 from gsfw.datamanagers.synthetic.tracks import Marks, Tracks
 
@@ -45,11 +45,14 @@ class SyntheticData(DataManager):
             Split.TRAIN: self._cameras(config.views, 0.0, request.downscale),
             Split.EVAL: self._cameras(config.eval_views, HELD_OUT, request.downscale),
         }
-        self._pictures = {
-            split: [photograph(Stage(self._solids, _time(camera)), camera) for camera in cameras]
-            for split, cameras in world.items()
-        }
-        self._surface = find_surface(self._solids, world[Split.TRAIN], config.points, config.seed)
+        with one_thread():
+            self._pictures = {
+                split: [photograph(Stage(self._solids, _time(view)), view) for view in views]
+                for split, views in world.items()
+            }
+            self._surface = find_surface(
+                self._solids, world[Split.TRAIN], config.points, config.seed
+            )
         poses = torch.cat([camera.world_to_camera for camera in world[Split.TRAIN]])
         frame, extent = scene_frame(poses, self._surface.world)
         self._views = {split: self._in_scene(split, world[split], frame) for split in Split}
@@ -167,7 +170,9 @@ def _random_rays(
     camera: Cameras, count: int, generator: torch.Generator
 ) -> tuple[Float64[Tensor, "3 n"], Float64[Tensor, "3 n"]]:
     size = torch.tensor([[camera.width], [camera.height]], dtype=torch.float64)
-    return rays(camera, size * torch.rand(2, count, generator=generator, dtype=torch.float64))
+    draws = torch.rand(2, count, generator=generator, dtype=torch.float64)
+    origin, directions = rays(camera, size * draws)
+    return origin.expand_as(directions), directions
 
 
 def _met(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from jaxtyping import Float, Float64
@@ -18,21 +19,26 @@ class Pose:
     linear: Float64[Tensor, "3 3"]
     center: Float64[Tensor, " 3"]
 
+    @cached_property
+    def inverse(self) -> Float64[Tensor, "3 3"]:
+        """Of ``linear``."""
+        return self.linear.inverse()
+
     def to_world(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
         """Points of the solid, in the world."""
         return self.linear.to(points) @ points + self.center.to(points)[:, None]
 
     def to_own(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
         """Points of the world, in the solid's own coordinates."""
-        return self.linear.inverse().to(points) @ (points - self.center.to(points)[:, None])
+        return self.inverse.to(points) @ (points - self.center.to(points)[:, None])
 
     def directions_to_own(self, directions: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
         """Directions of the world, in the solid's own coordinates."""
-        return self.linear.inverse().to(directions) @ directions
+        return self.inverse.to(directions) @ directions
 
     def normals_to_world(self, normals: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
         """Normals of the solid, in the world and of length 1."""
-        turned = self.linear.inverse().T.to(normals) @ normals
+        turned = self.inverse.T.to(normals) @ normals
         return turned / turned.square().sum(dim=0).sqrt()
 
 

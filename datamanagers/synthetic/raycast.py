@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
@@ -17,8 +20,8 @@ MAX_RAYS = 1 << 17
 
 def rays(
     camera: Cameras, pixels: Float[Tensor, "2 n"]
-) -> tuple[Float[Tensor, "3 n"], Float[Tensor, "3 n"]]:
-    """Origins and directions of the rays through positions in a picture, in the camera's world.
+) -> tuple[Float[Tensor, "3 1"], Float[Tensor, "3 n"]]:
+    """Origin and directions of the rays through positions in a picture, in the camera's world.
 
     Args:
         camera: one pinhole camera.
@@ -31,7 +34,7 @@ def rays(
     rotation = camera.world_to_camera[0, :3, :3].to(pixels)
     across = (pixels - matrix[:2, 2:]) / matrix.diagonal()[:2, None]
     ahead = torch.cat([across, torch.ones_like(across[:1])])
-    return camera.centers.to(pixels).T.expand_as(ahead), rotation.T @ ahead
+    return camera.centers.to(pixels).T, rotation.T @ ahead
 
 
 def project(camera: Cameras, points: Float[Tensor, "3 n"]) -> Float[Tensor, "2 n"]:
@@ -40,6 +43,21 @@ def project(camera: Cameras, points: Float[Tensor, "3 n"]) -> Float[Tensor, "2 n
     seen = pose[:3, :3] @ points + pose[:3, 3:]
     matrix = camera.intrinsics[0].to(points)
     return seen[:2] / seen[2] * matrix.diagonal()[:2, None] + matrix[:2, 2:]
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Cast rays in the calling thread alone.
+
+    The work is many short operations, in each of which torch's threads would wait for one another
+    (for seconds, where other programs use the cores too); and bits do not depend on their number.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def photograph(stage: Stage, camera: Cameras) -> UInt8[Tensor, "h w 4"]:
@@ -62,8 +80,8 @@ def _strip(stage: Stage, camera: Cameras, first: int, last: int) -> Float[Tensor
     y = (torch.arange(first * steps, last * steps) + 0.5) / steps
     x = (torch.arange(camera.width * steps) + 0.5) / steps
     grid_y, grid_x = torch.meshgrid(y, x, indexing="ij")
-    origins, directions = rays(camera, torch.stack([grid_x, grid_y]).view(2, -1))
-    hits = stage.trace(origins, directions)
-    covered = (hits.solid >= 0).to(origins.dtype)
+    origin, directions = rays(camera, torch.stack([grid_x, grid_y]).view(2, -1))
+    hits = stage.trace(origin, directions)
+    covered = (hits.solid >= 0).to(directions.dtype)
     seen = torch.cat([stage.shade(hits, directions), covered[None]])
     return seen.view(4, last - first, steps, camera.width, steps).mean(dim=(2, 4))

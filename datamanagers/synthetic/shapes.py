@@ -21,11 +21,11 @@ class Shape(ABC):
 
     @abstractmethod
     def distances(
-        self, origins: Float[Tensor, "3 n"], directions: Float[Tensor, "3 n"]
+        self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]
     ) -> Float[Tensor, " n"]:
         """Where rays from outside first meet the surface, in lengths of their directions.
 
-        Infinite where they never do.
+        Infinite where they never do. There is an origin for each ray (o is n), or one for all (1).
         """
 
     @abstractmethod
@@ -37,7 +37,7 @@ class Sphere(Shape):
     """The unit sphere."""
 
     def distances(
-        self, origins: Float[Tensor, "3 n"], directions: Float[Tensor, "3 n"]
+        self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]
     ) -> Float[Tensor, " n"]:
         """The nearer root of |o + t d| = 1."""
         a, b = _dot(directions, directions), _dot(origins, directions)
@@ -54,7 +54,7 @@ class Box(Shape):
     """The cube from -1 to 1."""
 
     def distances(
-        self, origins: Float[Tensor, "3 n"], directions: Float[Tensor, "3 n"]
+        self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]
     ) -> Float[Tensor, " n"]:
         """The latest entry into a pair of opposite faces, if it is before the first exit."""
         inverse = _safe(directions).reciprocal()
@@ -73,7 +73,7 @@ class Cylinder(Shape):
     """Radius 1 around the z axis, closed at z = -1 and z = 1."""
 
     def distances(
-        self, origins: Float[Tensor, "3 n"], directions: Float[Tensor, "3 n"]
+        self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]
     ) -> Float[Tensor, " n"]:
         """The later entry into the infinite cylinder and the slab, if before the first exit."""
         across, along = origins[:2], directions[:2]
@@ -99,7 +99,7 @@ class Cone(Shape):
     """Apex at z = 1 on the z axis, base of radius 1 at z = -1."""
 
     def distances(
-        self, origins: Float[Tensor, "3 n"], directions: Float[Tensor, "3 n"]
+        self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]
     ) -> Float[Tensor, " n"]:
         """The least of both roots of |xy| = (1 - z) / 2 between base and apex, and the base."""
         x, y, z = origins
@@ -110,7 +110,7 @@ class Cone(Shape):
         root = b.square() - a * (x * x + y * y - radius * radius)
         # One root as q / a and the other as c / q: none loses digits where a is near 0.
         q = -(b + torch.where(b >= 0, 1.0, -1.0) * root.clamp_min(0).sqrt())
-        nearest = torch.full_like(x, math.inf)
+        nearest = torch.full_like(w, math.inf)
         for t in (q / _safe(a), (x * x + y * y - radius * radius) / _safe(q)):
             inside = (z + t * w).abs() <= 1
             nearest = torch.minimum(nearest, _where((root >= 0) & inside & (t > 0), t))
@@ -128,7 +128,7 @@ class Cone(Shape):
         return torch.stack([torch.where(base, zero, x), torch.where(base, zero, y), up])
 
 
-def _dot(first: Float[Tensor, "d n"], second: Float[Tensor, "d n"]) -> Float[Tensor, " n"]:
+def _dot(first: Float[Tensor, "d o"], second: Float[Tensor, "d n"]) -> Float[Tensor, " p"]:
     return (first * second).sum(dim=0)
 
 

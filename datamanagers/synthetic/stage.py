@@ -119,8 +119,8 @@ class Stage:
             if solid.is_present(self.time)
         ]
 
-    def trace(self, origins: Float[Tensor, "3 n"], directions: Float[Tensor, "3 n"]) -> Hits:
-        """What rays from outside all solids meet first."""
+    def trace(self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]) -> Hits:
+        """What rays from outside all solids meet first; all may share one origin, [3, 1]."""
         nearest = torch.full_like(directions[0], math.inf)
         solid = torch.full_like(nearest, -1, dtype=torch.int64)
         for index, item, pose in self.placed:
@@ -171,6 +171,6 @@ def _unit(vectors: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
 
 
 def _distances(
-    item: Solid, pose: Pose, origins: Float[Tensor, "3 n"], directions: Float[Tensor, "3 n"]
+    item: Solid, pose: Pose, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]
 ) -> Float[Tensor, " n"]:
     return item.shape.distances(pose.to_own(origins), pose.directions_to_own(directions))

@@ -46,6 +46,7 @@ class _Blend(torch.autograd.Function):
         plane = pixel_plane(brushes)
         painted = brushes.new_zeros(tiles, channels, PIXELS)
         left = brushes.new_ones(tiles, PIXELS)
+        measures = canvas.measurements.contribution is not None
         contributions = brushes.new_zeros(len(canvas.bins.ellipses), 1)
         ahead = left.clone()
         chunks: list[Chunk] = []
@@ -54,10 +55,12 @@ class _Blend(torch.autograd.Function):
             painted[chunk.tiles] += layers.brushes[:, :, SHAPE:].transpose(1, 2) @ layers.weights
             left[chunk.tiles] = torch.minimum(left[chunk.tiles], layers.left(canvas.cut_offs))
             ahead[chunk.tiles] = layers.transmittance[:, -1]
-            if canvas.measurements.contribution is not None:
+            if measures:
                 contributions[chunk.pairs] = layers.weights.sum(2, keepdim=True)
             chunks.append(chunk)
-        canvas.measurements.record_contribution(canvas.bins.sum_by_ellipse(contributions)[:, 0])
+        if measures:
+            sums = canvas.bins.sum_by_ellipse(contributions)[:, 0]
+            canvas.measurements.record_contribution(sums)
         ctx.save_for_backward(palette, left)
         ctx.canvas, ctx.chunks = canvas, chunks
         return painted, left

@@ -16,7 +16,7 @@ from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 class ReferenceConfig(RasterizerConfig):
     """Settings of the reference rasterizer."""
 
-    chunk_mb: float = 16.0
+    chunk_mb: float = 4.0
     """Working memory of one chunk of tiles, in megabytes; fastest where it fits the caches."""
     pairs_mb: float = 4096.0
     """Memory that the list of splats per tile may take, in megabytes; more is refused."""

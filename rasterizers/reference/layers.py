@@ -60,8 +60,8 @@ class Layers:
 
     def left(self, cut_offs: CutOffs) -> Float[Tensor, "t p"]:
         """Transmittance behind the last slot that was drawn; 1 where the pixel had stopped."""
-        open_ = self.transmittance > cut_offs.transmittance_min
-        return torch.where(open_, self.transmittance, 1.0).amin(1)
+        going_on = self.transmittance > cut_offs.transmittance_min
+        return torch.where(going_on, self.transmittance, 1.0).amin(1)
 
 
 def see(

@@ -38,7 +38,7 @@ class _Picture:
 class ReferenceRasterizer(Rasterizer):
     """Draws in float32 and float64 on any torch device; the oracle for every other backend."""
 
-    def __init__(self, chunk_mb: float = 16.0, pairs_mb: float = 4096.0) -> None:
+    def __init__(self, chunk_mb: float = 4.0, pairs_mb: float = 4096.0) -> None:
         self.chunk_mb = chunk_mb
         self.pairs_mb = pairs_mb
 

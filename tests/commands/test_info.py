@@ -10,6 +10,7 @@ from scenes import random_splats
 from gsfw.commands.main import main
 from gsfw.core.exchange import SplatFile
 from gsfw.core.run_folder import RunFolder
+from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.formats.ply import PlyExporter
 
 
@@ -94,11 +95,13 @@ def test_a_checkpoint_stands_for_its_run(run, capsys):
 
 def test_the_built_in_scene_is_described(capsys):
     found = document(capsys, "format=synthetic", "downscale=4")
-    assert (found["views_train"], found["views_eval"]) == (32, 8)
-    assert found["image_sizes"] == ["24x18 (40)"]
-    assert found["camera_models"] == ["pinhole (40)"]
+    scene = SyntheticConfig()
+    count, width, height = scene.views + scene.eval_views, scene.width // 4, scene.height // 4
+    assert (found["views_train"], found["views_eval"]) == (scene.views, scene.eval_views)
+    assert found["image_sizes"] == [f"{width}x{height} ({count})"]
+    assert found["camera_models"] == [f"pinhole ({count})"]
     assert (found["alpha"], found["times"], found["time_range"]) == (True, 0, None)
-    assert found["decoded_mb"] == pytest.approx(40 * 24 * 18 * 4 / 1e6, abs=0.05)
+    assert found["decoded_mb"] == pytest.approx(count * width * height * 4 / 1e6, abs=0.05)
     assert found["decoded_fits_cache"]
     assert found["next"] == "gsfw train method=3dgs datamanager=synthetic downscale=4"
 

@@ -251,7 +251,7 @@ def test_one_opaque_splat_can_cover_everything():
 
 
 def test_needles_lose_no_more_in_float32_than_their_projection_does():
-    # Aspect 1e6 at 45 degrees: the published determinant a c - b^2 is wrong in the first digit.
+    # Aspect 1e6 at 45 degrees: with the published determinant a c - b^2 the image is off by 0.4.
     quat = torch.tensor([[0.9238795325112867, 0.0, 0.0, 0.3826834323650898]], dtype=torch.float64)
     images = []
     for dtype in (torch.float32, torch.float64):
@@ -265,4 +265,4 @@ def test_needles_lose_no_more_in_float32_than_their_projection_does():
         color = ReferenceRasterizer().render(splats, front_camera(64, 64, dtype=dtype)).color
         images.append(color.double())
     assert images[1].amax() > 0.9
-    assert (images[0] - images[1]).abs().max() < 1e-3
+    assert (images[0] - images[1]).abs().max() < 1e-5
