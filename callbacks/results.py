@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import IO, Any
 
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.evaluation import Evaluation
+from gsfw.core.json_text import json_text
 from gsfw.core.run_folder import RunFolder, readable_write_errors
 
 
@@ -30,7 +30,7 @@ class Results(Callback):
         assert self._log is not None
         assert self._folder is not None
         with readable_write_errors(self._folder.metrics_log):
-            self._log.write(json.dumps(document) + "\n")
+            self._log.write(json_text(document) + "\n")
             self._log.flush()
 
     def on_step(self, report: StepReport, control: Control) -> None:

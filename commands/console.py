@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+from gsfw.core.json_text import json_text
 
 WIDTH_OF_FILES = 120
 """Columns of a table that is not shown on a terminal."""
@@ -35,7 +36,7 @@ class Console:
     def result(self, document: Mapping[str, Any] | Sequence[Any]) -> None:
         """What programs get with ``json=true``; call it once, at the end."""
         if self.json_only:
-            sys.stdout.write(json.dumps(document, indent=1) + "\n")
+            sys.stdout.write(json_text(document, indent=1) + "\n")
             sys.stdout.flush()
 
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.arguments import Options, read, word
+from gsfw.commands.arguments import read
+from gsfw.commands.run_argument import RunOptions
 
 if TYPE_CHECKING:
     from gsfw.commands.console import Console
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(kw_only=True)
-class EvalOptions(Options):
+class EvalOptions(RunOptions):
     """Compare a run's renders with the photos, picture by picture."""
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -22,8 +23,6 @@ class EvalOptions(Options):
         "gsfw eval runs/first split=train json=true",
     )
 
-    run: str = word("RUN")
-    """A run folder, a checkpoint, or latest."""
     split: Literal["eval", "train"] = "eval"
     """Which pictures: eval (held out) or train."""
 
@@ -43,7 +42,7 @@ def run(arguments: list[str]) -> int:
 
     console = Console(options.json)
     found = find_run(options.run)
-    restored = restore(found.folder, installed(), found.checkpoint)
+    restored = restore(found.folder, installed(), found.checkpoint, options.changed())
     parts, plan = restored.composition.parts, restored.composition.plan
     split = Split(options.split)
     if len(parts.data.views(split)) == 0:
@@ -61,7 +60,7 @@ def run(arguments: list[str]) -> int:
             parts.device,
             split,
         )
-    protocol = restored.composition.protocol() | {"split": options.split}
+    protocol = restored.composition.protocol(split)
     document = {
         "run": str(found.folder.path),
         "step": restored.step,

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from gsfw.commands.arguments import Options, read, word
+from gsfw.commands.arguments import read
+from gsfw.commands.run_argument import RunOptions
 
 if TYPE_CHECKING:
     from gsfw.commands.run_argument import RunArgument
@@ -19,7 +20,7 @@ TOO_COARSE = 0.1
 
 
 @dataclass(kw_only=True)
-class ExportOptions(Options):
+class ExportOptions(RunOptions):
     """Write a run's splats to a file, in the world of the data."""
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -27,8 +28,6 @@ class ExportOptions(Options):
         "gsfw export runs/first format=ply step=5000 out=first.ply",
     )
 
-    run: str = word("RUN")
-    """A run folder, a checkpoint, or latest."""
     format: str = "ply"
     """Format of the file; gsfw plugins lists the exporters."""
     out: str = ""
@@ -54,7 +53,7 @@ def run(arguments: list[str]) -> int:
     registry = installed()
     registry.find("exporter", options.format)
     console, found = Console(options.json), find_run(options.run)
-    restored = restore(found.folder, registry, _checkpoint(found, options.step))
+    restored = restore(found.folder, registry, _checkpoint(found, options.step), options.changed())
     last = found.checkpoint is None and options.step is None
     name = "splats" if last else f"splats_{restored.step:09d}"
     taken = _take(restored, options.time)

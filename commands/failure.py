@@ -42,7 +42,7 @@ def tracebacks_in(folder: RunFolder) -> Iterator[None]:
     except (UserError, BrokenPipeError):
         raise
     except Exception as error:
-        if folder.latest_checkpoint() is None:
+        if folder.latest_checkpoint() in (None, folder.checkpoint(0)):
             raise
         with folder.log.open("a", encoding="utf-8") as file:
             file.write("".join(traceback.format_exception(error)))

@@ -83,12 +83,10 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
 
 def _importer(path: Path, registry: Registry) -> str | None:
     """Name of the importer that recognises a file; ``None`` when none does."""
-    from gsfw.plugins.automatic import load
+    from gsfw.plugins.automatic import load_all
 
-    for name, spec in registry.slot("importer").items():
-        if load("importer", spec).recognises(path):
-            return name
-    return None
+    importers = load_all("importer", registry).items()
+    return next((name for name, kind in importers if kind.recognises(path)), None)
 
 
 def _check_known(what: str, registry: Registry) -> None:

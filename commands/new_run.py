@@ -21,7 +21,11 @@ def check_free(out: str) -> None:
     Raises:
         OutputError: it holds a run or other files, or cannot be made.
     """
-    path = Path(out)
+    with readable_write_errors(Path(out)):
+        _check_free(out, Path(out))
+
+
+def _check_free(out: str, path: Path) -> None:
     if (path / "config.yaml").exists():
         raise OutputError(
             f"out={out}: this folder holds a run already.",
@@ -52,26 +56,29 @@ def default_folder(scene: str, method: str) -> Path:
     name = re.sub(r"[^\w.-]+", "-", scene).strip("-") or "scene"
     base = RUNS / name / method / time.strftime("%Y-%m-%d_%H-%M-%S")
     path, number = base, 2
-    while path.exists():
-        path, number = base.with_name(f"{base.name}_{number}"), number + 1
+    with readable_write_errors(base):
+        while path.exists():
+            path, number = base.with_name(f"{base.name}_{number}"), number + 1
     return path
 
 
 @contextmanager
 def new_run_folder(path: Path) -> Iterator[RunFolder]:
-    """Make the folder of a run; take it away again if the run fails before its first checkpoint.
+    """Make the folder of a run; take it away again if the run fails before it gets going.
+
+    The checkpoint of step 0 holds nothing that another start would not make again.
 
     Raises:
         OutputError: it cannot be made.
     """
-    kept = _nearest_existing(path)
     folder = RunFolder(path)
     with readable_write_errors(path):
+        kept = _nearest_existing(path)
         path.mkdir(parents=True, exist_ok=True)
     try:
         yield folder
     except BaseException:
-        if folder.latest_checkpoint() is None:
+        if folder.latest_checkpoint() in (None, folder.checkpoint(0)):
             _remove(path, kept)
         raise
 

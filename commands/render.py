@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.arguments import Options, read, word
+from gsfw.commands.arguments import read
+from gsfw.commands.run_argument import RunOptions
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -21,7 +22,7 @@ FRAME_MS = 50
 
 
 @dataclass(kw_only=True)
-class RenderOptions(Options):
+class RenderOptions(RunOptions):
     """Draw the held-out views and an orbit around the scene, as PNG and an animated WebP."""
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -29,8 +30,6 @@ class RenderOptions(Options):
         "gsfw render runs/first what=orbit frames=120 scale=2 out=orbit",
     )
 
-    run: str = word("RUN")
-    """A run folder, a checkpoint, or latest."""
     what: Literal["all", "views", "orbit"] = "all"
     """What to draw: views (held out, beside their photos), orbit, or all."""
     out: str = ""
@@ -61,7 +60,7 @@ def run(arguments: list[str]) -> int:
         )
     console = Console(options.json)
     found = find_run(options.run)
-    restored = restore(found.folder, installed(), found.checkpoint)
+    restored = restore(found.folder, installed(), found.checkpoint, options.changed())
     out = Path(options.out) if options.out else found.folder.path / "renders"
     written: list[Path] = []
     with deterministic(restored.composition.parts.device):
@@ -106,7 +105,8 @@ def _views(restored: Restored, folder: Path) -> Iterator[Path]:
         (batch,) = parts.data.load(Split.EVAL, [index], parts.device)
         output = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
         both = torch.cat([batch.target(settings.background)[0], output.color[0]], dim=1)
-        yield _write(folder / f"{Path(name).with_suffix('')}.png", both)
+        # Numbered and flat: names of the data may be absolute, lead elsewhere, or be equal.
+        yield _write(folder / f"{index:04d}_{Path(name).stem}.png", both)
 
 
 def _orbit(restored: Restored, folder: Path, options: RenderOptions) -> Iterator[Path]:

@@ -23,7 +23,7 @@ def describe_run(found: RunArgument) -> dict[str, Any]:
         ConfigError: its settings cannot be read.
     """
     folder = found.folder
-    settings = read_config(folder.config).values
+    settings = read_config(folder.config, everything=True).values
     steps = settings.get("steps")
     checkpoints: list[dict[str, Any]] = [
         {"step": int(path.stem.split("_")[1]), "bytes": path.stat().st_size, "path": str(path)}

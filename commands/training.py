@@ -17,7 +17,7 @@ from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
 from gsfw.core.run_folder import RunFolder
 from gsfw.core.trainer import Trainer
-from gsfw.plugins.automatic import load
+from gsfw.plugins.automatic import load, load_all
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry, installed
 from gsfw.plugins.snapshot import snapshot
@@ -25,7 +25,7 @@ from gsfw.plugins.snapshot import snapshot
 
 def make_callbacks(registry: Registry) -> list[Callback]:
     """Every watcher that is installed."""
-    return [load("callback", spec)() for spec in registry.slot("callback").values()]
+    return [kind() for kind in load_all("callback", registry).values()]
 
 
 def describe(composition: Composition) -> str:

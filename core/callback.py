@@ -58,7 +58,7 @@ class StepReport:
     losses: Mapping[str, float]
     """Each weighted term."""
     psnr: float
-    """Of this step's pictures, in dB."""
+    """Of the step's first picture, in dB."""
     num_gaussians: int
     learning_rates: Mapping[str, float]
     step_ms: float

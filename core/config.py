@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from gsfw.core.sampler import Sampler
     from gsfw.core.scene import Scene
     from gsfw.core.strategy import DensityStrategy
+
+MAX_SEED = 2**62
+"""Generators take 64-bit seeds, and some of them are made by counting up from this one."""
 
 AUTO = "auto"
 """The choice that leaves choosing to gsfw."""
@@ -202,6 +206,8 @@ class MethodConfig(ABC):
     """Memory that decoded images may take, in megabytes."""
     antialias: bool = False
     """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
+    profile: str = "default"
+    """Constants and cut-offs to draw with: default, or gsplat-1.5 to match that renderer."""
     validation: str = "cheap"
     """How rasterizer inputs are checked in the loop: cheap or full."""
     max_skipped: int = 20
@@ -235,11 +241,18 @@ class MethodConfig(ABC):
         Raises:
             ConfigError: naming the key, what was expected, and what was given.
         """
-        positive = {"steps": self.steps, "log_every": self.log_every}
-        for key, value in positive.items():
-            if value < 1:
-                raise ConfigError(f"{key}={value}: expected a number of at least 1.")
-        if self.downscale < 1:
+        from gsfw.core.numerics import PROFILES
+
+        least = {"steps": 1, "log_every": 1, "max_skipped": 1, "checkpoint_every": 0}
+        least |= {"eval_every": 0, "holdout_every": 0, "cache_mb": 0, "seed": 0}
+        for key, minimum in least.items():
+            if getattr(self, key) < minimum:
+                raise ConfigError(
+                    f"{key}={getattr(self, key)}: expected a number of at least {minimum}."
+                )
+        if self.seed >= MAX_SEED:
+            raise ConfigError(f"seed={self.seed}: expected a number below 2^62.")
+        if not 1 <= self.downscale < math.inf:
             raise ConfigError(
                 f"downscale={self.downscale:g}: expected a factor of at least 1 "
                 "(2 halves the width and the height)."
@@ -247,6 +260,8 @@ class MethodConfig(ABC):
         parse_background(self.background)
         if self.validation not in ("cheap", "full"):
             raise ConfigError(f"validation={self.validation}: expected cheap or full.")
+        if self.profile not in PROFILES:
+            raise ConfigError(f"profile={self.profile}: expected {' or '.join(PROFILES)}.")
 
 
 NAMED_BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
@@ -268,4 +283,6 @@ def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, 
         raise ConfigError(
             f"background={text}: expected white, black, auto, or three numbers such as 0.5,0.5,0.5."
         ) from None
+    if not all(math.isfinite(value) for value in (red, green, blue)):
+        raise ConfigError(f"background={text}: expected three finite numbers.")
     return red, green, blue

@@ -48,6 +48,7 @@ def draw(
     time: Float[Tensor, ""] | None = None,
 ) -> RenderOutput:
     """Draw a model as it is at ``time``, without gradients."""
+    cameras = model.cameras(cameras)
     output = rasterizer.render(model.splats(time), cameras, model.settings(settings))
     return model.decode(output, cameras)
 

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
@@ -47,6 +48,10 @@ class Method(ABC):
             generator: on the CPU; the only source of randomness.
             initial: splats to start from (``init=FILE``), in the scene frame; ``None`` otherwise.
         """
+
+    def prepare_batch(self, batch: Batch, step: int) -> Batch:
+        """What a step trains on instead of the pictures as they are: smaller ones, for instance."""
+        return batch
 
     @abstractmethod
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:

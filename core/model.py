@@ -43,6 +43,10 @@ class PrimitiveModel(nn.Module, ABC):
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
         """The activated Gaussians at ``time`` in [0, 1]; a static model ignores it."""
 
+    def cameras(self, cameras: Cameras) -> Cameras:
+        """The cameras as this model has refined them (pose refinement); default as they are."""
+        return cameras
+
     def settings(self, settings: RenderSettings) -> RenderSettings:
         """What this model wants changed in how it is drawn (background of feature channels)."""
         return settings

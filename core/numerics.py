@@ -58,6 +58,5 @@ class NumericsProfile:
 
 DEFAULT = NumericsProfile()
 GSPLAT_1_5 = NumericsProfile(name="gsplat-1.5", alpha_max=0.999)
-INRIA = NumericsProfile(name="inria")
 
-PROFILES = {profile.name: profile for profile in (DEFAULT, GSPLAT_1_5, INRIA)}
+PROFILES = {profile.name: profile for profile in (DEFAULT, GSPLAT_1_5)}

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from jaxtyping import Bool
 from torch import Tensor
+
+from gsfw.core.render_output import RenderStatistics
 
 
 class Reducer:
@@ -17,6 +20,14 @@ class Reducer:
 
     def gradients_(self, gradients: Iterable[Tensor]) -> None:
         """Average over processes, in place."""
+
+    def statistics(self, statistics: RenderStatistics) -> RenderStatistics:
+        """What all processes have measured, so that strategies decide alike everywhere."""
+        return statistics
+
+    def visible(self, visible: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
+        """Rows that any process saw."""
+        return visible
 
     def loss(self, loss: Tensor) -> Tensor:
         """Average over processes."""

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from gsfw.core.errors import DataError, OutputError
+from gsfw.core.json_text import json_text
 
 CHECKPOINT_SCHEMA = 1
 """Number of the checkpoint layout; raised when an older gsfw could not read a newer file."""
@@ -28,6 +29,7 @@ NOT_WRITABLE = (
     errno.ENOTDIR,
     errno.ENOENT,
     errno.EEXIST,
+    errno.ENAMETOOLONG,
 )
 """System errors that mean: not here. (EEXIST: a file stands where a folder should.)"""
 
@@ -158,7 +160,7 @@ class RunFolder:
 
     def write_json(self, path: Path, document: object) -> None:
         """Write plain data, whole or not at all."""
-        write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
+        write_atomically(path, (json_text(document, indent=1) + "\n").encode())
 
     def write_checkpoint(self, step: int, state: Mapping[str, Any], keep: int = 2) -> Path:
         """Write a checkpoint atomically; only the last ``keep`` stay.

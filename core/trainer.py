@@ -74,7 +74,11 @@ class _Drawn:
 
     context: StepContext
     losses: Mapping[str, Tensor]
+    """Every weighted term."""
+    data_losses: tuple[str, ...]
+    """Names of the terms that compare with the pictures."""
     total: Tensor
+    """Their sum, times what this batch counts in the step."""
 
 
 class Trainer:
@@ -140,15 +144,22 @@ class Trainer:
             parts.model.project_()
         with clock.stage("refine"):
             for item in drawn:
-                statistics = _gated(item.context.rendered.statistics, finite)
-                parts.strategy.observe(item.context, statistics)
-                views = item.context.batch.views
-                parts.sampler.observe(views, item.total.detach().expand(len(views)))
+                self._observe(item, finite)
             parts.strategy.refine(self.step, parts.table, parts.model, parts.generator)
         clock.step_done()
         self.step += 1
         self.train_seconds += time.perf_counter() - started
         self._follow_up(drawn)
+
+    def _observe(self, item: _Drawn, finite: Tensor) -> None:
+        """Let strategy and sampler take note of a batch; of one that was not finite, nothing."""
+        parts, context = self.parts, item.context
+        statistics = parts.reducer.statistics(_gated(context.rendered.statistics, finite))
+        parts.strategy.observe(context, statistics)
+        with torch.no_grad():
+            loss = torch.stack([item.losses[name] for name in item.data_losses]).sum()
+            views = context.batch.views
+            parts.sampler.observe(views, torch.where(finite, loss, 0.0).expand(len(views)))
 
     def _load(self) -> list[Batch]:
         parts = self.parts
@@ -159,6 +170,8 @@ class Trainer:
     def _draw(self, batch: Batch, share: float) -> _Drawn:
         """Forward pass of one batch, whose loss counts ``share`` of the step's."""
         parts = self.parts
+        batch = parts.method.prepare_batch(batch, self.step)
+        batch = replace(batch, cameras=parts.model.cameras(batch.cameras))
         splats = parts.model.splats(batch.time)
         settings = replace(
             self.plan.settings,
@@ -181,13 +194,14 @@ class Trainer:
             operators=parts.operators,
             generator=parts.generator,
         )
+        data_losses = parts.method.losses(context)
         losses = {
-            **parts.method.losses(context),
+            **data_losses,
             **parts.model.regularizers(context),
             **parts.strategy.regularizers(context),
         }
         total = torch.stack(list(losses.values())).sum() * (share * batch.weight)
-        return _Drawn(context, losses, total)
+        return _Drawn(context, losses, tuple(data_losses), total)
 
     def _background(self) -> Tensor | None:
         if not self.plan.random_background:
@@ -214,7 +228,7 @@ class Trainer:
             if rows is not None:
                 seen = torch.zeros_like(visible).index_copy(0, rows, seen)
             visible |= seen
-        return visible
+        return self.parts.reducer.visible(visible)
 
     # After a step.
 
@@ -224,6 +238,8 @@ class Trainer:
             callback.on_tick(step, self.control)
         if step % plan.log_every == 0 or step in (1, plan.steps):
             self._report(drawn)
+        if step % min(plan.log_every, plan.max_skipped) == 0:
+            self._check_skipped()
         if plan.eval_every and step % plan.eval_every == 0 and step < plan.steps:
             self._evaluate()
             self._stopwatch.restart()
@@ -233,11 +249,11 @@ class Trainer:
 
     @torch.no_grad()
     def _report(self, drawn: list[_Drawn]) -> None:
-        skipped_in_a_row = int(self._skipped_in_a_row)
         losses: dict[str, float] = {}
         for item in drawn:
             for name, value in item.losses.items():
-                losses[name] = losses.get(name, 0.0) + float(value) / len(drawn)
+                share = item.context.share * item.context.batch.weight
+                losses[name] = losses.get(name, 0.0) + float(value) * share
         context = drawn[0].context
         valid = None if context.batch.valid is None else context.batch.valid[0]
         step_ms, stage_ms = self._stopwatch.read()
@@ -255,8 +271,12 @@ class Trainer:
         )
         for callback in self._callbacks:
             callback.on_step(report, self.control)
+
+    def _check_skipped(self) -> None:
+        """Stop when too many steps in a row were not finite; reads the flag late, now and then."""
+        skipped_in_a_row = int(self._skipped_in_a_row)
         if skipped_in_a_row >= self.plan.max_skipped:
-            self._checkpoint()  # Skipped steps change nothing: this is still the last good state.
+            self._checkpoint()  # Skipped steps move no parameter by a gradient: it is finite.
             raise TrainingError(
                 f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
                 f"stopped at step {self.step}.",
@@ -342,7 +362,10 @@ class Trainer:
         parts.strategy.load_state_dict(state["strategy"])
         parts.sampler.load_state_dict(state["sampler"])
         parts.method.load_state_dict(state["method"])
-        parts.generator.set_state(state["generator"].cpu())
+        if state["environment"]["device"] == parts.device.type:
+            parts.generator.set_state(state["generator"].cpu())
+        else:  # Generators of different devices have states of different kinds.
+            parts.generator.manual_seed(parts.generator.initial_seed() + state["step"])
         self.train_seconds = state["train_seconds"]
         self._skipped = state["skipped"].to(parts.device)
         self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)

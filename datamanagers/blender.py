@@ -75,6 +75,7 @@ class BlenderConfig(DataManagerConfig):
             points=points,
             point_colors=colors,
             notes=tuple(notes),
+            up="z",
             unused_times=tuple(time for file in files.values() for time in file.times()),
         )
 

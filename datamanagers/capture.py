@@ -59,6 +59,7 @@ class Capture(DataManager):
             world_from_scene=scene_from_world.inverse(),
             time_range=timeline.range,
             num_times=timeline.count,
+            up=recording.up,
             has_alpha=any(frame.header.has_alpha for frame in self._frames),
         )
         self._views = {

@@ -87,8 +87,11 @@ class Frame:
 
     def _check_size(self) -> None:
         width, height = self.header.width, self.header.height
-        factor = max(1, self.lens.width // width)
-        if (factor * width, factor * height) == (self.lens.width, self.lens.height):
+        factor = max(1, round(self.lens.width / width))
+        # Tools that shrink pictures round down, up or to the nearest: Mip-NeRF 360's images_4.
+        slack = 1 if factor > 1 else 0
+        differences = (self.lens.width / factor - width, self.lens.height / factor - height)
+        if all(difference == 0 or abs(difference) < slack for difference in differences):
             return
         advice = "Use the pictures that the cameras were computed from"
         if (height, width) == (self.lens.width, self.lens.height):
@@ -118,6 +121,8 @@ class Recording:
     """Their colours in [0, 1]."""
     notes: tuple[str, ...] = ()
     """How it was read, and what was left out."""
+    up: str = ""
+    """Which way is up in the world of the data ("z", "-y"), as far as the format says."""
     unused_times: tuple[float, ...] = ()
     """Times of frames that are neither trained nor evaluated on."""
 

@@ -77,6 +77,7 @@ def _recording(file: TransformsFile) -> Recording:
             *split_note,
             *point_note,
         ),
+        up="z",
         unused_times=file.times(),
     )
 

@@ -4,7 +4,7 @@ Opacities are stored as logits, scales as natural logarithms, rotations as unit 
 coefficients channel by channel (all of red, then green, then blue). Tags are comments: Brush's and
 splat-transform's ``SplatRenderMode``, Postshot's ``antialiased``, nerfstudio's ``Vertical axis``.
 
-All use of plyfile is in this module: it is GPL-3.0-or-later, gsfw is Apache-2.0.
+plyfile is GPL-3.0-or-later, gsfw is Apache-2.0: the README says where it is used.
 """
 
 from __future__ import annotations

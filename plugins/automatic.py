@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.config import AUTO, DataManagerConfig, Detection
+from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.plugins.registry import Registry, did_you_mean
 from gsfw.plugins.specs import Spec
@@ -47,6 +49,21 @@ def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot hold
         ) from error
 
 
+def load_all(slot: str, registry: Registry) -> dict[str, Any]:
+    """Import everything of a slot, by name; what a third party broke is skipped, and remembered.
+
+    Raises:
+        ConfigError: a part of gsfw itself cannot be imported.
+    """
+    loaded: dict[str, Any] = {}
+    for name, spec in registry.slot(slot).items():
+        try:
+            loaded[name] = load(slot, spec)
+        except ConfigError as error:
+            registry.skip(slot, spec, error)
+    return loaded
+
+
 def choose_datamanager(data: str, registry: Registry) -> Choice:
     """The data manager whose format ``data`` is in.
 
@@ -56,18 +73,41 @@ def choose_datamanager(data: str, registry: Registry) -> Choice:
     if not data:
         return Choice(BUILT_IN_SCENE, "data is empty")
     path = Path(data)
-    _check_exists(path)
-    detections: dict[str, Detection] = {}
-    for name, spec in registry.slot("datamanager").items():
-        kind: type[DataManagerConfig] = load("datamanager", spec)
-        detections[name] = kind.detect(path)
+    with _readable(path):
+        _check_exists(path)
+        detections = _detect(path, registry)
     recognised = [name for name, seen in detections.items() if seen.recognised]
     if not recognised:
-        raise DataError(*_unrecognised(path, detections))
+        with _readable(path):
+            raise DataError(*_unrecognised(path, detections))
     best = max(recognised, key=lambda name: detections[name].priority)
     others = [name for name in recognised if name != best]
     also = f" (preferred to {', '.join(others)})" if others else ""
     return Choice(best, f"found {detections[best].found}{also}")
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn the system's refusal to look into a folder into one clear message."""
+    try:
+        yield
+    except OSError as error:
+        raise DataError(
+            f"data={path}: {error.filename or path} cannot be read: {error.strerror or error}.",
+            "Give a folder that you may read, or have its permissions changed.",
+        ) from error
+
+
+def _detect(path: Path, registry: Registry) -> dict[str, Detection]:
+    """What each data manager sees in ``path``; one of a third party that fails sees nothing."""
+    specs = registry.slot("datamanager")
+    detections: dict[str, Detection] = {}
+    for name, kind in load_all("datamanager", registry).items():
+        try:
+            detections[name] = kind.detect(path)
+        except Exception as error:
+            registry.skip("datamanager", specs[name], error)
+    return detections
 
 
 def _check_exists(path: Path) -> None:
@@ -157,4 +197,7 @@ def rasterizer_capabilities(registry: Registry) -> dict[str, Any]:
             able[name] = load("rasterizer", spec)().capabilities()
         except ConfigError as error:
             able[name] = Capabilities(unavailable=error.message)
+        except Exception as error:
+            registry.skip("rasterizer", spec, error)
+            able[name] = Capabilities(unavailable=f"it failed with {type(error).__name__}: {error}")
     return able

@@ -25,6 +25,7 @@ from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Importer
 from gsfw.core.frame import transform_splats
 from gsfw.core.method import Method
+from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.render_settings import RenderSettings, Validation
@@ -33,7 +34,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
-from gsfw.plugins.automatic import load, rasterizer_capabilities
+from gsfw.plugins.automatic import load_all, rasterizer_capabilities
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 
@@ -54,20 +55,21 @@ class Composition:
         """What is known of the capture."""
         return self.parts.data.scene
 
-    def protocol(self) -> dict[str, Any]:
+    def protocol(self, split: Split = Split.EVAL) -> dict[str, Any]:
         """How the figures of this run are measured."""
         config = self.settings.config
-        views = self.parts.data.views(Split.EVAL)
+        views = self.parts.data.views(split)
         sizes = sorted({(camera.width, camera.height) for camera in views.cameras})
         background = self.plan.settings.background
         assert background is not None
         return {
-            "split": "eval",
+            "split": split.value,
             "views": len(views),
             "image_sizes": [list(size) for size in sizes],
             "downscale": config.downscale,
             "downscale_filter": "area",
             "background": background.tolist(),
+            "numerics": config.profile,
             "psnr": "per image on values clamped to [0, 1], then the mean",
             "ssim": "11x11 Gaussian window, sigma 1.5, zero padding",
             "checkpoint": "last",
@@ -75,7 +77,10 @@ class Composition:
 
     def notes(self) -> tuple[str, ...]:
         """What the user should know before it starts."""
-        return (*self.parts.data.notes(), *self.parts.method.notes(self.scene))
+        notes = (*self.parts.data.notes(), *self.parts.method.notes(self.scene))
+        if self.settings.config.random_background and not self.scene.has_alpha:
+            notes += ("random_background=true changes nothing: the pictures have no alpha.",)
+        return notes
 
     def trainer(
         self, folder: RunFolder, callbacks: Sequence[Callback] = (), first_step: int = 0
@@ -105,7 +110,11 @@ def check(settings: Settings, registry: Registry) -> None:
     device = settings_device(settings)
     needs = {
         f"{slot} {settings.choices[slot].name!r}": part.needs()
-        for slot, part in (("strategy", config.strategy), ("datamanager", config.datamanager))
+        for slot, part in (
+            ("strategy", config.strategy),
+            ("datamanager", config.datamanager),
+            ("sampler", config.sampler),
+        )
         if part is not None
     }
     needs[f"method {settings.method.name!r}"] = config.needs()
@@ -187,7 +196,8 @@ def compose(settings: Settings, registry: Registry, restoring: bool = False) -> 
             f"{settings.config.data or scene.name}: no view is left to train on.",
             "Hold out fewer images (holdout_every=0 holds out none).",
         )
-    models = Needs(camera_models=frozenset(camera.model for camera in views.cameras))
+    cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
+    models = Needs(camera_models=frozenset(camera.model for camera in cameras))
     _check_rasterizer(settings, registry, {f"data set {scene.name!r}": models}, device)
     method.check_scene(scene)
     parts = _parts(settings.config, registry, method, data, device)
@@ -211,7 +221,6 @@ def _parts(
     assert isinstance(config.strategy, StrategyConfig)
     assert isinstance(config.sampler, SamplerConfig)
     assert isinstance(config.rasterizer, RasterizerConfig)
-    metrics = registry.slot("metric").items()
     return TrainingParts(
         method=method,
         model=model,
@@ -222,7 +231,7 @@ def _parts(
         data=data,
         rasterizer=config.rasterizer.build(device),
         operators=operators,
-        metrics={name: load("metric", spec)() for name, spec in metrics},
+        metrics={name: kind() for name, kind in load_all("metric", registry).items()},
         generator=torch.Generator(device=device).manual_seed(config.seed + 1),
         device=device,
     )
@@ -241,6 +250,7 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
             background=torch.tensor(background, device=device),
             antialias=config.antialias,
             validation=Validation(config.validation),
+            profile=PROFILES[config.profile],
         ),
         random_background=config.random_background and scene.has_alpha,
         max_skipped=config.max_skipped,
@@ -250,8 +260,7 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
 def choose_operators(registry: Registry, device: torch.device) -> Operators:
     """The set of operators that serves ``device`` most willingly."""
     willing: list[tuple[int, str, type[Operators]]] = []
-    for name, spec in registry.slot("operators").items():
-        kind: type[Operators] = load("operators", spec)
+    for name, kind in load_all("operators", registry).items():
         preference = kind.preference(device)
         if preference is not None:
             willing.append((preference, name, kind))
@@ -268,9 +277,8 @@ def find_importer(path: Path, registry: Registry) -> Importer:
         raise DataError(
             f"{path}: there is no such file.", f"init is a splat file, or {', '.join(INIT_WORDS)}."
         )
-    importers = registry.slot("importer")
-    for spec in importers.values():
-        kind: type[Importer] = load("importer", spec)
+    importers: dict[str, type[Importer]] = load_all("importer", registry)
+    for kind in importers.values():
         if kind.recognises(path):
             return kind()
     raise DataError(

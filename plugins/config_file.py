@@ -21,6 +21,14 @@ SCHEMA = 1
 HEADER = ("schema", "gsfw", "torch", "python", "plugins", "command line")
 """Keys that say where a file comes from; they are no settings."""
 
+GIVEN = "given"
+"""Key that lists the settings of a run that someone chose."""
+
+NOTE = """\
+# Made by gsfw. Use it again with config=FILE: that takes the keys under "given", and the rest
+# follows from them. To edit other values, add their keys there, or delete "given" to take all.
+"""
+
 PLACES = ("data", "init")
 """Settings that may name a file: saved as absolute paths, so that they hold in any folder."""
 
@@ -28,6 +36,8 @@ PLACES = ("data", "init")
 def write_config(settings: Settings, arguments: Sequence[str]) -> str:
     """The text of a run's config.yaml, from which ``config=FILE`` makes the same run again.
 
+    All values are written, so that the run can be restored; ``given`` names those that someone
+    chose, so that one more change has the same effect as on the command line of the first run.
     The folder of the run is left out: the next run has its own.
 
     Args:
@@ -36,6 +46,10 @@ def write_config(settings: Settings, arguments: Sequence[str]) -> str:
     """
     values = settings.flat()
     del values["out"]
+    given = [key for key in settings.given if key in values]
+    if settings.preset:
+        values = {"method": settings.method.name, "preset": settings.preset, **values}
+        given.append("preset")
     for key in PLACES:
         text = values.get(key)
         if text and Path(text).exists():
@@ -54,17 +68,24 @@ def write_config(settings: Settings, arguments: Sequence[str]) -> str:
             }
         ),
         "command line": shlex.join(["gsfw", *arguments]),
+        GIVEN: given,
     }
     head = yaml.safe_dump(header, sort_keys=False, allow_unicode=True, width=100)
     body = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
-    return f"# Made by gsfw. Use it again with config=FILE.\n{head}\n{body}"
+    return f"{NOTE}{head}\n{body}"
 
 
-def read_config(path: Path) -> Layer:
+def read_config(path: Path, everything: bool = False) -> Layer:
     """The settings of a config file.
 
+    Args:
+        path: of the file.
+        everything: whether a run's own file is read as the exact values of that run; otherwise
+            as what was given, from which the rest follows anew. Any other file is read in full.
+
     Raises:
-        ConfigError: it is missing, is no YAML mapping, or was written by a newer gsfw.
+        ConfigError: it is missing, is no YAML mapping, or was written by a newer gsfw; or
+            ``given`` is not a list of its keys.
     """
     where = f"config file {path}"
     try:
@@ -85,8 +106,27 @@ def read_config(path: Path) -> Layer:
             f"{where}: expected 'key: value' on each line, found {type(document).__name__}."
         )
     _check_schema(where, document)
-    values = {key: value for key, value in document.items() if key not in HEADER}
-    return Layer(where, dict(_flattened(values)))
+    values = dict(
+        _flattened({key: document[key] for key in document if key not in (*HEADER, GIVEN)})
+    )
+    if GIVEN not in document:
+        return Layer(where, values)
+    given = _given(where, document[GIVEN], values)
+    if everything:
+        return Layer(where, values, given)
+    return Layer(where, {key: value for key, value in values.items() if key in given})
+
+
+def _given(where: str, found: object, values: Mapping[str, Any]) -> frozenset[str]:
+    if not isinstance(found, list):
+        raise ConfigError(f"{where}: given: expected a list of keys, found {found!r}.")
+    for key in found:
+        if key not in values:
+            raise ConfigError(
+                f"{where}: given names {key!r}, which has no value in this file.",
+                "Add the value, or take the name away.",
+            )
+    return frozenset(found)
 
 
 def _check_schema(where: str, document: Mapping[Any, Any]) -> None:

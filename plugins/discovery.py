@@ -110,17 +110,30 @@ class Discovery:
         self._sources[source.name] = source
         self._manager.register(plugin, source.name)
 
+    def skip(self, broken: BrokenPlugin) -> None:
+        """Remember a plugin that is left out, once."""
+        if broken not in self.broken:
+            self.broken.append(broken)
+
     def specs(self, hook: str) -> Iterator[Spec]:
         """Everything registered through ``hook``; a plugin that fails to answer is skipped."""
         for implementation in getattr(self._manager.hook, hook).get_hookimpls():
             source = self._sources[implementation.plugin_name]
             try:
                 found = implementation.function()
+                problem = _problem(found)
             except Exception as error:
-                reason = f"{hook} raised {type(error).__name__}: {error}"
-                broken = BrokenPlugin(source.name, source.distribution, reason)
-                if broken not in self.broken:
-                    self.broken.append(broken)
+                problem = f"raised {type(error).__name__}: {error}"
+            if problem:
+                self.skip(BrokenPlugin(source.name, source.distribution, f"{hook} {problem}"))
                 continue
             for spec in found:
                 yield replace(spec, distribution=source.distribution, version=source.version)
+
+
+def _problem(found: object) -> str:
+    """What is wrong with the answer of a hook; nothing if it is a list of specs."""
+    if not isinstance(found, list | tuple):
+        return f"returned {type(found).__name__}, expected a list of Spec"
+    others = [type(item).__name__ for item in found if not isinstance(item, Spec)]
+    return f"returned a list with {others[0]}, expected a list of Spec" if others else ""

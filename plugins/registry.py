@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.discovery import BrokenPlugin, Discovery, PluginError
-from gsfw.plugins.specs import Spec
+from gsfw.plugins.specs import PROJECT, Spec
 
 SLOTS = MappingProxyType(
     {
@@ -77,6 +77,18 @@ class Registry:
     def broken(self) -> list[BrokenPlugin]:
         """Plugins that were skipped, and why."""
         return self._discovery.broken
+
+    def skip(self, slot: str, spec: Spec, error: Exception) -> None:
+        """Remember, once, that a part of a third party is left out because it failed.
+
+        Raises:
+            Exception: ``error`` itself, where the part is gsfw's own: that is a bug to be seen.
+        """
+        if spec.distribution == PROJECT:
+            raise error
+        cause = error.__cause__ or error
+        reason = f"its {slot} failed with {type(cause).__name__}: {cause}"
+        self._discovery.skip(BrokenPlugin(spec.name, spec.distribution, reason))
 
 
 @lru_cache(maxsize=1)

@@ -64,8 +64,11 @@ def restore(
         raise DataError(
             f"{folder.path} has no checkpoint.", "Train again into another folder with out=DIR."
         )
-    layers = [read_config(folder.config), *([changed] if changed is not None else [])]
-    settings = resolve(registry, layers)
+    saved = read_config(folder.config, everything=True)
+    if changed is not None and "steps" in changed.values:
+        # The schedules stay as they are, which does not follow from the new length.
+        saved = replace(saved, given=None)
+    settings = resolve(registry, [saved, *([changed] if changed is not None else [])])
     state = read_checkpoint(checkpoint, settings_device(settings))
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
     composition.parts.model.load_state_dict(state["model"])

@@ -8,7 +8,7 @@ from typing import Any
 
 from gsfw.core.config import AUTO, MethodConfig, SlotConfig, replace_at, step_settings
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.automatic import Choice, choose_datamanager, choose_device, load
+from gsfw.plugins.automatic import Choice, choose_datamanager, choose_device, load, load_all
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys, suggest_key
 from gsfw.plugins.registry import Registry, did_you_mean
 from gsfw.plugins.specs import Spec
@@ -35,6 +35,12 @@ class Layer:
     """Such as "command line", "preset fast", "config file a.yaml"."""
     values: Mapping[str, Any]
     """By dotted key: text as it is typed, or plain data."""
+    given: frozenset[str] | None = None
+    """Keys that someone chose, where the layer holds every value of a run; ``None`` for all."""
+
+    def gives(self, key: str) -> bool:
+        """Whether someone chose the value of ``key``."""
+        return key in (self.values if self.given is None else self.given)
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,10 @@ class Settings:
     """What was chosen for each slot: strategy, rasterizer, datamanager, sampler."""
     sources: Mapping[str, str]
     """Where each value came from, by dotted key."""
+    given: tuple[str, ...] = ()
+    """Keys that someone chose: the others follow from these."""
+    preset: str = ""
+    """The preset that was chosen, if any."""
 
     def flat(self) -> dict[str, Any]:
         """Every setting as plain data by dotted key, the choices first."""
@@ -105,6 +115,7 @@ class _Resolution:
         self, registry: Registry, method: Spec, config: MethodConfig, layers: Sequence[Layer]
     ) -> None:
         self._registry, self._method, self._config = registry, method, config
+        self._given_layers = layers
         self._layers = [_preset(method, config, layers), *layers]
         self._choices: dict[str, Spec] = {}
         self._sources: dict[str, str] = {"method": _last(layers, "method")[1]}
@@ -206,8 +217,8 @@ class _Resolution:
         if slot in SLOT_KEYS:
             others = [
                 name
-                for name, spec in self._registry.slot(slot).items()
-                if any(item.name == setting for item in keys(load(slot, spec)()))
+                for name, kind in load_all(slot, self._registry).items()
+                if any(item.name == setting for item in keys(kind()))
             ]
             if others:
                 hint = (
@@ -260,7 +271,20 @@ class _Resolution:
             key: self._sources.get(key, METHOD_DEFAULT)
             for key in ["method", *SLOT_KEYS, *(key.name for key in keys(self._config))]
         }
-        return Settings(self._method, self._config, choices, sources)
+        preset, _ = _last(self._given_layers, "preset")
+        given = self._given_keys(sources)
+        return Settings(self._method, self._config, choices, sources, given, preset or "")
+
+    def _given_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
+        """Keys whose value someone chose, and the choices that these values are meant for."""
+        layers = {layer.source: layer for layer in self._given_layers}
+        given = {
+            key for key, source in sources.items() if source in layers and layers[source].gives(key)
+        }
+        given |= {key.partition(".")[0] for key in given} & {*SLOT_KEYS}
+        if "datamanager" in given:  # It was chosen for this data, and is not for any other.
+            given.add("data")
+        return tuple(key for key in sources if key in given)
 
 
 def _preset(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> Layer:

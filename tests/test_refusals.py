@@ -94,7 +94,9 @@ def test_a_picture_that_does_not_decode_is_named(refusal, colmap):
 
 def test_a_picture_cut_short_is_named_even_if_its_header_is_whole(refusal, colmap):
     broken = colmap / "images" / "view_001.png"
-    broken.write_bytes(broken.read_bytes()[:-200])
+    broken.write_bytes(broken.read_bytes()[:-30])
+    with Image.open(broken) as picture:
+        assert picture.size == (64, 48)
     assert "view_001.png" in refusal(f"data={colmap}", "steps=8")
 
 

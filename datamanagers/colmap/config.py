@@ -72,6 +72,7 @@ class ColmapConfig(DataManagerConfig):
             points=torch.from_numpy(model.points),
             point_colors=torch.from_numpy(model.colors).float() / 255,
             notes=tuple(notes),
+            up="-y",
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -59,8 +60,8 @@ class StaticGaussiansOptim(OptimConfig):
             ConfigError: one is negative; names it.
         """
         for key, value in vars(self).items():
-            if key != "sparse" and value < 0:
-                raise ConfigError(f"optim.{key}={value:g}: expected a number of at least 0.")
+            if key != "sparse" and not 0 <= value < math.inf:
+                raise ConfigError(f"optim.{key}={value:g}: expected a finite number of at least 0.")
 
 
 @dataclass
@@ -110,6 +111,7 @@ class StaticGaussiansConfig(MethodConfig):
                 0 <= self.sh_degree <= MAX_SH_DEGREE,
                 f"a whole number from 0 to {MAX_SH_DEGREE}",
             ),
+            "sh_degree_interval": (self.sh_degree_interval >= 0, "a number of at least 0"),
             "ssim_weight": (0 <= self.ssim_weight <= 1, "a number from 0 to 1"),
             "init_opacity": (0 < self.init_opacity < 1, "a number between 0 and 1"),
             "init_scale": (self.init_scale > 0, "a number above 0"),

@@ -84,8 +84,10 @@ def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
     events = EventAccumulator(str(tmp_path / "tb"), size_guidance={"images": 0})
     events.Reload()
     tags = events.Tags()
-    expected = {"train/loss", "train/l1", "train/psnr", "eval/psnr", "gaussians/count",
-                "lr/means", "time/step_ms", "time/render_ms", "mem/rss_mb", "hparam/psnr"}  # fmt: skip
+    expected = {
+        *("train/loss", "train/l1", "train/psnr", "eval/psnr", "gaussians/count", "lr/means"),
+        *("time/step_ms", "time/render_ms", "mem/rss_mb", "hparam/psnr"),
+    }
     assert expected <= set(tags["scalars"])
     assert [event.value for event in events.Scalars("train/loss")] == pytest.approx([0.05, 0.025])
     assert tags["images"] == [f"eval/v{index}" for index in range(4)]

@@ -1,6 +1,8 @@
 """Tests of gsfw.commands.new_run."""
 
+import errno
 import os
+from pathlib import Path
 
 import pytest
 
@@ -58,21 +60,41 @@ def test_the_default_folder_is_of_scene_method_and_time_and_never_taken_twice(
     assert str(default_folder("my scene/2", "3dgs")) == "runs/my-scene-2/3dgs/now_2"
 
 
-def start_and_fail(path, checkpoint: bool) -> None:
+def test_a_place_one_may_not_look_into_is_named(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "exists", refuse)
+    out = tmp_path / "run"
+    said = f"{out} cannot be written: Permission denied.\nChoose another place with out=DIR."
+    assert refusal(out) == said
+    with pytest.raises(OutputError) as caught, new_run_folder(out):
+        pass
+    assert str(caught.value) == said
+    with pytest.raises(OutputError, match=r" cannot be written: Permission denied\."):
+        default_folder("scene", "3dgs")
+
+
+def start_and_fail(path, checkpoint: int | None) -> None:
     with new_run_folder(path) as folder:
         folder.config.write_text("seed: 1\n")
-        if checkpoint:
-            folder.write_checkpoint(0, {})
+        if checkpoint is not None:
+            folder.write_checkpoint(checkpoint, {})
         raise RuntimeError
 
 
-def failing_run(path, checkpoint: bool = False) -> None:
+def failing_run(path, checkpoint: int | None = None) -> None:
     with pytest.raises(RuntimeError):
         start_and_fail(path, checkpoint)
 
 
 def test_a_run_that_fails_before_its_first_checkpoint_leaves_nothing(tmp_path):
     failing_run(tmp_path / "a" / "b" / "run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_fails_after_the_checkpoint_of_step_0_leaves_nothing(tmp_path):
+    failing_run(tmp_path / "a" / "run", checkpoint=0)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -85,5 +107,5 @@ def test_folders_that_were_there_stay(tmp_path):
 
 
 def test_a_run_with_a_checkpoint_stays_to_be_resumed(tmp_path):
-    failing_run(tmp_path / "run", checkpoint=True)
+    failing_run(tmp_path / "run", checkpoint=1)
     assert (tmp_path / "run" / "config.yaml").is_file()

@@ -79,7 +79,7 @@ def test_threads_end_with_the_data(folder):
     before = set(threading.enumerate())
     data = build(folder)
     data.prefetch(Split.TRAIN, range(6))
-    assert set(threading.enumerate()) > before
+    assert set(threading.enumerate()) - before
     data.close()
     assert set(threading.enumerate()) <= before
 

@@ -1,11 +1,14 @@
 """Tests of gsfw.plugins.automatic."""
 
+import errno
+from pathlib import Path
+
 import pytest
 import torch
 from fake_parts import FakePlugin, fake_registry, registry_of
 
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.plugins.automatic import choose_datamanager, rasterizer_capabilities
+from gsfw.plugins.automatic import choose_datamanager, load_all, rasterizer_capabilities
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 from gsfw.plugins.specs import Spec, hookimpl
 
@@ -156,3 +159,73 @@ def test_without_any_rasterizer_that_is_said():
     with pytest.raises(ConfigError) as caught:
         settings(registry_of(Nothing()))
     assert str(caught.value) == "no rasterizer is installed.\nSee gsfw doctor."
+
+
+class Lost:
+    """A plugin whose parts do not import, or fail when they are asked."""
+
+    @hookimpl
+    def gsfw_metrics(self):
+        return [Spec("lost", "", "no_such_module_of_gsfw:Metric")]
+
+    @hookimpl
+    def gsfw_datamanagers(self):
+        return [Spec("gone", "", "no_such_module_of_gsfw:Data"), Spec("odd", "", f"{__name__}:Odd")]
+
+    @hookimpl
+    def gsfw_rasterizers(self):
+        return [Spec("odd", "", f"{__name__}:Odd")]
+
+
+class Odd:
+    @classmethod
+    def detect(cls, path):
+        raise IndexError("no picture")
+
+    def capabilities(self):
+        raise RuntimeError("no driver")
+
+
+def test_a_third_partys_part_that_does_not_import_is_left_out_and_told_once():
+    registry = registry_of(FakePlugin(), Lost())
+    assert "lost" not in load_all("metric", registry)
+    assert "lost" not in load_all("metric", registry)
+    assert [str(item) for item in registry.broken] == [
+        "plugin 'lost' (pkg1) is skipped: its metric failed with "
+        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'"
+    ]
+
+
+def test_a_part_of_gsfw_itself_that_does_not_import_is_an_error(monkeypatch):
+    registry = registry_of()
+    own = {"psnr": Spec("psnr", "", "no_such_module_of_gsfw:Psnr", version="1.0")}
+    monkeypatch.setattr(registry, "slot", lambda _: own)
+    with pytest.raises(ConfigError, match=r"^metric 'psnr' \(gsfw 1\.0\) cannot be loaded"):
+        load_all("metric", registry)
+
+
+def test_a_third_partys_data_manager_or_rasterizer_that_fails_harms_nobody(tmp_path):
+    (tmp_path / "apples.txt").touch()
+    registry = registry_of(FakePlugin(), Lost())
+    found = settings(registry, data=str(tmp_path))
+    assert (found.choices["datamanager"].name, found.choices["rasterizer"].name) == (
+        "apples",
+        "fast",
+    )
+    assert [(item.name, item.reason) for item in registry.broken][1:] == [
+        ("odd", "its datamanager failed with IndexError: no picture"),
+        ("odd", "its rasterizer failed with RuntimeError: no driver"),
+    ]
+
+
+def test_a_folder_that_may_not_be_read_is_said(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    for name in ("exists", "iterdir"):
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, name, refuse)
+            assert data_refusal(tmp_path) == (
+                f"data={tmp_path}: {tmp_path} cannot be read: Permission denied.\n"
+                "Give a folder that you may read, or have its permissions changed."
+            )

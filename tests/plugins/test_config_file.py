@@ -6,7 +6,7 @@ from fake_parts import FakePlugin, fake_registry, registry_of
 
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.config_file import read_config, write_config
-from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
+from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 
 
 def refusal(path) -> str:
@@ -26,8 +26,77 @@ def test_a_written_file_reproduces_the_settings_and_only_the_folder_is_new(tmp_p
     again = resolve(fake_registry(), [read_config(path)])
     expected = {**settings.flat(), "out": ""}
     assert again.flat() == expected
-    assert set(again.sources.values()) == {f"config file {path}", "method default"}
     assert again.sources["out"] == "method default"
+    assert again.sources["strategy.until"] == settings.sources["strategy.until"]
+    exactly = resolve(fake_registry(), [read_config(path, everything=True)])
+    assert exactly.flat() == expected
+    assert set(exactly.sources.values()) == {f"config file {path}", "method default"}
+    assert exactly.given == again.given == tuple(key for key in settings.given if key != "out")
+
+
+def rerun(tmp_path, first: dict[str, str], **change: str) -> tuple[Settings, Settings]:
+    """Settings of a run, and of one with its config.yaml and a change."""
+    settings = resolve(fake_registry(), [Layer(COMMAND_LINE, {"method": "demo", **first})])
+    path = tmp_path / "config.yaml"
+    path.write_text(write_config(settings, []))
+    return settings, resolve(fake_registry(), [read_config(path), Layer(COMMAND_LINE, change)])
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        {},
+        {"preset": "fast"},
+        {"preset": "fast", "strategy": "mcmc", "strategy.cap": "5"},
+        {"steps": "7000", "strategy.until": "100", "rasterizer": "slow", "rasterizer.tile": "8"},
+        {"strategy": "auto", "device": "auto", "seed": "3"},
+    ],
+)
+def test_a_runs_file_alone_reproduces_its_settings(tmp_path, first):
+    settings, again = rerun(tmp_path, first)
+    assert again.flat() == settings.flat()
+    assert (again.given, again.preset) == (settings.given, settings.preset)
+
+
+def test_only_what_someone_chose_is_given(tmp_path):
+    settings, _ = rerun(tmp_path, {"seed": "3", "device": "auto", "antialias": "true"})
+    assert set(settings.given) == {"method", "seed", "antialias"}
+    settings, _ = rerun(tmp_path, {"strategy.until": "100"})
+    assert settings.given == ("method", "strategy", "strategy.until"), "named with its settings"
+
+
+def test_a_runs_file_with_other_steps_rescales_its_schedules(tmp_path):
+    first, again = rerun(tmp_path, {"strategy.every": "77"}, steps="3000")
+    assert again.sources["strategy.until"] == "method default x 0.1 (steps=3000)"
+    assert again.flat()["strategy.until"] == first.flat()["strategy.until"] / 10
+    assert again.flat()["strategy.every"] == 77
+
+
+def test_a_runs_file_with_another_strategy_takes_what_that_recommends(tmp_path):
+    first, again = rerun(tmp_path, {"strategy.every": "77"}, strategy="mcmc")
+    assert (first.config.antialias, again.config.antialias) == (False, True)
+    assert again.sources["antialias"] == "recommended by strategy mcmc"
+
+
+def test_a_runs_preset_is_still_below_what_was_given(tmp_path):
+    _, again = rerun(tmp_path, {"preset": "fast"}, strategy="mcmc", seed="4")
+    assert again.config.steps == 6000
+    assert again.sources["steps"] == "preset fast"
+    assert again.sources["strategy.every"] == "method default x 0.2 (steps=6000)"
+
+
+def test_a_file_names_as_given_only_keys_that_it_has(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("given: [seed, steps]\nseed: 1\n")
+    assert refusal(path) == (
+        f"config file {path}: given names 'steps', which has no value in this file.\n"
+        "Add the value, or take the name away."
+    )
+    path.write_text("given: seed\nseed: 1\n")
+    assert refusal(path) == f"config file {path}: given: expected a list of keys, found 'seed'."
+    path.write_text("given: [seed]\nseed: 1\nsteps: 2\n")
+    assert read_config(path).values == {"seed": 1}
+    assert read_config(path, everything=True).values == {"seed": 1, "steps": 2}
 
 
 def test_the_file_is_plain_data_and_says_where_it_comes_from(tmp_path):

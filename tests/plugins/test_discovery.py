@@ -61,3 +61,22 @@ def test_specs_carry_the_distribution_that_brings_them():
 
     spec = registry_of(Plugin()).find("sampler", "mine")
     assert (spec.distribution, spec.version) == ("pkg0", "1.0")
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (None, "returned NoneType, expected a list of Spec"),
+        (Spec("a", "", "b:C"), "returned Spec, expected a list of Spec"),
+        (["adc"], "returned a list with str, expected a list of Spec"),
+    ],
+)
+def test_a_hook_that_returns_no_specs_is_skipped_and_told_once(answer, said):
+    class Odd:
+        @hookimpl
+        def gsfw_metrics(self):
+            return answer
+
+    registry = registry_of(Odd())
+    assert registry.slot("metric") == registry.slot("metric") == {}
+    assert [item.reason for item in registry.broken] == [f"gsfw_metrics {said}"]
