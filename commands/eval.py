@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsfw.commands.arguments import read
-from gsfw.commands.run_argument import RunOptions
+from gsfw.commands.run_options import RunOptions
 
 if TYPE_CHECKING:
     from gsfw.commands.console import Console

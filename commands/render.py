@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from gsfw.commands.arguments import read
-from gsfw.commands.run_argument import RunOptions
+from gsfw.commands.run_options import RunOptions
 
 if TYPE_CHECKING:
     from jaxtyping import Float

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from gsfw.commands.arguments import Options, word
 from gsfw.core.errors import DataError
 from gsfw.core.run_folder import RunFolder
 from gsfw.plugins.registry import did_you_mean
-
-if TYPE_CHECKING:
-    from gsfw.plugins.settings import Layer
 
 RUNS = Path("runs")
 """Where runs go that are not given a folder with out=DIR."""
@@ -27,25 +22,6 @@ class RunArgument:
     folder: RunFolder
     checkpoint: Path | None
     """The checkpoint that was named; ``None`` for the last."""
-
-
-@dataclass(kw_only=True)
-class RunOptions(Options):
-    """What every verb that looks at a run takes: a run may be looked at elsewhere."""
-
-    run: str = word("RUN")
-    """A run folder, a checkpoint, or latest."""
-    data: str = ""
-    """Where the data set is now. Empty: where it was in training."""
-    device: str = ""
-    """Where to draw: auto, cpu, cuda or cuda:N. Empty: where it was trained."""
-
-    def changed(self) -> Layer | None:
-        """Settings that differ from the run's own; ``None`` for none."""
-        from gsfw.plugins.settings import COMMAND_LINE, Layer
-
-        given = {key: text for key in ("data", "device") if (text := getattr(self, key))}
-        return Layer(COMMAND_LINE, given) if given else None
 
 
 def find_run(text: str) -> RunArgument:

@@ -38,7 +38,7 @@ def test_an_unexpected_error_is_one_sentence_and_a_file(capsys, tmp_path, monkey
 
 def test_the_traceback_of_a_run_is_in_its_log(capsys, tmp_path):
     folder = RunFolder(tmp_path)
-    folder.write_checkpoint(0, {})
+    folder.write_checkpoint(1, {})
     with pytest.raises(RecordedError) as caught, tracebacks_in(folder):
         raise ZeroDivisionError("by zero")
     assert "ZeroDivisionError: by zero" in folder.log.read_text()

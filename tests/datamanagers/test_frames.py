@@ -37,7 +37,7 @@ def test_downscaling_rounds_the_size_and_keeps_the_exact_ratio_per_axis():
     assert camera.intrinsics[0, 1, 2] == pytest.approx(25.5 * 10 / 48)
 
 
-@pytest.mark.parametrize(("width", "height"), [(63, 48), (32, 16), (128, 96), (21, 16)])
+@pytest.mark.parametrize(("width", "height"), [(63, 48), (32, 16), (128, 96), (20, 16)])
 def test_a_size_that_contradicts_the_camera_names_both(width, height):
     with pytest.raises(DataError) as error:
         frame(width, height).camera_at(1.0)
@@ -86,3 +86,10 @@ def test_a_format_that_reads_files_wants_one():
         data_folder(None, "colmap")
     with pytest.raises(DataError, match="data=nowhere: there is no such file or folder"):
         data_folder(Path("nowhere"), "colmap")
+
+
+@pytest.mark.parametrize(("width", "height"), [(21, 16), (22, 16), (16, 12), (32, 24)])
+def test_pictures_shrunk_by_a_whole_number_may_be_rounded_either_way(width, height):
+    camera = frame(width, height).camera_at(1.0)
+    assert (camera.width, camera.height) == (width, height)
+    assert float(camera.intrinsics[0, 0, 2]) == pytest.approx(31.0 * width / 64)

@@ -57,7 +57,7 @@ def test_the_defaults_are_those_of_the_paper():
         ({"steps": 0}, "steps=0: expected a number of at least 1."),
         (
             {"optim": StaticGaussiansOptim(quats_lr=-1.0)},
-            "optim.quats_lr=-1: expected a number of at least 0.",
+            "optim.quats_lr=-1: expected a finite number of at least 0.",
         ),
     ],
 )
