@@ -100,10 +100,7 @@ class Column(nn.Module):
         """Where the values of ragged ``rows`` lie, and how many each row has."""
         assert self.offsets is not None
         lengths = self.offsets.diff()[rows]
-        starts = self.offsets[:-1][rows]
-        within = torch.arange(int(lengths.sum()), device=rows.device)
-        within = within - (lengths.cumsum(0) - lengths).repeat_interleave(lengths)
-        return starts.repeat_interleave(lengths) + within, lengths
+        return _indices(self.offsets[:-1][rows], lengths), lengths
 
     def count(self, rows: Rows) -> int:
         """How many rows ``rows`` holds.
@@ -127,6 +124,28 @@ class Column(nn.Module):
                 f"{tuple(self.values.shape)}"
             )
         return found[axis] if rows.lengths is None else len(rows.lengths)
+
+    def resized(self, lengths: Int[Tensor, " n"], values: Tensor | None = None) -> Rows:
+        """Every row of a ragged column with a new number of values: cut, or filled up with zeros.
+
+        Args:
+            lengths: values that each row shall have.
+            values: a tensor laid out like the column (its moments); the column's own if ``None``.
+
+        Raises:
+            ValueError: the column is not ragged, or has another number of rows.
+        """
+        if self.offsets is None or len(lengths) != self.num_rows:
+            raise ValueError(
+                f"expected lengths for the {self.num_rows} rows of a ragged column, "
+                f"found {len(lengths)} for a {self.layout.value} one"
+            )
+        source = (self.values if values is None else values).detach()
+        common = torch.minimum(self.offsets.diff(), lengths)
+        new = source.new_zeros(int(lengths.sum()), *source.shape[1:])
+        starts = lengths.cumsum(0) - lengths
+        new[_indices(starts, common)] = source[_indices(self.offsets[:-1], common)]
+        return Rows(new, lengths)
 
     def take(self, rows: Int[Tensor, " r"], values: Tensor | None = None) -> Rows:
         """Copy rows out, of the column or of a tensor laid out like it (its moments)."""
@@ -196,3 +215,10 @@ class Column(nn.Module):
         if offsets is not None and self.offsets is not None:
             self.offsets = offsets.to(self.offsets).clone()
         super()._load_from_state_dict(state_dict, prefix, *args)
+
+
+def _indices(starts: Int[Tensor, " r"], lengths: Int[Tensor, " r"]) -> Int[Tensor, " m"]:
+    """start, start + 1, ... for each row, one row after the other."""
+    within = torch.arange(int(lengths.sum()), device=lengths.device)
+    within = within - (lengths.cumsum(0) - lengths).repeat_interleave(lengths)
+    return starts.repeat_interleave(lengths) + within

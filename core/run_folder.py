@@ -155,8 +155,12 @@ class RunFolder:
 
     def latest_checkpoint(self) -> Path | None:
         """The one with most steps; ``None`` when there is none."""
-        found = [p for p in self.checkpoints.glob("step_*.pt") if _STEP.search(p.name)]
-        return max(found, key=lambda path: path.name) if found else None
+        return next(iter(self._all_checkpoints()[::-1]), None)
+
+    def _all_checkpoints(self) -> list[Path]:
+        """Every checkpoint, by step."""
+        found = [p for p in self.checkpoints.glob("step_*.pt") if _STEP.fullmatch(p.name)]
+        return sorted(found, key=lambda path: path.name)
 
     def write_json(self, path: Path, document: object) -> None:
         """Write plain data, whole or not at all."""
@@ -164,6 +168,8 @@ class RunFolder:
 
     def write_checkpoint(self, step: int, state: Mapping[str, Any], keep: int = 2) -> Path:
         """Write a checkpoint atomically; only the last ``keep`` stay.
+
+        Later ones go: they are what became of a run that was then resumed from an earlier step.
 
         Raises:
             ValueError: a tensor is not finite (nothing is written).
@@ -174,9 +180,10 @@ class RunFolder:
         torch.save({"schema": CHECKPOINT_SCHEMA, "step": step, **state}, buffer)
         path = self.checkpoint(step)
         write_atomically(path, buffer.getvalue())
-        stale = sorted(self.checkpoints.glob("step_*.pt"))[:-keep]
-        for old in stale:
-            old.unlink(missing_ok=True)
+        kept = [other for other in self._all_checkpoints() if other.name <= path.name][-keep:]
+        for other in self._all_checkpoints():
+            if other not in kept:
+                other.unlink(missing_ok=True)
         return path
 
     def cut_metrics_log(self, step: int) -> None:

@@ -105,6 +105,29 @@ class SplatTable:
         self.reset_rows(rows)
 
     @torch.no_grad()
+    def resize(self, name: str, lengths: Int[Tensor, " n"]) -> None:
+        """Give the rows of a ragged column new numbers of values (SH bands that come or go).
+
+        Values and moments that stay are kept; new ones begin at zero.
+
+        Raises:
+            ValueError: the column is not ragged, or ``lengths`` has another number of rows.
+        """
+        column = self._model.columns()[name]
+        values = column.resized(lengths)
+        moments = [
+            AdamMoments(
+                column.resized(lengths, state.first).values,
+                column.resized(lengths, state.second).values,
+                state.count,
+            )
+            for state in (self._optimizer.moments(name) if column.trained else [])
+        ]
+        column.assign(values)
+        if column.trained:
+            self._optimizer.replace_moments(name, moments)
+
+    @torch.no_grad()
     def reset_rows(self, rows: Int[Tensor, " r"]) -> None:
         """Moments of zero for these rows, in every column."""
         for name, column in self._model.columns().items():

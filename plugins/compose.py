@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from gsfw.core.callback import Callback, RunInfo
-from gsfw.core.capabilities import Needs, check_fit
+from gsfw.core.capabilities import Feature, Needs, check_fit
 from gsfw.core.config import (
     AUTO,
     DataManagerConfig,
@@ -197,8 +197,12 @@ def compose(settings: Settings, registry: Registry, restoring: bool = False) -> 
             "Hold out fewer images (holdout_every=0 holds out none).",
         )
     cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
-    models = Needs(camera_models=frozenset(camera.model for camera in cameras))
-    _check_rasterizer(settings, registry, {f"data set {scene.name!r}": models}, device)
+    distorted = any(camera.distortion is not None for camera in cameras)
+    needs = Needs(
+        camera_models=frozenset(camera.model for camera in cameras),
+        features=frozenset({Feature.DISTORTION} if distorted else ()),
+    )
+    _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
     method.check_scene(scene)
     parts = _parts(settings.config, registry, method, data, device)
     return Composition(settings, parts, training_plan(settings, scene, device))

@@ -49,7 +49,7 @@ class ReferenceRasterizer(Rasterizer):
         return Capabilities(
             devices=frozenset(devices),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature),
+            features=frozenset(Feature) - {Feature.DISTORTION},
             determinism=Determinism.BITWISE,
             details={"torch": torch.__version__},
         )

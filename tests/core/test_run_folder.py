@@ -30,6 +30,15 @@ def test_only_the_last_two_checkpoints_stay(tmp_path):
     assert folder.latest_checkpoint() == folder.checkpoint(100000)
 
 
+def test_resuming_from_an_earlier_step_drops_what_had_followed_it(tmp_path):
+    folder = RunFolder(tmp_path)
+    for step in (10, 20, 15):
+        folder.write_checkpoint(step, {})
+    assert folder.latest_checkpoint() == folder.checkpoint(15)
+    assert not folder.checkpoint(20).exists()
+    assert folder.checkpoint(10).exists()
+
+
 def test_a_state_that_is_not_finite_is_never_written(tmp_path):
     folder = RunFolder(tmp_path)
     folder.write_checkpoint(1, {"model": {"means": torch.ones(2)}})

@@ -152,3 +152,32 @@ def test_an_edited_model_goes_on_training():
         assert not torch.equal(column.values, before[name])
     assert torch.equal(model.labels.values, before["labels"])
     assert table.learning_rate("dense", 0) == 0.1
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.data())
+def test_a_ragged_row_keeps_what_it_had_when_its_length_changes(data):
+    n = data.draw(st.integers(1, 9))
+    lengths = data.draw(st.lists(st.integers(0, 9), min_size=n, max_size=n))
+    model = MixedModel(n)
+    optimizer, table = with_optimizer(model)
+    before = everything(model, optimizer)
+    table.resize("ragged", torch.tensor(lengths))
+    after = everything(model, optimizer)
+    for key, rows in after.items():
+        if key in ("ragged", ("ragged", "first"), ("ragged", "second")):
+            for old, new, length in zip(before[key], rows, lengths, strict=True):
+                assert len(new) == 2 * length  # Each value is a pair.
+                kept = min(len(old), len(new))
+                assert new[:kept] == old[:kept]
+                assert not any(new[kept:])
+        else:
+            assert rows == before[key]
+
+
+def test_only_ragged_rows_have_lengths_to_change():
+    table = with_optimizer(MixedModel(3))[1]
+    with pytest.raises(ValueError, match="found 3 for a dense one"):
+        table.resize("dense", torch.tensor([1, 1, 1]))
+    with pytest.raises(ValueError, match="expected lengths for the 3 rows"):
+        table.resize("ragged", torch.tensor([1, 1]))
