@@ -14,9 +14,11 @@ from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.errors import TrainingError
+from gsfw.core.learning_rate import LearningRate
 from gsfw.core.metrics import Psnr
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.run_folder import RunFolder, read_checkpoint
 from gsfw.core.scene import Scene
@@ -24,6 +26,7 @@ from gsfw.core.table import SplatTable
 from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
 from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
 from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
+from gsfw.methods.static_gaussians.model import StaticGaussians
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig
@@ -251,3 +254,43 @@ def test_views_of_several_sizes_share_a_step(tmp_path):
         assert sum(len(item.batch.views) for item in batches) == 4
         assert sum(item.share for item in batches) == 1.0
         assert {item.share for item in batches} <= {0.25, 0.5, 0.75, 1.0}
+
+
+def test_a_method_may_train_on_smaller_pictures(tmp_path):
+    sizes = set()
+
+    class Coarse(StaticGaussiansMethod):
+        def prepare_batch(self, batch, step):
+            images = batch.images[:, ::2, ::2] if step < 3 else batch.images
+            height, width = images.shape[1:3]
+            return replace(batch, images=images, cameras=batch.cameras.resized(width, height))
+
+        def losses(self, context):
+            sizes.add((context.step < 3, *context.rendered.color.shape[1:3]))
+            return super().losses(context)
+
+    run = trainer(tmp_path, "none", Recorder(), steps=6)
+    run.parts = replace(run.parts, method=Coarse(StaticGaussiansConfig(sh_degree=1)))
+    run.fit()
+    assert sizes == {(True, 12, 16), (False, 24, 32)}
+
+
+def test_a_model_may_refine_its_cameras(tmp_path):
+    class Refining(StaticGaussians):
+        def cameras(self, cameras):
+            column = torch.nn.functional.pad(self.shift, (0, 1))[:, None]
+            shift = torch.eye(4) + torch.nn.functional.pad(column, (3, 0))
+            return replace(cameras, world_to_camera=cameras.world_to_camera @ shift)
+
+        def parameter_groups(self):
+            return (ParameterGroup("poses", (self.shift,), LearningRate(1e-3)),)
+
+    run = trainer(tmp_path, "none", Recorder(), steps=4)
+    model = run.parts.model
+    model.__class__, model.shift = Refining, torch.nn.Parameter(torch.zeros(3))
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    table = SplatTable(model, optimizer)
+    run.parts = replace(run.parts, optimizer=optimizer, table=table)
+    run.fit()
+    assert 0 < float(model.shift.detach().abs().max()) <= 4.1e-3
+    assert "poses" in optimizer.learning_rates(0)
