@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-import torch
+from states import assert_same_bits
 
 from gsfw.core.run_folder import RunFolder, read_checkpoint
 
@@ -51,27 +51,12 @@ def figures(out: Path) -> dict[str, object]:
     return {key: value for key, value in summary.items() if key not in UNREPEATABLE}
 
 
-def assert_same_bits(first: object, second: object, where: str = "state") -> None:
-    if isinstance(first, torch.Tensor):
-        assert isinstance(second, torch.Tensor)
-        assert torch.equal(first, second), where
-    elif isinstance(first, dict):
-        assert isinstance(second, dict)
-        assert first.keys() == second.keys()
-        for key in first.keys() - {"train_seconds", "environment"}:
-            assert_same_bits(first[key], second[key], f"{where}.{key}")
-    elif isinstance(first, list):
-        assert isinstance(second, list)
-        for index, (one, other) in enumerate(zip(first, second, strict=True)):
-            assert_same_bits(one, other, f"{where}[{index}]")
-    else:
-        assert first == second, where
-
-
 def last_state(out: Path) -> dict[str, object]:
+    """The last checkpoint, but for the clock."""
     path = RunFolder(out).latest_checkpoint()
     assert path is not None
-    return read_checkpoint(path)
+    state = read_checkpoint(path)
+    return {key: value for key, value in state.items() if key != "train_seconds"}
 
 
 def logged_steps(out: Path) -> list[int]:
@@ -148,18 +133,6 @@ def test_another_seed_gives_other_bits(tmp_path):
     for seed in ("1", "2"):
         train(tmp_path / seed, f"seed={seed}", "steps=10")
     assert figures(tmp_path / "1") != figures(tmp_path / "2")
-
-
-@pytest.fixture
-def tiny_disk(tmp_path):
-    """A file system of 1 MiB; skips where mounting is not allowed."""
-    mount = tmp_path / "disk"
-    mount.mkdir()
-    mounting = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(mount)]
-    if subprocess.run(mounting, capture_output=True, check=False).returncode:
-        pytest.skip("mounting a size-limited tmpfs needs root")
-    yield mount
-    subprocess.run(["umount", str(mount)], check=True)
 
 
 def refused(*arguments: str) -> str:
