@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bar
+from rich.table import Column as TableColumn
 
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.evaluation import Evaluation
@@ -40,14 +41,15 @@ class Progress(Callback):
         for note in run.notes:
             self._say(f"note: {note}")
         if self._console.is_terminal:
+            # The figures come first: on a narrow terminal it is the bar that gives way.
             self._bar = Bar(
-                TextColumn("{task.description}"),
-                BarColumn(bar_width=24),
-                TextColumn("{task.fields[state]}"),
+                TextColumn("{task.description}", table_column=TableColumn(no_wrap=True)),
+                BarColumn(bar_width=None),
                 console=self._console,
+                expand=True,
             )
             self._task = self._bar.add_task(
-                f"{run.method} on {run.scene}", total=run.steps, completed=run.first_step, state=""
+                f"{run.method} on {run.scene}", total=run.steps, completed=run.first_step
             )
             self._bar.start()
 
@@ -63,7 +65,7 @@ class Progress(Callback):
         line = self._line(report, self._run.steps)
         now = time.monotonic()
         if self._bar is not None:
-            self._bar.update(self._task, completed=report.step, state=line)
+            self._bar.update(self._task, completed=report.step, description=line)
         elif now - self._last_line >= SECONDS_BETWEEN_LINES or report.step == self._run.steps:
             self._last_line = now
             self._say(line)
@@ -73,9 +75,9 @@ class Progress(Callback):
         memory = "  ".join(f"{name} {mb / 1e3:.1f} GB" for name, mb in report.memory_mb.items())
         skipped = f"  {report.skipped_steps} skipped" if report.skipped_steps else ""
         return (
-            f"step {report.step}/{steps}  loss {self._loss:.4f}  psnr {self._psnr:.2f}  "
+            f"{report.step}/{steps}  loss {self._loss:.4f}  psnr {self._psnr:.2f}  "
             f"{report.num_gaussians:,} Gaussians  {self._steps_per_second:.1f} it/s  "
-            f"{_duration(left)} left  {memory}{skipped}"
+            f"{_duration(left)} left{skipped}  {memory}"
         )
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:

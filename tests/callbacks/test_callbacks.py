@@ -110,7 +110,7 @@ def test_progress_is_plain_lines_on_standard_error_without_a_terminal(tmp_path, 
     assert out == ""
     lines = err.splitlines()
     assert lines[0] == "note: a note"
-    assert lines[1].startswith("step 10/20  loss 0.0500  psnr 30.00  100 Gaussians  100.0 it/s")
+    assert lines[1].startswith("10/20  loss 0.0500  psnr 30.00  100 Gaussians  100.0 it/s")
     assert "1 held-out views: psnr 30" in lines[-1]
 
 

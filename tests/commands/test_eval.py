@@ -4,6 +4,7 @@ import json
 import shutil
 
 import pytest
+import torch
 
 from gsfw.commands.main import main
 from gsfw.core.run_folder import RunFolder
@@ -43,3 +44,12 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):
 def test_an_unknown_split_names_the_ones_there_are(run, capsys):
     assert main(["eval", str(run), "split=test"]) == 2
     assert "expected one of eval, train, found 'test'" in capsys.readouterr().err
+
+
+def test_a_run_can_be_evaluated_on_another_device_than_it_was_trained_on(run, capsys):
+    config = run / "config.yaml"
+    config.write_text(config.read_text().replace("device: cpu", "device: cuda"))
+    if not torch.cuda.is_available():
+        assert main(["eval", str(run)]) == 2
+        assert "device" in capsys.readouterr().err
+    assert main(["eval", str(run), "device=cpu"]) == 0
