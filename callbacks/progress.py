@@ -73,9 +73,10 @@ class Progress(Callback):
     def _line(self, report: StepReport, steps: int) -> str:
         left = (steps - report.step) / self._steps_per_second
         memory = "  ".join(f"{name} {mb / 1e3:.1f} GB" for name, mb in report.memory_mb.items())
+        small = f"  at 1/{1 / report.resolution:.2g} size" if report.resolution < 1 else ""
         skipped = f"  {report.skipped_steps} skipped" if report.skipped_steps else ""
         return (
-            f"{report.step}/{steps}  loss {self._loss:.4f}  psnr {self._psnr:.2f}  "
+            f"{report.step}/{steps}  loss {self._loss:.4f}  psnr {self._psnr:.2f}{small}  "
             f"{report.num_gaussians:,} Gaussians  {self._steps_per_second:.1f} it/s  "
             f"{_duration(left)} left{skipped}  {memory}"
         )

@@ -41,6 +41,7 @@ class Results(Callback):
                 "loss": report.loss,
                 **{f"loss/{name}": value for name, value in report.losses.items()},
                 "psnr": report.psnr,
+                "resolution": report.resolution,
                 "num_gaussians": report.num_gaussians,
                 **{f"lr/{name}": value for name, value in report.learning_rates.items()},
                 "step_ms": report.step_ms,

@@ -46,6 +46,7 @@ class TensorBoard(Callback):
             "train/loss": report.loss,
             "train/psnr": report.psnr,
             "train/skipped_steps": report.skipped_steps,
+            "train/resolution": report.resolution,
             "gaussians/count": report.num_gaussians,
             "time/step_ms": report.step_ms,
             **{f"train/{name}": value for name, value in report.losses.items()},

@@ -49,12 +49,18 @@ class Batch:
         """True where a pixel carries loss; ``None`` when all do."""
         return self.mask if self.mask_mode is MaskMode.IGNORE else None
 
-    def target(self, background: Float[Tensor, " 3"]) -> Float[Tensor, "c h w 3"]:
-        """The pictures over a background colour: what a render should look like."""
+    @property
+    def coverage(self) -> Float[Tensor, "c h w 1"] | None:
+        """What part of a pixel is not background, in [0, 1]; ``None`` when all of all pixels is."""
         coverage = self.alpha
         if self.mask is not None and self.mask_mode is MaskMode.EMPTY:
             inside = self.mask.to(self.images.dtype)
             coverage = inside if coverage is None else coverage * inside
+        return coverage
+
+    def target(self, background: Float[Tensor, " 3"]) -> Float[Tensor, "c h w 3"]:
+        """The pictures over a background colour: what a render should look like."""
+        coverage = self.coverage
         if coverage is None:
             return self.images
         return self.images * coverage + background * (1.0 - coverage)

@@ -69,6 +69,8 @@ class StepReport:
     """Peak memory: "rss" of the process, "cuda" where used."""
     skipped_steps: int = 0
     """Steps skipped so far because they were not finite."""
+    resolution: float = 1.0
+    """Width of the step's first picture over its full width; 1 unless training starts coarse."""
 
 
 @dataclass(frozen=True)

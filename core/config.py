@@ -204,6 +204,10 @@ class MethodConfig(ABC):
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = 2048
     """Memory that decoded images may take, in megabytes."""
+    resolution_schedule: str = "none"
+    """Size of training pictures: none (full), or auto (small until they lack detail; faster)."""
+    resolution_steps: int = steps_field(9000)
+    """Step by which pictures are full under resolution_schedule=auto; 60 % of adc's growth."""
     antialias: bool = False
     """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
     profile: str = "default"
@@ -245,6 +249,7 @@ class MethodConfig(ABC):
 
         least = {"steps": 1, "log_every": 1, "max_skipped": 1, "checkpoint_every": 0}
         least |= {"eval_every": 0, "holdout_every": 0, "cache_mb": 0, "seed": 0}
+        least |= {"resolution_steps": 0}
         for key, minimum in least.items():
             if getattr(self, key) < minimum:
                 raise ConfigError(
@@ -258,10 +263,23 @@ class MethodConfig(ABC):
                 "(2 halves the width and the height)."
             )
         parse_background(self.background)
+        self._check_resolution()
         if self.validation not in ("cheap", "full"):
             raise ConfigError(f"validation={self.validation}: expected cheap or full.")
         if self.profile not in PROFILES:
             raise ConfigError(f"profile={self.profile}: expected {' or '.join(PROFILES)}.")
+
+    def _check_resolution(self) -> None:
+        if self.resolution_schedule not in ("none", AUTO):
+            raise ConfigError(
+                f"resolution_schedule={self.resolution_schedule}: expected none or auto."
+            )
+        if self.resolution_schedule == AUTO and self.resolution_steps >= self.steps:
+            raise ConfigError(
+                f"resolution_steps={self.resolution_steps}: expected less than steps={self.steps}, "
+                "so that training ends on full-size pictures.",
+                "Leave it out to have it follow from steps (not with rescale=false), or give less.",
+            )
 
 
 NAMED_BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}

@@ -86,7 +86,7 @@ def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
 def _stored_degree(colors: Sh) -> int:
     """The highest degree that any splat has coefficients for."""
     if colors.offsets is None:
-        count = colors.coefficients.shape[1]
+        count = colors.width
     else:
         count = int(colors.offsets.diff().max()) if len(colors.offsets) > 1 else 1
     return round(count**0.5) - 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -96,6 +97,10 @@ class Operators:
         scale = torch.where(finite, rate / bias1, 0.0).to(values.dtype)
         denominator = (moments.second / bias2.to(values.dtype)).sqrt_()
         values.sub_(moments.first / denominator.add_(settings.epsilon) * scale)
+
+    def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
+        """Whether no number of any of these tensors, at least one, is infinite or NaN."""
+        return torch.stack([tensor.isfinite().all() for tensor in tensors]).all()
 
     def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:
         """Distances to the ``k`` nearest other points, nearest first; inf where there are fewer."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import final
 
 import torch
@@ -17,6 +19,14 @@ from gsfw.core.splats import Sh, Splats
 
 ANY = -1
 """In an expected shape: whatever is found."""
+
+
+@dataclass(frozen=True)
+class StageTime:
+    """What one stage of a picture took, over all threads and by the clock on the wall."""
+
+    cpu_ms: float
+    wall_ms: float
 
 
 class Rasterizer(ABC):
@@ -42,6 +52,10 @@ class Rasterizer(ABC):
         if settings.validation is Validation.FULL:
             check_values(splats, cameras, settings)
         return self._draw(splats, cameras, settings)
+
+    def stage_times(self) -> Mapping[str, StageTime]:
+        """The stages of the latest picture, and of its backward pass; empty when not measured."""
+        return {}
 
     @abstractmethod
     def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
@@ -87,6 +101,7 @@ def _check_shapes(splats: Splats, cameras: Cameras) -> None:
         "means": (n, 3),
         "opacities": (n,),
         "colors": (n, ANY),
+        "rest": (n, ANY, 3),
         "quats": (n, 4),
         "scales": (n, 3),
         "covariances": (n, 3, 3),
@@ -102,7 +117,12 @@ def _check_shapes(splats: Splats, cameras: Cameras) -> None:
     for name, tensor in splats.tensors().items():
         _check_shape(f"splats.{name}", tensor, expected[name])
     if isinstance(colors, Sh) and colors.offsets is None:
-        degree_of(colors.coefficients.shape[1])
+        degree_of(colors.width)
+        if colors.rest is not None and colors.coefficients.shape[1] != 1:
+            raise ValueError(
+                "splats.colors: expected one constant coefficient beside rest, "
+                f"found {colors.coefficients.shape[1]}"
+            )
     _check_shape("cameras.world_to_camera", cameras.world_to_camera, (c, 4, 4))
     _check_shape("cameras.intrinsics", cameras.intrinsics, (c, 3, 3))
 

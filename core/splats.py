@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
@@ -24,6 +25,23 @@ class Sh:
     """Bands above this are ignored (the degree schedule); 0 to 4."""
     offsets: Int[Tensor, " n_plus_1"] | None = None
     """Ragged form: splat i has coefficients offsets[i] to offsets[i + 1]; ``None`` when dense."""
+    rest: Float[Tensor, "n k_minus_1 3"] | None = None
+    """Dense form in two parts, as models keep them: all but the constant coefficient, which alone
+    is in ``coefficients`` then; ``None`` when they are together."""
+
+    @property
+    def width(self) -> int:
+        """Coefficients that a dense row has room for, k."""
+        return self.coefficients.shape[1] + (0 if self.rest is None else self.rest.shape[1])
+
+    def tensors(self) -> dict[str, Tensor]:
+        """What can be differentiated: the coefficients, and ``rest`` if it is there."""
+        return {"colors": self.coefficients} | ({} if self.rest is None else {"rest": self.rest})
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Sh:
+        """The same with ``function`` applied to the tensors of coefficients."""
+        rest = None if self.rest is None else function(self.rest)
+        return replace(self, coefficients=function(self.coefficients), rest=rest)
 
     def dense(self) -> Float[Tensor, "n k 3"]:
         """The coefficients of the active degree, zero where a splat has none.
@@ -31,6 +49,8 @@ class Sh:
         Differentiable; k = (degree + 1) squared.
         """
         count = (self.degree + 1) ** 2
+        if self.rest is not None:
+            return torch.cat([self.coefficients, self.rest[:, : count - 1]], dim=1)
         if self.offsets is None:
             return self.coefficients[:, :count]
         lengths = self.offsets.diff()
@@ -72,14 +92,31 @@ class Splats:
 
     def tensors(self) -> dict[str, Tensor]:
         """Every floating-point tensor that is present, by field name."""
-        colors = self.colors.coefficients if isinstance(self.colors, Sh) else self.colors
-        named = {
+        named: dict[str, Tensor | None] = {
             "means": self.means,
             "opacities": self.opacities,
-            "colors": colors,
+            **(self.colors.tensors() if isinstance(self.colors, Sh) else {"colors": self.colors}),
             "quats": self.quats,
             "scales": self.scales,
             "covariances": self.covariances,
             "extra": self.extra,
         }
         return {name: tensor for name, tensor in named.items() if tensor is not None}
+
+    def map(self, function: Callable[[Tensor], Tensor]) -> Splats:
+        """The same with ``function`` applied to every tensor of ``tensors``."""
+
+        def apply(tensor: Tensor | None) -> Tensor | None:
+            return None if tensor is None else function(tensor)
+
+        colors = self.colors
+        return replace(
+            self,
+            means=function(self.means),
+            opacities=function(self.opacities),
+            colors=colors.map(function) if isinstance(colors, Sh) else function(colors),
+            quats=apply(self.quats),
+            scales=apply(self.scales),
+            covariances=apply(self.covariances),
+            extra=apply(self.extra),
+        )

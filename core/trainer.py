@@ -27,6 +27,7 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.reducer import Reducer
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import RenderSettings
+from gsfw.core.resolution import FULL_SIZE, ResolutionSchedule
 from gsfw.core.run_folder import RunFolder
 from gsfw.core.sampler import Sampler
 from gsfw.core.stopwatch import Stopwatch
@@ -47,6 +48,8 @@ class TrainingPlan:
     random_background: bool = False
     max_skipped: int = 20
     prefetch_views: int = 4
+    resolution: ResolutionSchedule = FULL_SIZE
+    """How large training pictures are; evaluation sees them in full."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +168,8 @@ class Trainer:
         parts = self.parts
         views = parts.sampler.next()
         parts.data.prefetch(Split.TRAIN, parts.sampler.peek(self.plan.prefetch_views))
-        return parts.data.load(Split.TRAIN, views, parts.device)
+        batches = parts.data.load(Split.TRAIN, views, parts.device)
+        return [self.plan.resolution.reduce(batch, self.step) for batch in batches]
 
     def _draw(self, batch: Batch, share: float) -> _Drawn:
         """Forward pass of one batch, whose loss counts ``share`` of the step's."""
@@ -214,7 +218,7 @@ class Trainer:
         gradients = self.parts.optimizer.gradients()
         self.parts.reducer.gradients_(gradients)
         sums = [self.parts.reducer.loss(total.detach()) for total in totals]
-        finite = torch.stack([value.isfinite().all() for value in [*sums, *gradients]]).all()
+        finite = self.parts.operators.all_finite([*sums, *gradients])
         self._skipped += ~finite
         self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
         return finite
@@ -256,6 +260,7 @@ class Trainer:
                 losses[name] = losses.get(name, 0.0) + float(value) * share
         context = drawn[0].context
         valid = None if context.batch.valid is None else context.batch.valid[0]
+        full = self.parts.data.views(Split.TRAIN).cameras[context.batch.views[0]]
         step_ms, stage_ms = self._stopwatch.read()
         report = StepReport(
             step=self.step,
@@ -268,6 +273,7 @@ class Trainer:
             stage_ms=stage_ms,
             memory_mb=peak_memory_mb(self.parts.device),
             skipped_steps=int(self._skipped),
+            resolution=context.batch.cameras.width / full.width,
         )
         for callback in self._callbacks:
             callback.on_step(report, self.control)

@@ -1,1 +1,13 @@
 """Native code and its thin Python face: cpu (C++ with SIMD); shared maths; cuda later."""
+
+from __future__ import annotations
+
+from gsfw.plugins.specs import Spec, hookimpl
+
+
+@hookimpl
+def gsfw_operators() -> list[Spec]:
+    """Faster sets of operators."""
+    return [
+        Spec("cpu", "SIMD kernels, on the CPU", "gsfw.kernels.cpu.operators:CpuOperators"),
+    ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,10 @@ from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.render_settings import RenderSettings, Validation
+from gsfw.core.resolution import FULL_SIZE, ResolutionSchedule, measured
 from gsfw.core.run_folder import RunFolder
 from gsfw.core.scene import Scene
-from gsfw.core.splats import Sh, Splats
+from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
 from gsfw.plugins.automatic import load_all, rasterizer_capabilities
@@ -75,10 +77,22 @@ class Composition:
             "checkpoint": "last",
         }
 
+    @cached_property
+    def resolution(self) -> ResolutionSchedule:
+        """How large training pictures are; looks at some, so only training asks for it."""
+        config, background = self.settings.config, self.plan.settings.background
+        if config.resolution_schedule != AUTO:
+            return FULL_SIZE
+        assert background is not None
+        return measured(self.parts.data, background, config.resolution_steps)
+
     def notes(self) -> tuple[str, ...]:
         """What the user should know before it starts."""
+        config = self.settings.config
         notes = (*self.parts.data.notes(), *self.parts.method.notes(self.scene))
-        if self.settings.config.random_background and not self.scene.has_alpha:
+        if config.resolution_schedule == AUTO:
+            notes += (self.resolution.note(config.resolution_steps),)
+        if config.random_background and not self.scene.has_alpha:
             notes += ("random_background=true changes nothing: the pictures have no alpha.",)
         return notes
 
@@ -96,7 +110,8 @@ class Composition:
             protocol=self.protocol(),
             notes=self.notes(),
         )
-        return Trainer(self.parts, self.plan, folder, info, callbacks)
+        plan = replace(self.plan, resolution=self.resolution)
+        return Trainer(self.parts, plan, folder, info, callbacks)
 
 
 def check(settings: Settings, registry: Registry) -> None:
@@ -297,15 +312,4 @@ def read_initial(init: str, registry: Registry, scene: Scene) -> Splats | None:
         return None
     content = find_importer(Path(init), registry).read(Path(init))
     splats = transform_splats(content.splats, scene.world_from_scene.inverse())
-    colors = splats.colors
-    assert isinstance(colors, Sh)
-    assert splats.quats is not None
-    assert splats.scales is not None
-    return replace(
-        splats,
-        means=splats.means.float(),
-        opacities=splats.opacities.float(),
-        quats=splats.quats.float(),
-        scales=splats.scales.float(),
-        colors=Sh(colors.coefficients.float(), colors.degree),
-    )
+    return splats.map(torch.Tensor.float)

@@ -21,6 +21,7 @@ BUILTIN = (
     "gsfw.commands",
     "gsfw.datamanagers",
     "gsfw.formats",
+    "gsfw.kernels",
     "gsfw.methods",
     "gsfw.rasterizers",
     "gsfw.samplers",

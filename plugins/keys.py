@@ -33,7 +33,7 @@ class Key:
 
 
 def keys(config: object, prefix: str = "") -> Iterator[Key]:
-    """Every setting of a configuration, except the choices of slots themselves."""
+    """Every setting of a configuration, except the choices of slots that are still open."""
     kind: type[Any] = type(config)
     hints = get_type_hints(kind)
     nested: list[tuple[str, object]] = []
@@ -41,7 +41,7 @@ def keys(config: object, prefix: str = "") -> Iterator[Key]:
         value = getattr(config, item.name)
         if is_dataclass(value):
             nested.append((item.name, value))
-        elif item.init and not (prefix == "" and item.name in SLOT_KEYS):
+        elif item.init and not (prefix == "" and item.name in SLOT_KEYS and value is None):
             yield Key(prefix + item.name, hints[item.name], value, kind)
     for name, value in nested:
         yield from keys(value, f"{prefix}{name}.")

@@ -46,21 +46,12 @@ def _by_row(splats: Splats) -> list[Tensor]:
 
 
 def _on_cpu(splats: Splats) -> Splats:
-    colors = splats.colors
-    if isinstance(colors, Sh):
-        offsets = None if colors.offsets is None else colors.offsets.cpu()
-        colors = Sh(colors.coefficients.cpu(), colors.degree, offsets)
-    else:
-        colors = colors.cpu()
-    moved = {name: tensor.cpu() for name, tensor in splats.tensors().items() if name != "colors"}
-    return replace(splats, colors=colors, rows=None, **moved)
+    moved = replace(splats.map(Tensor.cpu), rows=None)
+    colors = moved.colors
+    if isinstance(colors, Sh) and colors.offsets is not None:
+        moved = replace(moved, colors=replace(colors, offsets=colors.offsets.cpu()))
+    return moved
 
 
 def _select(splats: Splats, rows: Tensor) -> Splats:
-    colors = splats.colors
-    if isinstance(colors, Sh):
-        colors = replace(colors, coefficients=colors.coefficients[rows])
-    else:
-        colors = colors[rows]
-    kept = {name: tensor[rows] for name, tensor in splats.tensors().items() if name != "colors"}
-    return replace(splats, colors=colors, **kept)
+    return splats.map(lambda tensor: tensor[rows])

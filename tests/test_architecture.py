@@ -15,7 +15,7 @@ SPECS = "gsfw.plugins.specs"
 MAY_IMPORT = {
     "core": {"gsfw.core"},
     "plugins": {"gsfw.core", "gsfw.plugins"},
-    "kernels": {"gsfw.core", "gsfw.kernels"},
+    "kernels": {"gsfw.core", "gsfw.kernels", SPECS},
     "rasterizers": {"gsfw.core", "gsfw.kernels", "gsfw.rasterizers", SPECS},
     "datamanagers": {"gsfw.core", "gsfw.datamanagers", SPECS},
     "methods": {"gsfw.core", "gsfw.methods", SPECS},

@@ -1,2 +1,83 @@
+from torch import Tensor
+
 def instruction_sets() -> list[str]:
     """Instruction sets this machine can run, the best first; "scalar" is the last."""
+
+def instruction_set() -> str:
+    """The one that is used."""
+
+def use_instruction_set(name: str) -> bool:
+    """Use another one from now on; False when this machine cannot run it."""
+
+def started_threads() -> int:
+    """Threads that the pool has started so far, the callers' not counted."""
+
+def fma_gflops() -> float:
+    """Multiply-adds of one thread with the set in use, in 10^9 operations per second."""
+
+def exponential_gexp() -> float:
+    """Powers of two of one thread with the set in use, in 10^9 per second."""
+
+PAIR_BYTES: int
+POSE_FIELDS: int
+
+class TooManyPairs(RuntimeError):
+    """A picture has more pairs of a splat and a tile than it may; the argument says how many."""
+
+class DrawingFloat32:
+    """One camera's picture, and its way back."""
+
+    def __init__(
+        self,
+        arrays: dict[str, Tensor | None],
+        numbers: dict[str, float | int | bool],
+        outputs: dict[str, Tensor | None],
+    ) -> None: ...
+    def backward(self, gradients: dict[str, Tensor | bool | None]) -> None: ...
+    def times(self) -> dict[str, tuple[float, float]]: ...
+    @property
+    def pairs(self) -> int: ...
+
+class DrawingFloat64(DrawingFloat32): ...
+
+def release_drawing_memory() -> None:
+    """Free the memory that is kept from picture to picture."""
+
+def l1_dssim(
+    rendered: Tensor, target: Tensor, valid: Tensor | None, gradient: Tensor | None, threads: int
+) -> tuple[float, float]:
+    """Mean absolute difference and 1 - SSIM of [c, h, w, d] over the valid pixels (uint8).
+
+    The latter's gradient is written to ``gradient`` where one is given.
+    """
+
+def l1_dssim_backward(
+    rendered: Tensor,
+    target: Tensor,
+    valid: Tensor | None,
+    dssim_gradient: Tensor,
+    l1: float,
+    dssim: float,
+    gradient: Tensor,
+    threads: int,
+) -> None:
+    """Write to ``gradient`` what flows back for these gradients of the two losses."""
+
+def adam(
+    values: Tensor,
+    gradient: Tensor,
+    first: Tensor,
+    second: Tensor,
+    rows: Tensor | None,
+    beta1: float,
+    beta2: float,
+    bias2: float,
+    rate: float,
+    epsilon: float,
+    gradient_limit: float,
+    threads: int,
+) -> None:
+    """One step of Adam in place on tables [n, m], over all rows or over some (int64)."""
+
+def all_finite(numbers: Tensor, threads: int) -> bool:
+    """Whether no number of [n] is infinite or NaN."""

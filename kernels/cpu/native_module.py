@@ -1,6 +1,12 @@
-"""Whether the native CPU module is there, and what this machine can run."""
+"""The native CPU module: whether it is there, and which instruction set it uses."""
 
 from __future__ import annotations
+
+import os
+from functools import lru_cache
+from types import ModuleType
+
+from gsfw.core.errors import ConfigError
 
 NOT_BUILT = (
     "the native CPU module was not built: no working C++ compiler was found at installation. "
@@ -8,11 +14,38 @@ NOT_BUILT = (
     "then: pip install --force-reinstall --no-deps ."
 )
 
+FORCED = "GSFW_CPU_ISA"
+"""Environment variable that forces an instruction set."""
 
-def instruction_sets() -> list[str]:
-    """Instruction sets this machine can run, the best first; empty when the module is not built."""
+
+@lru_cache(maxsize=1)
+def native() -> ModuleType | None:
+    """The module, set to the instruction set that is wanted; ``None`` when it is not built.
+
+    Raises:
+        ConfigError: ``GSFW_CPU_ISA`` names a set that this machine cannot run.
+    """
     try:
         from gsfw.kernels.cpu import _native
     except ImportError:
-        return []
-    return _native.instruction_sets()
+        return None
+    wanted = os.environ.get(FORCED, "")
+    if wanted and not _native.use_instruction_set(wanted):
+        raise ConfigError(
+            f"{FORCED}={wanted}: expected one of the instruction sets that this machine runs: "
+            f"{', '.join(_native.instruction_sets())}.",
+            f"Unset {FORCED} to use the best one.",
+        )
+    return _native
+
+
+def instruction_sets() -> list[str]:
+    """Instruction sets this machine can run, the best first; empty when the module is not built."""
+    module = native()
+    return [] if module is None else module.instruction_sets()
+
+
+def instruction_set() -> str:
+    """The one that is used; empty when the module is not built."""
+    module = native()
+    return "" if module is None else module.instruction_set()

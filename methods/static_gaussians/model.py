@@ -79,15 +79,15 @@ class StaticGaussians(PrimitiveModel):
         return Splats(
             means=self.means.values,
             opacities=self.opacity_logits.values.sigmoid(),
-            colors=Sh(self._active_coefficients(), self.active_degree),
+            colors=self._colors(),
             quats=self.quats.values,
             scales=self.log_scales.values.exp(),
         )
 
-    def _active_coefficients(self) -> Float[Tensor, "n k 3"]:
-        if self.sh_rest is None or self.active_degree == 0:
-            return self.sh_dc.values
-        return torch.cat([self.sh_dc.values, self.sh_rest.values[:, : self.active_bands()]], dim=1)
+    def _colors(self) -> Sh:
+        # Joining the columns would copy every coefficient, and so would taking the active bands.
+        drawn = None if self.sh_rest is None or self.active_degree == 0 else self.sh_rest.values
+        return Sh(self.sh_dc.values, self.active_degree, rest=drawn)
 
     def active_bands(self) -> int:
         """Coefficients above the constant one that are drawn and trained now."""

@@ -51,6 +51,13 @@ class Bins:
     ellipse_starts: Int[Tensor, " m_plus_1"]
     """Where each ellipse's pairs start in ``by_ellipse``, and the number of pairs."""
 
+    def inside(self, camera: Cameras) -> Float[Tensor, "t pixels"]:
+        """1 for the pixels of the camera's image, 0 for what tiles have beyond it."""
+        steps = torch.arange(TILE, device=self.middles.device) - 0.5 * (TILE - 1)
+        size = self.middles.new_tensor([camera.width, camera.height])
+        x, y = ((self.middles[:, :, None] + steps) < size[:, None]).unbind(1)
+        return (y[:, :, None] & x[:, None, :]).flatten(1).to(self.middles.dtype)
+
     def sum_by_ellipse(self, values: Float[Tensor, "p_plus_1 f"]) -> Float[Tensor, "m f"]:
         """Sum the rows of each ellipse's pairs, always in the same order."""
         return embedding_bag(

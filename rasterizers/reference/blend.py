@@ -48,7 +48,7 @@ class _Blend(torch.autograd.Function):
         left = brushes.new_ones(tiles, PIXELS)
         measures = canvas.measurements.contribution is not None
         contributions = brushes.new_zeros(len(canvas.bins.ellipses), 1)
-        ahead = left.clone()
+        ahead = canvas.inside.clone()
         chunks: list[Chunk] = []
         for chunk in canvas.chunks(ahead):
             layers = see(chunk, canvas, palette, plane)

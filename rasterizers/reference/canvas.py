@@ -68,6 +68,8 @@ class Canvas:
     """What painting one image needs besides the brushes."""
 
     bins: Bins
+    inside: Float[Tensor, "tiles p"]
+    """1 for the pixels of the image, 0 for what tiles have beyond it."""
     cut_offs: CutOffs
     chunk_mb: float
     """Working memory of a chunk."""

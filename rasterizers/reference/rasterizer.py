@@ -104,8 +104,10 @@ class ReferenceRasterizer(Rasterizer):
             # The sum of weights, which 1 - transmittance has no digits of where it is small.
             channels.append(torch.ones_like(ellipses.depths)[:, None])
         with torch.no_grad():
+            bins = bin_ellipses(ellipses, camera, profile, self.pairs_mb)
             canvas = Canvas(
-                bin_ellipses(ellipses, camera, profile, self.pairs_mb),
+                bins,
+                bins.inside(camera),
                 CutOffs.of(profile, splats.means.dtype),
                 self.chunk_mb,
                 Measurements.of(statistics, index, rows, camera),

@@ -28,11 +28,11 @@ def info(path, first_step: int = 0) -> RunInfo:
     return RunInfo(path, "3dgs", "toy", 20, first_step, settings, protocol, ("a note",))
 
 
-def report(step: int) -> StepReport:
+def report(step: int, resolution: float = 1.0) -> StepReport:
     return StepReport(
         step=step, loss=0.5 / step, losses={"l1": 0.4 / step}, psnr=20.0 + step,
         num_gaussians=100, learning_rates={"means": 1e-4}, step_ms=10.0,
-        stage_ms={"render": 5.0}, memory_mb={"rss": 200.0},
+        stage_ms={"render": 5.0}, memory_mb={"rss": 200.0}, resolution=resolution,
     )  # fmt: skip
 
 
@@ -85,7 +85,15 @@ def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
     events.Reload()
     tags = events.Tags()
     expected = {
-        *("train/loss", "train/l1", "train/psnr", "eval/psnr", "gaussians/count", "lr/means"),
+        *(
+            "train/loss",
+            "train/l1",
+            "train/psnr",
+            "train/resolution",
+            "eval/psnr",
+            "gaussians/count",
+            "lr/means",
+        ),
         *("time/step_ms", "time/render_ms", "mem/rss_mb", "hparam/psnr"),
     }
     assert expected <= set(tags["scalars"])
@@ -112,6 +120,14 @@ def test_progress_is_plain_lines_on_standard_error_without_a_terminal(tmp_path, 
     assert lines[0] == "note: a note"
     assert lines[1].startswith("10/20  loss 0.0500  psnr 30.00  100 Gaussians  100.0 it/s")
     assert "1 held-out views: psnr 30" in lines[-1]
+
+
+def test_progress_says_how_small_pictures_are_while_they_are(tmp_path, capsys):
+    progress, control = Progress(), Control()
+    progress.on_start(info(tmp_path), control)
+    progress.on_step(report(20, resolution=0.3535), control)
+    progress.close()
+    assert "psnr 40.00  at 1/2.8 size  100 Gaussians" in capsys.readouterr().err
 
 
 def test_time_left_is_counted_from_the_steps_that_remain():

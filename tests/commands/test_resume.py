@@ -4,9 +4,10 @@ import json
 import shutil
 
 import pytest
+from states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.run_folder import RunFolder, read_checkpoint
 
 
 @pytest.fixture
@@ -70,6 +71,30 @@ def test_another_machine_is_a_warning(run, capsys, monkeypatch):
     )
     assert main(["resume", str(run), "steps=21"]) == 0
     assert "and is 1000: the result may differ in its last bits" in capsys.readouterr().err
+
+
+def test_a_run_whose_pictures_grow_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr("gsfw.core.resolution.MIN_STEPS", 1)
+    whole, cut = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "cut")
+    settings = (
+        "datamanager.views=4", "datamanager.eval_views=1", "datamanager.points=150",
+        "steps=20", "checkpoint_every=10", "log_every=1",
+        "resolution_schedule=auto", "resolution_steps=16",
+    )  # fmt: skip
+    assert main(["train", "method=3dgs", *settings, f"out={whole.path}"]) == 0
+    lines = [json.loads(line) for line in whole.metrics_log.read_text().splitlines()]
+    small = [line["step"] for line in lines if line.get("resolution", 1) < 1]
+    assert small == list(range(1, len(small) + 1))
+    assert 10 < len(small) < 20, "pictures must grow after the checkpoint"
+
+    shutil.copytree(whole.path, cut.path)
+    cut.summary.unlink()
+    cut.checkpoint(20).unlink()
+    assert main(["resume", str(cut.path)]) == 0
+    first, second = (
+        {**read_checkpoint(one.checkpoint(20)), "train_seconds": 0} for one in (whole, cut)
+    )
+    assert_same_bits(first, second)
 
 
 def test_help_says_what_may_change(capsys):

@@ -66,6 +66,29 @@ def test_a_misspelt_key_a_wrong_type_and_a_missing_folder_make_no_folder(capsys,
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_resolution_schedule_that_cannot_be_is_explained(capsys):
+    assert refusal(capsys, *SMALL, "resolution_schedule=coarse") == (
+        "error: resolution_schedule=coarse: expected none or auto.\n"
+    )
+    assert refusal(capsys, *SMALL, "resolution_schedule=auto", "resolution_steps=4") == (
+        "error: resolution_steps=4: expected less than steps=4, so that training ends on full-size "
+        "pictures.\nLeave it out to have it follow from steps (not with rescale=false), or give "
+        "less.\n"
+    )
+    assert refusal(capsys, *SMALL, "resolution_steps=-1") == (
+        "error: resolution_steps=-1: expected a number of at least 0.\n"
+    )
+
+
+def test_dry_run_says_how_pictures_will_grow(capsys):
+    sizes = ("datamanager.width=128", "datamanager.height=96", "steps=1000")
+    asked = ("train", *SMALL, *sizes, "resolution_schedule=auto", "--dry-run")
+    assert main([*asked]) == 0
+    assert "note: Pictures start at 1/1.4 of their size and reach" in capsys.readouterr().out
+    assert main([*asked, "steps=100"]) == 0
+    assert "note: resolution_schedule=auto leaves all pictures at" in capsys.readouterr().out
+
+
 def test_dry_run_checks_everything_and_writes_nothing(capsys, tmp_path):
     assert main(["train", *SMALL, "--dry-run"]) == 0
     said = capsys.readouterr().out

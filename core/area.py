@@ -1,0 +1,105 @@
+"""Area filter over batches: each pixel of a smaller picture is the mean of what it covers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+
+WHOLE = 1 - 1e-4
+"""A mean of ones above this is 1 but for rounding."""
+
+
+def shrink_batch(batch: Batch, width: int, height: int) -> Batch:
+    """The same pictures at a smaller size; over any background they are the means of the large.
+
+    Colours are averaged by their coverage. Pixels are valid where all that they cover is, as
+    colours are mixed. Depth is the mean of the known. A mask that means "empty" becomes alpha,
+    because part of a pixel may lie in it. Sizes need not divide; cameras follow by the exact ratio.
+
+    Args:
+        batch: ``c`` pictures of [h, w].
+        width: of the result, in pixels; at most ``w``.
+        height: of the result, in pixels; at most ``h``.
+    """
+    if batch.images.shape[1:3] == (height, width):
+        return batch
+    images, coverage, valid, depth = batch.images, batch.coverage, batch.valid, batch.depth
+    if coverage is None:
+        images = area_means(images, width, height)
+    else:
+        weighted = torch.cat([images * coverage, coverage], dim=-1)
+        images, coverage = _weighted_means(weighted, width, height)
+    if valid is not None:
+        valid = area_means(valid.to(images.dtype), width, height) > WHOLE
+    if depth is not None:
+        known = torch.cat([depth, (depth > 0).to(depth.dtype)], dim=-1)
+        depth, _ = _weighted_means(known, width, height)
+    return replace(
+        batch,
+        images=images,
+        cameras=batch.cameras.resized(width, height),
+        alpha=coverage,
+        mask=valid,
+        depth=depth,
+    )
+
+
+def _weighted_means(
+    weighted: Float[Tensor, "c h w e"], width: int, height: int
+) -> tuple[Float[Tensor, "c h2 w2 d"], Float[Tensor, "c h2 w2 1"]]:
+    """Means of values by their weights, 0 where all weights are, and the means of the weights.
+
+    Args:
+        weighted: values times weights, then the weights as the last channel (e = d + 1).
+        width: of the result.
+        height: of the result.
+    """
+    means = area_means(weighted, width, height)
+    values, weights = means[..., :-1], means[..., -1:]
+    return values / torch.where(weights > 0, weights, 1.0), weights
+
+
+def area_means(
+    values: Float[Tensor, "c h w d"], width: int, height: int
+) -> Float[Tensor, "c h2 w2 d"]:
+    """Means over the areas that the pixels of a ``height`` x ``width`` picture cover."""
+    count, rows, columns, channels = values.shape
+    values = _shrink_rows(values.reshape(count, rows, columns * channels), height)
+    values = values.view(count, height, columns, channels).transpose(1, 2)
+    values = _shrink_rows(values.reshape(count, columns, height * channels), width)
+    return values.view(count, width, height, channels).transpose(1, 2).contiguous()
+
+
+def _shrink_rows(values: Float[Tensor, "c r m"], smaller: int) -> Float[Tensor, "c s m"]:
+    """Means of neighbouring rows. A bag of embeddings is what torch calls such a weighted sum."""
+    count, rows, length = values.shape
+    covered, shares = _cover(rows, smaller)
+    first_rows = torch.arange(count)[:, None, None] * rows
+    means: Tensor = torch.nn.functional.embedding_bag(
+        (first_rows + covered).flatten(0, 1).to(values.device),
+        values.reshape(count * rows, length),
+        per_sample_weights=shares.repeat(count, 1).to(values),
+        mode="sum",
+    )
+    return means.view(count, smaller, length)
+
+
+@lru_cache(maxsize=64)
+def _cover(
+    size: int, smaller: int
+) -> tuple[Int[Tensor, "smaller taps"], Float[Tensor, "smaller taps"]]:
+    """Which pixels of a row each of ``smaller`` equal parts covers, and their shares of it."""
+    edges = torch.linspace(0, size, smaller + 1, dtype=torch.float64)
+    first = edges[:-1].floor().long()
+    taps = int((edges[1:].ceil().long() - first).max())
+    pixels = first[:, None] + torch.arange(taps)
+    overlap = torch.minimum(pixels + 1.0, edges[1:, None]) - torch.maximum(
+        pixels.double(), edges[:-1, None]
+    )
+    return pixels.clamp(max=size - 1), overlap.clamp(min=0) * smaller / size

@@ -1,0 +1,47 @@
+"""Spectrum: how much of a picture's detail its smaller copies keep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+MAX_SIDE = 1024
+"""Larger pictures are judged by their middle: frequencies are counted per pixel all the same."""
+
+
+def detail_kept(
+    picture: Float[np.ndarray, "h w"], factors: Sequence[float]
+) -> Float[np.ndarray, " factors"]:
+    """The part of a picture's detail that is left when its sides shrink by each of ``factors``.
+
+    Detail is the sum of the magnitudes of all frequencies but the mean; a copy that is smaller by a
+    factor f keeps those up to 1 / 2f cycles per pixel along each axis. Magnitudes and not energies:
+    the energy of photographs falls so fast that an eighth of the size still holds 97 % of it.
+
+    Args:
+        picture: brightness; its unit does not matter.
+        factors: of at least 1.
+
+    Returns:
+        From 0 to 1, falling with the factor; 1 where a picture has no detail to lose.
+    """
+    picture = _middle(picture).astype(np.float64)
+    # The window fades the borders, whose jump to the opposite side would count as detail.
+    window = np.hanning(picture.shape[0])[:, None] * np.hanning(picture.shape[1])
+    magnitudes = np.abs(np.fft.fft2((picture - picture.mean()) * window))
+    total = magnitudes.sum()
+    if total <= 1e-9 * picture.size:  # Nothing but rounding.
+        return np.ones(len(factors))
+    rows, columns = (np.abs(np.fft.fftfreq(side)) for side in picture.shape)
+    kept = [magnitudes[rows <= 0.5 / f][:, columns <= 0.5 / f].sum() for f in factors]
+    return np.array(kept) / total
+
+
+def _middle(picture: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h2 w2"]:
+    sides = []
+    for side in picture.shape:
+        start = max(0, (side - MAX_SIDE) // 2)
+        sides.append(slice(start, start + MAX_SIDE))
+    return picture[sides[0], sides[1]]

@@ -1,0 +1,11 @@
+// The parts of the Python module.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace gsfw {
+
+void bind_drawing(nanobind::module_& module);
+void bind_step(nanobind::module_& module);
+
+}  // namespace gsfw

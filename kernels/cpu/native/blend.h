@@ -1,0 +1,277 @@
+// Blend: paint the splats of one tile over one another, from front to back.
+//
+// Kerbl et al. 2023, equation 3. A tile is painted block by block: the sixteen pixels of a block are
+// the lanes of a pack, whose transmittance and colour stay in registers while the block's own list of
+// splats runs past. Backward sees alpha through the same function, so both agree bit for bit.
+#pragma once
+
+#include "simd/simd.h"
+#include "stages.h"
+
+namespace gsfw {
+namespace GSFW_ISA {
+
+/// Room for the indices of one block's splats; appending writes up to 16 more.
+constexpr int LIST = CHUNK + 2 * LANES;
+/// Splats of a block that are evaluated together.
+constexpr int UNROLL = 4;
+
+/// Pixel centres of each block, measured from the middle of the tile.
+template <typename T>
+struct PixelTable {
+  T x[BLOCKS][LANES];
+  T y[BLOCKS][LANES];
+
+  constexpr PixelTable() : x(), y() {
+    for (int b = 0; b < BLOCKS; ++b) {
+      for (int lane = 0; lane < LANES; ++lane) {
+        x[b][lane] = T((b % TILE_BLOCKS) * BLOCK + lane % BLOCK) + T(0.5) - T(TILE / 2);
+        y[b][lane] = T((b / TILE_BLOCKS) * BLOCK + lane / BLOCK) + T(0.5) - T(TILE / 2);
+      }
+    }
+  }
+};
+
+template <typename T>
+struct PixelTables {
+  alignas(64) static constexpr PixelTable<T> pixels{};
+};
+
+/// A chunk of a tile's entries, copied next to one another, with centres folded into u and v:
+/// field BRUSH_X holds u and BRUSH_Y holds v at the middle of the tile.
+template <typename T>
+struct Chunk {
+  /// [CHUNK + 1, stride]; the last one in use paints nothing.
+  T* brushes;
+  /// [CHUNK + 16]
+  uint32_t* blocks;
+  /// [BLOCKS, LIST]
+  uint16_t* lists;
+  int count;
+  int lengths[BLOCKS];
+};
+
+/// Where a tile lies, and its part of the image.
+struct TilePlace {
+  int x, y, width, height;
+};
+
+GSFW_FUNCTION TilePlace place_of(const Grid& grid, int tile) {
+  const int x = tile % grid.columns * TILE, y = tile / grid.columns * TILE;
+  const int width = grid.width - x, height = grid.height - y;
+  return {x, y, width < TILE ? width : TILE, height < TILE ? height : TILE};
+}
+
+/// Position of a pixel of the tile when it is stored block after block.
+GSFW_FUNCTION int block_position(int x, int y) {
+  return (y / BLOCK * TILE_BLOCKS + x / BLOCK) * LANES + y % BLOCK * BLOCK + x % BLOCK;
+}
+
+template <typename T>
+GSFW_FUNCTION void load_chunk(const BlendJob<T>& job, const TilePlace& place, const Entry* entries,
+                              int count, Chunk<T>& chunk) {
+  const int stride = job.stride;
+  const T middle_x = T(place.x + TILE / 2), middle_y = T(place.y + TILE / 2);
+  constexpr int AHEAD = 12;
+  for (int i = 0; i < count; ++i) {
+    if (i + AHEAD < count) {
+      __builtin_prefetch(job.brushes + int64_t(entries[i + AHEAD].row) * stride);
+    }
+    const T* from = job.brushes + int64_t(entries[i].row) * stride;
+    T* to = chunk.brushes + i * stride;
+    for (int k = 0; k < stride; k += LANES) store(to + k, load(from + k));
+    const T x = from[BRUSH_X] - middle_x, y = from[BRUSH_Y] - middle_y;
+    to[BRUSH_X] = -from[BRUSH_R] * x;
+    to[BRUSH_Y] = -(from[BRUSH_W] * y + from[BRUSH_WK] * x);
+    chunk.blocks[i] = entries[i].blocks;
+  }
+  T* nothing = chunk.brushes + count * stride;
+  for (int k = 0; k < stride; ++k) nothing[k] = T(0);
+  nothing[BRUSH_LEVEL] = T(-1000);
+  chunk.count = count;
+  split_by_bit(chunk.blocks, count, chunk.lists, LIST, chunk.lengths);
+  for (int b = 0; b < BLOCKS; ++b) {
+    for (int j = 0; j < UNROLL; ++j) chunk.lists[b * LIST + chunk.lengths[b] + j] = uint16_t(count);
+  }
+}
+
+/// Whitened coordinates of a block's pixels: 2 fma each, no cancellation beyond the tile's size.
+template <typename T>
+struct Whitened {
+  Pack<T> u, v;
+};
+
+template <typename T>
+GSFW_FUNCTION Whitened<T> whitened(const T* brush, const Pack<T>& x, const Pack<T>& y) {
+  return {fma(Pack<T>(brush[BRUSH_R]), x, Pack<T>(brush[BRUSH_X])),
+          fma(Pack<T>(brush[BRUSH_W]), y,
+              fma(Pack<T>(brush[BRUSH_WK]), x, Pack<T>(brush[BRUSH_Y])))};
+}
+
+/// Alpha of one splat at a block's pixels, 0 where it is skipped.
+template <typename T>
+GSFW_FUNCTION Pack<T> alpha_of(const T* brush, const Pack<T>& x, const Pack<T>& y,
+                               const CutOffs<T>& cut) {
+  const Whitened<T> at = whitened(brush, x, y);
+  const Pack<T> level =
+      fma_negated(at.v, at.v, fma_negated(at.u, at.u, Pack<T>(brush[BRUSH_LEVEL])));
+  const LaneMask<T> drawn = level >= Pack<T>(cut.level_min);
+  return keep(drawn, minimum(power_of_two(level), Pack<T>(cut.alpha_cap)));
+}
+
+/// The state of a tile while it is painted, each plane block after block.
+template <typename T>
+struct TileState {
+  /// [PIXELS]: transmittance, as if painting never stopped; 0 outside the image.
+  T* transmittance;
+  /// [PIXELS]: transmittance behind the last splat that was drawn.
+  T* left;
+  /// [BLOCKS, channels, LANES]
+  T* painted;
+};
+
+template <typename T>
+GSFW_FUNCTION void start_tile(const TilePlace& place, const TileState<T>& state, int channels) {
+  for (int i = 0; i < PIXELS; ++i) state.transmittance[i] = T(0);
+  for (int y = 0; y < place.height; ++y) {
+    for (int x = 0; x < place.width; ++x) state.transmittance[block_position(x, y)] = T(1);
+  }
+  for (int i = 0; i < PIXELS; ++i) state.left[i] = T(1);
+  for (int i = 0; i < PIXELS * channels; ++i) state.painted[i] = T(0);
+}
+
+/// Paint one block with one chunk.
+///
+/// ``CHANNELS`` is 0 where their number is known at run time only. ``sums`` gathers each splat's
+/// weights, lane by lane, when ``MEASURE``. Returns whether any pixel still sees through.
+template <typename T, int CHANNELS, bool MEASURE>
+GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, int b,
+                               const TileState<T>& state, T* sums) {
+  const int channels = CHANNELS ? CHANNELS : job.channels;
+  const CutOffs<T> cut = job.cut_offs;
+  const Pack<T> x = load(PixelTables<T>::pixels.x[b]), y = load(PixelTables<T>::pixels.y[b]);
+  const Pack<T> stop(cut.transmittance_min), one(T(1));
+  Pack<T> transmittance = load(state.transmittance + b * LANES);
+  if (!any(transmittance > stop)) return false;
+  Pack<T> left = load(state.left + b * LANES);
+  T* painted = state.painted + b * channels * LANES;
+  Pack<T> color[CHANNELS ? CHANNELS : 1];
+  for (int c = 0; c < CHANNELS; ++c) color[c] = load(painted + c * LANES);
+  const uint16_t* list = chunk.lists + b * LIST;
+  const int length = chunk.lengths[b];
+  bool open = true;
+  for (int k = 0; k < length && open; k += UNROLL) {
+    Pack<T> alpha[UNROLL];
+    const T* brush[UNROLL];
+    for (int j = 0; j < UNROLL; ++j) {
+      brush[j] = chunk.brushes + list[k + j] * job.stride;
+      alpha[j] = alpha_of(brush[j], x, y, cut);
+    }
+    for (int j = 0; j < UNROLL; ++j) {
+      Pack<T> weight = alpha[j] * transmittance;
+      transmittance = transmittance * (one - alpha[j]);
+      const LaneMask<T> drawn = transmittance > stop;
+      weight = keep(drawn, weight);
+      left = select(drawn, transmittance, left);
+      for (int c = 0; c < CHANNELS; ++c) {
+        color[c] = fma(weight, Pack<T>(brush[j][BRUSH_CHANNELS + c]), color[c]);
+      }
+      for (int c = 0; CHANNELS == 0 && c < channels; ++c) {
+        T* plane = painted + c * LANES;
+        store(plane, fma(weight, Pack<T>(brush[j][BRUSH_CHANNELS + c]), load(plane)));
+      }
+      if (MEASURE) {
+        T* at = sums + list[k + j] * LANES;
+        store(at, load(at) + weight);
+      }
+    }
+    open = any(transmittance > stop);
+  }
+  store(state.transmittance + b * LANES, transmittance);
+  store(state.left + b * LANES, left);
+  for (int c = 0; c < CHANNELS; ++c) store(painted + c * LANES, color[c]);
+  return open;
+}
+
+template <typename T>
+GSFW_FUNCTION void finish_tile(const BlendJob<T>& job, int tile, const TilePlace& place,
+                               const TileState<T>& state) {
+  const int channels = job.channels;
+  memcpy(job.left + int64_t(tile) * PIXELS, state.left, PIXELS * sizeof(T));
+  for (int y = 0; y < place.height; ++y) {
+    const int64_t row = int64_t(place.y + y) * job.grid.width + place.x;
+    for (int x = 0; x < place.width; ++x) {
+      const int at = block_position(x, y);
+      const T left = state.left[at];
+      job.alpha[row + x] = T(1) - left;
+      const T* painted = state.painted + at / LANES * channels * LANES + at % LANES;
+      T* to = job.image + (row + x) * channels;
+      for (int c = 0; c < channels; ++c) to[c] = painted[c * LANES] + left * job.background[c];
+    }
+  }
+}
+
+/// Working memory of one thread, in numbers of T.
+template <typename T>
+GSFW_FUNCTION int64_t blend_scratch(int stride, int channels) {
+  const int64_t lists = (BLOCKS * LIST * sizeof(uint16_t) + (CHUNK + LANES) * sizeof(uint32_t));
+  return (CHUNK + 1) * int64_t(stride) + lists / sizeof(T) + LANES + PIXELS * (2 + channels) +
+         (CHUNK + 1) * LANES;
+}
+
+template <typename T>
+GSFW_FUNCTION T* take_chunk(T* scratch, int stride, Chunk<T>& chunk) {
+  chunk.brushes = scratch;
+  scratch += (CHUNK + 1) * stride;
+  chunk.blocks = reinterpret_cast<uint32_t*>(scratch);
+  chunk.lists = reinterpret_cast<uint16_t*>(chunk.blocks + CHUNK + LANES);
+  const int64_t bytes = (CHUNK + LANES) * sizeof(uint32_t) + BLOCKS * LIST * sizeof(uint16_t);
+  return scratch + (bytes + sizeof(T) * LANES - 1) / (sizeof(T) * LANES) * LANES;
+}
+
+template <typename T, int CHANNELS, bool MEASURE>
+void blend_tile(const BlendJob<T>& job, int tile, T* scratch) {
+  const TilePlace place = place_of(job.grid, tile);
+  Chunk<T> chunk;
+  scratch = take_chunk(scratch, job.stride, chunk);
+  TileState<T> state = {scratch, scratch + PIXELS, scratch + 2 * PIXELS};
+  T* sums = state.painted + PIXELS * job.channels;
+  start_tile(place, state, job.channels);
+  const int64_t end = job.tile_starts[tile + 1];
+  int32_t drawn = 0;
+  bool open = true;
+  for (int64_t first = job.tile_starts[tile]; first < end; first += CHUNK) {
+    const int count = int(end - first < CHUNK ? end - first : CHUNK);
+    if (MEASURE && !open) {
+      for (int i = 0; i < count; ++i) job.contribution[job.entries[first + i].slot] = T(0);
+    }
+    if (!open) continue;
+    T* checkpoint = job.checkpoints + (job.chunk_starts[tile] + drawn) * PIXELS;
+    memcpy(checkpoint, state.transmittance, PIXELS * sizeof(T));
+    load_chunk(job, place, job.entries + first, count, chunk);
+    for (int i = 0; MEASURE && i < count * LANES; ++i) sums[i] = T(0);
+    open = false;
+    for (int b = 0; b < BLOCKS; ++b) {
+      open |= paint_block<T, CHANNELS, MEASURE>(job, chunk, b, state, sums);
+    }
+    for (int i = 0; MEASURE && i < count; ++i) {
+      job.contribution[job.entries[first + i].slot] = sum(load(sums + i * LANES));
+    }
+    ++drawn;
+  }
+  job.chunks_drawn[tile] = drawn;
+  finish_tile(job, tile, place, state);
+}
+
+/// Paint tile number ``tile``; ``scratch`` is as long as ``blend_scratch`` says.
+template <typename T>
+void blend(const BlendJob<T>& job, int tile, T* scratch) {
+  const bool measure = job.contribution != nullptr;
+  if (job.channels == 3 && !measure) return blend_tile<T, 3, false>(job, tile, scratch);
+  if (job.channels == 3) return blend_tile<T, 3, true>(job, tile, scratch);
+  if (!measure) return blend_tile<T, 0, false>(job, tile, scratch);
+  blend_tile<T, 0, true>(job, tile, scratch);
+}
+
+}  // namespace GSFW_ISA
+}  // namespace gsfw

@@ -1,0 +1,285 @@
+#include "drawing.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstring>
+#include <numeric>
+#include <utility>
+
+#include "pool.h"
+#include "stage_clock.h"
+
+namespace gsfw {
+namespace {
+
+/// Adds what passes during its life to a stage's time.
+class Timed {
+ public:
+  explicit Timed(StageTime& stage) : stage_(stage), start_(Moment::now()) {}
+  ~Timed() {
+    const Moment end = Moment::now();
+    stage_.cpu += end.cpu - start_.cpu;
+    stage_.wall += end.wall - start_.wall;
+  }
+
+ private:
+  StageTime& stage_;
+  Moment start_;
+};
+
+int padded(int numbers) { return (numbers + 15) / 16 * 16; }
+
+Grid grid_of(int width, int height) {
+  return {width, height, (width + TILE - 1) / TILE, (height + TILE - 1) / TILE};
+}
+
+/// Pieces that a thread gets of work whose order matters: enough for the fast to help the slow.
+constexpr int PIECES_PER_THREAD = 4;
+
+}  // namespace
+
+template <typename T>
+Drawing<T>::Drawing(const DrawingRequest<T>& request, const DrawingOutputs<T>& outputs)
+    : kernels_(drawing_kernels<T>()),
+      request_(request),
+      grid_(grid_of(request.view.width, request.view.height)),
+      kept_(Recycler<KeptMemory<T>>::instance().take()),
+      channels_(request.splats.color_channels + request.splats.extras +
+                request.splats.depth_channels),
+      stride_(padded(BRUSH_CHANNELS + channels_)) {
+  Passing memory = Recycler<PassingMemory<T>>::instance().take();
+  project(memory, outputs);
+  const int64_t visible = sort(memory);
+  bin(memory, visible);
+  blend(memory, outputs);
+}
+
+template <typename T>
+void Drawing<T>::project(Passing& memory, const DrawingOutputs<T>& outputs) {
+  const Timed timed(times_[PROJECT]);
+  const int64_t count = request_.splats.count;
+  project_job_ = {request_.view,
+                  request_.splats,
+                  request_.cut_offs.level_min,
+                  kept_->brushes.reserve(count * stride_),
+                  stride_,
+                  memory->depths.reserve(count),
+                  outputs.visible,
+                  outputs.radii};
+  parallel_pieces(count, ROWS_PER_TASK, request_.threads, [&](int64_t begin, int64_t end, int) {
+    kernels_.project(project_job_, begin, end);
+  });
+}
+
+template <typename T>
+int64_t Drawing<T>::sort(Passing& memory) {
+  const Timed timed(times_[SORT]);
+  const int64_t count = request_.splats.count;
+  return sort_by_depth(project_job_.depths, project_job_.visible, count, request_.threads,
+                       memory->sort, memory->order.reserve(count));
+}
+
+template <typename T>
+void Drawing<T>::bin(Passing& memory, int64_t visible) {
+  const Timed timed(times_[BIN]);
+  const int64_t most = int64_t(request_.threads) * PIECES_PER_THREAD;
+  const int64_t grain = std::max<int64_t>((visible + most - 1) / most, 256);
+  const int64_t pieces = (visible + grain - 1) / grain;
+  std::vector<int64_t> lengths(pieces);
+  pairs_ = find_meetings(memory, visible, pieces, grain, lengths.data());
+  if (pairs_ > request_.most_pairs) throw TooManyPairs(pairs_);
+  place_entries(memory, pieces, lengths.data());
+  plan_tiles();
+}
+
+/// Find what each splat meets; counts on beyond the limit, but keeps nothing then.
+template <typename T>
+int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t pieces, int64_t grain,
+                                  int64_t* lengths) {
+  const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
+  const BinJob<T> job = {grid_, request_.view.alpha_min > T(0), memory->order.get(),
+                         project_job_.brushes, stride_};
+  while (static_cast<int64_t>(memory->meetings.size()) < pieces) {
+    memory->meetings.push_back(std::make_unique<Buffer<Meeting>>());
+  }
+  int64_t* tile_counts = memory->tile_counts.reserve(std::max<int64_t>(pieces, 1) * tiles);
+  uint32_t* slot_count = kept_->slot_count.reserve(request_.splats.count);
+  std::atomic<int64_t> total{0};
+  parallel_pieces(visible, grain, request_.threads, [&](int64_t begin, int64_t end, int) {
+    const int64_t piece = begin / grain;
+    int64_t* counts = tile_counts + piece * tiles;
+    std::fill(counts, counts + tiles, 0);
+    Buffer<Meeting>& buffer = *memory->meetings[piece];
+    int64_t length = 0, found = 0;
+    for (int64_t rank = begin; rank < end; ++rank) {
+      if (rank + 12 < end) {
+        __builtin_prefetch(job.brushes + int64_t(job.order[rank + 12]) * job.stride);
+      }
+      const uint32_t row = job.order[rank];
+      Meeting* to = buffer.grow(length, length + tiles + TILE);
+      const int64_t more = kernels_.meet(job, row, to + length);
+      for (int64_t i = length; i < length + more; ++i) ++counts[to[i].tile];
+      slot_count[row] = static_cast<uint32_t>(more);
+      found += more;
+      if (total.load(std::memory_order_relaxed) + found <= request_.most_pairs) length += more;
+    }
+    total.fetch_add(found);
+    lengths[piece] = length;
+  });
+  return total.load();
+}
+
+/// Sort meetings into tiles: those of a tile come from front to back, because pieces do and every
+/// piece keeps its order; and give each splat's entries neighbouring slots.
+template <typename T>
+void Drawing<T>::place_entries(Passing& memory, int64_t pieces, const int64_t* lengths) {
+  const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
+  int64_t* next = memory->tile_counts.get();
+  int64_t* starts = kept_->tile_starts.reserve(tiles + 1);
+  int64_t total = 0;
+  for (int64_t tile = 0; tile < tiles; ++tile) {
+    starts[tile] = total;
+    for (int64_t p = 0; p < pieces; ++p) total += std::exchange(next[p * tiles + tile], total);
+  }
+  starts[tiles] = total;
+  std::vector<int64_t> slots(pieces);
+  std::exclusive_scan(lengths, lengths + pieces, slots.begin(), int64_t(0));
+  Entry* entries = kept_->entries.reserve(total);
+  uint32_t* first_slot = kept_->first_slot.reserve(request_.splats.count);
+  parallel(pieces, request_.threads, [&](int64_t piece, int) {
+    const Meeting* meetings = memory->meetings[piece]->get();
+    int64_t* places = next + piece * tiles;
+    for (int64_t i = 0; i < lengths[piece]; ++i) {
+      const Meeting& meeting = meetings[i];
+      const uint32_t slot = static_cast<uint32_t>(slots[piece] + i);
+      if (i == 0 || meetings[i - 1].row != meeting.row) first_slot[meeting.row] = slot;
+      entries[places[meeting.tile]++] = {meeting.row, slot, meeting.blocks};
+    }
+  });
+}
+
+/// Checkpoints of each tile, and the order in which threads take tiles: the heaviest first.
+template <typename T>
+void Drawing<T>::plan_tiles() {
+  const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
+  const int64_t* starts = kept_->tile_starts.get();
+  int64_t* chunks = kept_->chunk_starts.reserve(tiles + 1);
+  chunks[0] = 0;
+  for (int64_t tile = 0; tile < tiles; ++tile) {
+    chunks[tile + 1] = chunks[tile] + (starts[tile + 1] - starts[tile] + CHUNK - 1) / CHUNK;
+  }
+  uint32_t* order = kept_->tiles.reserve(tiles);
+  std::iota(order, order + tiles, 0u);
+  if (request_.threads == 1) return;
+  const auto load = [&](uint32_t tile) { return (starts[tile + 1] - starts[tile]) / 16; };
+  std::stable_sort(order, order + tiles,
+                   [&](uint32_t a, uint32_t b) { return load(a) > load(b); });
+}
+
+template <typename T>
+BlendJob<T> Drawing<T>::blend_job() const {
+  BlendJob<T> job{};
+  job.grid = grid_;
+  job.cut_offs = request_.cut_offs;
+  job.brushes = kept_->brushes.get();
+  job.stride = stride_;
+  job.channels = channels_;
+  job.entries = kept_->entries.get();
+  job.tile_starts = kept_->tile_starts.get();
+  job.chunk_starts = kept_->chunk_starts.get();
+  job.checkpoints = kept_->checkpoints.get();
+  job.chunks_drawn = kept_->chunks_drawn.get();
+  job.background = request_.background;
+  job.left = kept_->left.get();
+  return job;
+}
+
+template <typename T>
+void Drawing<T>::blend(Passing& memory, const DrawingOutputs<T>& outputs) {
+  const Timed timed(times_[BLEND]);
+  const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
+  kept_->checkpoints.reserve(kept_->chunk_starts.get()[tiles] * PIXELS);
+  kept_->chunks_drawn.reserve(tiles);
+  kept_->left.reserve(tiles * PIXELS);
+  BlendJob<T> job = blend_job();
+  job.image = outputs.image;
+  job.alpha = outputs.alpha;
+  if (outputs.contribution) job.contribution = memory->slots.reserve(pairs_);
+  const int64_t size = padded(static_cast<int>(kernels_.scratch(stride_, channels_)));
+  T* scratch = memory->scratch.reserve(size * request_.threads);
+  const uint32_t* order = kept_->tiles.get();
+  parallel(tiles, request_.threads, [&](int64_t task, int worker) {
+    kernels_.blend(job, static_cast<int>(order[task]), scratch + worker * size);
+  });
+  if (outputs.contribution) sum_contributions(job.contribution, outputs.contribution);
+}
+
+template <typename T>
+void Drawing<T>::sum_contributions(const T* slots, T* to) {
+  const uint32_t* first = kept_->first_slot.get();
+  const uint32_t* counts = kept_->slot_count.get();
+  const int64_t count = request_.splats.count;
+  parallel_pieces(count, ROWS_PER_TASK, request_.threads, [&](int64_t begin, int64_t end, int) {
+    for (int64_t row = begin; row < end; ++row) {
+      T sum = 0;
+      const uint32_t length = project_job_.visible[row] ? counts[row] : 0;
+      for (uint32_t i = 0; i < length; ++i) sum += slots[first[row] + i];
+      to[row] = sum;
+    }
+  });
+}
+
+template <typename T>
+void Drawing<T>::backward(const DrawingGradients<T>& gradients) {
+  Passing memory = Recycler<PassingMemory<T>>::instance().take();
+  const int slot_stride = SLOT_CHANNELS + channels_ + (gradients.absgrad ? 2 : 0);
+  // A row of slots is read in whole packs.
+  T* slots = memory->slots.reserve(pairs_ * slot_stride + 16);
+  const int64_t size = padded(static_cast<int>(kernels_.scratch(stride_, channels_)));
+  T* scratch = memory->scratch.reserve(size * request_.threads);
+  {
+    const Timed timed(times_[BLEND_BACKWARD]);
+    const BlendBackwardJob<T> job = {blend_job(),  gradients.image, gradients.alpha,
+                                     slots,        slot_stride,     gradients.absgrad != nullptr};
+    const uint32_t* order = kept_->tiles.get();
+    parallel(int64_t(grid_.columns) * grid_.rows, request_.threads, [&](int64_t task, int worker) {
+      kernels_.blend_backward(job, static_cast<int>(order[task]), scratch + worker * size);
+    });
+  }
+  const Timed timed(times_[PROJECT_BACKWARD]);
+  const int64_t count = request_.splats.count;
+  const int64_t tasks = (count + ROWS_PER_TASK - 1) / ROWS_PER_TASK;
+  T* pose = gradients.pose ? memory->pose.reserve(tasks * POSE_FIELDS) : nullptr;
+  const ProjectBackwardJob<T> job = {project_job_,
+                                     kept_->first_slot.get(),
+                                     kept_->slot_count.get(),
+                                     slots,
+                                     slot_stride,
+                                     gradients.absgrad != nullptr,
+                                     gradients.splats,
+                                     gradients.accumulate,
+                                     pose,
+                                     gradients.screen_gradient,
+                                     gradients.absgrad};
+  parallel_pieces(count, ROWS_PER_TASK, request_.threads,
+                  [&](int64_t begin, int64_t end, int worker) {
+                    kernels_.project_backward(job, begin, end, scratch + worker * size);
+                  });
+  for (int k = 0; pose && k < POSE_FIELDS; ++k) {
+    double sum = 0;
+    for (int64_t task = 0; task < tasks; ++task) sum += double(pose[task * POSE_FIELDS + k]);
+    gradients.pose[k] = T(sum);
+  }
+}
+
+template class Drawing<float>;
+template class Drawing<double>;
+
+void release_drawing_memory() {
+  Recycler<KeptMemory<float>>::instance().clear();
+  Recycler<KeptMemory<double>>::instance().clear();
+  Recycler<PassingMemory<float>>::instance().clear();
+  Recycler<PassingMemory<double>>::instance().clear();
+}
+
+}  // namespace gsfw

@@ -1,0 +1,214 @@
+// Drawing as Python sees it: dictionaries of arrays in, a handle for the backward pass out.
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+
+#include <initializer_list>
+#include <string>
+#include <type_traits>
+#include <memory>
+
+#include "bindings.h"
+#include "drawing.h"
+
+namespace nb = nanobind;
+
+namespace gsfw {
+namespace {
+
+/// In an expected shape: whatever is found.
+constexpr int64_t ANY = -1;
+
+[[noreturn]] void refuse(const char* name, const std::string& expected) {
+  throw nb::value_error((std::string(name) + ": expected " + expected).c_str());
+}
+
+/// The memory of ``arrays[name]``, null where that is None; checked, never copied.
+template <typename T>
+T* array(const nb::dict& arrays, const char* name, std::initializer_list<int64_t> shape,
+         nb::ndarray<>* found = nullptr) {
+  nb::object value = arrays[name];
+  if (value.is_none()) return nullptr;
+  nb::ndarray<> tensor = nb::cast<nb::ndarray<>>(value);
+  const auto wanted = std::is_same_v<std::remove_const_t<T>, uint8_t>
+                          ? nb::dtype<bool>()
+                          : nb::dtype<std::remove_const_t<T>>();
+  if (tensor.dtype() != wanted) refuse(name, "another dtype");
+  if (tensor.device_type() != nb::device::cpu::value) refuse(name, "a tensor on the CPU");
+  if (tensor.ndim() != shape.size()) refuse(name, "another number of dimensions");
+  int64_t stride = 1;
+  for (size_t axis = shape.size(); axis-- > 0;) {
+    const int64_t size = static_cast<int64_t>(tensor.shape(axis));
+    const int64_t expected = shape.begin()[axis];
+    if (expected != ANY && size != expected) refuse(name, "another shape");
+    if (size > 1 && tensor.stride(axis) != stride) refuse(name, "a contiguous tensor");
+    stride *= size;
+  }
+  if (found) *found = tensor;
+  return static_cast<T*>(tensor.data());
+}
+
+template <typename N>
+N number(const nb::dict& numbers, const char* name) {
+  return nb::cast<N>(numbers[name]);
+}
+
+template <typename T>
+ViewParameters<T> view_of(const nb::dict& arrays, const nb::dict& numbers) {
+  ViewParameters<T> view{};
+  const T* world_to_camera = array<const T>(arrays, "world_to_camera", {4, 4});
+  const T* intrinsics = array<const T>(arrays, "intrinsics", {3, 3});
+  for (int i = 0; i < 12; ++i) view.world_to_camera[i] = world_to_camera[i];
+  view.focal_x = intrinsics[0];
+  view.focal_y = intrinsics[4];
+  view.principal_x = intrinsics[2];
+  view.principal_y = intrinsics[5];
+  view.width = number<int>(numbers, "width");
+  view.height = number<int>(numbers, "height");
+  view.model = number<int>(numbers, "model");
+  view.jacobian_margin = number<T>(numbers, "jacobian_margin");
+  view.dilation = number<T>(numbers, "dilation");
+  view.compensation_min = number<T>(numbers, "compensation_min");
+  view.alpha_min = number<T>(numbers, "alpha_min");
+  view.near = number<T>(numbers, "near");
+  view.far = number<T>(numbers, "far");
+  view.length_max = number<T>(numbers, "length_max");
+  view.quaternion_min_norm = number<T>(numbers, "quaternion_min_norm");
+  view.antialias = number<bool>(numbers, "antialias");
+  return view;
+}
+
+template <typename T>
+SplatArrays<T> splats_of(const nb::dict& arrays, const nb::dict& numbers) {
+  SplatArrays<T> splats{};
+  nb::ndarray<> means, colors, rest, extra;
+  splats.means = array<const T>(arrays, "means", {ANY, 3}, &means);
+  const int64_t n = static_cast<int64_t>(means.shape(0));
+  splats.count = n;
+  splats.quats = array<const T>(arrays, "quats", {n, 4});
+  splats.scales = array<const T>(arrays, "scales", {n, 3});
+  splats.covariances = array<const T>(arrays, "covariances", {n, 3, 3});
+  splats.opacities = array<const T>(arrays, "opacities", {n});
+  splats.colors = array<const T>(arrays, "colors", {n, ANY}, &colors);
+  splats.color_stride = static_cast<int>(colors.shape(1));
+  splats.sh_degree = number<int>(numbers, "sh_degree");
+  splats.rest = array<const T>(arrays, "rest", {n, ANY}, &rest);
+  splats.rest_stride = splats.rest ? static_cast<int>(rest.shape(1)) : 0;
+  splats.extra = array<const T>(arrays, "extra", {n, ANY}, &extra);
+  splats.extras = splats.extra ? static_cast<int>(extra.shape(1)) : 0;
+  splats.color_channels = splats.sh_degree >= 0 ? 3 : splats.color_stride;
+  splats.depth_channels = number<int>(numbers, "depth_channels");
+  const int needed = 3 * (splats.sh_degree + 1) * (splats.sh_degree + 1);
+  if (splats.sh_degree > 4) refuse("sh_degree", "at most 4");
+  if (splats.sh_degree >= 0 && splats.color_stride + splats.rest_stride < needed) {
+    refuse("colors", "the coefficients of its degree");
+  }
+  if (splats.rest && (splats.sh_degree < 0 || splats.color_stride != 3)) {
+    refuse("rest", "one constant coefficient in colors");
+  }
+  if (!splats.covariances && !(splats.quats && splats.scales)) refuse("quats", "both forms given");
+  return splats;
+}
+
+template <typename T>
+CutOffs<T> cut_offs_of(const nb::dict& numbers) {
+  return {number<T>(numbers, "level_min"), number<T>(numbers, "alpha_cap"),
+          number<T>(numbers, "alpha_limit"), number<T>(numbers, "transmittance_min")};
+}
+
+/// A picture, with a hold on the arrays it was drawn from.
+template <typename T>
+class Handle {
+ public:
+  Handle(const nb::dict& arrays, const nb::dict& numbers, const nb::dict& outputs)
+      : arrays_(arrays), outputs_(outputs), request_{} {
+    request_.view = view_of<T>(arrays, numbers);
+    request_.splats = splats_of<T>(arrays, numbers);
+    request_.cut_offs = cut_offs_of<T>(numbers);
+    request_.most_pairs = number<int64_t>(numbers, "most_pairs");
+    request_.threads = number<int>(numbers, "threads");
+    const SplatArrays<T>& splats = request_.splats;
+    channels_ = splats.color_channels + splats.extras + splats.depth_channels;
+    request_.background = array<const T>(arrays, "background", {channels_});
+    const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
+    const DrawingOutputs<T> to = {array<T>(outputs, "image", {h, w, channels_}),
+                                  array<T>(outputs, "alpha", {h, w}),
+                                  array<uint8_t>(outputs, "visible", {n}),
+                                  array<T>(outputs, "radii", {n}),
+                                  array<T>(outputs, "contribution", {n})};
+    const nb::gil_scoped_release release;
+    drawing_ = std::make_unique<Drawing<T>>(request_, to);
+  }
+
+  void backward(const nb::dict& gradients) {
+    const SplatArrays<T>& splats = request_.splats;
+    const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
+    DrawingGradients<T> to{};
+    to.image = array<const T>(gradients, "image", {h, w, channels_});
+    to.alpha = array<const T>(gradients, "alpha", {h, w});
+    to.splats = {array<T>(gradients, "means", {n, 3}),
+                 array<T>(gradients, "quats", {n, 4}),
+                 array<T>(gradients, "scales", {n, 3}),
+                 array<T>(gradients, "covariances", {n, 3, 3}),
+                 array<T>(gradients, "opacities", {n}),
+                 array<T>(gradients, "colors", {n, splats.color_stride}),
+                 array<T>(gradients, "rest", {n, splats.rest_stride}),
+                 array<T>(gradients, "extra", {n, splats.extras})};
+    to.accumulate = number<bool>(gradients, "accumulate");
+    to.pose = array<T>(gradients, "pose", {POSE_FIELDS});
+    to.screen_gradient = array<T>(gradients, "screen_gradient", {n});
+    to.absgrad = array<T>(gradients, "absgrad", {n});
+    const nb::gil_scoped_release release;
+    drawing_->backward(to);
+  }
+
+  /// CPU and wall milliseconds of each stage.
+  nb::dict times() const {
+    static const char* const NAMES[STAGES] = {"project", "sort",           "bin",
+                                              "blend",   "blend_backward", "project_backward"};
+    nb::dict result;
+    for (int stage = 0; stage < STAGES; ++stage) {
+      const StageTime& time = drawing_->times()[stage];
+      result[NAMES[stage]] = nb::make_tuple(double(time.cpu) * 1e-6, double(time.wall) * 1e-6);
+    }
+    return result;
+  }
+
+  int64_t pairs() const { return drawing_->pairs(); }
+
+ private:
+  nb::dict arrays_, outputs_;
+  DrawingRequest<T> request_;
+  int64_t channels_ = 0;
+  std::unique_ptr<Drawing<T>> drawing_;
+};
+
+template <typename T>
+void bind_handle(nb::module_& module, const char* name) {
+  nb::class_<Handle<T>>(module, name, "One camera's picture, and its way back.")
+      .def(nb::init<const nb::dict&, const nb::dict&, const nb::dict&>(), nb::arg("arrays"),
+           nb::arg("numbers"), nb::arg("outputs"))
+      .def("backward", &Handle<T>::backward, nb::arg("gradients"))
+      .def("times", &Handle<T>::times)
+      .def_prop_ro("pairs", &Handle<T>::pairs);
+}
+
+}  // namespace
+
+void bind_drawing(nb::module_& module) {
+  bind_handle<float>(module, "DrawingFloat32");
+  bind_handle<double>(module, "DrawingFloat64");
+  static nb::exception<TooManyPairs> too_many(module, "TooManyPairs", PyExc_RuntimeError);
+  nb::register_exception_translator([](const std::exception_ptr& error, void*) {
+    try {
+      std::rethrow_exception(error);
+    } catch (const TooManyPairs& refused) {
+      PyErr_SetObject(too_many.ptr(), PyLong_FromLongLong(refused.count));
+    }
+  });
+  module.attr("PAIR_BYTES") = PAIR_BYTES;
+  module.attr("POSE_FIELDS") = POSE_FIELDS;
+  module.def("release_drawing_memory", &release_drawing_memory,
+             "Free the memory that is kept from picture to picture.");
+}
+
+}  // namespace gsfw

@@ -1,0 +1,101 @@
+// Memory that is kept from one picture to the next: fresh pages cost more than what is drawn in them.
+#pragma once
+
+#include <cstddef>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <mutex>
+#include <new>
+#include <utility>
+#include <vector>
+
+namespace gsfw {
+
+/// An array that only grows, without keeping its contents; aligned to a cache line.
+template <typename T>
+class Buffer {
+ public:
+  Buffer() = default;
+  Buffer(const Buffer&) = delete;
+  Buffer& operator=(const Buffer&) = delete;
+  ~Buffer() { release(); }
+
+  /// Room for ``size`` elements; throws std::bad_alloc.
+  T* reserve(size_t size) {
+    if (size > size_) {
+      release();
+      const size_t wanted = size + size / 8;
+      data_ = static_cast<T*>(::operator new(wanted * sizeof(T), std::align_val_t{64}));
+      size_ = wanted;
+    }
+    return data_;
+  }
+
+  /// The same, keeping the first ``used`` elements; grows in steps that double.
+  T* grow(size_t used, size_t size) {
+    if (size > size_) {
+      Buffer larger;
+      larger.reserve(size > 2 * size_ ? size : 2 * size_);
+      if (used) std::memcpy(larger.data_, data_, used * sizeof(T));
+      std::swap(data_, larger.data_);
+      std::swap(size_, larger.size_);
+    }
+    return data_;
+  }
+
+  T* get() const { return data_; }
+  size_t bytes() const { return size_ * sizeof(T); }
+
+ private:
+  void release() {
+    if (data_) ::operator delete(data_, std::align_val_t{64});
+    data_ = nullptr;
+    size_ = 0;
+  }
+
+  T* data_ = nullptr;
+  size_t size_ = 0;
+};
+
+/// Hands out objects that nobody uses, and makes new ones when there are none.
+template <typename W>
+class Recycler {
+ public:
+  struct Return {
+    void operator()(W* object) const { Recycler::instance().give(object); }
+  };
+  using Lease = std::unique_ptr<W, Return>;
+
+  /// Never destroyed: a lease may outlive every other static object.
+  static Recycler& instance() {
+    static Recycler* only = new Recycler;
+    return *only;
+  }
+
+  Lease take() {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (idle_.empty()) return Lease(new W);
+    W* object = idle_.back();
+    idle_.pop_back();
+    return Lease(object);
+  }
+
+  /// Free what nobody uses.
+  void clear() {
+    std::lock_guard<std::mutex> lock(mutex_);
+    for (W* object : idle_) delete object;
+    idle_.clear();
+  }
+
+ private:
+  void give(W* object) {
+    std::lock_guard<std::mutex> lock(mutex_);
+    idle_.push_back(object);
+  }
+
+  std::mutex mutex_;
+  std::vector<W*> idle_;
+};
+
+}  // namespace gsfw

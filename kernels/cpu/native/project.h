@@ -1,0 +1,129 @@
+// Project: from splats to brushes, the ellipses with which one camera's picture is painted.
+#pragma once
+
+#include "view.h"
+
+namespace gsfw {
+namespace GSFW_ISA {
+
+/// The first fields of a group's brushes, which are those of the ellipse.
+template <typename T>
+GSFW_FUNCTION void ellipse_fields(const Projection<Pack<T>>& splat, const Pack<T>& level,
+                                  const Pack<T>& log_visibility, const Extent<Pack<T>>& extent,
+                                  Pack<T>* fields) {
+  using N = Pack<T>;
+  const Whitening<N> scaled = scale_for_binary(whiten(splat.covariance, splat.determinant));
+  const N reach = N(2.0) * maximum(N(0.0), log_visibility);
+  const Symmetric2<N>& c = splat.covariance;
+  fields[BRUSH_X] = splat.mean.x;
+  fields[BRUSH_Y] = splat.mean.y;
+  fields[BRUSH_R] = scaled.r;
+  fields[BRUSH_WK] = -(scaled.w * scaled.k);
+  fields[BRUSH_W] = scaled.w;
+  fields[BRUSH_LEVEL] = level;
+  fields[BRUSH_TILT] = c.xy / c.yy;
+  fields[BRUSH_TURN] = c.xy * square_root(reach / c.xx);
+  fields[BRUSH_NARROW] = square_root(reach * (splat.determinant / c.yy));
+  fields[BRUSH_HEIGHT] = extent.half.y;
+  fields[BRUSH_WIDTH] = extent.half.x;
+}
+
+/// The channels of a group of rows, one after the other.
+template <typename T>
+struct ChannelReader {
+  const SplatArrays<T>& splats;
+  RowGroup rows;
+  /// Of SH, already clamped.
+  Pack<T> sh_color[3];
+  Pack<T> depth;
+
+  GSFW_FUNCTION Pack<T> operator[](int channel) const {
+    const int extra = channel - splats.color_channels, beyond = extra - splats.extras;
+    if (extra < 0 && splats.sh_degree >= 0) return sh_color[channel];
+    if (extra < 0) {
+      return load_strided(splats.colors + rows.first * splats.color_stride + channel,
+                          splats.color_stride, rows.count);
+    }
+    if (beyond < 0) {
+      return load_strided(splats.extra + rows.first * splats.extras + extra, splats.extras,
+                          rows.count);
+    }
+    return beyond == 0 ? depth : Pack<T>(1.0);
+  }
+};
+
+/// The colours of a group of rows: max(0, 0.5 + sum of coefficient times basis).
+template <typename T>
+GSFW_FUNCTION void sh_colors(const SplatArrays<T>& splats, const RowGroup& rows, uint32_t visible,
+                             const Vector3<Pack<T>>& direction, Pack<T>* colors) {
+  Pack<T> basis[SH_COEFFICIENTS], sums[3];
+  ShCoefficients<T> coefficients;
+  sh_basis(splats.sh_degree, direction, basis);
+  load_sh(splats, rows, visible, coefficients);
+  sum_sh(splats.sh_degree, coefficients, basis, sums);
+  for (int c = 0; c < 3; ++c) colors[c] = sh_color(sums[c]);
+}
+
+/// Write the brushes of a group of rows where they are visible; ``fields`` has those of the ellipse.
+template <typename T>
+GSFW_FUNCTION void write_brushes(const ProjectJob<T>& job, const RowGroup& rows, uint32_t visible,
+                                 const ChannelReader<T>& channel, Pack<T>* fields) {
+  const SplatArrays<T>& splats = job.splats;
+  const int channels = splats.color_channels + splats.extras + splats.depth_channels;
+  int next = 0;
+  for (int block = 0; block < job.stride; block += LANES) {
+    for (int k = block == 0 ? int(BRUSH_CHANNELS) : 0; k < LANES; ++k) {
+      fields[k] = next < channels ? channel[next] : Pack<T>(0.0);
+      ++next;
+    }
+    store_fields(job.brushes, job.stride, rows, visible, block, block + LANES, false, fields);
+  }
+}
+
+/// Project a group of rows.
+template <typename T, typename Shape>
+GSFW_FUNCTION void project_rows(const ProjectJob<T>& job, const Camera<Pack<T>>& camera,
+                                const Settings<Pack<T>>& settings, const RowGroup& rows,
+                                const Shape& shape) {
+  using N = Pack<T>;
+  const Vector3<N> mean = load_vector(job.splats.means, rows);
+  const N opacity = load_strided(job.splats.opacities + rows.first, 1, rows.count);
+  const Projection<N> splat = project(mean, shape, opacity, camera, settings);
+  const N level = logarithm_of_two(maximum(splat.opacity, N(OPACITY_MIN)));
+  const N log_visibility = N(0.6931471805599453) * (level - N(job.level_min));
+  const Extent<N> extent = visible_extent(splat, log_visibility, camera, settings);
+  const LaneMask<T> lanes = first_lanes<T>(rows.count);
+  const LaneMask<T> seen = extent.visible & lanes;
+  const uint32_t visible = bits_of(seen);
+  for (int i = 0; i < rows.count; ++i) job.visible[rows.first + i] = visible >> i & 1;
+  store_strided(job.radii + rows.first, 1, lanes,
+                keep(seen, maximum(extent.half.x, extent.half.y)));
+  if (!visible) return;
+  store_strided(job.depths + rows.first, 1, seen, splat.depth);
+  ChannelReader<T> channels{job.splats, rows, {}, splat.depth};
+  if (job.splats.sh_degree >= 0) {
+    const Vector3<N> direction = view_direction(mean, camera_center(camera));
+    sh_colors(job.splats, rows, visible, direction, channels.sh_color);
+  }
+  N fields[LANES];
+  ellipse_fields(splat, level, log_visibility, extent, fields);
+  write_brushes(job, rows, visible, channels, fields);
+}
+
+/// Project rows ``begin`` to ``end``.
+template <typename T>
+void project_task(const ProjectJob<T>& job, int64_t begin, int64_t end) {
+  const Camera<Pack<T>> camera = camera_of(job.view);
+  const Settings<Pack<T>> settings = settings_of(job.view);
+  for (int64_t row = begin; row < end; row += LANES) {
+    const RowGroup rows = rows_from(row, end);
+    if (job.splats.covariances) {
+      project_rows(job, camera, settings, rows, load_covariances(job.splats, rows));
+    } else {
+      project_rows(job, camera, settings, rows, load_axes(job.splats, rows));
+    }
+  }
+}
+
+}  // namespace GSFW_ISA
+}  // namespace gsfw

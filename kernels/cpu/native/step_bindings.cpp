@@ -1,0 +1,138 @@
+// The step besides drawing, as Python sees it: arrays of the caller's, neither copied nor converted.
+#include "bindings.h"
+
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+
+#include <optional>
+#include <stdexcept>
+
+#include "step.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace gsfw {
+namespace {
+
+template <typename T>
+using Pictures = nb::ndarray<T, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
+using Valid = nb::ndarray<const uint8_t, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
+template <typename T>
+using Rows = nb::ndarray<T, nb::ndim<2>, nb::device::cpu>;
+using Indices = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+template <typename T>
+using Numbers = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+void require(bool fits, const char* complaint) {
+  if (!fits) throw std::invalid_argument(complaint);
+}
+
+template <typename A, typename B>
+bool same_shape(const A& a, const B& b, size_t axes) {
+  for (size_t axis = 0; axis < axes; ++axis) {
+    if (a.shape(axis) != b.shape(axis)) return false;
+  }
+  return true;
+}
+
+template <typename T>
+Comparison<T> comparison(const Pictures<const T>& rendered, const Pictures<const T>& target,
+                         const std::optional<Valid>& valid) {
+  require(same_shape(rendered, target, 4), "rendered and target are not of one shape");
+  require(!valid || (same_shape(rendered, *valid, 3) && valid->shape(3) == 1),
+          "valid does not fit the pictures");
+  return {rendered.data(),
+          target.data(),
+          valid ? valid->data() : nullptr,
+          int64_t(rendered.shape(0)),
+          int64_t(rendered.shape(1)),
+          int64_t(rendered.shape(2)),
+          int64_t(rendered.shape(3))};
+}
+
+template <typename T>
+std::pair<double, double> l1_dssim(const Pictures<const T>& rendered,
+                                   const Pictures<const T>& target,
+                                   const std::optional<Valid>& valid,
+                                   const std::optional<Pictures<T>>& gradient, int threads) {
+  const Comparison<T> pictures = comparison<T>(rendered, target, valid);
+  require(!gradient || same_shape(rendered, *gradient, 4), "gradient does not fit the pictures");
+  T* const to = gradient ? gradient->data() : nullptr;
+  nb::gil_scoped_release unlocked;
+  const Losses losses = l1_dissimilarity(pictures, to, threads);
+  return {losses.l1, losses.dissimilarity};
+}
+
+template <typename T>
+void l1_dssim_backward(const Pictures<const T>& rendered, const Pictures<const T>& target,
+                       const std::optional<Valid>& valid, const Pictures<const T>& dssim_gradient,
+                       double l1, double dssim, const Pictures<T>& gradient, int threads) {
+  const Comparison<T> pictures = comparison<T>(rendered, target, valid);
+  require(same_shape(rendered, dssim_gradient, 4) && same_shape(rendered, gradient, 4),
+          "a gradient does not fit the pictures");
+  const T* const from = dssim_gradient.data();
+  T* const to = gradient.data();
+  nb::gil_scoped_release unlocked;
+  loss_gradient(pictures, from, l1, dssim, to, threads);
+}
+
+template <typename T>
+StridedRows<T> strided(const Rows<T>& rows) {
+  require(rows.shape(1) < 2 || rows.stride(1) == 1, "the numbers of a row lie apart");
+  return {rows.data(), rows.stride(0)};
+}
+
+template <typename T>
+void adam(const Rows<T>& values, const Rows<const T>& gradient, const Rows<T>& first,
+          const Rows<T>& second, const std::optional<Indices>& rows, double beta1, double beta2,
+          double bias2, double rate, double epsilon, double gradient_limit, int threads) {
+  require(same_shape(values, gradient, 2) && same_shape(values, first, 2) &&
+              same_shape(values, second, 2),
+          "values, gradient and moments are not of one shape");
+  AdamJob<T> job = {strided<T>(values), strided<const T>(gradient), strided<T>(first),
+                    strided<T>(second), int64_t(values.shape(1)), rows ? rows->data() : nullptr,
+                    T(1.0 - beta1), T(1) - T(1.0 - beta2), T(1.0 - beta2), T(bias2), T(rate),
+                    T(epsilon), T(gradient_limit)};
+  const int64_t count = rows ? int64_t(rows->shape(0)) : int64_t(values.shape(0));
+  for (int64_t i = 0; rows && i < count; ++i) {
+    require(job.rows[i] >= 0 && job.rows[i] < int64_t(values.shape(0)), "there is no such row");
+  }
+  nb::gil_scoped_release unlocked;
+  adam_step(job, count, threads);
+}
+
+template <typename T>
+bool is_all_finite(const Numbers<T>& numbers, int threads) {
+  const T* const data = numbers.data();
+  const int64_t count = int64_t(numbers.size());
+  nb::gil_scoped_release unlocked;
+  return all_finite(data, count, threads);
+}
+
+template <typename T>
+void bind_type(nb::module_& module) {
+  module.def("l1_dssim", &l1_dssim<T>, "rendered"_a.noconvert(), "target"_a.noconvert(),
+             "valid"_a.noconvert().none(), "gradient"_a.noconvert().none(), "threads"_a,
+             "Mean absolute difference and 1 - SSIM; the latter's gradient goes to ``gradient``.");
+  module.def("l1_dssim_backward", &l1_dssim_backward<T>, "rendered"_a.noconvert(),
+             "target"_a.noconvert(), "valid"_a.noconvert().none(), "dssim_gradient"_a.noconvert(),
+             "l1"_a, "dssim"_a, "gradient"_a.noconvert(), "threads"_a,
+             "Write to ``gradient`` what flows back for these gradients of the two losses.");
+  module.def("adam", &adam<T>, "values"_a.noconvert(), "gradient"_a.noconvert(),
+             "first"_a.noconvert(), "second"_a.noconvert(), "rows"_a.noconvert().none(), "beta1"_a,
+             "beta2"_a, "bias2"_a, "rate"_a, "epsilon"_a, "gradient_limit"_a, "threads"_a,
+             "One step of Adam in place, over all rows or over some.");
+  module.def("all_finite", &is_all_finite<T>, "numbers"_a.noconvert(), "threads"_a,
+             "Whether no number is infinite or NaN.");
+}
+
+}  // namespace
+
+void bind_step(nb::module_& module) {
+  bind_type<float>(module);
+  bind_type<double>(module);
+}
+
+}  // namespace gsfw

@@ -1,0 +1,98 @@
+// What the native step besides drawing is asked to do: plain structures, the same in every
+// translation unit, and one table of functions per instruction set and type.
+#pragma once
+
+#include <stdint.h>
+
+namespace gsfw {
+
+/// Taps of the window of SSIM on one side, and all of them.
+constexpr int SSIM_REACH = 5;
+constexpr int SSIM_TAPS = 2 * SSIM_REACH + 1;
+
+/// Pictures that are compared. A row is width * channels numbers, channels interleaved.
+template <typename T>
+struct Comparison {
+  /// [c, h, w, d], and so is the target.
+  const T* rendered;
+  const T* target;
+  /// [c, h, w], 1 where a pixel counts and 0 elsewhere; null when all do.
+  const uint8_t* valid;
+  int64_t pictures, height, width, channels;
+
+  int64_t row_length() const { return width * channels; }
+};
+
+/// L1 and 1 - SSIM of pictures, summed row by row, and the gradient of SSIM.
+template <typename T>
+struct SsimJob {
+  Comparison<T> pictures;
+  /// Half the window: the centre is the last.
+  T window[SSIM_REACH + 1];
+  /// Constants c1 and c2 of SSIM.
+  T c1, c2;
+  /// [c, h, w, d]: ``gradient_scale`` times that of the summed SSIM; null when not asked for.
+  T* gradient;
+  T gradient_scale;
+  /// [c * h, strips] each: sums over a row's part in one strip.
+  double* l1_sums;
+  double* lack_sums;
+  /// Numbers of a row that are one strip, a multiple of 16, and how many strips a row has.
+  int64_t strip_length, strips;
+};
+
+/// What one task of SSIM does: rows [top, bottom) of one picture within one strip.
+struct SsimTask {
+  int64_t picture, top, bottom, strip;
+};
+
+/// From the gradients of the two losses to that of the rendered picture.
+template <typename T>
+struct LossGradientJob {
+  Comparison<T> pictures;
+  /// [c, h, w, d]: gradient of the dissimilarity.
+  const T* dissimilarity;
+  /// Factor of the sign of the difference, and of ``dissimilarity``.
+  T l1_scale, dissimilarity_scale;
+  /// [c, h, w, d]
+  T* gradient;
+};
+
+/// Rows that may lie apart: row r begins at ``data + r * stride``.
+template <typename T>
+struct StridedRows {
+  T* data;
+  int64_t stride;
+};
+
+/// One step of Adam over some rows.
+template <typename T>
+struct AdamJob {
+  StridedRows<T> values;
+  StridedRows<const T> gradient;
+  StridedRows<T> first, second;
+  /// Numbers of a row.
+  int64_t width;
+  /// [count]: the rows to touch; null for all of them in order.
+  const int64_t* rows;
+  /// 1 - beta1, beta2 and 1 - beta2.
+  T weight1, decay2, weight2;
+  /// Second moments are divided by it.
+  T bias2;
+  /// Learning rate over the bias correction of the first moments.
+  T rate;
+  T epsilon;
+  T gradient_limit;
+};
+
+/// See ssim.h, adam.h and finite.h.
+template <typename T>
+struct StepKernels {
+  int64_t (*ssim_scratch)(const SsimJob<T>& job);
+  void (*ssim)(const SsimJob<T>& job, const SsimTask& task, T* scratch);
+  void (*loss_gradient)(const LossGradientJob<T>& job, int64_t begin, int64_t end);
+  void (*adam)(const AdamJob<T>& job, int64_t begin, int64_t end);
+  bool (*all_finite)(const T* numbers, int64_t count);
+};
+
+}  // namespace gsfw

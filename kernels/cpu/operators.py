@@ -1,0 +1,157 @@
+"""The heavy parts of a step in native code; what it does not serve goes to the torch defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+from torch.autograd import forward_ad
+from torch.autograd.graph import increment_version
+
+from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Operators
+from gsfw.kernels.cpu.native_module import native
+from gsfw.kernels.cpu.threads import num_threads
+
+DTYPES = (torch.float32, torch.float64)
+
+
+class CpuOperators(Operators):
+    """Operators over SIMD kernels; the same bits for any number of threads."""
+
+    @classmethod
+    def preference(cls, device: torch.device) -> int | None:
+        """10 on the CPU where the native module is there."""
+        return 10 if device.type == "cpu" and native() is not None else None
+
+    def l1_dssim(
+        self,
+        rendered: Float[Tensor, "c h w d"],
+        target: Float[Tensor, "c h w d"],
+        valid: Bool[Tensor, "c h w 1"] | None = None,
+    ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
+        """Mean absolute difference, and 1 - SSIM, over the valid pixels; both differentiable."""
+        pictures = [rendered, target]
+        masks = [] if valid is None else [valid]
+        served = _served(pictures) and all(mask.device.type == "cpu" for mask in masks)
+        if not served or target.requires_grad or _tangents(pictures) or rendered.numel() == 0:
+            return super().l1_dssim(rendered, target, valid)
+        mask = None if valid is None else valid.contiguous().view(torch.uint8)
+        return _L1Dssim.apply(rendered.contiguous(), target.contiguous(), mask)
+
+    @torch.no_grad()
+    def adam_(
+        self,
+        values: Tensor,
+        gradient: Tensor,
+        moments: AdamMoments,
+        rate: float,
+        settings: AdamSettings,
+        finite: Bool[Tensor, ""],
+        rows: Int[Tensor, " r"] | None = None,
+    ) -> None:
+        """One step of Adam, in place, in one pass over memory."""
+        tables = _rows_of([values, gradient, moments.first, moments.second])
+        if tables is None or (rows is not None and not _listed(rows)):
+            super().adam_(values, gradient, moments, rate, settings, finite, rows)
+            return
+        moments.count += finite
+        if not finite:
+            return
+        steps = float(moments.count)
+        _module().adam(
+            *tables,
+            rows,
+            beta1=settings.beta1,
+            beta2=settings.beta2,
+            bias2=1.0 - settings.beta2**steps,
+            rate=rate / (1.0 - settings.beta1**steps),
+            epsilon=settings.epsilon,
+            gradient_limit=GRADIENT_LIMIT,
+            threads=num_threads(),
+        )
+        increment_version([values, moments.first, moments.second])
+
+    def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
+        """Whether no number of any tensor is infinite or NaN."""
+        served = [tensor for tensor in tensors if _served([tensor]) and tensor.is_contiguous()]
+        others = [tensor for tensor in tensors if all(tensor is not one for one in served)]
+        module, threads = _module(), num_threads()
+        finite = torch.tensor(
+            all(module.all_finite(tensor.detach().view(-1), threads) for tensor in served)
+        )
+        return finite & super().all_finite(others) if others else finite
+
+
+class _L1Dssim(torch.autograd.Function):
+    """Both losses; forward also computes what backward then only scales."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        rendered: Float[Tensor, "c h w d"],
+        target: Float[Tensor, "c h w d"],
+        valid: Tensor | None,
+    ) -> tuple[Tensor, Tensor]:
+        gradient = torch.empty_like(target) if ctx.needs_input_grad[0] else None
+        losses = _module().l1_dssim(
+            rendered.detach(), target.detach(), valid, gradient, num_threads()
+        )
+        ctx.save_for_backward(rendered, target, valid, gradient)
+        l1, dssim = target.new_tensor(losses)
+        return l1, dssim
+
+    @staticmethod
+    def backward(ctx: Any, l1: Tensor, dssim: Tensor) -> tuple[Tensor | None, None, None]:  # noqa: ANN401
+        rendered, target, valid, dssim_gradient = ctx.saved_tensors
+        if torch.is_grad_enabled():  # This gradient is to be differentiated again.
+            mask = None if valid is None else valid.view(torch.bool)
+            losses = Operators().l1_dssim(rendered, target, mask)
+            (gradient,) = torch.autograd.grad(losses, rendered, (l1, dssim), create_graph=True)
+            return gradient, None, None
+        gradient = torch.empty_like(target)
+        _module().l1_dssim_backward(
+            rendered.detach(),
+            target.detach(),
+            valid,
+            dssim_gradient,
+            float(l1),
+            float(dssim),
+            gradient,
+            num_threads(),
+        )
+        return gradient, None, None
+
+
+def _module() -> Any:  # noqa: ANN401 - the module's stub is for its own users
+    module = native()
+    assert module is not None, "these operators are chosen only where the module is there"
+    return module
+
+
+def _served(tensors: Sequence[Tensor]) -> bool:
+    """Whether native code takes numbers of this kind from this place."""
+    kinds = {(tensor.dtype, tensor.device.type, tensor.layout) for tensor in tensors}
+    return len(kinds) == 1 and kinds <= {(dtype, "cpu", torch.strided) for dtype in DTYPES}
+
+
+def _tangents(tensors: Sequence[Tensor]) -> bool:
+    """Whether derivatives are carried forward, which only plain torch does."""
+    return any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)
+
+
+def _listed(rows: Tensor) -> bool:
+    return rows.dtype == torch.int64 and rows.device.type == "cpu" and rows.is_contiguous()
+
+
+def _rows_of(tensors: Sequence[Tensor]) -> list[Tensor] | None:
+    """The same memory as tables [n, m], rows at any distance; ``None`` where that cannot be."""
+    if not _served(tensors) or any(tensor.shape != tensors[0].shape for tensor in tensors):
+        return None
+    if tensors[0].numel() == 0 or tensors[0].dim() == 0:
+        return None
+    if any(not tensor[0].is_contiguous() for tensor in tensors):
+        return None
+    return [tensor.detach().view(len(tensor), -1) for tensor in tensors]

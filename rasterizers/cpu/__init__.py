@@ -1,0 +1,1 @@
+"""The CPU rasterizer: native code with SIMD, the default where there is no GPU."""

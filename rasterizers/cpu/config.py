@@ -1,0 +1,36 @@
+"""Settings of the CPU rasterizer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from gsfw.core.capabilities import Capabilities
+from gsfw.core.config import RasterizerConfig
+from gsfw.core.errors import ConfigError
+from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
+
+
+@dataclass
+class CpuConfig(RasterizerConfig):
+    """Settings of the CPU rasterizer."""
+
+    pairs_mb: float = 4096.0
+    """Memory that the list of splats per tile may take, in megabytes; more is refused."""
+
+    def capabilities(self) -> Capabilities:
+        """What it can do on this machine."""
+        return CpuRasterizer.capabilities()
+
+    def build(self, device: torch.device) -> CpuRasterizer:
+        """The rasterizer; ``device`` has been checked to be the CPU.
+
+        Raises:
+            ConfigError: an amount of memory is not positive.
+        """
+        if not self.pairs_mb > 0:
+            raise ConfigError(
+                f"rasterizer.pairs_mb={self.pairs_mb:g}: expected a number of megabytes above 0."
+            )
+        return CpuRasterizer(self.pairs_mb)

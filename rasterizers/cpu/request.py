@@ -1,0 +1,128 @@
+"""Request: what is asked of the native kernels, in their own terms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.errors import ConfigError
+from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, QUATERNION_MIN_NORM, NumericsProfile
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import Depth, RenderSettings
+from gsfw.core.splats import Sh, Splats
+from gsfw.kernels.cpu.native_module import native
+from gsfw.kernels.cpu.threads import num_threads
+
+MODELS = {CameraModel.PINHOLE: 0, CameraModel.ORTHOGRAPHIC: 1, CameraModel.FISHEYE: 2}
+"""As ``CameraModel`` of kernels/shared/camera.h numbers them."""
+
+DEPTH_CHANNELS = {Depth.NONE: 0, Depth.ACCUMULATED: 1, Depth.EXPECTED: 2}
+"""Channels drawn for depth: depth itself, and the sum of weights, of which 1 - transmittance has no
+digits where it is small."""
+
+MOST_SLOTS = 2**32 - 1
+"""Pairs that 32-bit slots can number."""
+
+DTYPES = (torch.float32, torch.float64)
+
+
+@dataclass(frozen=True)
+class Request:
+    """One call of ``render``."""
+
+    cameras: Cameras
+    background: Tensor
+    """[d]: of every channel that is drawn, zeros for those that have none."""
+    numbers: dict[str, float | int | bool]
+    """Everything that is a plain number, by the name the native module gives it."""
+    statistics: RenderStatistics
+    pairs_mb: float
+
+    def refuse(self, pairs: int) -> ConfigError:
+        """Why a picture with this many pairs is not drawn."""
+        module = native()
+        assert module is not None
+        size = f"{pairs * module.PAIR_BYTES} bytes for {pairs} pairs of a splat and a tile"
+        advice = "Draw a smaller image, keep splats from growing this large, or raise the limit."
+        if pairs > MOST_SLOTS:
+            advice = f"No more than {MOST_SLOTS} pairs can be numbered: draw a smaller image."
+        return ConfigError(
+            f"this picture needs {size} that it reaches; rasterizer.pairs_mb={self.pairs_mb:g} "
+            "does not allow that.",
+            advice,
+        )
+
+
+def request_of(
+    splats: Splats,
+    cameras: Cameras,
+    settings: RenderSettings,
+    statistics: RenderStatistics,
+    pairs_mb: float,
+) -> Request:
+    """Put a call of ``render`` into the kernels' terms.
+
+    Raises:
+        ValueError: the splats are neither float32 nor float64.
+    """
+    if splats.means.dtype not in DTYPES:
+        raise ValueError(f"splats.means: expected float32 or float64, found {splats.means.dtype}")
+    module = native()
+    assert module is not None
+    extras = 0 if splats.extra is None else splats.extra.shape[1]
+    depth_channels = DEPTH_CHANNELS[settings.depth]
+    background = splats.means.new_zeros(splats.channels + extras + depth_channels)
+    if settings.background is not None and not settings.background.requires_grad:
+        background[: splats.channels] = settings.background
+    numbers = _numbers(settings, splats.means.dtype)
+    numbers |= {
+        "width": cameras.width,
+        "height": cameras.height,
+        "model": MODELS[cameras.model],
+        "sh_degree": splats.colors.degree if isinstance(splats.colors, Sh) else -1,
+        "depth_channels": depth_channels,
+        "most_pairs": min(int(pairs_mb * 2**20) // module.PAIR_BYTES, MOST_SLOTS),
+        "threads": num_threads(),
+    }
+    return Request(cameras, background, numbers, statistics, pairs_mb)
+
+
+def _numbers(settings: RenderSettings, dtype: torch.dtype) -> dict[str, float | int | bool]:
+    profile = settings.profile
+    return {
+        "jacobian_margin": profile.jacobian_margin,
+        "dilation": profile.dilation,
+        "compensation_min": profile.compensation_min,
+        "alpha_min": profile.alpha_min,
+        "near": max(settings.near, DEPTH_MIN),
+        "far": settings.far,
+        "length_max": LENGTH_MAX,
+        "quaternion_min_norm": QUATERNION_MIN_NORM,
+        "antialias": settings.antialias,
+        "transmittance_min": profile.transmittance_min,
+        **_alpha_cut_offs(profile, dtype),
+    }
+
+
+def _alpha_cut_offs(profile: NumericsProfile, dtype: torch.dtype) -> dict[str, float]:
+    """The cut-offs of alpha as bounds that are exact in ``dtype``."""
+    least, most = torch.tensor([profile.alpha_min, profile.alpha_max], dtype=dtype)
+    if profile.alpha_min > 0:
+        # Alpha is compared by its logarithm, one rounding of which may not hide a splat.
+        level = torch.tensor(math.log2(least.item()), dtype=dtype)
+        level_min = level.nextafter(level.new_tensor(-math.inf)).item()
+    else:
+        level_min = -1e30
+    if profile.alpha_max >= 1:  # What passes stays one rounding above 0, as in the reference.
+        return {
+            "level_min": level_min,
+            "alpha_cap": 1.0 - torch.finfo(dtype).eps,
+            "alpha_limit": 2.0,
+        }
+    # A clamped alpha must differ from one that just reaches the clamp, which has its gradient.
+    above = most.nextafter(most.new_tensor(2.0)).item()
+    return {"level_min": level_min, "alpha_cap": above, "alpha_limit": most.item()}

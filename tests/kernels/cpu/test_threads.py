@@ -1,0 +1,91 @@
+"""The number of threads."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from gsfw.kernels.cpu import threads
+from gsfw.kernels.cpu.threads import num_threads, quotas
+
+
+@pytest.fixture(autouse=True)
+def _fresh_limits() -> Iterator[None]:
+    def forget() -> None:
+        threads._cores.cache_clear()
+        threads._quota.cache_clear()
+
+    forget()
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+    forget()
+
+
+@pytest.fixture
+def eight_cores(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Eight cores and no limit but those that the test puts into the folder."""
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(8)), raising=False)
+    monkeypatch.setattr(threads, "CONTROL_GROUPS", tmp_path)
+    monkeypatch.setattr(threads, "MEMBERSHIP", tmp_path / "membership")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    (tmp_path / "membership").write_text("0::/work/mine\n")
+    return tmp_path
+
+
+def write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def test_torch_says_how_many(eight_cores):
+    for wanted in (1, 3):
+        torch.set_num_threads(wanted)
+        assert num_threads() == wanted
+
+
+def test_no_more_than_the_cores_that_this_process_may_use(eight_cores):
+    torch.set_num_threads(20)
+    assert num_threads() == 8
+
+
+@pytest.mark.parametrize("group", ["", "work", "work/mine"])
+def test_a_quota_of_the_group_or_its_parents_is_a_limit(eight_cores, group):
+    write(eight_cores / group / "cpu.max", "250000 100000\n")
+    torch.set_num_threads(6)
+    assert num_threads() == 3
+
+
+def test_a_quota_below_one_core_leaves_one_thread(eight_cores):
+    write(eight_cores / "cpu.max", "20000 100000\n")
+    torch.set_num_threads(6)
+    assert num_threads() == 1
+
+
+def test_no_quota_is_no_limit(eight_cores):
+    write(eight_cores / "cpu.max", "max 100000\n")
+    torch.set_num_threads(6)
+    assert num_threads() == 6
+
+
+def test_what_the_user_chose_overrules_the_quota(eight_cores, monkeypatch):
+    write(eight_cores / "cpu.max", "100000 100000\n")
+    monkeypatch.setenv("OMP_NUM_THREADS", "6")
+    torch.set_num_threads(6)
+    assert num_threads() == 6
+
+
+def test_where_there_are_no_control_groups_there_is_no_quota(eight_cores):
+    (eight_cores / "membership").unlink()
+    torch.set_num_threads(6)
+    assert num_threads() == 6
+
+
+def test_quotas_of_version_1_have_a_file_for_each_number(tmp_path):
+    membership = "12:memory:/box\n4:cpu,cpuacct:/box\n1:name=systemd:/box\n0::/\n"
+    write(tmp_path / "cpu/box/cpu.cfs_quota_us", "150000\n")
+    write(tmp_path / "cpu/box/cpu.cfs_period_us", "100000\n")
+    write(tmp_path / "cpu/cpu.cfs_quota_us", "-1\n")
+    write(tmp_path / "cpu/cpu.cfs_period_us", "100000\n")
+    assert list(quotas(tmp_path, membership)) == [2]
