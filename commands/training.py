@@ -17,6 +17,7 @@ from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
 from gsfw.core.run_folder import RunFolder
 from gsfw.core.trainer import Trainer
+from gsfw.kernels.cpu.native_module import keep_freed_memory
 from gsfw.plugins.automatic import load, load_all
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry, installed
@@ -48,6 +49,7 @@ def run_training(trainer: Trainer, console: Console) -> int:
         TrainingError: the GPU's memory is full, or steps are no longer finite.
     """
     folder = trainer.folder
+    keep_freed_memory()
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
         with stop_on_signal(trainer.control) as interrupt, tracebacks_in(folder):

@@ -32,12 +32,16 @@ class RowStatistics:
             visible: which splats each view has seen.
             rows: the row of each splat; ``None`` when splat i is row i.
         """
-        if rows is None:
-            rows = torch.arange(len(self._views), device=self._views.device)
         seen = visible.to(self._views.dtype)
-        self._gradient.index_add_(0, rows, (gradient * seen).sum(0).to(self._gradient))
-        self._views.index_add_(0, rows, seen.sum(0))
+        total, views = (gradient * seen).sum(0).to(self._gradient), seen.sum(0)
         largest = torch.where(visible, radii, 0.0).amax(0).to(self._radius)
+        if rows is None:  # Several times faster than by index.
+            self._gradient += total
+            self._views += views
+            self._radius = torch.maximum(self._radius, largest)
+            return
+        self._gradient.index_add_(0, rows, total)
+        self._views.index_add_(0, rows, views)
         self._radius[rows] = torch.maximum(self._radius[rows], largest)
 
     @property

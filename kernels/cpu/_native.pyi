@@ -40,6 +40,9 @@ class DrawingFloat32:
 
 class DrawingFloat64(DrawingFloat32): ...
 
+def keep_freed_memory() -> None:
+    """Let the process's allocator keep what is freed instead of giving it back."""
+
 def release_drawing_memory() -> None:
     """Free the memory that is kept from picture to picture."""
 

@@ -13,6 +13,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, QUATERNION_MIN_NORM, NumericsProfile
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
+from gsfw.core.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
 from gsfw.kernels.cpu.native_module import native
 from gsfw.kernels.cpu.threads import num_threads
@@ -83,12 +84,21 @@ def request_of(
         "width": cameras.width,
         "height": cameras.height,
         "model": MODELS[cameras.model],
-        "sh_degree": splats.colors.degree if isinstance(splats.colors, Sh) else -1,
+        "sh_degree": _sh_degree(splats.colors),
         "depth_channels": depth_channels,
         "most_pairs": min(int(pairs_mb * 2**20) // module.PAIR_BYTES, MOST_SLOTS),
         "threads": num_threads(),
     }
     return Request(cameras, background, numbers, statistics, pairs_mb)
+
+
+def _sh_degree(colors: Sh | Tensor) -> int:
+    """The active degree, as far as there are coefficients of it; -1 for plain channels."""
+    if not isinstance(colors, Sh):
+        return -1
+    if colors.offsets is not None:  # Made dense up to the active degree.
+        return colors.degree
+    return min(colors.degree, degree_of(colors.width))
 
 
 def _numbers(settings: RenderSettings, dtype: torch.dtype) -> dict[str, float | int | bool]:

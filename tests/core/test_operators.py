@@ -72,3 +72,10 @@ def test_one_step_of_adam_by_hand():
     assert moments.first.tolist() == pytest.approx([0.05, -0.3], rel=1e-12)
     assert moments.second.tolist() == pytest.approx([2.5e-4, 9e-3], rel=1e-12)
     assert float(moments.count) == 1
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_one_bad_number_in_any_tensor_is_found(bad):
+    tensors = [torch.tensor(1.0), torch.randn(4, 3), torch.zeros(0)]
+    assert Operators().all_finite(tensors)
+    assert not Operators().all_finite([*tensors, torch.tensor([0.0, bad])])

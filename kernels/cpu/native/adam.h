@@ -81,8 +81,8 @@ GSFW_FUNCTION void copy_row(const T* from, int64_t width, T* to) {
   for (int64_t k = 0; k < (WIDTH ? WIDTH : width); ++k) to[k] = from[k];
 }
 
-/// ``adam`` for narrow rows, gathering them first: a pack would hold few of their numbers, and reading
-/// one next to another that has just been written in part waits for the write.
+/// ``adam`` for narrow rows, gathering them first: a pack would hold few of their numbers, and
+/// reading one next to another that has just been written in part waits for the write.
 template <int WIDTH, typename T>
 void adam_rows(const AdamJob<T>& job, int64_t begin, int64_t end) {
   const AdamConstants<T> is(job);

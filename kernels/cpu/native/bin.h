@@ -38,13 +38,23 @@ GSFW_FUNCTION N last_block(const N& high) {
   return round_down((high - N(T(0.5))) * N(T(1.0 / BLOCK)));
 }
 
+/// Where sixteen strips begin, in pixels from the first one.
+template <typename T>
+struct StripTable {
+  T offset[LANES];
+
+  constexpr StripTable() : offset() {
+    for (int i = 0; i < LANES; ++i) offset[i] = T(i * BLOCK);
+  }
+};
+
 /// The blocks that an ellipse meets in the sixteen strips from ``strip`` on.
 template <typename T>
 GSFW_FUNCTION void meet_strips(const T* brush, int strip, int blocks, Strips& strips) {
-  alignas(64) T lanes[LANES];
-  for (int i = 0; i < LANES; ++i) lanes[i] = T((strip + i) * BLOCK) + T(0.5) - brush[BRUSH_Y];
+  static constexpr StripTable<T> table{};
   const Pack<T> height(brush[BRUSH_HEIGHT]), turn(brush[BRUSH_TURN]), tilt(brush[BRUSH_TILT]);
-  const Pack<T> top = load(lanes), narrow(brush[BRUSH_NARROW]), one(T(1));
+  const Pack<T> top = load(table.offset) + Pack<T>(T(strip * BLOCK) + T(0.5) - brush[BRUSH_Y]);
+  const Pack<T> narrow(brush[BRUSH_NARROW]), one(T(1));
   // Within a strip the ellipse is widest where it turns, or else at the nearer edge of the strip.
   const Pack<T> low = minimum(maximum(top, -height), height);
   const Pack<T> high = minimum(maximum(top + Pack<T>(T(BLOCK - 1)), -height), height);

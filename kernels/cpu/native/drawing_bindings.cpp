@@ -44,7 +44,9 @@ T* array(const nb::dict& arrays, const char* name, std::initializer_list<int64_t
     stride *= size;
   }
   if (found) *found = tensor;
-  return static_cast<T*>(tensor.data());
+  // An empty tensor may have no memory, but it is there.
+  static std::remove_const_t<T> nothing{};
+  return tensor.data() ? static_cast<T*>(tensor.data()) : &nothing;
 }
 
 template <typename N>
@@ -120,7 +122,7 @@ template <typename T>
 class Handle {
  public:
   Handle(const nb::dict& arrays, const nb::dict& numbers, const nb::dict& outputs)
-      : arrays_(arrays), outputs_(outputs), request_{} {
+      : arrays_(arrays), visible_(outputs["visible"]), request_{} {
     request_.view = view_of<T>(arrays, numbers);
     request_.splats = splats_of<T>(arrays, numbers);
     request_.cut_offs = cut_offs_of<T>(numbers);
@@ -176,7 +178,9 @@ class Handle {
   int64_t pairs() const { return drawing_->pairs(); }
 
  private:
-  nb::dict arrays_, outputs_;
+  // Never the image: it holds the autograd node that holds this, a cycle that nobody would break.
+  nb::dict arrays_;
+  nb::object visible_;
   DrawingRequest<T> request_;
   int64_t channels_ = 0;
   std::unique_ptr<Drawing<T>> drawing_;
@@ -207,6 +211,8 @@ void bind_drawing(nb::module_& module) {
   });
   module.attr("PAIR_BYTES") = PAIR_BYTES;
   module.attr("POSE_FIELDS") = POSE_FIELDS;
+  module.def("keep_freed_memory", &keep_freed_memory,
+             "Let the process's allocator keep what is freed instead of giving it back.");
   module.def("release_drawing_memory", &release_drawing_memory,
              "Free the memory that is kept from picture to picture.");
 }

@@ -23,7 +23,8 @@ void loss_gradient(const LossGradientJob<T>& job, int64_t begin, int64_t end) {
   }
   if (job.pictures.valid == nullptr) return;
   for (int64_t pixel = begin; pixel < end; ++pixel) {
-    for (int64_t k = 0; k < d && !job.pictures.valid[pixel]; ++k) job.gradient[pixel * d + k] = T(0);
+    if (job.pictures.valid[pixel]) continue;
+    for (int64_t k = 0; k < d; ++k) job.gradient[pixel * d + k] = T(0);
   }
 }
 

@@ -10,6 +10,10 @@
 #include <utility>
 #include <vector>
 
+#if defined(__GLIBC__)
+#include <malloc.h>
+#endif
+
 namespace gsfw {
 
 /// An array that only grows, without keeping its contents; aligned to a cache line.
@@ -97,5 +101,14 @@ class Recycler {
   std::mutex mutex_;
   std::vector<W*> idle_;
 };
+
+/// Let the process's allocator keep what is freed, where it can be told to: blocks above a limit would
+/// otherwise go back to the system and come again as fresh pages in every step.
+inline void keep_freed_memory() {
+#if defined(__GLIBC__)
+  mallopt(M_MMAP_THRESHOLD, 1 << 30);
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+#endif
+}
 
 }  // namespace gsfw

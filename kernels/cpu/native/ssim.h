@@ -4,9 +4,9 @@
 //     SSIM = (A - B + 2 c1) (U - V + 2 c2) / ((A + B + 2 c1) (U + V + 2 c2)),
 // where A and B are the squared window means of u and v, and U and V their variances: four blurred
 // maps instead of five, and 1 - SSIM loses no digits where the pictures agree, for then v, B and V
-// vanish. A row is channels
-// interleaved, so that a tap to the side is ``channels`` numbers away and no picture is rearranged.
-// The sweep keeps the last 16 rows of everything; a pixel's result depends on no other task.
+// vanish. Channels are interleaved, so that a tap to the side is ``channels`` numbers away and no
+// picture is rearranged. The sweep keeps the last 16 rows of everything; a pixel's result depends
+// on no other task.
 #pragma once
 
 #include "simd/simd.h"
@@ -22,17 +22,17 @@ constexpr int SSIM_RING = 16;
 /// Blurred maps of the pictures: u, v, u^2, v^2; and of what flows back: to the means, U and V.
 constexpr int SSIM_MAPS = 4, SSIM_FLOWS = 3;
 
-/// A strip of a picture, its borders, and one thread's working memory. Positions in ``u``, ``v`` and
-/// ``weights`` count from ``left`` - 2 ``margin``; in ``blurred`` and ``flows`` from ``left`` -
-/// ``margin``; in ``returned`` from ``left``.
+/// A strip of a picture, its borders, and one thread's working memory. Positions in ``u``, ``v``
+/// and ``weights`` count from ``left`` - 2 ``margin``; in ``blurred``, ``flows`` and ``lacks`` from
+/// ``left`` - ``margin``; in ``returned`` from ``left``.
 template <typename T>
 struct SsimStrip {
   int64_t left, right, margin, channels, row_length, height;
   /// Between rows: the length of the longest, and room for one pack more.
   int64_t stride;
   T *u, *v;
-  /// 1 for the pixels that count, 0 for those that do not and outside the picture. [16, stride] with
-  /// a mask; without, one row for rows inside the picture.
+  /// 1 for the pixels that count, 0 for those that do not and outside the picture. [16, stride]
+  /// with a mask; without, one row for all rows inside the picture.
   T *weights, *no_weights;
   /// [16, 4, stride]
   T* blurred;
@@ -60,15 +60,15 @@ template <typename T>
 GSFW_FUNCTION SsimStrip<T> strip_of(const SsimJob<T>& job, int64_t strip, T* scratch) {
   SsimStrip<T> at;
   at.channels = job.pictures.channels;
-  at.row_length = job.pictures.row_length();
+  at.row_length = job.pictures.width * job.pictures.channels;
   at.height = job.pictures.height;
   at.left = strip * job.strip_length;
   at.right = at.left + job.strip_length;
   if (at.right > at.row_length) at.right = at.row_length;
   at.margin = SSIM_REACH * at.channels;
   at.stride = ssim_stride(job);
-  T** const parts[] = {&at.u,       &at.v,     &at.weights,    &at.no_weights,
-                       &at.blurred, &at.flows, &at.lacks, &at.returned};
+  T** const parts[] = {&at.u,       &at.v,     &at.weights, &at.no_weights,
+                       &at.blurred, &at.flows, &at.lacks,   &at.returned};
   const int rows[] = {1, 1, SSIM_RING, 1, SSIM_RING * SSIM_MAPS, SSIM_ROWS * SSIM_FLOWS, SSIM_ROWS,
                       SSIM_RING * SSIM_FLOWS};
   for (int i = 0; i < 8; ++i) {
@@ -92,8 +92,8 @@ GSFW_FUNCTION const T* weights_of(const SsimStrip<T>& at, bool masked, int64_t r
   return masked ? at.weights + slot(row) * at.stride : at.weights;
 }
 
-/// Where the strip with its borders lies in the picture: numbers [first, last) of a row, the first of
-/// them at position ``lead``.
+/// Where the strip with its borders lies in the picture: numbers [first, last) of a row, the first
+/// of them at position ``lead``.
 struct SsimRange {
   int64_t first, last, lead;
 };
@@ -159,8 +159,9 @@ GSFW_FUNCTION double l1_of_row(const SsimJob<T>& job, const SsimStrip<T>& at, in
   const int64_t count = at.right - at.left;
   Pack<T> total(T(0));
   for (int64_t i = 0; i < count; i += LANES) {
-    const Pack<T> difference = load_strided(x + i, 1, count - i) - load_strided(y + i, 1, count - i);
-    total = fma(absolute(difference), load(weight + i), total);
+    const Pack<T> of_x = load_strided(x + i, 1, count - i);
+    const Pack<T> of_y = load_strided(y + i, 1, count - i);
+    total = fma(absolute(of_x - of_y), load(weight + i), total);
   }
   return double(sum(total));
 }

@@ -11,8 +11,8 @@
 
 namespace gsfw {
 
-#define GSFW_DECLARE(SET)                     \
-  namespace SET {                             \
+#define GSFW_DECLARE(SET)                        \
+  namespace SET {                                \
   extern const StepKernels<float> step_float32;  \
   extern const StepKernels<double> step_float64; \
   }
@@ -83,11 +83,12 @@ T* scratch_of_thread(int64_t size) {
 template <typename T>
 void sweep_pictures(const SsimJob<T>& job, int threads) {
   const int64_t pictures = job.pictures.pictures, height = job.pictures.height;
-  const int64_t wanted = threads > 1 ? divide_up(threads * TASKS_PER_THREAD, pictures * job.strips) : 1;
+  const int64_t columns = pictures * job.strips;
+  const int64_t wanted = threads > 1 ? divide_up(threads * TASKS_PER_THREAD, columns) : 1;
   const int64_t per_band = std::max(divide_up(height, wanted), TASK_ROWS);
   const int64_t bands = divide_up(height, per_band);
   const StepKernels<T>& with = kernels<T>();
-  parallel(pictures * job.strips * bands, threads, [&](int64_t number, int) {
+  parallel(columns * bands, threads, [&](int64_t number, int) {
     const int64_t top = number % bands * per_band, rest = number / bands;
     const SsimTask task = {rest / job.strips, top, std::min(top + per_band, height),
                            rest % job.strips};
@@ -108,9 +109,9 @@ Losses l1_dissimilarity(const Comparison<T>& pictures, T* gradient, int threads)
   job.c2 = T(C2);
   job.gradient = gradient;
   job.gradient_scale = T(-share);
-  job.strips = divide_up(pictures.row_length(), STRIP);
-  job.strip_length = divide_up(divide_up(pictures.row_length(), job.strips), 16) * 16;
-  job.strips = divide_up(pictures.row_length(), job.strip_length);
+  const int64_t row_length = pictures.width * pictures.channels;
+  job.strip_length = divide_up(divide_up(row_length, divide_up(row_length, STRIP)), 16) * 16;
+  job.strips = divide_up(row_length, job.strip_length);
   std::vector<double> l1(pictures.pictures * pictures.height * job.strips), lack(l1.size());
   job.l1_sums = l1.data();
   job.lack_sums = lack.data();
@@ -149,10 +150,10 @@ bool all_finite(const T* numbers, int64_t count, int threads) {
   return finite.load();
 }
 
-#define GSFW_FOR_TYPE(T)                                                              \
-  template Losses l1_dissimilarity(const Comparison<T>&, T*, int);                    \
+#define GSFW_FOR_TYPE(T)                                                                \
+  template Losses l1_dissimilarity(const Comparison<T>&, T*, int);                      \
   template void loss_gradient(const Comparison<T>&, const T*, double, double, T*, int); \
-  template void adam_step(const AdamJob<T>&, int64_t, int);                           \
+  template void adam_step(const AdamJob<T>&, int64_t, int);                             \
   template bool all_finite(const T*, int64_t, int);
 GSFW_FOR_TYPE(float)
 GSFW_FOR_TYPE(double)

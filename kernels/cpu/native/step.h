@@ -1,7 +1,7 @@
 // The step besides drawing: losses, optimizer and the check of gradients, on any number of threads.
 //
-// Results are the same to the bit for any number of threads: every number is computed by itself, and
-// sums are taken row by row and then in order.
+// Results are the same to the bit for any number of threads: every number is computed by itself,
+// and sums are taken row by row and then in order.
 #pragma once
 
 #include "step_stages.h"

@@ -1,4 +1,4 @@
-// The step besides drawing, as Python sees it: arrays of the caller's, neither copied nor converted.
+// The step besides drawing, as Python sees it: the caller's arrays, neither copied nor converted.
 #include "bindings.h"
 
 #include <nanobind/ndarray.h>

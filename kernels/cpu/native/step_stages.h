@@ -19,8 +19,6 @@ struct Comparison {
   /// [c, h, w], 1 where a pixel counts and 0 elsewhere; null when all do.
   const uint8_t* valid;
   int64_t pictures, height, width, channels;
-
-  int64_t row_length() const { return width * channels; }
 };
 
 /// L1 and 1 - SSIM of pictures, summed row by row, and the gradient of SSIM.

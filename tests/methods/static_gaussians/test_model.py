@@ -56,7 +56,7 @@ def test_a_model_of_splats_draws_these_splats():
     torch.testing.assert_close(drawn.opacities, splats.opacities)
     assert isinstance(drawn.colors, Sh)
     assert isinstance(splats.colors, Sh)
-    torch.testing.assert_close(drawn.colors.coefficients, splats.colors.coefficients)
+    torch.testing.assert_close(drawn.colors.dense(), splats.colors.dense())
     assert drawn.rows is None
 
 
@@ -67,9 +67,9 @@ def test_only_active_bands_are_drawn_and_trained(degree):
     colors = model.splats().colors
     assert isinstance(colors, Sh)
     assert colors.degree == degree
-    assert colors.coefficients.shape == (20, (degree + 1) ** 2, 3)
+    assert colors.dense().shape == (20, (degree + 1) ** 2, 3)
     assert model.active_bands() == (degree + 1) ** 2 - 1
-    colors.coefficients.sum().backward()
+    colors.dense().sum().backward()
     assert model.sh_dc.values.grad is not None
     assert model.sh_rest is not None
     if degree == 0:

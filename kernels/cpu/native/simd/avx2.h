@@ -97,14 +97,6 @@ GSFW_FUNCTION void store(float* to, Pack<float> a) {
   _mm256_storeu_ps(to + 8, a.high);
 }
 
-/// Lane i is ``from[index[i]]`` where the mask holds; other lanes are 0 and not read.
-GSFW_FUNCTION Pack<float> gather(const float* from, __m256i low, __m256i high,
-                                 LaneMask<float> mask) {
-  const __m256 zero = _mm256_setzero_ps();
-  return {_mm256_mask_i32gather_ps(zero, from, low, mask.low, 4),
-          _mm256_mask_i32gather_ps(zero, from, high, mask.high, 4)};
-}
-
 GSFW_FUNCTION Pack<float> load_strided(const float* from, int64_t stride, int64_t count) {
   if (stride == 1 && count >= LANES) return load(from);
   const LaneMask<float> mask = first_lanes<float>(count);
@@ -112,9 +104,11 @@ GSFW_FUNCTION Pack<float> load_strided(const float* from, int64_t stride, int64_
     return {_mm256_maskload_ps(from, _mm256_castps_si256(mask.low)),
             _mm256_maskload_ps(from + 8, _mm256_castps_si256(mask.high))};
   }
-  const __m256i step = _mm256_set1_epi32(int(stride));
-  const __m256i low = _mm256_mullo_epi32(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7), step);
-  return gather(from, low, _mm256_add_epi32(low, _mm256_slli_epi32(step, 3)), mask);
+  const __m256i lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+  const __m256i index = _mm256_mullo_epi32(lanes, _mm256_set1_epi32(int(stride)));
+  const __m256 zero = _mm256_setzero_ps();
+  return {_mm256_mask_i32gather_ps(zero, from, index, mask.low, 4),
+          _mm256_mask_i32gather_ps(zero, from + 8 * stride, index, mask.high, 4)};
 }
 
 // The set has no scatter, and storing under a mask is microcode on some CPUs: lane by lane.
@@ -127,18 +121,6 @@ GSFW_FUNCTION void store_strided(float* to, int64_t stride, LaneMask<float> mask
     const int i = __builtin_ctz(rest);
     to[i * stride] = lanes[i];
   }
-}
-
-GSFW_FUNCTION Pack<float> load_indexed(const float* from, const int32_t* offsets, int64_t count) {
-  const LaneMask<float> mask = first_lanes<float>(count);
-  return gather(from, _mm256_maskload_epi32(offsets, _mm256_castps_si256(mask.low)),
-                _mm256_maskload_epi32(offsets + 8, _mm256_castps_si256(mask.high)), mask);
-}
-
-GSFW_FUNCTION void add_indexed(float* to, const int32_t* offsets, int64_t count, Pack<float> a) {
-  alignas(32) float lanes[LANES];
-  store(lanes, a);
-  for (int i = 0; i < LANES && i < count; ++i) to[offsets[i]] += lanes[i];
 }
 
 GSFW_FUNCTION Pack<float> select(LaneMask<float> mask, Pack<float> a, Pack<float> b) {
@@ -208,6 +190,45 @@ GSFW_FUNCTION void sum_eight(const Pack<float>* packs, float* to) {
   const __m256 e = _mm256_hadd_ps(a, b), f = _mm256_hadd_ps(c, d);
   const __m256 low = _mm256_permute2f128_ps(e, f, 0x20), high = _mm256_permute2f128_ps(e, f, 0x31);
   _mm256_storeu_ps(to, _mm256_add_ps(low, high));
+}
+
+/// The eight by eight lanes of eight registers.
+GSFW_FUNCTION void transpose(__m256* rows) {
+  // Pairs of rows, then pairs of pairs, then halves of registers: 2 by 2 lanes, 4 by 4, all.
+  __m256 a[8], b[8];
+  for (int i = 0; i < 8; i += 2) {
+    a[i] = _mm256_unpacklo_ps(rows[i], rows[i + 1]);
+    a[i + 1] = _mm256_unpackhi_ps(rows[i], rows[i + 1]);
+  }
+  for (int i = 0; i < 8; i += 4) {
+    b[i] = _mm256_shuffle_ps(a[i], a[i + 2], 0x44);
+    b[i + 1] = _mm256_shuffle_ps(a[i], a[i + 2], 0xee);
+    b[i + 2] = _mm256_shuffle_ps(a[i + 1], a[i + 3], 0x44);
+    b[i + 3] = _mm256_shuffle_ps(a[i + 1], a[i + 3], 0xee);
+  }
+  for (int i = 0; i < 4; ++i) {
+    rows[i] = _mm256_permute2f128_ps(b[i], b[i + 4], 0x20);
+    rows[i + 4] = _mm256_permute2f128_ps(b[i], b[i + 4], 0x31);
+  }
+}
+
+GSFW_FUNCTION void transpose(Pack<float>* packs) {
+  // Each quarter of the square by itself; the two off the diagonal change places.
+  __m256 upper_left[8], upper_right[8], lower_left[8], lower_right[8];
+  for (int i = 0; i < 8; ++i) {
+    upper_left[i] = packs[i].low;
+    upper_right[i] = packs[i].high;
+    lower_left[i] = packs[i + 8].low;
+    lower_right[i] = packs[i + 8].high;
+  }
+  transpose(upper_left);
+  transpose(upper_right);
+  transpose(lower_left);
+  transpose(lower_right);
+  for (int i = 0; i < 8; ++i) {
+    packs[i] = {upper_left[i], lower_left[i]};
+    packs[i + 8] = {upper_right[i], lower_right[i]};
+  }
 }
 
 GSFW_FUNCTION __m256 power_of_two(__m256 a) {

@@ -1,7 +1,7 @@
 // Packs of float in four NEON registers each. Needs no more than every 64-bit ARM has.
 //
-// A mask is four registers whose lanes are all ones or all zeros, which is what comparisons give and
-// what blending takes; it becomes bits only where a kernel asks for them.
+// A mask is four registers whose lanes are all ones or all zeros, which is what comparisons give
+// and what blending takes; it becomes bits only where a kernel asks for them.
 #pragma once
 
 #include <arm_neon.h>
@@ -110,7 +110,7 @@ GSFW_FUNCTION void store(float* to, const Pack<float>& a) {
   for (int q = 0; q < QUADS; ++q) vst1q_f32(to + q * QUAD, a.quad[q]);
 }
 
-// The set neither gathers nor scatters, nor loads and stores under a mask: lane by lane.
+// The set neither gathers nor scatters, nor loads or stores under a mask: lane by lane.
 GSFW_FUNCTION Pack<float> load_strided(const float* from, int64_t stride, int64_t count) {
   if (stride == 1 && count >= LANES) return load(from);
   alignas(16) float lanes[LANES] = {};
@@ -128,19 +128,6 @@ GSFW_FUNCTION void store_strided(float* to, int64_t stride, const LaneMask<float
     const int i = __builtin_ctz(rest);
     to[i * stride] = lanes[i];
   }
-}
-
-GSFW_FUNCTION Pack<float> load_indexed(const float* from, const int32_t* offsets, int64_t count) {
-  alignas(16) float lanes[LANES] = {};
-  for (int i = 0; i < LANES && i < count; ++i) lanes[i] = from[offsets[i]];
-  return load(lanes);
-}
-
-GSFW_FUNCTION void add_indexed(float* to, const int32_t* offsets, int64_t count,
-                               const Pack<float>& a) {
-  alignas(16) float lanes[LANES];
-  store(lanes, a);
-  for (int i = 0; i < LANES && i < count; ++i) to[offsets[i]] += lanes[i];
 }
 
 GSFW_FUNCTION Pack<float> select(const LaneMask<float>& mask, const Pack<float>& a,
@@ -213,6 +200,32 @@ GSFW_FUNCTION void sum_eight(const Pack<float>* packs, float* to) {
     const float32x4_t high = vpaddq_f32(quarter_sums(packs[i + 2]), quarter_sums(packs[i + 3]));
     vst1q_f32(to + i, vpaddq_f32(low, high));
   }
+}
+
+/// The four by four lanes of four registers, as columns from rows.
+GSFW_FUNCTION void transpose(const float32x4_t* rows, float32x4_t* columns) {
+  const float32x4_t even_low = vzip1q_f32(rows[0], rows[2]);
+  const float32x4_t even_high = vzip2q_f32(rows[0], rows[2]);
+  const float32x4_t odd_low = vzip1q_f32(rows[1], rows[3]);
+  const float32x4_t odd_high = vzip2q_f32(rows[1], rows[3]);
+  columns[0] = vzip1q_f32(even_low, odd_low);
+  columns[1] = vzip2q_f32(even_low, odd_low);
+  columns[2] = vzip1q_f32(even_high, odd_high);
+  columns[3] = vzip2q_f32(even_high, odd_high);
+}
+
+GSFW_FUNCTION void transpose(Pack<float>* packs) {
+  Pack<float> columns[LANES];
+  for (int i = 0; i < LANES; i += QUAD) {
+    for (int q = 0; q < QUADS; ++q) {
+      const float32x4_t rows[QUAD] = {packs[i].quad[q], packs[i + 1].quad[q],
+                                      packs[i + 2].quad[q], packs[i + 3].quad[q]};
+      float32x4_t turned[QUAD];
+      transpose(rows, turned);
+      for (int k = 0; k < QUAD; ++k) columns[q * QUAD + k].quad[i / QUAD] = turned[k];
+    }
+  }
+  for (int i = 0; i < LANES; ++i) packs[i] = columns[i];
 }
 
 GSFW_FUNCTION float32x4_t power_of_two(float32x4_t a) {

@@ -10,9 +10,9 @@ from scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.numerics import DEFAULT, GSPLAT_1_5, NumericsProfile
+from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Sh, Splats
-from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 
 @dataclass
@@ -136,54 +136,59 @@ def turned_camera(model: CameraModel, dtype: torch.dtype = torch.float64) -> Cam
 SETTINGS = RenderSettings(depth=Depth.ACCUMULATED, statistics=frozenset({Statistic.CONTRIBUTION}))
 
 
-def draw(splats: Splats, camera: Cameras, settings: RenderSettings) -> np.ndarray:
-    output = ReferenceRasterizer().render(splats, camera, settings)
+def draw(
+    rasterizer: Rasterizer, splats: Splats, camera: Cameras, settings: RenderSettings
+) -> np.ndarray:
+    output = rasterizer.render(splats, camera, settings)
     parts = [output.color, output.extra, output.depth, output.alpha, 1 - output.alpha]
     return torch.cat([part for part in parts if part is not None], dim=3)[0].double().numpy()
 
 
 @pytest.mark.parametrize("model", list(CameraModel))
 @pytest.mark.parametrize("antialias", [False, True])
-def test_the_picture_is_the_one_that_loops_draw(model, antialias):
+def test_the_picture_is_the_one_that_loops_draw(rasterizer, model, antialias):
     splats = random_splats(25, 1, seed=3, dtype=torch.float64)
     splats = replace(splats, extra=torch.linspace(-1, 1, 50, dtype=torch.float64).view(25, 2))
     camera = turned_camera(model)
     settings = replace(SETTINGS, antialias=antialias)
     expected = draw_in_loops(splats, camera, antialias)
     assert expected[:, :, -2].max() > 0.3, "the scene must cover something"
-    np.testing.assert_allclose(draw(splats, camera, settings), expected, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(
+        draw(rasterizer, splats, camera, settings), expected, rtol=0, atol=2e-8
+    )
 
 
 @pytest.mark.parametrize("profile", [GSPLAT_1_5, DEFAULT.without_cutoffs()])
-def test_the_picture_is_right_with_other_cut_offs(profile):
+def test_the_picture_is_right_with_other_cut_offs(rasterizer, profile):
     splats = random_splats(25, 1, seed=4, dtype=torch.float64)
     splats = replace(splats, opacities=splats.opacities.sqrt().sqrt())
     camera = turned_camera(CameraModel.PINHOLE)
     expected = draw_in_loops(splats, camera, profile=profile)
-    found = draw(splats, camera, replace(SETTINGS, profile=profile))
+    found = draw(rasterizer, splats, camera, replace(SETTINGS, profile=profile))
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-8)
 
 
-def test_more_slots_than_fit_one_chunk_are_drawn_right():
-    # Deep enough for several segments, and for pixels that stop within one.
+def test_a_deep_scene_whose_pixels_stop_is_drawn_right(rasterizer):
     splats = random_splats(150, 1, seed=5, dtype=torch.float64)
     splats = replace(splats, opacities=splats.opacities.sqrt())
     camera = turned_camera(CameraModel.PINHOLE)
-    found = ReferenceRasterizer(chunk_mb=0.01).render(splats, camera).color[0]
+    found = rasterizer.render(splats, camera).color[0]
     np.testing.assert_allclose(found, draw_in_loops(splats, camera)[:, :, :3], rtol=0, atol=2e-8)
     assert draw_in_loops(splats, camera)[:, :, -1].min() < 2e-4
 
 
-def test_splats_close_to_the_camera_at_its_side_are_linearised_within_the_margin():
+def test_splats_close_to_the_camera_at_its_side_are_linearised_within_the_margin(rasterizer):
     splats = random_splats(12, 1, seed=6, dtype=torch.float64)
     means = splats.means * torch.tensor([6.0, 6.0, 0.2], dtype=torch.float64)
     splats = replace(splats, means=means, scales=3 * splats.scales)
     camera = front_camera(15, 12, distance=0.5, dtype=torch.float64)
     expected = draw_in_loops(splats, camera)
-    np.testing.assert_allclose(draw(splats, camera, SETTINGS), expected, rtol=0, atol=2e-8)
+    np.testing.assert_allclose(
+        draw(rasterizer, splats, camera, SETTINGS), expected, rtol=0, atol=2e-8
+    )
 
 
-def test_float32_stays_near_float64():
+def test_float32_stays_near_float64(rasterizer):
     splats = random_splats(200, 1, seed=7)
     doubles = random_splats(200, 1, seed=7, dtype=torch.float64)
     camera = front_camera(64, 48)
@@ -198,7 +203,7 @@ def test_float32_stays_near_float64():
             inputs = [t.clone().requires_grad_() for t in tensors.values()]
             named = dict(zip(tensors, inputs, strict=True))
             named["colors"] = Sh(named["colors"], 1)
-            color = ReferenceRasterizer().render(Splats(**named), view, settings).color
+            color = rasterizer.render(Splats(**named), view, settings).color
             color.square().sum().backward()
             images.append(color.detach().double())
             gradients.append([t.grad.double() for t in inputs if t.grad is not None])

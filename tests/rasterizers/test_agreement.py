@@ -1,0 +1,111 @@
+"""Every backend against the float64 reference, on 200 random scenes and on chosen ones."""
+
+import torch
+from agreement import as_float64, check_float32, check_float64, draw_everything
+from hypothesis import HealthCheck, Phase, given, settings
+from random_scenes import Kind, kinds
+
+from gsfw.core.cameras import CameraModel
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+
+SCENES = settings(
+    max_examples=50,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    phases=[Phase.generate],
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+"""Of four tests: 200 together. The backend, which is the fixture, has no state that matters."""
+
+
+def check(backend: Rasterizer, kind: Kind) -> None:
+    """Draw one scene in both types; the reference gets exactly the same numbers."""
+    narrow = kind.scene(torch.float32)
+    wide = as_float64(*narrow)
+    expected = draw_everything(ReferenceRasterizer(), *wide)
+    check_float64(draw_everything(backend, *wide), expected)
+    if kind.cut_offs or kind.depth is not Depth.EXPECTED:
+        # Without them depth is divided by weights of 1e-30, whose ratios float32 does not know.
+        check_float32(draw_everything(backend, *narrow), expected, narrow[2].profile)
+
+
+@SCENES
+@given(kinds(model=CameraModel.PINHOLE, cut_offs=True))
+def test_random_scenes_agree(backend, kind):
+    check(backend, kind)
+
+
+@SCENES
+@given(kinds(model=CameraModel.PINHOLE, cut_offs=False))
+def test_random_scenes_without_cut_offs_agree(backend, kind):
+    check(backend, kind)
+
+
+@SCENES
+@given(kinds(model=CameraModel.ORTHOGRAPHIC))
+def test_random_orthographic_scenes_agree(backend, kind):
+    check(backend, kind)
+
+
+@SCENES
+@given(kinds(model=CameraModel.FISHEYE))
+def test_random_fisheye_scenes_agree(backend, kind):
+    check(backend, kind)
+
+
+@pytest.mark.parametrize("layout", ["together", "two parts", "ragged", "half active"])
+@pytest.mark.parametrize("degree", range(5))
+def test_every_layout_and_degree_of_colours_agrees(backend, degree, layout):
+    check(backend, Kind(1, (33, 9), CameraModel.PINHOLE, cameras=2, degree=degree, layout=layout))
+
+
+@pytest.mark.parametrize("extras", [0, 3])
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_every_number_of_channels_agrees(backend, channels, extras):
+    for depth in Depth:
+        kind = Kind(2, (33, 9), CameraModel.PINHOLE, layout="channels", channels=channels)
+        check(backend, replace(kind, extras=extras, depth=depth, background="constant"))
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("model", CameraModel)
+def test_every_size_and_camera_model_agrees(backend, model, size):
+    for covariances in (False, True):
+        for antialias in (False, True):
+            kind = Kind(3, size, model, cameras=2, covariances=covariances, antialias=antialias)
+            check(backend, replace(kind, background="differentiated", depth=Depth.ACCUMULATED))
+
+
+def workload(shared_data: Path, dtype: torch.dtype) -> tuple[Splats, Cameras, RenderSettings]:
+    stored = np.load(shared_data / "reference" / "garden_workload.npz")
+    named = {name: torch.from_numpy(np.asarray(stored[name])).to(dtype) for name in stored}
+    shape = ("means", "opacities", "colors", "quats", "scales")
+    poses = named["world_to_camera"][None], named["intrinsics"][None]
+    settings = RenderSettings(statistics=frozenset(Statistic))
+    return Splats(*(named[name] for name in shape)), Cameras(*poses, 648, 420), settings
+
+
+@pytest.fixture(scope="module")
+def garden() -> dict[str, Tensor]:
+    """The garden workload as the reference draws it, filled by the first test that asks."""
+    return {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_garden_workload_is_within_the_stated_tolerances(
+    rasterizer, shared_data, garden, dtype
+):
+    if not garden:
+        wide = workload(shared_data, torch.float64)
+        garden.update(draw_everything(ReferenceRasterizer(), *wide))
+    if dtype == torch.float64 and isinstance(rasterizer, ReferenceRasterizer):
+        return  # It is what the others are measured against.
+    scene = workload(shared_data, dtype)
+    drawn = draw_everything(rasterizer, *scene)
+    if dtype == torch.float64:
+        check_float64(drawn, garden)
+    else:
+        check_float32(drawn, garden, scene[2].profile)
