@@ -19,22 +19,22 @@ class SyntheticConfig(DataManagerConfig):
     """The built-in scene: a small still life, ray-cast analytically when a run starts."""
 
     recommended: ClassVar[Mapping[str, Any]] = {
-        "steps": 1000,
-        # Few pixels make large gradients, and few steps leave no time to recover from resets.
-        "strategy.grow_gradient": 1.5e-3,
-        "strategy.max_gaussians": 5000,
+        "steps": 3000,
+        # Small pictures make large gradients, and few steps leave no time to recover from resets.
+        "strategy.grow_gradient": 4e-4,
+        "strategy.max_gaussians": 40_000,
         "strategy.reset_every": 0,
     }
 
-    views: int = 32
+    views: int = 60
     """Training views, on a dome around the scene."""
     eval_views: int = 8
     """Held-out views, elsewhere on the dome."""
-    width: int = 128
+    width: int = 480
     """Width of a picture in pixels, before downscaling."""
-    height: int = 96
+    height: int = 360
     """Height of a picture in pixels, before downscaling."""
-    points: int = 3000
+    points: int = 10_000
     """Surface points to start from, each seen by some training view."""
     moving: bool = False
     """Whether solids translate, rotate, deform, appear and vanish, and views carry a time."""

@@ -72,7 +72,7 @@ GSFW_FUNCTION void load_chunk(const BlendJob<T>& job, const TilePlace& place, co
                               int count, Chunk<T>& chunk) {
   const int stride = job.stride;
   const T middle_x = T(place.x + TILE / 2), middle_y = T(place.y + TILE / 2);
-  constexpr int AHEAD = 12;
+  constexpr int AHEAD = 24;
   for (int i = 0; i < count; ++i) {
     if (i + AHEAD < count) {
       __builtin_prefetch(job.brushes + int64_t(entries[i + AHEAD].row) * stride);

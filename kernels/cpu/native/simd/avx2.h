@@ -123,6 +123,16 @@ GSFW_FUNCTION void store_strided(float* to, int64_t stride, LaneMask<float> mask
   }
 }
 
+// Row by row, which writes each line of the cache once.
+template <int FIELDS>
+GSFW_FUNCTION void store_rows(float* to, int64_t count, const Pack<float>* fields) {
+  alignas(32) float lanes[FIELDS][LANES];
+  for (int k = 0; k < FIELDS; ++k) store(lanes[k], fields[k]);
+  for (int i = 0; i < LANES && i < count; ++i) {
+    for (int k = 0; k < FIELDS; ++k) to[i * FIELDS + k] = lanes[k][i];
+  }
+}
+
 GSFW_FUNCTION Pack<float> select(LaneMask<float> mask, Pack<float> a, Pack<float> b) {
   return {_mm256_blendv_ps(b.low, a.low, mask.low), _mm256_blendv_ps(b.high, a.high, mask.high)};
 }
