@@ -3,9 +3,12 @@
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
+
+from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
 # several times the work in waiting. Tests of repeatability with threads start their own processes.
@@ -51,3 +54,15 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "finished"
     assert main(["train", "method=3dgs", *SMALL_SCENE, "steps=20", f"out={out}"]) == 0
     return out
+
+
+@pytest.fixture(params=instruction_sets() or ["none"])
+def instruction_set(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Each instruction set that this machine runs, in use during the test."""
+    module: Any = native()
+    if module is None:
+        pytest.skip(NOT_BUILT)
+    before = module.instruction_set()
+    assert module.use_instruction_set(request.param)
+    yield request.param
+    module.use_instruction_set(before)

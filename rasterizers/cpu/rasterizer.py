@@ -50,6 +50,11 @@ class CpuRasterizer(Rasterizer):
                 "cameras.distortion: expected None, because the cpu rasterizer draws without lens "
                 "distortion; undistort the images first"
             )
+        if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
+            raise ValueError(
+                "cameras.intrinsics: expected a tensor without gradient, because the cpu "
+                "rasterizer has none by intrinsics; use the reference rasterizer"
+            )
         if splats.means.device.type != "cpu":
             raise ValueError(
                 f"splats.means: expected a tensor on the CPU, found one on {splats.means.device}"

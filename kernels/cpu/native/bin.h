@@ -1,8 +1,8 @@
 // Bin: which splat meets which tile and which of its blocks, exactly.
 //
-// An ellipse cut by a strip of pixel rows spans an interval of x, because the cut is convex; a block
-// of the strip is met if and only if its pixel centres overlap that interval. Sixteen strips, four
-// pixels high each, are looked at at once.
+// An ellipse cut by a strip of pixel rows spans an interval of x, because the cut is convex; a
+// block of the strip is met if and only if its pixel centres overlap that interval. Sixteen strips,
+// four pixels high each, are looked at at once.
 #pragma once
 
 #include "simd/simd.h"
@@ -116,8 +116,8 @@ GSFW_FUNCTION int64_t meet_everything(const BinJob<T>& job, uint32_t row, Meetin
   return tiles;
 }
 
-/// Append all meetings of the splat in row ``row`` to ``to``, which has room for one per tile and one
-/// more.
+/// Append all meetings of the splat in row ``row`` to ``to``, which has room for one per tile and
+/// one more.
 template <typename T>
 int64_t meet(const BinJob<T>& job, uint32_t row, Meeting* to) {
   if (!job.bounded) return meet_everything(job, row, to);

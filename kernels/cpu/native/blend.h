@@ -1,8 +1,9 @@
 // Blend: paint the splats of one tile over one another, from front to back.
 //
-// Kerbl et al. 2023, equation 3. A tile is painted block by block: the sixteen pixels of a block are
-// the lanes of a pack, whose transmittance and colour stay in registers while the block's own list of
-// splats runs past. Backward sees alpha through the same function, so both agree bit for bit.
+// Kerbl et al. 2023, equation 3. A tile is painted block by block: the sixteen pixels of a block
+// are the lanes of a pack, whose transmittance and colour stay in registers while the block's own
+// list of splats runs past. Backward sees alpha through the same function, so both agree bit for
+// bit.
 #pragma once
 
 #include "simd/simd.h"

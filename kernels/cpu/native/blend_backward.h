@@ -6,8 +6,8 @@
 //
 //     alpha dL/d alpha = w (p - B),    and in front of the splat    B' = B + alpha (p - B),
 //
-// which needs no division by 1 - alpha and no transmittance recovered from behind; B starts from the
-// gradient of the remaining transmittance.
+// which needs no division by 1 - alpha and no transmittance recovered from behind; B starts from
+// the gradient of the remaining transmittance.
 #pragma once
 
 #include "blend.h"

@@ -1,4 +1,5 @@
-// Which instruction sets this machine can run, tested feature bit by feature bit, and which is used.
+// Which instruction sets this machine can run, tested feature bit by feature bit, and which is
+// used.
 #pragma once
 
 #include <string>
@@ -9,7 +10,8 @@ namespace gsfw {
 /// Kernels are compiled once for each of these; the best first.
 enum class InstructionSet { avx512, avx2, neon, scalar };
 
-/// Names of those that this build has and this machine can run, the best first; "scalar" is the last.
+/// Names of those that this build has and this machine can run, the best first; "scalar" is the
+/// last.
 std::vector<std::string> instruction_sets();
 
 /// The one that is used: the first, unless ``use_instruction_set`` said otherwise.

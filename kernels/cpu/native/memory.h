@@ -1,4 +1,5 @@
-// Memory that is kept from one picture to the next: fresh pages cost more than what is drawn in them.
+// Memory that is kept from one picture to the next: fresh pages cost more than what is drawn in
+// them.
 #pragma once
 
 #include <cstddef>
@@ -102,8 +103,8 @@ class Recycler {
   std::vector<W*> idle_;
 };
 
-/// Let the process's allocator keep what is freed, where it can be told to: blocks above a limit would
-/// otherwise go back to the system and come again as fresh pages in every step.
+/// Let the process's allocator keep what is freed, where it can be told to: blocks above a limit
+/// would otherwise go back to the system and come again as fresh pages in every step.
 inline void keep_freed_memory() {
 #if defined(__GLIBC__)
   mallopt(M_MMAP_THRESHOLD, 1 << 30);

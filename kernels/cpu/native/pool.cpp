@@ -2,8 +2,10 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <exception>
 #include <mutex>
 #include <thread>
+#include <utility>
 
 #if defined(__unix__) || defined(__APPLE__)
 #include <pthread.h>
@@ -56,6 +58,7 @@ class Pool {
       open_ = false;
     }
     while (joined_.load(std::memory_order_acquire) > 0) pause_briefly();
+    if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
   }
 
   int started() const { return started_.load(); }
@@ -91,12 +94,20 @@ class Pool {
 
   void take_tasks(const Work& work, int worker = 0);
 
+  /// Keep the first exception of a task for the caller, and leave the remaining tasks undone.
+  void fail(const Work& work) {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (!failure_) failure_ = std::current_exception();
+    next_.store(work.tasks, std::memory_order_relaxed);
+  }
+
   std::mutex callers_;
   std::mutex mutex_;
   std::condition_variable wake_;
   std::atomic<int> started_{0};
   Work work_{};
   bool open_ = false;
+  std::exception_ptr failure_;
   std::atomic<int64_t> next_{0};
   std::atomic<int> joined_{0};
   std::atomic<uint64_t> generation_{0};
@@ -109,7 +120,11 @@ void Pool::take_tasks(const Work& work, int worker) {
   for (;;) {
     const int64_t task = next_.fetch_add(1, std::memory_order_relaxed);
     if (task >= work.tasks) break;
-    work.body(work.context, task, worker);
+    try {
+      work.body(work.context, task, worker);
+    } catch (...) {
+      fail(work);
+    }
   }
   inside_task = false;
 }

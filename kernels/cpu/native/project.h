@@ -64,7 +64,8 @@ GSFW_FUNCTION void sh_colors(const SplatArrays<T>& splats, const RowGroup& rows,
   for (int c = 0; c < 3; ++c) colors[c] = sh_color(sums[c]);
 }
 
-/// Write the brushes of a group of rows where they are visible; ``fields`` has those of the ellipse.
+/// Write the brushes of a group of rows where they are visible; ``fields`` has those of the
+/// ellipse.
 template <typename T>
 GSFW_FUNCTION void write_brushes(const ProjectJob<T>& job, const RowGroup& rows, uint32_t visible,
                                  const ChannelReader<T>& channel, Pack<T>* fields) {

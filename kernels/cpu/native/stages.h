@@ -20,17 +20,17 @@ constexpr int CHUNK = 256;
 constexpr int ROWS_PER_TASK = 1024;
 
 /// A brush is a projected splat, one row of numbers per row of the model: centre in pixels; r, -w k
-/// and w of the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 - v^2);
-/// level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans with y; the
-/// height above the centre at which it reaches furthest right; half its width at the centre's height;
-/// half the height and half the width of its bounding box. Then the channels.
+/// and w of the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 -
+/// v^2); level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans
+/// with y; the height above the centre at which it reaches furthest right; half its width at the
+/// centre's height; half the height and half the width of its bounding box. Then the channels.
 enum BrushField {
   BRUSH_X, BRUSH_Y, BRUSH_R, BRUSH_WK, BRUSH_W, BRUSH_LEVEL,
   BRUSH_TILT, BRUSH_TURN, BRUSH_NARROW, BRUSH_HEIGHT, BRUSH_WIDTH, BRUSH_CHANNELS
 };
 
-/// What a slot sums over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2,
-/// g u v, g v^2, then weight times gradient for each channel, and if asked for the magnitudes of the
+/// What a slot sums over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2, g
+/// u v, g v^2, then weight times gradient for each channel, and if asked for the magnitudes of the
 /// gradient of x and y.
 enum SlotField { SLOT_G, SLOT_U, SLOT_V, SLOT_UU, SLOT_UV, SLOT_VV, SLOT_CHANNELS };
 
@@ -146,8 +146,8 @@ struct SplatArrays {
   const T* covariances;
   /// [n]
   const T* opacities;
-  /// [n, color_stride]: ``colors`` channels, or the constant SH coefficients when ``sh_degree`` >= 0,
-  /// followed by the others unless ``rest`` has them.
+  /// [n, color_stride]: ``colors`` channels, or the constant SH coefficients when ``sh_degree`` >=
+  /// 0, followed by the others unless ``rest`` has them.
   const T* colors;
   int color_stride;
   int sh_degree;

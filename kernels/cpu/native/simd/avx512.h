@@ -13,8 +13,12 @@ struct LaneMask<float> {
   GSFW_FUNCTION LaneMask() {}
   GSFW_FUNCTION explicit LaneMask(__mmask16 lanes) : bits(lanes) {}
 
-  GSFW_FUNCTION friend LaneMask operator&(LaneMask a, LaneMask b) { return LaneMask(_kand_mask16(a.bits, b.bits)); }
-  GSFW_FUNCTION friend LaneMask operator|(LaneMask a, LaneMask b) { return LaneMask(_kor_mask16(a.bits, b.bits)); }
+  GSFW_FUNCTION friend LaneMask operator&(LaneMask a, LaneMask b) {
+    return LaneMask(_kand_mask16(a.bits, b.bits));
+  }
+  GSFW_FUNCTION friend LaneMask operator|(LaneMask a, LaneMask b) {
+    return LaneMask(_kor_mask16(a.bits, b.bits));
+  }
   GSFW_FUNCTION friend LaneMask operator!(LaneMask a) { return LaneMask(_knot_mask16(a.bits)); }
 };
 
@@ -106,8 +110,8 @@ GSFW_FUNCTION void store_strided(float* to, int64_t stride, LaneMask<float> mask
   }
 }
 
-/// For number 16 k + i of rows of ``FIELDS`` numbers: its row, plus 16 where its field is odd, which
-/// picks it from a pair of fields; and whether that is the second pair.
+/// For number 16 k + i of rows of ``FIELDS`` numbers: its row, plus 16 where its field is odd,
+/// which picks it from a pair of fields; and whether that is the second pair.
 template <int FIELDS>
 struct Interleave {
   alignas(64) int32_t index[FIELDS][LANES];

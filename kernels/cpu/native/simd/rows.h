@@ -5,8 +5,8 @@
 namespace gsfw {
 namespace GSFW_ISA {
 
-/// The fields of sixteen rows of ``FIELDS`` numbers that follow one another; the rows from ``count``
-/// on are 0 and not read.
+/// The fields of sixteen rows of ``FIELDS`` numbers that follow one another; the rows from
+/// ``count`` on are 0 and not read.
 template <int FIELDS, typename T>
 GSFW_FUNCTION void load_rows(const T* from, int64_t count, Pack<T>* fields) {
   for (int k = 0; k < FIELDS; ++k) fields[k] = load_strided(from + k, FIELDS, count);

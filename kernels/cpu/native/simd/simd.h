@@ -1,8 +1,8 @@
 // The vocabulary that kernels are written in: packs of sixteen numbers and masks of sixteen lanes.
 //
-// Pack<double> is always the portable one, because float64 is for accuracy and not for speed. All of
-// this lives in the instruction set's own namespace: an inline function that the linker could take
-// from another set's object file would stop the program on a machine that lacks that set.
+// Pack<double> is always the portable one, because float64 is for accuracy and not for speed. All
+// of this lives in the instruction set's own namespace: an inline function that the linker could
+// take from another set's object file would stop the program on a machine that lacks that set.
 #pragma once
 
 #include "portable.h"
