@@ -57,7 +57,7 @@ class Capabilities:
     """What one rasterizer supports on this machine."""
 
     devices: frozenset[str] = frozenset()
-    """Device types it runs on here ("cpu", "cuda"); empty when it cannot run."""
+    """Device types it runs on ("cpu", "cuda"), or would if it could run here."""
     camera_models: frozenset[CameraModel] = frozenset()
     features: frozenset[Feature] = frozenset()
     max_channels: int | None = None

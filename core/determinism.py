@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import torch
@@ -28,14 +28,20 @@ def deterministic(device: torch.device) -> Iterator[None]:
         torch.utils.deterministic.fill_uninitialized_memory = fill  # type: ignore[attr-defined]
 
 
-def environment(device: torch.device) -> dict[str, str | int]:
-    """What bit-exact repetition depends on besides the seed; kept in every checkpoint."""
+def environment(device: torch.device, backend: Mapping[str, str]) -> dict[str, str | int]:
+    """What bit-exact repetition depends on besides the seed; kept in every checkpoint.
+
+    Args:
+        device: that is trained on.
+        backend: details of the rasterizer, such as its instruction set.
+    """
     return {
         "torch": str(torch.__version__),  # A class of its own, which checkpoints refuse to hold.
         "device": device.type,
         "threads": torch.get_num_threads(),
         "cpu_capability": torch.backends.cpu.get_cpu_capability(),
         "machine": platform.machine(),
+        **backend,
     }
 
 

@@ -357,7 +357,7 @@ class Trainer:
             "train_seconds": self.train_seconds,
             "skipped": self._skipped,
             "skipped_in_a_row": self._skipped_in_a_row,
-            "environment": environment(parts.device),
+            "environment": environment(parts.device, parts.rasterizer.capabilities().details),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

@@ -51,6 +51,8 @@ class Composition:
     settings: Settings
     parts: TrainingParts
     plan: TrainingPlan
+    missed: tuple[str, ...] = ()
+    """Rasterizers that would be preferred, and why they cannot run here."""
 
     @property
     def scene(self) -> Scene:
@@ -89,7 +91,7 @@ class Composition:
     def notes(self) -> tuple[str, ...]:
         """What the user should know before it starts."""
         config = self.settings.config
-        notes = (*self.parts.data.notes(), *self.parts.method.notes(self.scene))
+        notes = (*self.parts.data.notes(), *self.parts.method.notes(self.scene), *self.missed)
         if config.resolution_schedule == AUTO:
             notes += (self.resolution.note(config.resolution_steps),)
         if config.random_background and not self.scene.has_alpha:
@@ -168,6 +170,19 @@ def _check_rasterizer(
     check_fit(chosen, needs, rasterizer_capabilities(registry), device.type)
 
 
+def _missed(settings: Settings, registry: Registry, device: torch.device) -> tuple[str, ...]:
+    """Say of each rasterizer that would be preferred on this device why it cannot run here."""
+    able = rasterizer_capabilities(registry)
+    chosen = settings.choices["rasterizer"].name
+    return tuple(
+        f"rasterizer {name} is faster than {chosen}, but {other.unavailable}"
+        for name, other in able.items()
+        if other.unavailable
+        and device.type in other.devices
+        and other.preference > able[chosen].preference
+    )
+
+
 def open_data(settings: Settings) -> DataManager:
     """Read the data set's cameras and points.
 
@@ -220,7 +235,8 @@ def compose(settings: Settings, registry: Registry, restoring: bool = False) -> 
     _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
     method.check_scene(scene)
     parts = _parts(settings.config, registry, method, data, device)
-    return Composition(settings, parts, training_plan(settings, scene, device))
+    missed = _missed(settings, registry, device)
+    return Composition(settings, parts, training_plan(settings, scene, device), missed)
 
 
 def _parts(

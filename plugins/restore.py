@@ -32,7 +32,8 @@ class Restored:
 
     def changes(self) -> list[str]:
         """What differs from the machine that wrote the checkpoint and may change bits."""
-        now = environment(self.composition.parts.device)
+        parts = self.composition.parts
+        now = environment(parts.device, parts.rasterizer.capabilities().details)
         return differences(self.state["environment"], now)
 
 

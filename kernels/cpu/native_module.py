@@ -9,8 +9,8 @@ from types import ModuleType
 from gsfw.core.errors import ConfigError
 
 NOT_BUILT = (
-    "the native CPU module was not built: no working C++ compiler was found at installation. "
-    "Install one (Debian: apt install g++; macOS: xcode-select --install), "
+    "the native CPU module was not built: no working C++ compiler was found at installation "
+    "(GCC or Clang). Install one (Debian: apt install g++; macOS: xcode-select --install), "
     "then: pip install --force-reinstall --no-deps ."
 )
 

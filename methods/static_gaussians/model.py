@@ -118,8 +118,9 @@ class StaticGaussians(PrimitiveModel):
         children = dict(self.clone_rows(rows.repeat(copies)))
         means, log_scales = children["means"].values, children["log_scales"].values
         noise = torch.randn(means.shape, generator=generator, device=means.device)
-        offsets = _rotate(children["quats"].values, log_scales.exp() * noise.to(means))
-        children["means"] = Rows(means + offsets)
+        along_axes = (log_scales.exp() * noise.to(means)).T
+        offsets = (_rotations(children["quats"].values) * along_axes).sum(1)
+        children["means"] = Rows(means + offsets.T)
         children["log_scales"] = Rows(log_scales - math.log(SPLIT_SHRINK * copies))
         return children
 
@@ -140,8 +141,10 @@ class StaticGaussians(PrimitiveModel):
         noise = torch.randn(means.shape, generator=generator, device=means.device).to(means)
         strength = torch.sigmoid(NOISE_SHARPNESS * (NOISE_OPACITY - self.opacities()))
         variances = (2.0 * self.log_scales.values).exp()
-        shaped = _rotate(quats, variances * _rotate(_inverse(quats), noise))
-        means.add_(shaped * (rate * strength)[:, None])
+        rotations = _rotations(quats)
+        along_axes = (rotations * noise.T[:, None]).sum(0) * variances.T
+        shaped = (rotations * along_axes).sum(1)
+        means.add_((shaped * (rate * strength)).T)
 
     @torch.no_grad()
     def lower_opacities_(self, limit: float) -> tuple[str, ...]:
@@ -150,13 +153,12 @@ class StaticGaussians(PrimitiveModel):
         return ("opacity_logits",)
 
 
-def _inverse(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "n 4"]:
-    return quats * quats.new_tensor([1.0, -1.0, -1.0, -1.0])
-
-
-def _rotate(quats: Float[Tensor, "n 4"], vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-    """Vectors turned by quaternions of any norm: v + 2 u x (u x v + w v) with q = (w, u)."""
-    unit = quats / quats.norm(dim=1, keepdim=True).clamp_min(MIN_NORM)
-    w, u = unit[:, :1], unit[:, 1:]
-    twice = 2.0 * torch.linalg.cross(u, vectors)
-    return vectors + w * twice + torch.linalg.cross(u, twice)
+def _rotations(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "3 3 n"]:
+    """Rotation matrices of quaternions of any norm, rows last: many times faster than first."""
+    w, x, y, z = (quats / quats.norm(dim=1, keepdim=True).clamp_min(MIN_NORM)).T.contiguous()
+    entries = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
+    return torch.stack(entries).view(3, 3, -1)

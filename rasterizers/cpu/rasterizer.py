@@ -27,17 +27,16 @@ class CpuRasterizer(Rasterizer):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion; nothing where the native module is not built."""
+        """Everything, except lens distortion; unavailable where the native module is not built."""
         sets = instruction_sets()
-        used = f"{instruction_set()} (this machine runs {', '.join(sets)})"
         return Capabilities(
-            devices=frozenset({"cpu"} if sets else ()),
+            devices=frozenset({"cpu"}),
             camera_models=frozenset(CameraModel),
             features=frozenset(Feature) - {Feature.DISTORTION},
             determinism=Determinism.BITWISE,
             preference=10,
             unavailable="" if sets else NOT_BUILT,
-            details={"instruction set": used} if sets else {},
+            details={"instruction set": instruction_set()} if sets else {},
         )
 
     def stage_times(self) -> Mapping[str, StageTime]:

@@ -89,6 +89,14 @@ def test_dry_run_says_how_pictures_will_grow(capsys):
     assert "note: resolution_schedule=auto leaves all pictures at" in capsys.readouterr().out
 
 
+def test_without_the_native_module_a_run_says_that_it_will_be_slow(capsys, monkeypatch):
+    monkeypatch.setattr("gsfw.rasterizers.cpu.rasterizer.instruction_sets", list)
+    assert main(["train", *SMALL, "device=cpu", "--dry-run"]) == 0
+    said = capsys.readouterr().out
+    assert "note: rasterizer cpu is faster than reference, but the native CPU module was not" in said
+    assert "Install one (Debian: apt install g++" in said
+
+
 def test_dry_run_checks_everything_and_writes_nothing(capsys, tmp_path):
     assert main(["train", *SMALL, "--dry-run"]) == 0
     said = capsys.readouterr().out

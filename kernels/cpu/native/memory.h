@@ -50,7 +50,6 @@ class Buffer {
   }
 
   T* get() const { return data_; }
-  size_t bytes() const { return size_ * sizeof(T); }
 
  private:
   void release() {

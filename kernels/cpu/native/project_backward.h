@@ -6,9 +6,6 @@
 namespace gsfw {
 namespace GSFW_ISA {
 
-/// Width of a row of summed slots.
-GSFW_FUNCTION int sums_width(int slot_stride) { return (slot_stride + LANES - 1) / LANES * LANES; }
-
 /// Sum the slots of each visible row of a group, always in the same order: field k of lane i is
 /// ``sums[16 k + i]``.
 template <typename T>
