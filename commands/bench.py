@@ -129,11 +129,13 @@ def _workload(path: str) -> Workload:
 
 @contextmanager
 def _as_in_training() -> Iterator[None]:
-    """Deterministic algorithms, as the trainer has them; puts the number of threads back."""
+    """Deterministic algorithms and kept memory, as in training; puts the number of threads back."""
     import torch
 
     from gsfw.core.determinism import deterministic
+    from gsfw.kernels.cpu.native_module import keep_freed_memory
 
+    keep_freed_memory()
     before = torch.get_num_threads()
     try:
         with deterministic(torch.device("cpu")):

@@ -22,7 +22,7 @@ weight, 1 - alpha, transmittance, compare, mask, select, and one per channel."""
 BACKWARD_OPERATIONS = 36
 """The same in blend_backward.h: 14 to replay alpha and weight; then 3 for the colour's pull, lift,
 what lies behind, 3 for g, one per channel, 3 for u and v, and 8 for the six sums of the shape. The
-sums across lanes at the end of a tile are left out."""
+sums across lanes, once per splat and tile, are left out."""
 
 ATTEMPTS = 3
 """The best counts: anything else that runs here makes a throughput lower, never higher."""

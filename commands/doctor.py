@@ -88,11 +88,11 @@ def _libraries() -> Iterator[Finding]:
 
 
 def _native() -> Finding:
-    from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
+    from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, unavailable
 
     found = instruction_sets()
     if not found:
-        return Finding("native CPU module", "missing", NOT_BUILT)
+        return Finding("native CPU module", "missing", unavailable() or NOT_BUILT)
     return Finding("native CPU module", "ok", f"instruction sets: {', '.join(found)}")
 
 

@@ -36,12 +36,12 @@ def environment(device: torch.device, backend: Mapping[str, str]) -> dict[str, s
         backend: details of the rasterizer, such as its instruction set.
     """
     return {
+        **backend,
         "torch": str(torch.__version__),  # A class of its own, which checkpoints refuse to hold.
         "device": device.type,
         "threads": torch.get_num_threads(),
         "cpu_capability": torch.backends.cpu.get_cpu_capability(),
         "machine": platform.machine(),
-        **backend,
     }
 
 

@@ -75,6 +75,8 @@ def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> No
         raise ValueError("splats: give either quats and scales, or covariances")
     if cameras.width < 1 or cameras.height < 1:
         raise ValueError(f"cameras: image size {cameras.width}x{cameras.height} has no pixel")
+    if len(cameras) == 0:
+        raise ValueError("cameras: expected at least one, found none")
     _check_shapes(splats, cameras)
     named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
     named |= {"cameras.world_to_camera": cameras.world_to_camera}
@@ -116,15 +118,22 @@ def _check_shapes(splats: Splats, cameras: Cameras) -> None:
             raise ValueError(f"splats.colors: expected degree 0 to 4, found {colors.degree}")
     for name, tensor in splats.tensors().items():
         _check_shape(f"splats.{name}", tensor, expected[name])
-    if isinstance(colors, Sh) and colors.offsets is None:
-        degree_of(colors.width)
-        if colors.rest is not None and colors.coefficients.shape[1] != 1:
-            raise ValueError(
-                "splats.colors: expected one constant coefficient beside rest, "
-                f"found {colors.coefficients.shape[1]}"
-            )
+    if isinstance(colors, Sh):
+        _check_parts(colors)
     _check_shape("cameras.world_to_camera", cameras.world_to_camera, (c, 4, 4))
     _check_shape("cameras.intrinsics", cameras.intrinsics, (c, 3, 3))
+
+
+def _check_parts(colors: Sh) -> None:
+    if colors.rest is not None and colors.offsets is not None:
+        raise ValueError("splats.colors: expected rest or offsets, found both")
+    if colors.offsets is None:
+        degree_of(colors.width)
+    if colors.rest is not None and colors.coefficients.shape[1] != 1:
+        raise ValueError(
+            "splats.colors: expected one constant coefficient beside rest, "
+            f"found {colors.coefficients.shape[1]}"
+        )
 
 
 def _check_shape(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:

@@ -19,6 +19,7 @@ def exponential_gexp() -> float:
     """Powers of two of one thread with the set in use, in 10^9 per second."""
 
 PAIR_BYTES: int
+SLOT_FIELDS: int
 POSE_FIELDS: int
 
 class TooManyPairs(RuntimeError):
@@ -42,9 +43,6 @@ class DrawingFloat64(DrawingFloat32): ...
 
 def keep_freed_memory() -> None:
     """Let the process's allocator keep what is freed instead of giving it back."""
-
-def release_drawing_memory() -> None:
-    """Free the memory that is kept from picture to picture."""
 
 def l1_dssim(
     rendered: Tensor, target: Tensor, valid: Tensor | None, gradient: Tensor | None, threads: int

@@ -20,15 +20,15 @@ FORCED = "GSFW_CPU_ISA"
 
 @lru_cache(maxsize=1)
 def native() -> ModuleType | None:
-    """The module, set to the instruction set that is wanted; ``None`` when it is not built.
+    """The module, set to the instruction set that is wanted; ``None`` when it cannot be used.
 
     Raises:
         ConfigError: ``GSFW_CPU_ISA`` names a set that this machine cannot run.
     """
-    try:
-        from gsfw.kernels.cpu import _native
-    except ImportError:
+    if unavailable():
         return None
+    from gsfw.kernels.cpu import _native
+
     wanted = os.environ.get(FORCED, "")
     if wanted and not _native.use_instruction_set(wanted):
         raise ConfigError(
@@ -37,6 +37,18 @@ def native() -> ModuleType | None:
             f"Unset {FORCED} to use the best one.",
         )
     return _native
+
+
+@lru_cache(maxsize=1)
+def unavailable() -> str:
+    """Why the module cannot be used; empty when it can."""
+    try:
+        import gsfw.kernels.cpu._native  # noqa: F401 - whether it loads is the question.
+    except ModuleNotFoundError:
+        return NOT_BUILT
+    except ImportError as error:
+        return f"the native CPU module was built, but does not load: {error}"
+    return ""
 
 
 def instruction_sets() -> list[str]:

@@ -72,7 +72,8 @@ class CpuOperators(Operators):
             gradient_limit=GRADIENT_LIMIT,
             threads=num_threads(),
         )
-        increment_version([values, moments.first, moments.second])
+        for changed in (values, moments.first, moments.second):
+            increment_version(changed)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
         """Whether no number of any tensor is infinite or NaN."""

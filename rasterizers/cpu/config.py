@@ -17,7 +17,7 @@ class CpuConfig(RasterizerConfig):
     """Settings of the CPU rasterizer."""
 
     pairs_mb: float = 4096.0
-    """Memory that the list of splats per tile may take, in megabytes; more is refused."""
+    """Memory that pairs of a splat and a tile may take, in megabytes; more is refused."""
 
     def capabilities(self) -> Capabilities:
         """What it can do on this machine."""

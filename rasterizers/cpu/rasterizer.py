@@ -13,7 +13,12 @@ from gsfw.core.rasterizer import Rasterizer, StageTime
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Sh, Splats
-from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_set, instruction_sets
+from gsfw.kernels.cpu.native_module import (
+    NOT_BUILT,
+    instruction_set,
+    instruction_sets,
+    unavailable,
+)
 from gsfw.rasterizers.cpu.drawing import StageLog, draw
 from gsfw.rasterizers.cpu.request import request_of
 
@@ -35,7 +40,7 @@ class CpuRasterizer(Rasterizer):
             features=frozenset(Feature) - {Feature.DISTORTION},
             determinism=Determinism.BITWISE,
             preference=10,
-            unavailable="" if sets else NOT_BUILT,
+            unavailable="" if sets else (unavailable() or NOT_BUILT),
             details={"instruction set": instruction_set()} if sets else {},
         )
 

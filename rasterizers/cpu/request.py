@@ -45,9 +45,9 @@ class Request:
 
     def refuse(self, pairs: int) -> ConfigError:
         """Why a picture with this many pairs is not drawn."""
-        module = native()
-        assert module is not None
-        size = f"{pairs * module.PAIR_BYTES} bytes for {pairs} pairs of a splat and a tile"
+        size = (
+            f"{pairs * pair_bytes(self.background)} bytes for {pairs} pairs of a splat and a tile"
+        )
         advice = "Draw a smaller image, keep splats from growing this large, or raise the limit."
         if pairs > MOST_SLOTS:
             advice = f"No more than {MOST_SLOTS} pairs can be numbered: draw a smaller image."
@@ -56,6 +56,14 @@ class Request:
             "does not allow that.",
             advice,
         )
+
+
+def pair_bytes(background: Tensor) -> int:
+    """Memory per pair: as it is found, as it is sorted, and its sums in the backward pass."""
+    module = native()
+    assert module is not None
+    numbers = module.SLOT_FIELDS + len(background)
+    return module.PAIR_BYTES + numbers * background.element_size()
 
 
 def request_of(
@@ -72,8 +80,6 @@ def request_of(
     """
     if splats.means.dtype not in DTYPES:
         raise ValueError(f"splats.means: expected float32 or float64, found {splats.means.dtype}")
-    module = native()
-    assert module is not None
     extras = 0 if splats.extra is None else splats.extra.shape[1]
     depth_channels = DEPTH_CHANNELS[settings.depth]
     background = splats.means.new_zeros(splats.channels + extras + depth_channels)
@@ -86,7 +92,7 @@ def request_of(
         "model": MODELS[cameras.model],
         "sh_degree": _sh_degree(splats.colors),
         "depth_channels": depth_channels,
-        "most_pairs": min(int(pairs_mb * 2**20) // module.PAIR_BYTES, MOST_SLOTS),
+        "most_pairs": int(min(pairs_mb * 2**20 / pair_bytes(background), MOST_SLOTS)),
         "threads": num_threads(),
     }
     return Request(cameras, background, numbers, statistics, pairs_mb)

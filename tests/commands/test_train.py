@@ -93,7 +93,9 @@ def test_without_the_native_module_a_run_says_that_it_will_be_slow(capsys, monke
     monkeypatch.setattr("gsfw.rasterizers.cpu.rasterizer.instruction_sets", list)
     assert main(["train", *SMALL, "device=cpu", "--dry-run"]) == 0
     said = capsys.readouterr().out
-    assert "note: rasterizer cpu is faster than reference, but the native CPU module was not" in said
+    assert (
+        "note: rasterizer cpu is faster than reference, but the native CPU module was not" in said
+    )
     assert "Install one (Debian: apt install g++" in said
 
 

@@ -195,10 +195,9 @@ GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
 }
 
 template <typename T>
-GSFW_FUNCTION void finish_tile(const BlendJob<T>& job, int tile, const TilePlace& place,
+GSFW_FUNCTION void finish_tile(const BlendJob<T>& job, const TilePlace& place,
                                const TileState<T>& state) {
   const int channels = job.channels;
-  memcpy(job.left + int64_t(tile) * PIXELS, state.left, PIXELS * sizeof(T));
   for (int y = 0; y < place.height; ++y) {
     const int64_t row = int64_t(place.y + y) * job.grid.width + place.x;
     for (int x = 0; x < place.width; ++x) {
@@ -261,7 +260,7 @@ void blend_tile(const BlendJob<T>& job, int tile, T* scratch) {
     ++drawn;
   }
   job.chunks_drawn[tile] = drawn;
-  finish_tile(job, tile, place, state);
+  finish_tile(job, place, state);
 }
 
 /// Paint tile number ``tile``; ``scratch`` is as long as ``blend_scratch`` says.

@@ -64,11 +64,13 @@ void Drawing<T>::project(Passing& memory, const DrawingOutputs<T>& outputs) {
                   kept_->brushes.reserve(count * stride_),
                   stride_,
                   memory->depths.reserve(count),
-                  outputs.visible,
+                  kept_->visible.reserve(count),
                   outputs.radii};
   parallel_pieces(count, ROWS_PER_TASK, request_.threads, [&](int64_t begin, int64_t end, int) {
     kernels_.project(project_job_, begin, end);
   });
+  // The caller's copy may change before the backward pass.
+  if (count > 0) std::memcpy(outputs.visible, project_job_.visible, count);
 }
 
 template <typename T>
@@ -92,6 +94,9 @@ void Drawing<T>::bin(Passing& memory, int64_t visible) {
   plan_tiles();
 }
 
+/// Meetings that a thread finds before it tells the others.
+constexpr int64_t UNTOLD = 4096;
+
 /// Find what each splat meets; counts on beyond the limit, but keeps nothing then.
 template <typename T>
 int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t pieces, int64_t grain,
@@ -110,7 +115,7 @@ int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t piec
     int64_t* counts = tile_counts + piece * tiles;
     std::fill(counts, counts + tiles, 0);
     Buffer<Meeting>& buffer = *memory->meetings[piece];
-    int64_t length = 0, found = 0;
+    int64_t length = 0, untold = 0;
     for (int64_t rank = begin; rank < end; ++rank) {
       if (rank + 12 < end) {
         __builtin_prefetch(job.brushes + int64_t(job.order[rank + 12]) * job.stride);
@@ -120,10 +125,11 @@ int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t piec
       const int64_t more = kernels_.meet(job, row, to + length);
       for (int64_t i = length; i < length + more; ++i) ++counts[to[i].tile];
       slot_count[row] = static_cast<uint32_t>(more);
-      found += more;
-      if (total.load(std::memory_order_relaxed) + found <= request_.most_pairs) length += more;
+      untold += more;
+      if (total.load(std::memory_order_relaxed) + untold <= request_.most_pairs) length += more;
+      if (untold >= UNTOLD) total.fetch_add(std::exchange(untold, 0));
     }
-    total.fetch_add(found);
+    total.fetch_add(untold);
     lengths[piece] = length;
   });
   return total.load();
@@ -190,7 +196,6 @@ BlendJob<T> Drawing<T>::blend_job() const {
   job.checkpoints = kept_->checkpoints.get();
   job.chunks_drawn = kept_->chunks_drawn.get();
   job.background = request_.background;
-  job.left = kept_->left.get();
   return job;
 }
 
@@ -200,7 +205,6 @@ void Drawing<T>::blend(Passing& memory, const DrawingOutputs<T>& outputs) {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
   kept_->checkpoints.reserve(kept_->chunk_starts.get()[tiles] * PIXELS);
   kept_->chunks_drawn.reserve(tiles);
-  kept_->left.reserve(tiles * PIXELS);
   BlendJob<T> job = blend_job();
   job.image = outputs.image;
   job.alpha = outputs.alpha;

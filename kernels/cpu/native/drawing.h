@@ -25,8 +25,8 @@ struct TooManyPairs : std::runtime_error {
   int64_t count;
 };
 
-/// Memory per pair: an entry, a meeting, and the slot of an RGB picture.
-constexpr int64_t PAIR_BYTES = sizeof(Entry) + sizeof(Meeting) + 9 * sizeof(float);
+/// Memory per pair besides its slot.
+constexpr int64_t PAIR_BYTES = sizeof(Entry) + sizeof(Meeting);
 
 /// How a picture is wanted.
 template <typename T>
@@ -67,11 +67,12 @@ struct DrawingGradients {
 /// What the backward pass needs of the forward pass.
 template <typename T>
 struct KeptMemory {
-  Buffer<T> brushes, checkpoints, left;
+  Buffer<T> brushes, checkpoints;
   Buffer<Entry> entries;
   Buffer<int64_t> tile_starts, chunk_starts;
   Buffer<int32_t> chunks_drawn;
   Buffer<uint32_t> tiles, first_slot, slot_count;
+  Buffer<uint8_t> visible;
 };
 
 /// What a pass needs only while it runs.
@@ -90,7 +91,7 @@ class Drawing {
   /// Draws at once. Throws TooManyPairs and std::bad_alloc.
   Drawing(const DrawingRequest<T>& request, const DrawingOutputs<T>& outputs);
 
-  /// The arrays of ``request`` and ``visible`` must still be there, unchanged.
+  /// The arrays of ``request`` must still be there, unchanged.
   void backward(const DrawingGradients<T>& gradients);
 
   /// Pairs of a splat and a tile that meet.

@@ -122,7 +122,7 @@ template <typename T>
 class Handle {
  public:
   Handle(const nb::dict& arrays, const nb::dict& numbers, const nb::dict& outputs)
-      : arrays_(arrays), visible_(outputs["visible"]), request_{} {
+      : arrays_(arrays), request_{} {
     request_.view = view_of<T>(arrays, numbers);
     request_.splats = splats_of<T>(arrays, numbers);
     request_.cut_offs = cut_offs_of<T>(numbers);
@@ -178,9 +178,8 @@ class Handle {
   int64_t pairs() const { return drawing_->pairs(); }
 
  private:
-  // Never the image: it holds the autograd node that holds this, a cycle that nobody would break.
+  // Never the outputs: the image holds the autograd node that holds this, a cycle for ever.
   nb::dict arrays_;
-  nb::object visible_;
   DrawingRequest<T> request_;
   int64_t channels_ = 0;
   std::unique_ptr<Drawing<T>> drawing_;
@@ -206,15 +205,14 @@ void bind_drawing(nb::module_& module) {
     try {
       std::rethrow_exception(error);
     } catch (const TooManyPairs& refused) {
-      PyErr_SetObject(too_many.ptr(), PyLong_FromLongLong(refused.count));
+      PyErr_SetObject(too_many.ptr(), nb::int_(refused.count).ptr());
     }
   });
   module.attr("PAIR_BYTES") = PAIR_BYTES;
+  module.attr("SLOT_FIELDS") = int(SLOT_CHANNELS);
   module.attr("POSE_FIELDS") = POSE_FIELDS;
   module.def("keep_freed_memory", &keep_freed_memory,
              "Let the process's allocator keep what is freed instead of giving it back.");
-  module.def("release_drawing_memory", &release_drawing_memory,
-             "Free the memory that is kept from picture to picture.");
 }
 
 }  // namespace gsfw

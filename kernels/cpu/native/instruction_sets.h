@@ -23,8 +23,7 @@ std::string chosen_instruction_set_name();
 /// Use the set called ``name`` from now on; false when it is not among ``instruction_sets``.
 bool use_instruction_set(const std::string& name);
 
-/// The table of the chosen set; ``TABLE`` is a template variable or a plain one that each set's
-/// namespace has.
+/// The chosen set's own: ``TABLE`` is a table or a function that each set's namespace has.
 #if defined(__x86_64__) || defined(_M_X64)
 #define GSFW_CHOOSE(TABLE)                                           \
   (chosen_instruction_set() == InstructionSet::avx512 ? avx512::TABLE \

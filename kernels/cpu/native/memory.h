@@ -106,7 +106,8 @@ class Recycler {
 /// would otherwise go back to the system and come again as fresh pages in every step.
 inline void keep_freed_memory() {
 #if defined(__GLIBC__)
-  mallopt(M_MMAP_THRESHOLD, 1 << 30);
+  // Older versions refuse more than 32 MB, and after any call they no longer adapt by themselves.
+  if (!mallopt(M_MMAP_THRESHOLD, 1 << 30)) mallopt(M_MMAP_THRESHOLD, 32 << 20);
   mallopt(M_TRIM_THRESHOLD, 1 << 30);
 #endif
 }

@@ -4,6 +4,7 @@
 #include <condition_variable>
 #include <exception>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <utility>
 
@@ -67,7 +68,11 @@ class Pool {
   void start(int wanted) {
     while (started_.load() < wanted) {
       const int worker = started_.load() + 1;
-      std::thread([this, worker, seen = generation_.load()] { serve(worker, seen); }).detach();
+      try {
+        std::thread([this, worker, seen = generation_.load()] { serve(worker, seen); }).detach();
+      } catch (const std::system_error&) {
+        return;  // Fewer threads do the same work.
+      }
       started_.store(worker);
     }
   }

@@ -77,7 +77,7 @@ struct BlendJob {
   const int64_t* tile_starts;
   /// [tiles]: the tile's first row in ``checkpoints``.
   const int64_t* chunk_starts;
-  /// [chunks, 256]: transmittance in front of each chunk but a tile's first.
+  /// [chunks, 256]: transmittance in front of each chunk.
   T* checkpoints;
   /// [tiles]: chunks that were drawn before the tile became opaque.
   int32_t* chunks_drawn;
@@ -87,8 +87,6 @@ struct BlendJob {
   T* image;
   /// [h, w]: 1 - remaining transmittance.
   T* alpha;
-  /// [tiles, 256]: remaining transmittance, block after block.
-  T* left;
   /// [slots]: the sum of weights of each entry; null when not asked for.
   T* contribution;
 };

@@ -83,7 +83,7 @@ struct AdamJob {
   T gradient_limit;
 };
 
-/// See ssim.h, adam.h and finite.h.
+/// See ssim.h, loss_gradient.h, adam.h and finite.h.
 template <typename T>
 struct StepKernels {
   int64_t (*ssim_scratch)(const SsimJob<T>& job);
