@@ -29,12 +29,27 @@ class Timed {
 
 int padded(int numbers) { return (numbers + 15) / 16 * 16; }
 
+template <typename T>
+void set_number(T* field, uint32_t number) {
+  std::memcpy(field, &number, sizeof(number));
+}
+
+template <typename T>
+uint32_t number_at(const T* field) {
+  uint32_t number;
+  std::memcpy(&number, field, sizeof(number));
+  return number;
+}
+
 Grid grid_of(int width, int height) {
   return {width, height, (width + TILE - 1) / TILE, (height + TILE - 1) / TILE};
 }
 
 /// Pieces that a thread gets of work whose order matters: enough for the fast to help the slow.
 constexpr int PIECES_PER_THREAD = 4;
+
+/// Runs of tiles that a thread gets.
+constexpr int RUNS_PER_THREAD = 16;
 
 }  // namespace
 
@@ -108,7 +123,6 @@ int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t piec
     memory->meetings.push_back(std::make_unique<Buffer<Meeting>>());
   }
   int64_t* tile_counts = memory->tile_counts.reserve(std::max<int64_t>(pieces, 1) * tiles);
-  uint32_t* slot_count = kept_->slot_count.reserve(request_.splats.count);
   std::atomic<int64_t> total{0};
   parallel_pieces(visible, grain, request_.threads, [&](int64_t begin, int64_t end, int) {
     const int64_t piece = begin / grain;
@@ -124,7 +138,7 @@ int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t piec
       Meeting* to = buffer.grow(length, length + tiles + TILE);
       const int64_t more = kernels_.meet(job, row, to + length);
       for (int64_t i = length; i < length + more; ++i) ++counts[to[i].tile];
-      slot_count[row] = static_cast<uint32_t>(more);
+      set_number(brush_of(row) + BRUSH_SLOTS, static_cast<uint32_t>(more));
       untold += more;
       if (total.load(std::memory_order_relaxed) + untold <= request_.most_pairs) length += more;
       if (untold >= UNTOLD) total.fetch_add(std::exchange(untold, 0));
@@ -151,20 +165,23 @@ void Drawing<T>::place_entries(Passing& memory, int64_t pieces, const int64_t* l
   std::vector<int64_t> slots(pieces);
   std::exclusive_scan(lengths, lengths + pieces, slots.begin(), int64_t(0));
   Entry* entries = kept_->entries.reserve(total);
-  uint32_t* first_slot = kept_->first_slot.reserve(request_.splats.count);
   parallel(pieces, request_.threads, [&](int64_t piece, int) {
     const Meeting* meetings = memory->meetings[piece]->get();
     int64_t* places = next + piece * tiles;
     for (int64_t i = 0; i < lengths[piece]; ++i) {
       const Meeting& meeting = meetings[i];
       const uint32_t slot = static_cast<uint32_t>(slots[piece] + i);
-      if (i == 0 || meetings[i - 1].row != meeting.row) first_slot[meeting.row] = slot;
+      if (i == 0 || meetings[i - 1].row != meeting.row) {
+        set_number(brush_of(meeting.row) + BRUSH_FIRST_SLOT, slot);
+      }
       entries[places[meeting.tile]++] = {meeting.row, slot, meeting.blocks};
     }
   });
 }
 
-/// Checkpoints of each tile, and the order in which threads take tiles: the heaviest first.
+/// Checkpoints of each tile, and the order in which threads take runs of tiles: the heaviest first.
+/// Tiles of a run are neighbours, which share most of their splats: a thread finds these in its own
+/// cache, and writes to slots that no other thread is writing next to.
 template <typename T>
 void Drawing<T>::plan_tiles() {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
@@ -174,12 +191,30 @@ void Drawing<T>::plan_tiles() {
   for (int64_t tile = 0; tile < tiles; ++tile) {
     chunks[tile + 1] = chunks[tile] + (starts[tile + 1] - starts[tile] + CHUNK - 1) / CHUNK;
   }
-  uint32_t* order = kept_->tiles.reserve(tiles);
-  std::iota(order, order + tiles, 0u);
+  run_length_ = std::max<int64_t>(tiles / (int64_t(request_.threads) * RUNS_PER_THREAD), 1);
+  const int64_t runs = (tiles + run_length_ - 1) / run_length_;
+  uint32_t* order = kept_->runs.reserve(runs);
+  std::iota(order, order + runs, 0u);
   if (request_.threads == 1) return;
-  const auto load = [&](uint32_t tile) { return (starts[tile + 1] - starts[tile]) / 16; };
-  std::stable_sort(order, order + tiles,
+  const auto load = [&](uint32_t run) {
+    return starts[std::min((run + 1) * run_length_, tiles)] - starts[run * run_length_];
+  };
+  std::stable_sort(order, order + runs,
                    [&](uint32_t a, uint32_t b) { return load(a) > load(b); });
+}
+
+/// Call ``f(tile, worker)`` for every tile.
+template <typename T>
+template <typename F>
+void Drawing<T>::for_each_tile(const F& f) const {
+  const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
+  const uint32_t* order = kept_->runs.get();
+  const int64_t runs = (tiles + run_length_ - 1) / run_length_;
+  parallel(runs, request_.threads, [&](int64_t task, int worker) {
+    const int64_t first = order[task] * run_length_;
+    const int64_t end = std::min(first + run_length_, tiles);
+    for (int64_t tile = first; tile < end; ++tile) f(static_cast<int>(tile), worker);
+  });
 }
 
 template <typename T>
@@ -211,23 +246,20 @@ void Drawing<T>::blend(Passing& memory, const DrawingOutputs<T>& outputs) {
   if (outputs.contribution) job.contribution = memory->slots.reserve(pairs_);
   const int64_t size = padded(static_cast<int>(kernels_.scratch(stride_, channels_)));
   T* scratch = memory->scratch.reserve(size * request_.threads);
-  const uint32_t* order = kept_->tiles.get();
-  parallel(tiles, request_.threads, [&](int64_t task, int worker) {
-    kernels_.blend(job, static_cast<int>(order[task]), scratch + worker * size);
-  });
+  for_each_tile([&](int tile, int worker) { kernels_.blend(job, tile, scratch + worker * size); });
   if (outputs.contribution) sum_contributions(job.contribution, outputs.contribution);
 }
 
 template <typename T>
 void Drawing<T>::sum_contributions(const T* slots, T* to) {
-  const uint32_t* first = kept_->first_slot.get();
-  const uint32_t* counts = kept_->slot_count.get();
   const int64_t count = request_.splats.count;
   parallel_pieces(count, ROWS_PER_TASK, request_.threads, [&](int64_t begin, int64_t end, int) {
     for (int64_t row = begin; row < end; ++row) {
       T sum = 0;
-      const uint32_t length = project_job_.visible[row] ? counts[row] : 0;
-      for (uint32_t i = 0; i < length; ++i) sum += slots[first[row] + i];
+      const bool seen = project_job_.visible[row];
+      const uint32_t count = seen ? number_at(brush_of(row) + BRUSH_SLOTS) : 0;
+      const uint32_t first = seen ? number_at(brush_of(row) + BRUSH_FIRST_SLOT) : 0;
+      for (uint32_t i = 0; i < count; ++i) sum += slots[int64_t(first) + i];
       to[row] = sum;
     }
   });
@@ -245,9 +277,8 @@ void Drawing<T>::backward(const DrawingGradients<T>& gradients) {
     const Timed timed(times_[BLEND_BACKWARD]);
     const BlendBackwardJob<T> job = {blend_job(),  gradients.image, gradients.alpha,
                                      slots,        slot_stride,     gradients.absgrad != nullptr};
-    const uint32_t* order = kept_->tiles.get();
-    parallel(int64_t(grid_.columns) * grid_.rows, request_.threads, [&](int64_t task, int worker) {
-      kernels_.blend_backward(job, static_cast<int>(order[task]), scratch + worker * size);
+    for_each_tile([&](int tile, int worker) {
+      kernels_.blend_backward(job, tile, scratch + worker * size);
     });
   }
   const Timed timed(times_[PROJECT_BACKWARD]);
@@ -255,8 +286,6 @@ void Drawing<T>::backward(const DrawingGradients<T>& gradients) {
   const int64_t tasks = (count + ROWS_PER_TASK - 1) / ROWS_PER_TASK;
   T* pose = gradients.pose ? memory->pose.reserve(tasks * POSE_FIELDS) : nullptr;
   const ProjectBackwardJob<T> job = {project_job_,
-                                     kept_->first_slot.get(),
-                                     kept_->slot_count.get(),
                                      slots,
                                      slot_stride,
                                      gradients.absgrad != nullptr,

@@ -71,7 +71,7 @@ struct KeptMemory {
   Buffer<Entry> entries;
   Buffer<int64_t> tile_starts, chunk_starts;
   Buffer<int32_t> chunks_drawn;
-  Buffer<uint32_t> tiles, first_slot, slot_count;
+  Buffer<uint32_t> runs;
   Buffer<uint8_t> visible;
 };
 
@@ -108,9 +108,12 @@ class Drawing {
                         int64_t* lengths);
   void place_entries(Passing& memory, int64_t pieces, const int64_t* lengths);
   void plan_tiles();
+  template <typename F>
+  void for_each_tile(const F& f) const;
   void blend(Passing& memory, const DrawingOutputs<T>& outputs);
   void sum_contributions(const T* slots, T* to);
   BlendJob<T> blend_job() const;
+  T* brush_of(int64_t row) const { return kept_->brushes.get() + row * stride_; }
 
   const DrawingKernels<T>& kernels_;
   DrawingRequest<T> request_;
@@ -118,6 +121,7 @@ class Drawing {
   ProjectJob<T> project_job_{};
   typename Recycler<KeptMemory<T>>::Lease kept_;
   int64_t pairs_ = 0;
+  int64_t run_length_ = 1;
   int channels_;
   int stride_;
   std::array<StageTime, STAGES> times_{};

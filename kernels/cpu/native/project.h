@@ -26,6 +26,7 @@ GSFW_FUNCTION void ellipse_fields(const Projection<Pack<T>>& splat, const Pack<T
   fields[BRUSH_NARROW] = square_root(reach * (splat.determinant / c.yy));
   fields[BRUSH_HEIGHT] = extent.half.y;
   fields[BRUSH_WIDTH] = extent.half.x;
+  fields[BRUSH_FIRST_SLOT] = fields[BRUSH_SLOTS] = N(0.0);
 }
 
 /// The channels of a group of rows, one after the other.

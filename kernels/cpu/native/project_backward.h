@@ -12,18 +12,23 @@ template <typename T>
 GSFW_FUNCTION void sum_slots(const ProjectBackwardJob<T>& job, const RowGroup& rows,
                              uint32_t visible, T* sums) {
   const int stride = job.slot_stride;
-  for (int i = 0; i < rows.count; ++i) {
-    const int64_t row = rows.first + i;
-    if (visible >> i & 1) __builtin_prefetch(job.slots + int64_t(job.first_slot[row]) * stride);
+  const T* slots[LANES];
+  uint32_t counts[LANES];
+  for (int i = 0; i < LANES; ++i) {
+    counts[i] = 0;
+    if (!(visible >> i & 1)) continue;
+    const T* brush = job.forward.brushes + (rows.first + i) * job.forward.stride;
+    counts[i] = whole_number(brush + BRUSH_SLOTS);
+    slots[i] = job.slots + int64_t(whole_number(brush + BRUSH_FIRST_SLOT)) * stride;
+    __builtin_prefetch(slots[i]);
   }
   for (int k = 0; k < stride; k += LANES) {
     Pack<T> fields[LANES];
     for (int i = 0; i < LANES; ++i) {
       Pack<T> total(0.0);
-      const int64_t row = rows.first + i;
-      const uint32_t count = visible >> i & 1 ? job.slot_count[row] : 0;
-      const T* slot = count ? job.slots + int64_t(job.first_slot[row]) * stride + k : nullptr;
-      for (uint32_t s = 0; s < count; ++s, slot += stride) total = total + load(slot);
+      for (uint32_t s = 0; s < counts[i]; ++s) {
+        total = total + load(slots[i] + int64_t(s) * stride + k);
+      }
       fields[i] = total;
     }
     transpose(fields);
@@ -151,7 +156,9 @@ GSFW_FUNCTION void write_statistics(const ProjectBackwardJob<T>& job, const RowG
   };
   if (job.screen_gradient) write(job.screen_gradient, by_mean.x, by_mean.y);
   if (job.absgrad) {
-    const T* magnitudes = sums + (job.slot_stride - 2) * LANES;
+    const SplatArrays<T>& splats = job.forward.splats;
+    const int channels = splats.color_channels + splats.extras + splats.depth_channels;
+    const T* magnitudes = sums + (SLOT_CHANNELS + channels) * LANES;
     const N unscale(1.0 / (binary_scale * binary_scale));
     write(job.absgrad, unscale * load(magnitudes), unscale * load(magnitudes + LANES));
   }

@@ -23,10 +23,13 @@ constexpr int ROWS_PER_TASK = 1024;
 /// and w of the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 -
 /// v^2); level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans
 /// with y; the height above the centre at which it reaches furthest right; half its width at the
-/// centre's height; half the height and half the width of its bounding box. Then the channels.
+/// centre's height; half the height and half the width of its bounding box. Then two whole
+/// numbers of 32 bits, which binning adds: the row's first slot, and how many it has; here, threads
+/// never share their cache line. Then the channels.
 enum BrushField {
   BRUSH_X, BRUSH_Y, BRUSH_R, BRUSH_WK, BRUSH_W, BRUSH_LEVEL,
-  BRUSH_TILT, BRUSH_TURN, BRUSH_NARROW, BRUSH_HEIGHT, BRUSH_WIDTH, BRUSH_CHANNELS
+  BRUSH_TILT, BRUSH_TURN, BRUSH_NARROW, BRUSH_HEIGHT, BRUSH_WIDTH,
+  BRUSH_FIRST_SLOT, BRUSH_SLOTS, BRUSH_CHANNELS
 };
 
 /// What a slot sums over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2, g
@@ -195,9 +198,6 @@ constexpr int POSE_FIELDS = 15;
 template <typename T>
 struct ProjectBackwardJob {
   ProjectJob<T> forward;
-  /// [n]: first slot of each visible row, and how many there are.
-  const uint32_t* first_slot;
-  const uint32_t* slot_count;
   /// [slots, slot_stride]
   const T* slots;
   int slot_stride;
