@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
+
+from gsfw.core.render_settings import Statistic
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,24 @@ class RenderStatistics:
     """The same with each pixel's absolute gradient summed instead (Ye et al. 2024, AbsGS)."""
     contribution: Float[Tensor, "c n"] | None = None
     """Sum over pixels of alpha times transmittance; written by the forward pass."""
+
+    @staticmethod
+    def zeros(
+        means: Float[Tensor, "n 3"], cameras: int, wanted: frozenset[Statistic]
+    ) -> RenderStatistics:
+        """Nothing seen yet, with room for what is wanted."""
+        shape = (cameras, len(means))
+
+        def room(statistic: Statistic) -> Tensor | None:
+            return means.new_zeros(shape) if statistic in wanted else None
+
+        return RenderStatistics(
+            visible=means.new_zeros(shape, dtype=torch.bool),
+            radii=means.new_zeros(shape),
+            screen_gradient=room(Statistic.SCREEN_GRADIENT),
+            absgrad=room(Statistic.ABSGRAD),
+            contribution=room(Statistic.CONTRIBUTION),
+        )
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.capabilities import Capabilities, Determinism, Feature
 from gsfw.core.rasterizer import Rasterizer, StageTime
 from gsfw.core.render_output import RenderOutput, RenderStatistics
-from gsfw.core.render_settings import Depth, RenderSettings, Statistic
+from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.kernels.cpu.native_module import (
     NOT_BUILT,
@@ -63,7 +63,7 @@ class CpuRasterizer(Rasterizer):
             raise ValueError(
                 f"splats.means: expected a tensor on the CPU, found one on {splats.means.device}"
             )
-        statistics = _empty_statistics(splats, len(cameras), settings)
+        statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
         request = request_of(splats, cameras, settings, statistics, self.pairs_mb)
         image, alpha = draw(request, self._log, _inputs(splats, cameras))
         return _output(image, alpha[..., None], splats, settings, statistics)
@@ -80,22 +80,6 @@ def _inputs(splats: Splats, cameras: Cameras) -> list[Tensor | None]:
     tensors = [splats.means, splats.quats, splats.scales, splats.covariances, splats.opacities]
     tensors += [colors, rest, splats.extra, cameras.world_to_camera]
     return [None if tensor is None else tensor.contiguous() for tensor in tensors]
-
-
-def _empty_statistics(splats: Splats, cameras: int, settings: RenderSettings) -> RenderStatistics:
-    shape = (cameras, len(splats))
-
-    def zeros(statistic: Statistic) -> Tensor | None:
-        wanted = statistic in settings.statistics
-        return splats.means.new_zeros(shape) if wanted else None
-
-    return RenderStatistics(
-        visible=splats.means.new_empty(shape, dtype=torch.bool),
-        radii=splats.means.new_empty(shape),
-        screen_gradient=zeros(Statistic.SCREEN_GRADIENT),
-        absgrad=zeros(Statistic.ABSGRAD),
-        contribution=zeros(Statistic.CONTRIBUTION),
-    )
 
 
 def _output(

@@ -12,7 +12,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.capabilities import Capabilities, Determinism, Feature
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
-from gsfw.core.render_settings import Depth, RenderSettings, Statistic
+from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.reference.bin import bin_ellipses
 from gsfw.rasterizers.reference.blend import blend
@@ -60,7 +60,7 @@ class ReferenceRasterizer(Rasterizer):
                 "cameras.distortion: expected None, because the reference rasterizer draws without "
                 "lens distortion; undistort the images first"
             )
-        statistics = _empty_statistics(splats, len(cameras), settings)
+        statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
         pictures = [
             self._draw_one(splats, cameras.select(slice(i, i + 1)), settings, statistics, i)
             for i in range(len(cameras))
@@ -114,22 +114,6 @@ class ReferenceRasterizer(Rasterizer):
             )
         painted, left = blend(brushes(ellipses, torch.cat(channels, dim=1)), canvas, camera)
         return _picture(painted, left, splats, settings)
-
-
-def _empty_statistics(splats: Splats, cameras: int, settings: RenderSettings) -> RenderStatistics:
-    shape = (cameras, len(splats))
-
-    def zeros(statistic: Statistic) -> Tensor | None:
-        wanted = statistic in settings.statistics
-        return splats.means.new_zeros(shape) if wanted else None
-
-    return RenderStatistics(
-        visible=splats.means.new_zeros(shape, dtype=torch.bool),
-        radii=splats.means.new_zeros(shape),
-        screen_gradient=zeros(Statistic.SCREEN_GRADIENT),
-        absgrad=zeros(Statistic.ABSGRAD),
-        contribution=zeros(Statistic.CONTRIBUTION),
-    )
 
 
 def _picture(

@@ -67,7 +67,8 @@ def test_without_a_run_or_with_two_it_says_so(capsys):
 
 def test_another_machine_is_a_warning(run, capsys, monkeypatch):
     monkeypatch.setattr(
-        "gsfw.plugins.restore.environment", lambda device: {"threads": 1000, "device": "cpu"}
+        "gsfw.plugins.restore.environment",
+        lambda device, backend: {"threads": 1000, "device": "cpu"},
     )
     assert main(["resume", str(run), "steps=21"]) == 0
     assert "and is 1000: the result may differ in its last bits" in capsys.readouterr().err
