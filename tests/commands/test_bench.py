@@ -194,7 +194,8 @@ def test_rasterizers_take_turns_and_are_compared(staged, workload, capsys):
     arguments = ["rasterizer=one,two", "repeats=2", f"workload={workload}", "json=true"]
     assert bench.run(arguments) == 0
     document = json.loads(capsys.readouterr().out)
-    each = ("one", "one", "two", "two")  # Once alone, and once in a training step.
+    # Once to wake up, once alone, and once in a training step.
+    each = ("one",) * 3 + ("two",) * 3
     assert Staged.turns == each * (bench.WARM_UP + 2)
     one, two = document["results"]
     assert (one["rasterizer"], two["rasterizer"]) == ("one", "two")
