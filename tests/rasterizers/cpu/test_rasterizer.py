@@ -16,8 +16,9 @@ from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 from gsfw.rasterizers.cpu.config import CpuConfig
+from gsfw.rasterizers.cpu.painter import CpuPainter
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
-from gsfw.rasterizers.cpu.request import request_of
+from gsfw.rasterizers.request import PairLimit, request_of
 
 needs_native = pytest.mark.skipif(not instruction_sets(), reason=NOT_BUILT)
 
@@ -41,7 +42,9 @@ def test_more_pairs_than_can_be_numbered_are_refused_whatever_is_allowed():
     splats = random_splats(1)
     settings = RenderSettings()
     statistics = CpuRasterizer().render(splats, front_camera()).statistics
-    request = request_of(splats, front_camera(), settings, statistics, pairs_mb=1e9)
+    request = request_of(
+        splats, front_camera(), settings, statistics, PairLimit(1e9, 60, CpuPainter.most_pairs)
+    )
     assert request.numbers["most_pairs"] == 2**32 - 1
     assert str(request.refuse(2**33)).splitlines() == [
         "this picture needs 515396075520 bytes for 8589934592 pairs of a splat and a tile that it "

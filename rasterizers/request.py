@@ -1,4 +1,4 @@
-"""Request: what is asked of the native kernels, in their own terms."""
+"""Request: what is asked of kernels, in their own terms."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
-from gsfw.kernels.cpu.native_module import native
-from gsfw.kernels.cpu.threads import num_threads
 
 MODELS = {CameraModel.PINHOLE: 0, CameraModel.ORTHOGRAPHIC: 1, CameraModel.FISHEYE: 2}
 """As ``CameraModel`` of kernels/shared/camera.h numbers them."""
@@ -25,10 +23,24 @@ DEPTH_CHANNELS = {Depth.NONE: 0, Depth.ACCUMULATED: 1, Depth.EXPECTED: 2}
 """Channels drawn for depth: depth itself, and the sum of weights, of which 1 - transmittance has no
 digits where it is small."""
 
-MOST_SLOTS = 2**32 - 1
-"""Pairs that 32-bit slots can number."""
-
 DTYPES = (torch.float32, torch.float64)
+
+
+@dataclass(frozen=True)
+class PairLimit:
+    """How many pairs of a splat and a tile a picture may have."""
+
+    megabytes: float
+    """Memory they may take."""
+    bytes: int
+    """Memory that one of them takes: as it is found, as it is sorted, and in the backward pass."""
+    most: int
+    """Pairs that can be numbered."""
+
+    @property
+    def count(self) -> int:
+        """The limit as a number of pairs."""
+        return int(min(self.megabytes * 2**20 / self.bytes, self.most))
 
 
 @dataclass(frozen=True)
@@ -39,31 +51,27 @@ class Request:
     background: Tensor
     """[d]: of every channel that is drawn, zeros for those that have none."""
     numbers: dict[str, float | int | bool]
-    """Everything that is a plain number, by the name the native module gives it."""
+    """Everything that is a plain number, by the name that kernels give it."""
     statistics: RenderStatistics
-    pairs_mb: float
+    limit: PairLimit
 
     def refuse(self, pairs: int) -> ConfigError:
         """Why a picture with this many pairs is not drawn."""
-        size = (
-            f"{pairs * pair_bytes(self.background)} bytes for {pairs} pairs of a splat and a tile"
-        )
+        size = f"{pairs * self.limit.bytes} bytes for {pairs} pairs of a splat and a tile"
         advice = "Draw a smaller image, keep splats from growing this large, or raise the limit."
-        if pairs > MOST_SLOTS:
-            advice = f"No more than {MOST_SLOTS} pairs can be numbered: draw a smaller image."
+        if pairs > self.limit.most:
+            advice = f"No more than {self.limit.most} pairs can be numbered: draw a smaller image."
         return ConfigError(
-            f"this picture needs {size} that it reaches; rasterizer.pairs_mb={self.pairs_mb:g} "
-            "does not allow that.",
+            f"this picture needs {size} that it reaches; rasterizer.pairs_mb="
+            f"{self.limit.megabytes:g} does not allow that.",
             advice,
         )
 
 
-def pair_bytes(background: Tensor) -> int:
-    """Memory per pair: as it is found, as it is sorted, and its sums in the backward pass."""
-    module = native()
-    assert module is not None
-    numbers = module.SLOT_FIELDS + len(background)
-    return module.PAIR_BYTES + numbers * background.element_size()
+def drawn_channels(splats: Splats, settings: RenderSettings) -> int:
+    """Channels that are painted: colour, extra, and those of depth."""
+    extras = 0 if splats.extra is None else splats.extra.shape[1]
+    return splats.channels + extras + DEPTH_CHANNELS[settings.depth]
 
 
 def request_of(
@@ -71,7 +79,7 @@ def request_of(
     cameras: Cameras,
     settings: RenderSettings,
     statistics: RenderStatistics,
-    pairs_mb: float,
+    limit: PairLimit,
 ) -> Request:
     """Put a call of ``render`` into the kernels' terms.
 
@@ -80,9 +88,7 @@ def request_of(
     """
     if splats.means.dtype not in DTYPES:
         raise ValueError(f"splats.means: expected float32 or float64, found {splats.means.dtype}")
-    extras = 0 if splats.extra is None else splats.extra.shape[1]
-    depth_channels = DEPTH_CHANNELS[settings.depth]
-    background = splats.means.new_zeros(splats.channels + extras + depth_channels)
+    background = splats.means.new_zeros(drawn_channels(splats, settings))
     if settings.background is not None and not settings.background.requires_grad:
         background[: splats.channels] = settings.background
     numbers = _numbers(settings, splats.means.dtype)
@@ -91,11 +97,10 @@ def request_of(
         "height": cameras.height,
         "model": MODELS[cameras.model],
         "sh_degree": _sh_degree(splats.colors),
-        "depth_channels": depth_channels,
-        "most_pairs": int(min(pairs_mb * 2**20 / pair_bytes(background), MOST_SLOTS)),
-        "threads": num_threads(),
+        "depth_channels": DEPTH_CHANNELS[settings.depth],
+        "most_pairs": limit.count,
     }
-    return Request(cameras, background, numbers, statistics, pairs_mb)
+    return Request(cameras, background, numbers, statistics, limit)
 
 
 def _sh_degree(colors: Sh | Tensor) -> int:
