@@ -38,7 +38,8 @@
 #endif
 
 // A fused multiply-add that the hardware lacks is a slow library call.
-#if defined(__FP_FAST_FMA) || defined(__FMA__) || defined(__ARM_FEATURE_FMA) || \
+#ifdef GSFW_FUSES
+#elif defined(__FP_FAST_FMA) || defined(__FMA__) || defined(__ARM_FEATURE_FMA) || \
     defined(__CUDACC__) || defined(__CUDACC_RTC__)
 #define GSFW_FUSES 1
 #else

@@ -1,0 +1,73 @@
+"""Availability: whether CUDA kernels can be used on this machine, and why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from gsfw.kernels.cuda.errors import CudaError
+
+if TYPE_CHECKING:
+    from gsfw.kernels.cuda.driver import Driver
+    from gsfw.kernels.cuda.nvrtc import Nvrtc
+
+GET_TORCH = "Install a build of torch with CUDA: https://pytorch.org/get-started/locally."
+
+
+@dataclass(frozen=True)
+class CudaSystem:
+    """What CUDA kernels are compiled and run with."""
+
+    nvrtc: Nvrtc
+    driver: Driver
+    targets: tuple[str, ...]
+    """What kernels are compiled to for each device, such as "sm_90"; those too old are left out."""
+
+
+def cuda_system() -> CudaSystem:
+    """The parts that CUDA kernels need.
+
+    Raises:
+        CudaError: one is missing or too old.
+    """
+    import torch
+
+    from gsfw.kernels.cuda.architecture import choose_target
+    from gsfw.kernels.cuda.driver import Driver
+    from gsfw.kernels.cuda.nvrtc_library import find_nvrtc
+
+    if torch.version.cuda is None:
+        kind = "a ROCm build" if torch.version.hip else "a CPU build"
+        raise CudaError(f"torch {torch.__version__} is {kind}, without CUDA.", GET_TORCH)
+    driver = Driver()
+    nvrtc = find_nvrtc(torch.version.cuda)
+    driver.require(nvrtc.version)
+    count = torch.cuda.device_count()
+    if not torch.cuda.is_available() or count == 0:
+        raise CudaError(
+            f"torch {torch.__version__}, built for CUDA {torch.version.cuda}, cannot use the GPU.",
+            "python -c 'import torch; torch.zeros(1).cuda()' says why.",
+        )
+    targets, refusals = [], []
+    for index in range(count):
+        major, minor = torch.cuda.get_device_capability(index)
+        try:
+            targets.append(choose_target(10 * major + minor, nvrtc.architectures).name)
+        except CudaError as error:
+            refusals.append(error)
+    if not targets:
+        raise refusals[0]
+    return CudaSystem(nvrtc, driver, tuple(targets))
+
+
+@lru_cache(maxsize=1)
+def unavailable() -> str:
+    """Why CUDA kernels cannot be used here, and what to do; empty when they can."""
+    try:
+        cuda_system()
+    except ImportError as error:
+        return f"torch does not load: {error}"
+    except CudaError as error:
+        return str(error).replace("\n", " ")
+    return ""

@@ -1,0 +1,111 @@
+"""CudaLauncher: runs kernels on a GPU, on the stream that torch is using there."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from functools import cache
+from typing import NamedTuple
+
+import torch
+
+from gsfw.kernels.cuda.architecture import choose_target
+from gsfw.kernels.cuda.cache import KernelCache, cache_folder
+from gsfw.kernels.cuda.compiler import KernelCompiler
+from gsfw.kernels.cuda.driver import Driver
+from gsfw.kernels.cuda.errors import CudaError
+from gsfw.kernels.cuda.launcher import Kernel, Launcher
+from gsfw.kernels.cuda.nvrtc_library import find_nvrtc
+from gsfw.kernels.cuda.torch_device import TorchDevice
+
+MOST_BLOCKS = 2**31 - 1
+"""Blocks that one launch may have."""
+
+
+class _Loaded(NamedTuple):
+    function: int
+    job: type[ctypes.Structure]
+
+
+class _Thread(threading.local):
+    entered = False
+
+
+class CudaLauncher(Launcher):
+    """Launches on one device; threads may share it.
+
+    Kernels stay loaded. Once a kernel has been launched, it may be captured in a CUDA graph.
+    """
+
+    def __init__(self, device: TorchDevice, driver: Driver, compiler: KernelCompiler) -> None:
+        self.device = device
+        self.driver = driver
+        self.compiler = compiler
+        self._loaded: dict[Kernel, _Loaded] = {}
+        self._loading = threading.Lock()
+        self._thread = _Thread()
+
+    def launch(self, kernel: Kernel, blocks: int, threads: int, job: ctypes.Structure) -> None:
+        """Start a kernel on torch's current stream of the device; see ``Launcher.launch``.
+
+        Raises:
+            CudaError: it does not compile or load, or cannot be started.
+            TypeError: the kernel has been launched with another class of jobs before.
+        """
+        if blocks == 0:
+            return
+        if blocks > MOST_BLOCKS:
+            raise CudaError(
+                f"{kernel.expression} would need {blocks} blocks of threads for what it is given; "
+                f"CUDA starts {MOST_BLOCKS} at most.",
+                "Draw fewer splats, or a smaller image.",
+            )
+        try:
+            with self.device.selected():
+                if not self._thread.entered:
+                    self.driver.enter(self.device.index)
+                    self._thread.entered = True
+                loaded = self._loaded.get(kernel) or self._load(kernel, type(job))
+                if type(job) is not loaded.job:
+                    raise TypeError(
+                        f"{kernel.expression} takes a {loaded.job.__name__}, "
+                        f"found a {type(job).__name__}"
+                    )
+                self.driver.launch(loaded.function, blocks, threads, self.device.stream(), job)
+        except CudaError as error:
+            raise CudaError(
+                f"kernel {kernel.expression} on cuda:{self.device.index}: {error.message}",
+                error.advice,
+            ) from None
+
+    def _load(self, kernel: Kernel, job: type[ctypes.Structure]) -> _Loaded:
+        if self.device.capturing():
+            raise CudaError(
+                "it is used for the first time while a CUDA graph is being captured, when no "
+                "kernel can be loaded.",
+                "Run the step once before capturing it.",
+            )
+        with self._loading:
+            if kernel not in self._loaded:  # Another thread may have been faster.
+                name, code = self.compiler.compile(kernel, job)
+                self._loaded[kernel] = _Loaded(self.driver.load(code, name), job)
+            return self._loaded[kernel]
+
+
+def cuda_launcher(device: torch.device) -> CudaLauncher:
+    """The launcher of a CUDA device, always the same one.
+
+    Raises:
+        CudaError: CUDA cannot be used on this machine; ``availability.unavailable`` says so first.
+    """
+    return _launcher(torch.cuda.current_device() if device.index is None else device.index)
+
+
+@cache
+def _launcher(index: int) -> CudaLauncher:
+    device = TorchDevice(torch.device("cuda", index))
+    nvrtc = find_nvrtc(torch.version.cuda)
+    driver = Driver()
+    driver.require(nvrtc.version)
+    target = choose_target(device.architecture(), nvrtc.architectures)
+    return CudaLauncher(device, driver, KernelCompiler(nvrtc, target, KernelCache(cache_folder())))

@@ -1,0 +1,140 @@
+"""Driver: NVIDIA's driver library, called through ctypes.
+
+Modules are loaded into the context that torch has made for a device (its primary context), with the
+calls that CUDA has had since its first versions and that torch uses itself. A library that is
+independent of contexts (``cuLibraryLoadData``) would gain nothing: a launcher serves one device.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from typing import NoReturn
+
+from gsfw.kernels.cuda.errors import CudaError
+
+LIBRARY = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+"""The file that the driver's installation puts where the system finds it."""
+
+PTX_TOO_NEW = 222
+"""CUDA_ERROR_UNSUPPORTED_PTX_VERSION: the compiler is newer than the driver."""
+
+NO_DEVICE = 100
+"""CUDA_ERROR_NO_DEVICE."""
+
+LATE = (
+    "CUDA reports errors late: an earlier kernel may be the cause. "
+    "Setting CUDA_LAUNCH_BLOCKING=1 shows which."
+)
+
+_POINTER = ctypes.c_void_p
+_OnePointer = _POINTER * 1
+
+
+class Driver:
+    """The driver in one library file.
+
+    Raises:
+        CudaError: there is no driver, or it finds no GPU.
+    """
+
+    def __init__(self, library: str | None = None) -> None:
+        library = LIBRARY if library is None else library
+        try:
+            self._library = ctypes.CDLL(library)
+        except OSError:
+            raise CudaError(
+                f"there is no NVIDIA driver on this machine ({library} does not load).",
+                "Install one: https://www.nvidia.com/drivers; or use rasterizer=cpu.",
+            ) from None
+        self._launch = self._library.cuLaunchKernel
+        self._launch.argtypes = [_POINTER, *[ctypes.c_uint] * 7, *[_POINTER] * 3]
+        status = self._library.cuInit(0)
+        if status == NO_DEVICE:
+            raise CudaError(
+                "the NVIDIA driver finds no GPU.",
+                "Is CUDA_VISIBLE_DEVICES set? Does nvidia-smi list one? Else use rasterizer=cpu.",
+            )
+        self._check(status, "starting the driver")
+        version = ctypes.c_int()
+        self._check(self._library.cuDriverGetVersion(ctypes.byref(version)), "asking its version")
+        self.version = (version.value // 1000, version.value % 1000 // 10)
+        """Major and minor version of the newest CUDA that the driver knows."""
+
+    def require(self, compiler: tuple[int, int]) -> None:
+        """Check that the driver can run what a compiler of this version makes.
+
+        Raises:
+            CudaError: it is older by a major version.
+        """
+        if self.version[0] < compiler[0]:
+            raise CudaError(
+                f"the NVIDIA driver is too old: it knows CUDA {_dotted(self.version)}, and the "
+                f"kernels are compiled by NVRTC {_dotted(compiler)}, which needs a driver for "
+                f"CUDA {compiler[0]}.0 or newer.",
+                f"Update the driver, or install a torch built for CUDA {self.version[0]}: "
+                "https://pytorch.org/get-started/locally",
+            )
+
+    def enter(self, device: int) -> None:
+        """Make torch's context of a device current in this thread, unless the thread has one.
+
+        Threads that torch starts for the way back may not have touched their device yet.
+        """
+        context = _POINTER()
+        what = f"entering the context of GPU {device}"
+        self._check(self._library.cuCtxGetCurrent(ctypes.byref(context)), what)
+        if context.value is None:
+            ordinal = ctypes.c_int()
+            self._check(self._library.cuDeviceGet(ctypes.byref(ordinal), device), what)
+            retain = self._library.cuDevicePrimaryCtxRetain
+            self._check(retain(ctypes.byref(context), ordinal), what)
+            self._check(self._library.cuCtxSetCurrent(context), what)
+
+    def load(self, code: bytes, name: str) -> int:
+        """Load code into the current context, for as long as that lives; the kernel ``name``.
+
+        Raises:
+            CudaError: the code does not fit the device or the driver, or lacks the kernel.
+        """
+        module, function = _POINTER(), _POINTER()
+        status = self._library.cuModuleLoadData(ctypes.byref(module), code)
+        if status == PTX_TOO_NEW:
+            raise CudaError(
+                f"the NVIDIA driver, which knows CUDA {_dotted(self.version)}, cannot translate "
+                "the PTX that is made for this GPU: the compiler is newer than the driver.",
+                "Update the driver.",
+            )
+        self._check(status, "loading")
+        find = self._library.cuModuleGetFunction
+        self._check(find(ctypes.byref(function), module, name.encode()), f"finding {name}")
+        return function.value or 0
+
+    def launch(
+        self, function: int, blocks: int, threads: int, stream: int, job: ctypes.Structure
+    ) -> None:
+        """Start a kernel on a stream with one structure, which is copied before this returns.
+
+        Raises:
+            CudaError: it cannot be started, or a kernel before it has failed.
+        """
+        jobs = _OnePointer(ctypes.addressof(job))
+        status = self._launch(function, blocks, 1, 1, threads, 1, 1, 0, stream, jobs, None)
+        if status:
+            self._fail(status, f"starting {blocks} blocks of {threads} threads", LATE)
+
+    def _check(self, status: int, what: str) -> None:
+        if status:
+            self._fail(status, what)
+
+    def _fail(self, status: int, what: str, advice: str = "") -> NoReturn:
+        texts = []
+        for function in ("cuGetErrorName", "cuGetErrorString"):
+            text = ctypes.c_char_p()
+            getattr(self._library, function)(status, ctypes.byref(text))
+            texts.append((text.value or b"unknown").decode())
+        raise CudaError(f"{what} failed: error {status}, {texts[0]} ({texts[1]}).", advice)
+
+
+def _dotted(version: tuple[int, int]) -> str:
+    return f"{version[0]}.{version[1]}"

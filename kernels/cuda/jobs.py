@@ -1,0 +1,181 @@
+"""Jobs: the structures of sources/stages.h, field by field."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import ClassVar
+
+POINTER, INT, INT64, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64, ctypes.c_double
+
+
+class Grid(ctypes.Structure):
+    """The image and its tiles."""
+
+    _fields_: ClassVar = [("width", INT), ("height", INT), ("columns", INT), ("rows", INT)]
+
+
+class View(ctypes.Structure):
+    """One camera and the conventions of a render."""
+
+    _fields_: ClassVar = [
+        ("world_to_camera", POINTER),
+        ("intrinsics", POINTER),
+        ("jacobian_margin", DOUBLE),
+        ("dilation", DOUBLE),
+        ("compensation_min", DOUBLE),
+        ("alpha_min", DOUBLE),
+        ("near", DOUBLE),
+        ("far", DOUBLE),
+        ("length_max", DOUBLE),
+        ("quaternion_min_norm", DOUBLE),
+        ("model", INT),
+        ("antialias", INT),
+    ]
+
+
+class SplatArrays(ctypes.Structure):
+    """Splats."""
+
+    _fields_: ClassVar = [
+        ("count", INT64),
+        ("means", POINTER),
+        ("quats", POINTER),
+        ("scales", POINTER),
+        ("covariances", POINTER),
+        ("opacities", POINTER),
+        ("colors", POINTER),
+        ("rest", POINTER),
+        ("extra", POINTER),
+        ("color_stride", INT),
+        ("rest_stride", INT),
+        ("extras", INT),
+        ("color_channels", INT),
+        ("depth_channels", INT),
+        ("unused", INT),
+    ]
+
+
+class SplatGradients(ctypes.Structure):
+    """Where gradients go."""
+
+    _fields_: ClassVar = [
+        ("means", POINTER),
+        ("quats", POINTER),
+        ("scales", POINTER),
+        ("covariances", POINTER),
+        ("opacities", POINTER),
+        ("colors", POINTER),
+        ("rest", POINTER),
+        ("extra", POINTER),
+    ]
+
+
+class ProjectJob(ctypes.Structure):
+    """Of ``project``."""
+
+    _fields_: ClassVar = [
+        ("view", View),
+        ("splats", SplatArrays),
+        ("grid", Grid),
+        ("level_min", DOUBLE),
+        ("bounded", INT),
+        ("stride", INT),
+        ("brushes", POINTER),
+        ("depth_keys", POINTER),
+        ("tile_counts", POINTER),
+        ("visible", POINTER),
+        ("radii", POINTER),
+    ]
+
+
+class EmitJob(ctypes.Structure):
+    """Of ``emit``."""
+
+    _fields_: ClassVar = [
+        ("grid", Grid),
+        ("bounded", INT),
+        ("stride", INT),
+        ("brushes", POINTER),
+        ("order", POINTER),
+        ("count", INT64),
+        ("tile_counts", POINTER),
+        ("ends", POINTER),
+        ("tiles", POINTER),
+        ("payload", POINTER),
+        ("rows", POINTER),
+        ("numbered", INT),
+        ("unused", INT),
+    ]
+
+
+class TilesJob(ctypes.Structure):
+    """Of ``find_tiles``."""
+
+    _fields_: ClassVar = [
+        ("tiles", POINTER),
+        ("pairs", INT64),
+        ("num_tiles", INT),
+        ("unused", INT),
+        ("starts", POINTER),
+    ]
+
+
+class BlendJob(ctypes.Structure):
+    """Of ``blend``."""
+
+    _fields_: ClassVar = [
+        ("grid", Grid),
+        ("level_min", DOUBLE),
+        ("alpha_cap", DOUBLE),
+        ("alpha_limit", DOUBLE),
+        ("transmittance_min", DOUBLE),
+        ("brushes", POINTER),
+        ("stride", INT),
+        ("channels", INT),
+        ("bounded", INT),
+        ("unused", INT),
+        ("rows", POINTER),
+        ("tile_starts", POINTER),
+        ("chunk_starts", POINTER),
+        ("background", POINTER),
+        ("image", POINTER),
+        ("alpha", POINTER),
+        ("left", POINTER),
+        ("seen", POINTER),
+        ("checkpoints", POINTER),
+        ("chunk_tiles", POINTER),
+        ("contribution", POINTER),
+        ("slots", POINTER),
+    ]
+
+
+class BlendBackwardJob(ctypes.Structure):
+    """Of ``blend_backward``."""
+
+    _fields_: ClassVar = [
+        ("forward", BlendJob),
+        ("image_gradient", POINTER),
+        ("alpha_gradient", POINTER),
+        ("chunks", INT64),
+        ("sums", POINTER),
+        ("sum_stride", INT),
+        ("unused", INT),
+    ]
+
+
+class ProjectBackwardJob(ctypes.Structure):
+    """Of ``project_backward``."""
+
+    _fields_: ClassVar = [
+        ("forward", ProjectJob),
+        ("sums", POINTER),
+        ("sum_stride", INT),
+        ("channels", INT),
+        ("slot_ends", POINTER),
+        ("gradients", SplatGradients),
+        ("screen_gradient", POINTER),
+        ("absgrad", POINTER),
+        ("pose", POINTER),
+        ("accumulate", INT),
+        ("unused", INT),
+    ]

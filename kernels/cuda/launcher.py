@@ -1,0 +1,49 @@
+"""Launcher: runs kernels on the memory of tensors, wherever that is."""
+
+from __future__ import annotations
+
+import ctypes
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """One instance of a kernel's template."""
+
+    source: str
+    """File in kernels/cuda/sources, such as "blend.cu"."""
+    expression: str
+    """As C++ spells it inside namespace gsfw::cuda, such as "blend<float, 3, 128, false>"."""
+
+
+class Launcher(ABC):
+    """Compiles kernels when they are first asked for, and runs them.
+
+    Every kernel takes one structure by value, which ``gsfw.kernels.cuda.jobs`` mirrors.
+    """
+
+    @abstractmethod
+    def launch(self, kernel: Kernel, blocks: int, threads: int, job: ctypes.Structure) -> None:
+        """Start ``blocks`` blocks of ``threads`` threads; does not wait for them to end.
+
+        Nothing is started where ``blocks`` is 0.
+
+        Raises:
+            CudaError: the kernel does not compile, does not load, or cannot be started.
+        """
+
+
+def address(tensor: Tensor | None) -> int | None:
+    """Where a tensor's memory begins; ``None`` for what is absent. A job does not keep it alive.
+
+    Raises:
+        ValueError: the tensor is not contiguous.
+    """
+    if tensor is None:
+        return None
+    if not tensor.is_contiguous():
+        raise ValueError(f"expected a contiguous tensor, found strides {tensor.stride()}")
+    return tensor.data_ptr()

@@ -1,0 +1,132 @@
+// Bin: one pair for every splat and every tile that it meets, and where each tile's pairs begin.
+//
+// A warp emits for 32 splats that follow each other in depth, whose pairs therefore follow each
+// other in memory. It deals out first their rows of tiles, one to a lane, and then the pairs of
+// these 32 rows, one to a lane, so that all lanes have work however unlike the splats are, and
+// write side by side.
+#include "reach.h"
+
+namespace gsfw {
+namespace cuda {
+
+/// Threads of a block of ``emit`` and of ``find_tiles``.
+constexpr int BIN_THREADS = 256;
+
+/// The lane that has number ``item`` where lane i has those from ``ends`` of lane i - 1 up to its
+/// own; the last lane for numbers beyond. A warp collective; lanes may ask for different numbers.
+__device__ __forceinline__ int lane_of(int item, int ends) {
+  int lane = 0;
+#pragma unroll
+  for (int half = WARP / 2; half > 0; half /= 2) {
+    if (__shfl_sync(FULL_WARP, ends, lane + half - 1) <= item) lane += half;
+  }
+  return lane;
+}
+
+/// The splat of one lane.
+template <class T>
+struct Emitter {
+  int splat;
+  Ellipse<T> ellipse;
+  TileRange rows;
+};
+
+/// Splats that meet no tile, and threads beyond the last splat, have no rows.
+template <class T>
+__device__ __forceinline__ Emitter<T> emitter_of(const EmitJob& job, int splat, int count) {
+  Emitter<T> emitter{splat, {}, {0, -1}};
+  if (count == 0) return emitter;
+  if (!job.bounded) {
+    emitter.rows.last = job.grid.rows - 1;
+    return emitter;
+  }
+  const T* brushes = static_cast<const T*>(job.brushes);
+  emitter.ellipse = ellipse_of(brushes + int64(splat) * job.stride);
+  emitter.rows = tile_rows(emitter.ellipse, job.grid);
+  return emitter;
+}
+
+/// Some columns of one row of tiles, and the splat that meets them.
+struct TileRow {
+  int splat, row;
+  TileRange columns;
+};
+
+/// Row number ``item`` of those that the lanes have together, ``ends`` being the last of each
+/// lane's and one more. A warp collective.
+template <class T>
+__device__ __forceinline__ TileRow tile_row(const EmitJob& job, const Emitter<T>& own, int item,
+                                            int ends) {
+  const int lane = lane_of(item, ends);
+  const Ellipse<T> ellipse = from_lane(own.ellipse, lane);
+  const int row = __shfl_sync(FULL_WARP, own.rows.last + 1 - ends, lane) + item;
+  TileRow found{__shfl_sync(FULL_WARP, own.splat, lane), row, {0, job.grid.columns - 1}};
+  if (job.bounded) found.columns = tile_columns(ellipse, row, job.grid);
+  return found;
+}
+
+template <class Key>
+__device__ __forceinline__ void write_pair(const EmitJob& job, int64 place, int tile, int splat) {
+  static_cast<Key*>(job.tiles)[place] = Key(tile);
+  job.payload[place] = job.numbered ? int(place) : splat;
+  if (job.numbered) job.rows[place] = splat;
+}
+
+/// Writes the pairs of 32 rows, one from each lane, from place ``begin`` on; returns how many. A
+/// warp collective.
+template <class Key>
+__device__ __forceinline__ int emit_rows(const EmitJob& job, const TileRow& own, int64 begin) {
+  const int ends = warp_running_sum(length(own.columns));
+  const int pairs = __shfl_sync(FULL_WARP, ends, WARP - 1);
+  const int first_tile = own.row * job.grid.columns + own.columns.last + 1 - ends;
+  for (int base = 0; base < pairs; base += WARP) {
+    const int pair = base + lane_index();
+    const int lane = lane_of(pair, ends);
+    const int tile = __shfl_sync(FULL_WARP, first_tile, lane) + pair;
+    const int splat = __shfl_sync(FULL_WARP, own.splat, lane);
+    if (pair < pairs) write_pair<Key>(job, begin + pair, tile, splat);
+  }
+  return pairs;
+}
+
+/// Writes the pairs of the splats from front to back, and of each splat by row of tiles and then by
+/// column; one thread per splat.
+template <class T, class Key>
+__global__ void __launch_bounds__(BIN_THREADS, sizeof(T) > 4 ? 4 : 6) emit(EmitJob job) {
+  const int64 place = thread_index();
+  const int splat = place < job.count ? job.order[place] : 0;
+  const int count = place < job.count ? job.tile_counts[splat] : 0;
+  const Emitter<T> own = emitter_of<T>(job, splat, count);
+  // Splats without pairs between others change nothing, as ends do not move there.
+  int64 begin = place < job.count ? job.ends[place] - count : 0;
+  begin = __shfl_sync(FULL_WARP, begin, 0);
+  const int ends = warp_running_sum(length(own.rows));
+  const int rows = __shfl_sync(FULL_WARP, ends, WARP - 1);
+  for (int base = 0; base < rows; base += WARP) {
+    const int item = base + lane_index();
+    TileRow row = tile_row(job, own, item, ends);
+    if (item >= rows) row.columns = {0, -1};
+    begin += emit_rows<Key>(job, row, begin);
+  }
+}
+
+/// Finds by bisection where the pairs of each tile begin; one thread per tile and one for the end.
+template <class Key>
+__global__ void __launch_bounds__(BIN_THREADS) find_tiles(TilesJob job) {
+  const int64 tile = thread_index();
+  if (tile > job.num_tiles) return;
+  const Key* tiles = static_cast<const Key*>(job.tiles);
+  int64 low = 0, high = job.pairs;
+  while (low < high) {
+    const int64 middle = (low + high) / 2;
+    if (int64(tiles[middle]) < tile) {
+      low = middle + 1;
+    } else {
+      high = middle;
+    }
+  }
+  job.starts[tile] = low;
+}
+
+}  // namespace cuda
+}  // namespace gsfw

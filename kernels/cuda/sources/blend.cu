@@ -1,0 +1,156 @@
+// Blend: paint the splats of each tile over one another, from front to back.
+//
+// Kerbl et al. 2023, equation 3. One block paints one tile, each of its warps a subtile of 8 x 4
+// pixels: a warp passes over a chunk's splats 32 at a time and looks only at those that reach its
+// own subtile. In front of every chunk but the first, each pixel's state is kept for the way back,
+// which can then begin anywhere.
+#include "tile.h"
+
+namespace gsfw {
+namespace cuda {
+
+/// What one pixel has seen so far.
+template <class T, int CHANNELS>
+struct Painted {
+  T transmittance;
+  T color[CHANNELS];
+  /// Whether it still sees through; pixels outside the image never do.
+  bool open;
+  /// Pairs of the tile that it has looked at before it stopped.
+  int seen;
+};
+
+/// Keep a pixel's state in front of a chunk.
+template <class T, int CHANNELS>
+__device__ __forceinline__ void save_checkpoint(const BlendJob& job, int64 row, int tile,
+                                                const Painted<T, CHANNELS>& pixel) {
+  T* to = checkpoint_of<T, CHANNELS>(job, row, int(threadIdx.x));
+  to[0] = pixel.transmittance;
+#pragma unroll
+  for (int c = 0; c < CHANNELS; ++c) to[(1 + c) * TILE_PIXELS] = pixel.color[c];
+  if (threadIdx.x == 0) job.chunk_tiles[row] = tile;
+}
+
+/// Paint one splat; returns its weight.
+template <class T, int CHANNELS>
+__device__ __forceinline__ T paint(const T* splat, T alpha, int place, T stop,
+                                   Painted<T, CHANNELS>& pixel) {
+  const T next = pixel.transmittance * (T(1) - alpha);
+  if (!pixel.open) return T(0);
+  if (!(next > stop)) {  // It would make the pixel opaque: neither it nor any behind is drawn.
+    pixel.open = false;
+    pixel.seen = place;
+    return T(0);
+  }
+  const T weight = alpha * pixel.transmittance;
+#pragma unroll
+  for (int c = 0; c < CHANNELS; ++c) {
+    pixel.color[c] = fma(weight, splat[PAINT_CHANNELS + c], pixel.color[c]);
+  }
+  pixel.transmittance = next;
+  return weight;
+}
+
+/// Paint a chunk on one subtile. ``weights`` [CHUNK] takes each splat's sum over the subtile if
+/// ``MEASURE``; those that are not painted keep what is there.
+template <class T, int CHANNELS, int CHUNK, bool MEASURE>
+__device__ __forceinline__ void paint_chunk(const BlendJob& job,
+                                            const Entries<T, CHANNELS, CHUNK>& entries, int before,
+                                            int count, const Pixel<T>& at,
+                                            Painted<T, CHANNELS>& pixel, T* weights) {
+  const T level_min = T(job.level_min), cap = T(job.alpha_cap), stop = T(job.transmittance_min);
+  for (int base = 0; base < count; base += WARP) {
+    if (!__any_sync(FULL_WARP, pixel.open)) return;
+    const int own = base + lane_index();
+    const uint32 reached = own < count ? entries.subtiles[own] : 0u;
+    uint32 hits = __ballot_sync(FULL_WARP, int(reached >> warp_index() & 1u));
+    for (; hits; hits &= hits - 1u) {
+      const int place = base + __ffs(int(hits)) - 1;
+      const T* splat = entries.paint[place];
+      const T alpha = alpha_at(splat, at.x, at.y, level_min, cap);
+      const T weight = paint(splat, alpha, before + place, stop, pixel);
+      if constexpr (MEASURE) {
+        const T total = warp_sum(weight);
+        if (lane_index() == 0) weights[place] = total;
+      }
+    }
+  }
+}
+
+/// Add up what the subtiles measured of each splat, always in the same order.
+template <class T, int CHUNK>
+__device__ __forceinline__ void record_contribution(const BlendJob& job, int64 first, int count,
+                                                    const T (*weights)[CHUNK]) {
+  T* contribution = static_cast<T*>(job.contribution);
+  for (int place = int(threadIdx.x); place < count; place += TILE_PIXELS) {
+    T total = T(0);
+    for (int s = 0; s < SUBTILES; ++s) total += weights[s][place];
+    if (job.slots) {
+      contribution[job.slots[first + place]] = total;
+    } else if (total > T(0)) {
+      atomicAdd(contribution + job.rows[first + place], total);
+    }
+  }
+}
+
+/// Put the background behind a pixel, and write it.
+template <class T, int CHANNELS>
+__device__ __forceinline__ void finish_pixel(const BlendJob& job, const Pixel<T>& at,
+                                             const Painted<T, CHANNELS>& pixel) {
+  if (!at.inside) return;
+  const T left = pixel.transmittance;
+  static_cast<T*>(job.alpha)[at.index] = T(1) - left;
+  if (job.left) static_cast<T*>(job.left)[at.index] = left;
+  if (job.seen) job.seen[at.index] = pixel.seen;
+  T* image = static_cast<T*>(job.image) + at.index * job.channels;
+  const T* background = static_cast<const T*>(job.background);
+#pragma unroll
+  for (int c = 0; c < CHANNELS; ++c) {
+    if (c < job.channels) image[c] = fma(left, background[c], pixel.color[c]);
+  }
+}
+
+/// One block of 256 threads per tile; ``CHUNK`` is a multiple of 32.
+template <class T, int CHANNELS, int CHUNK, bool MEASURE>
+__global__ void __launch_bounds__(TILE_PIXELS) blend(BlendJob job) {
+  __shared__ Entries<T, CHANNELS, CHUNK> entries;
+  __shared__ T weights[SUBTILES][MEASURE ? CHUNK : 1];
+  const int tile = int(blockIdx.x);
+  const Pixel<T> at = pixel_of<T>(job.grid, tile, warp_index(), lane_index());
+  Painted<T, CHANNELS> pixel;
+  pixel.transmittance = T(1);
+#pragma unroll
+  for (int c = 0; c < CHANNELS; ++c) pixel.color[c] = T(0);
+  pixel.open = at.inside;
+  pixel.seen = 0;
+  const int64 begin = job.tile_starts[tile], end = job.tile_starts[tile + 1];
+  int64 checkpoint = job.checkpoints ? job.chunk_starts[tile] : 0;
+  for (int64 first = begin; first < end; first += CHUNK) {
+    // Nobody may still read the last chunk when this one comes in.
+    if (!__syncthreads_or(pixel.open)) break;
+    const int count = int(end - first < CHUNK ? end - first : CHUNK);
+    if (job.checkpoints && first > begin) {
+      save_checkpoint(job, checkpoint++, tile, pixel);
+    }
+    for (int place = int(threadIdx.x); place < count; place += TILE_PIXELS) {
+      load_entry(job, tile, first, place, entries);
+    }
+    if constexpr (MEASURE) {
+      for (int place = lane_index(); place < count; place += WARP) {
+        weights[warp_index()][place] = T(0);
+      }
+    }
+    __syncthreads();
+    paint_chunk<T, CHANNELS, CHUNK, MEASURE>(job, entries, int(first - begin), count, at, pixel,
+                                             weights[warp_index()]);
+    if constexpr (MEASURE) {
+      __syncthreads();
+      record_contribution<T>(job, first, count, weights);
+    }
+  }
+  if (pixel.open) pixel.seen = int(end - begin);
+  finish_pixel(job, at, pixel);
+}
+
+}  // namespace cuda
+}  // namespace gsfw

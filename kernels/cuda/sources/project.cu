@@ -1,0 +1,140 @@
+// Project: from splats to brushes, the ellipses with which one camera's picture is painted.
+//
+// One thread per row of the model. Threads beyond the last row repeat it and write nothing, since
+// all lanes of a warp take part when it fetches coefficients and counts tiles.
+#include "stages.h"
+
+#include "coefficients.h"
+#include "reach.h"
+#include "splat.h"
+#include "view.h"
+
+namespace gsfw {
+namespace cuda {
+
+/// Four numbers that are written at once.
+template <class T>
+struct __align__(16) Four {
+  T numbers[4];
+};
+
+/// A positive depth as a number that sorts alike.
+GSFW_FUNCTION uint32 depth_key(float depth) { return __float_as_uint(depth); }
+GSFW_FUNCTION uint64 depth_key(double depth) { return uint64(__double_as_longlong(depth)); }
+
+/// The fields of a brush that describe its ellipse, [BRUSH_CHANNELS] of them.
+template <class T>
+GSFW_FUNCTION void ellipse_fields(const Projection<T>& splat, const T& level,
+                                  const T& log_visibility, const Extent<T>& extent, T* fields) {
+  const Whitening<T> scaled = scale_for_binary(whiten(splat.covariance, splat.determinant));
+  const T reach = T(2.0) * maximum(T(0.0), log_visibility);
+  const Symmetric2<T>& c = splat.covariance;
+  fields[BRUSH_X] = splat.mean.x;
+  fields[BRUSH_Y] = splat.mean.y;
+  fields[BRUSH_R] = scaled.r;
+  fields[BRUSH_WK] = -(scaled.w * scaled.k);
+  fields[BRUSH_W] = scaled.w;
+  fields[BRUSH_LEVEL] = level;
+  fields[BRUSH_TILT] = c.xy / c.yy;
+  fields[BRUSH_TURN] = c.xy * square_root(reach / c.xx);
+  fields[BRUSH_NARROW] = square_root(reach * (splat.determinant / c.yy));
+  fields[BRUSH_HEIGHT] = extent.half.y;
+  fields[BRUSH_WIDTH] = extent.half.x;
+}
+
+/// The channels of one row, one after the other.
+template <class T, int DEGREE>
+struct ChannelReader {
+  const SplatArrays& splats;
+  int64 row;
+  /// Of SH, already clamped.
+  Vector3<T> sh_color;
+  T depth;
+
+  /// Zero beyond those that are drawn.
+  GSFW_FUNCTION T operator[](int channel) const {
+    const int extra = channel - splats.color_channels, beyond = extra - splats.extras;
+    if (extra < 0 && DEGREE >= 0) {
+      return channel == 0 ? sh_color.x : channel == 1 ? sh_color.y : sh_color.z;
+    }
+    if (extra < 0) return static_cast<const T*>(splats.colors)[row * splats.color_stride + channel];
+    if (beyond < 0) return static_cast<const T*>(splats.extra)[row * splats.extras + extra];
+    if (beyond >= splats.depth_channels) return T(0);
+    return beyond == 0 ? depth : T(1);
+  }
+};
+
+/// Write a brush: [stride] numbers, of which ``fields`` has those of the ellipse.
+template <class T, int DEGREE>
+GSFW_FUNCTION void write_brush(const T* fields, const ChannelReader<T, DEGREE>& channel, int stride,
+                               void* brushes) {
+  static_assert(BRUSH_CHANNELS % 4 == 3, "The third four ends with the first channel.");
+  constexpr int FULL = BRUSH_CHANNELS / 4;
+  Four<T>* to = reinterpret_cast<Four<T>*>(static_cast<T*>(brushes) + channel.row * stride);
+#pragma unroll
+  for (int i = 0; i < FULL; ++i) {
+    to[i] = {{fields[4 * i], fields[4 * i + 1], fields[4 * i + 2], fields[4 * i + 3]}};
+  }
+  to[FULL] = {{fields[4 * FULL], fields[4 * FULL + 1], fields[4 * FULL + 2], channel[0]}};
+  for (int i = FULL + 1; 4 * i < stride; ++i) {
+    const int next = 4 * i - BRUSH_CHANNELS;
+    to[i] = {{channel[next], channel[next + 1], channel[next + 2], channel[next + 3]}};
+  }
+}
+
+/// The colour of this thread's row: max(0, 0.5 + sum of coefficient times basis). Reached by all
+/// lanes.
+template <int DEGREE, class T>
+__device__ __forceinline__ Vector3<T> sh_color_of(const SplatArrays& splats, const WarpRows& rows,
+                                                  const Vector3<T>& mean,
+                                                  const Camera<T>& camera) {
+  __shared__ Coefficients<T, DEGREE> staged[PROJECT_THREADS / WARP];
+  Coefficients<T, DEGREE>& coefficients = staged[warp_index()];
+  fetch(splats, rows, coefficients);
+  T basis[num_coefficients(DEGREE)];
+  sh_basis(DEGREE, view_direction(mean, camera_center(camera)), basis);
+  const Vector3<T> sum = sum_bands<DEGREE>(coefficients.rows[lane_index()], basis);
+  return {sh_color(sum.x), sh_color(sum.y), sh_color(sum.z)};
+}
+
+/// What is known of a row besides its brush.
+template <class T>
+GSFW_FUNCTION void write_row(const ProjectJob& job, int64 row, bool visible, int tiles,
+                             const Projection<T>& splat, const Extent<T>& extent) {
+  using Key = decltype(depth_key(splat.depth));
+  job.visible[row] = visible;
+  job.tile_counts[row] = tiles;
+  static_cast<T*>(job.radii)[row] = visible ? maximum(extent.half.x, extent.half.y) : T(0);
+  static_cast<Key*>(job.depth_keys)[row] = visible ? depth_key(splat.depth) : ~Key(0);
+}
+
+/// project<T, Shape, DEGREE>: see ProjectJob. Shape is Axes<T> or Symmetric3<T>; DEGREE that of the
+/// spherical harmonics, -1 for colours that are plain channels. Blocks of PROJECT_THREADS.
+template <class T, class Shape, int DEGREE>
+__global__ void __launch_bounds__(PROJECT_THREADS) project(ProjectJob job) {
+  const int64 row = thread_index();
+  const bool inside = row < job.splats.count;
+  const Camera<T> camera = camera_of<T>(job.view, job.grid);
+  const Settings<T> settings = settings_of<T>(job.view);
+  const Splat<T, Shape> splat =
+      load_splat<T, Shape>(job.splats, inside ? row : job.splats.count - 1);
+  const Projection<T> seen = project(splat.mean, splat.shape, splat.opacity, camera, settings);
+  const T level = logarithm_of_two(maximum(seen.opacity, T(OPACITY_MIN)));
+  const T log_visibility = T(0.6931471805599453) * (level - T(job.level_min));
+  const Extent<T> extent = visible_extent(seen, log_visibility, camera, settings);
+  const bool visible = inside && extent.visible;
+
+  ChannelReader<T, DEGREE> channels{job.splats, row, {}, seen.depth};
+  if constexpr (DEGREE >= 0) {
+    const WarpRows rows = rows_of_warp(row, inside, visible);
+    channels.sh_color = sh_color_of<DEGREE>(job.splats, rows, splat.mean, camera);
+  }
+  T fields[BRUSH_CHANNELS];
+  ellipse_fields(seen, level, log_visibility, extent, fields);
+  if (visible) write_brush(fields, channels, job.stride, job.brushes);
+  const int tiles = count_tiles(fields, visible, job.grid, job.bounded != 0);
+  if (inside) write_row(job, row, visible, tiles, seen, extent);
+}
+
+}  // namespace cuda
+}  // namespace gsfw

@@ -1,0 +1,49 @@
+// What the host hands to the kernels that sort, mirrored field by field in
+// kernels/cuda/sort_jobs.py.
+#pragma once
+
+#include "platform.h"
+
+namespace gsfw {
+namespace cuda {
+
+/// Values that a digit can have at most.
+constexpr int DIGITS = 256;
+/// Threads of a block.
+constexpr int SORT_THREADS = 512;
+/// Keys of each thread: as many as shared memory has room to put in order.
+template <class Key>
+constexpr int KEYS_PER_THREAD = sizeof(Key) > 4 ? 4 : 8;
+
+/// The digit that one pass sorts by: ``digits`` values, a power of two, from bit ``shift`` on.
+struct DigitField {
+  int shift, digits;
+};
+
+/// count_digits<Key>: how often each block of keys has each digit.
+struct DigitsJob {
+  /// Key [n]
+  const void* keys;
+  int64 count;
+  DigitField field;
+  /// int64 [digits, blocks]
+  int64* counts;
+};
+
+/// scatter<Key>: to its place with every key, and with what goes along with it.
+struct ScatterJob {
+  /// Key [n]
+  const void* keys;
+  /// int32 [n]; null where it is the index of the key.
+  const int* payload;
+  int64 count;
+  DigitField field;
+  /// int64 [digits, blocks]: running sums of what ``count_digits`` has counted.
+  const int64* ends;
+  /// Key [n] and int32 [n]
+  void* sorted_keys;
+  int* sorted_payload;
+};
+
+}  // namespace cuda
+}  // namespace gsfw

@@ -1,0 +1,102 @@
+// Tile: the pixels of one, and the splats that are painted on them.
+//
+// Forward and backward see alpha through the same function of explicitly fused operations, so that
+// both agree bit for bit on what is drawn.
+#pragma once
+
+#include "stages.h"
+
+#include "falloff.h"
+#include "reach.h"
+
+namespace gsfw {
+namespace cuda {
+
+/// One pixel of a subtile, as one thread has it.
+template <class T>
+struct Pixel {
+  /// Centre, measured from the middle of the tile: small numbers, whose differences keep digits.
+  T x, y;
+  /// Position in the image, row after row; 0 outside.
+  int64 index;
+  bool inside;
+};
+
+/// Centre of pixel number ``lane`` of a subtile, measured from the middle of the tile.
+template <class T>
+__device__ __forceinline__ T pixel_x(int subtile, int lane) {
+  return T(subtile % 2 * SUBTILE_WIDTH + lane % SUBTILE_WIDTH - TILE / 2) + T(0.5);
+}
+template <class T>
+__device__ __forceinline__ T pixel_y(int subtile, int lane) {
+  return T(subtile / 2 * SUBTILE_HEIGHT + lane / SUBTILE_WIDTH - TILE / 2) + T(0.5);
+}
+
+template <class T>
+__device__ __forceinline__ Pixel<T> pixel_of(const Grid& grid, int tile, int subtile, int lane) {
+  const int left = tile % grid.columns * TILE, top = tile / grid.columns * TILE;
+  const int x = left + subtile % 2 * SUBTILE_WIDTH + lane % SUBTILE_WIDTH;
+  const int y = top + subtile / 2 * SUBTILE_HEIGHT + lane / SUBTILE_WIDTH;
+  const bool inside = x < grid.width && y < grid.height;
+  return {pixel_x<T>(subtile, lane), pixel_y<T>(subtile, lane),
+          inside ? int64(y) * grid.width + x : 0, inside};
+}
+
+/// What painting needs of a splat, next to one another: u and v at the middle of the tile; r, -w k
+/// and w of the whitening; level; then the channels.
+enum PaintField { PAINT_U, PAINT_V, PAINT_R, PAINT_WK, PAINT_W, PAINT_LEVEL, PAINT_CHANNELS };
+
+/// A chunk of a tile's splats in shared memory.
+template <class T, int CHANNELS, int CHUNK>
+struct Entries {
+  /// A multiple of four numbers, which one load of 16 bytes fetches.
+  static constexpr int STRIDE = (PAINT_CHANNELS + CHANNELS + 3) / 4 * 4;
+
+  __align__(16) T paint[CHUNK][STRIDE];
+  /// Bit s: the splat may reach subtile s.
+  uint8 subtiles[CHUNK];
+};
+
+/// Fetch entry ``place`` of a chunk whose first pair is number ``first``.
+template <class T, int CHANNELS, int CHUNK>
+__device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 first, int place,
+                                           Entries<T, CHANNELS, CHUNK>& entries) {
+  const int64 row = job.rows[first + place];
+  const T* brush = static_cast<const T*>(job.brushes) + row * job.stride;
+  T* to = entries.paint[place];
+  const int left = tile % job.grid.columns * TILE, top = tile / job.grid.columns * TILE;
+  const T x = brush[BRUSH_X] - T(left + TILE / 2), y = brush[BRUSH_Y] - T(top + TILE / 2);
+  to[PAINT_U] = -(brush[BRUSH_R] * x);
+  to[PAINT_V] = -fma(brush[BRUSH_W], y, brush[BRUSH_WK] * x);
+  to[PAINT_R] = brush[BRUSH_R];
+  to[PAINT_WK] = brush[BRUSH_WK];
+  to[PAINT_W] = brush[BRUSH_W];
+  to[PAINT_LEVEL] = brush[BRUSH_LEVEL];
+#pragma unroll
+  for (int c = 0; c < CHANNELS; ++c) to[PAINT_CHANNELS + c] = brush[BRUSH_CHANNELS + c];
+  entries.subtiles[place] = uint8(subtiles_met(brush, left, top, job.bounded != 0));
+}
+
+/// u and v of a splat, scaled for binary, at a pixel.
+template <class T>
+__device__ __forceinline__ Vector2<T> whitened_at(const T* paint, T x, T y) {
+  return {fma(paint[PAINT_R], x, paint[PAINT_U]),
+          fma(paint[PAINT_W], y, fma(paint[PAINT_WK], x, paint[PAINT_V]))};
+}
+
+/// Alpha of a splat at a pixel, 0 where it is skipped.
+template <class T>
+__device__ __forceinline__ T alpha_at(const T* paint, T x, T y, T level_min, T alpha_cap) {
+  const T level = alpha_exponent(paint[PAINT_LEVEL], whitened_at(paint, x, y));
+  return level >= level_min ? minimum(power_of_two(level), alpha_cap) : T(0);
+}
+
+/// Where the checkpoint in front of a chunk is kept, for one pixel: [1 + CHANNELS] numbers, 256
+/// apart.
+template <class T, int CHANNELS>
+__device__ __forceinline__ T* checkpoint_of(const BlendJob& job, int64 row, int pixel) {
+  return static_cast<T*>(job.checkpoints) + row * ((1 + CHANNELS) * TILE_PIXELS) + pixel;
+}
+
+}  // namespace cuda
+}  // namespace gsfw

@@ -1,0 +1,117 @@
+"""Jobs of a step: the structures of sources/step_stages.h, field by field, and its constants."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import ClassVar
+
+POINTER, INT, INT64, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64, ctypes.c_double
+
+SSIM_WIDTH, SSIM_HEIGHT, SSIM_THREADS = 32, 16, 256
+SSIM_FLOWS, SSIM_SUMS = 3, 3
+ADAM_THREADS, ADAM_NUMBERS = 256, 4
+FINITE_THREADS, FINITE_NUMBERS, FINITE_TENSORS = 256, 8192, 16
+
+WARP = 32
+"""Threads of the least block."""
+
+
+class Comparison(ctypes.Structure):
+    """Pictures that are compared."""
+
+    _fields_: ClassVar = [
+        ("rendered", POINTER),
+        ("target", POINTER),
+        ("valid", POINTER),
+        ("pictures", INT),
+        ("height", INT),
+        ("width", INT),
+        ("channels", INT),
+    ]
+
+
+class SsimJob(ctypes.Structure):
+    """Of ``ssim``."""
+
+    _fields_: ClassVar = [("pictures", Comparison), ("flows", POINTER), ("sums", POINTER)]
+
+
+class LossesJob(ctypes.Structure):
+    """Of ``add_losses``."""
+
+    _fields_: ClassVar = [
+        ("sums", POINTER),
+        ("blocks", INT64),
+        ("channels", INT64),
+        ("l1", POINTER),
+        ("dissimilarity", POINTER),
+        ("share", POINTER),
+    ]
+
+
+class SsimBackwardJob(ctypes.Structure):
+    """Of ``ssim_backward``."""
+
+    _fields_: ClassVar = [
+        ("pictures", Comparison),
+        ("flows", POINTER),
+        ("share", POINTER),
+        ("l1_gradient", POINTER),
+        ("dissimilarity_gradient", POINTER),
+        ("gradient", POINTER),
+    ]
+
+
+class BeginAdamJob(ctypes.Structure):
+    """Of ``begin_adam``."""
+
+    _fields_: ClassVar = [
+        ("beta1", DOUBLE),
+        ("beta2", DOUBLE),
+        ("rate", DOUBLE),
+        ("finite", POINTER),
+        ("count", POINTER),
+        ("scales", POINTER),
+    ]
+
+
+class AdamRows(ctypes.Structure):
+    """Rows that may lie apart."""
+
+    _fields_: ClassVar = [("numbers", POINTER), ("stride", INT64)]
+
+
+class AdamJob(ctypes.Structure):
+    """Of ``adam`` and ``adam_rows``."""
+
+    _fields_: ClassVar = [
+        ("values", AdamRows),
+        ("gradient", AdamRows),
+        ("first", AdamRows),
+        ("second", AdamRows),
+        ("rows", POINTER),
+        ("count", INT64),
+        ("width", INT64),
+        ("weight1", DOUBLE),
+        ("decay2", DOUBLE),
+        ("weight2", DOUBLE),
+        ("epsilon", DOUBLE),
+        ("gradient_limit", DOUBLE),
+        ("finite", POINTER),
+        ("scales", POINTER),
+        ("aligned", INT),
+        ("unused", INT),
+    ]
+
+
+class FiniteJob(ctypes.Structure):
+    """Of ``check_finite``."""
+
+    _fields_: ClassVar = [
+        ("numbers", POINTER * FINITE_TENSORS),
+        ("counts", INT64 * FINITE_TENSORS),
+        ("first_blocks", INT * FINITE_TENSORS),
+        ("aligned", INT),
+        ("unused", INT),
+        ("finite", POINTER),
+    ]
