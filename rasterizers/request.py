@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -129,6 +130,7 @@ def _numbers(settings: RenderSettings, dtype: torch.dtype) -> dict[str, float | 
     }
 
 
+@lru_cache(maxsize=16)
 def _alpha_cut_offs(profile: NumericsProfile, dtype: torch.dtype) -> dict[str, float]:
     """The cut-offs of alpha as bounds that are exact in ``dtype``."""
     least, most = torch.tensor([profile.alpha_min, profile.alpha_max], dtype=dtype)

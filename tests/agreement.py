@@ -84,12 +84,17 @@ def distance(found: Tensor, expected: Tensor, name: str) -> float:
     return (found.double() - expected.double()).norm().item() / size
 
 
+LOOSE = {"gradient of covariances": 1e-11}
+"""Of needles given by their covariance the determinant is a c - b^2, whose rounding is not the same
+with fused multiply-adds, which the reference has not."""
+
+
 def check_float64(found: Drawn, expected: Drawn) -> None:
     """A float64 backend is as near to the reference as rounding lets it."""
     assert found.keys() == expected.keys()
     for name, tensor in expected.items():
         assert found[name].dtype == tensor.dtype
-        assert distance(found[name], tensor, name) <= 1e-12, name
+        assert distance(found[name], tensor, name) <= LOOSE.get(name, 1e-12), name
 
 
 def check_float32(found: Drawn, expected: Drawn, profile: NumericsProfile) -> None:

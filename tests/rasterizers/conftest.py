@@ -1,31 +1,69 @@
 """The rasterizers, for statements that hold for any of them."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
+from emulation.launcher import EmulatedLauncher
+from native_programs import compiler
+from on_cuda import OnCuda
 
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.rasterizers import gsfw_rasterizers
+from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
 
 SPECS = {spec.name: spec for spec in gsfw_rasterizers()}
 """Every backend of ours, by name."""
 
+ON_CUDA = [pytest.param(name, marks=pytest.mark.cuda) for name in ("cuda", "cuda, deterministic")]
 
-def built(name: str) -> Rasterizer:
-    """The backend with its defaults; skips where it does not draw tensors on the CPU."""
+
+def on_the_cpu(name: str) -> Rasterizer:
+    """The backend with its defaults."""
     config = SPECS[name].load()()
-    able = config.capabilities()
-    if "cpu" not in able.devices:
-        pytest.skip(able.unavailable or f"rasterizer {name!r} does not draw on the CPU")
+    unavailable = config.capabilities().unavailable
+    if unavailable:
+        pytest.skip(unavailable)
     return config.build(torch.device("cpu"))
 
 
-@pytest.fixture(params=list(SPECS))
+def on_cuda(**settings: bool) -> Rasterizer:
+    """The CUDA backend on a GPU; it gets tensors on the CPU and gives such back."""
+    config = SPECS["cuda"].load()(**settings)
+    unavailable = config.capabilities().unavailable
+    if unavailable:
+        pytest.skip(unavailable)
+    return OnCuda(config.build(torch.device("cuda")))
+
+
+def emulated() -> Rasterizer:
+    """The CUDA kernels on the emulation, with threads in scrambled order.
+
+    Its deterministic mode is held to this one in cuda/test_rasterizer.py.
+    """
+    compiler()
+    return CudaRasterizer(EmulatedLauncher(seed=1))
+
+
+BACKENDS: dict[str, Callable[[], Rasterizer]] = {
+    "reference": lambda: on_the_cpu("reference"),
+    "cpu": lambda: on_the_cpu("cpu"),
+    "cuda, emulated": emulated,
+    "cuda": on_cuda,
+    "cuda, deterministic": lambda: on_cuda(deterministic=True),
+}
+"""How each is built here; ``gsplat`` has tests of its own, since it draws with other numbers."""
+
+NAMES = ["cpu", "cuda, emulated", *ON_CUDA]
+
+
+@pytest.fixture(params=["reference", *NAMES])
 def rasterizer(request: pytest.FixtureRequest) -> Rasterizer:
     """Each backend: what a test says of it, it says of any."""
-    return built(request.param)
+    return BACKENDS[request.param]()
 
 
-@pytest.fixture(params=[name for name in SPECS if name != "reference"])
+@pytest.fixture(params=NAMES)
 def backend(request: pytest.FixtureRequest) -> Rasterizer:
     """Each backend that is measured against the reference."""
-    return built(request.param)
+    return BACKENDS[request.param]()

@@ -1,0 +1,1 @@
+"""The CUDA rasterizer: kernels that are compiled where they are used."""

@@ -1,0 +1,43 @@
+"""Settings of the CUDA rasterizer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+
+from gsfw.core.capabilities import Capabilities, Determinism
+from gsfw.core.config import RasterizerConfig
+from gsfw.core.errors import ConfigError
+from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
+from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
+
+
+@dataclass
+class CudaConfig(RasterizerConfig):
+    """Settings of the CUDA rasterizer."""
+
+    pairs_mb: float = 16384.0
+    """Memory that pairs of a splat and a tile may take, in megabytes; more is refused."""
+    deterministic: bool = False
+    """Sum gradients in a fixed order, so that the same run gives the same bits; takes more memory."""
+    time_stages: bool = False
+    """Measure each stage of a picture, for which the host waits for the device."""
+
+    def capabilities(self) -> Capabilities:
+        """What it can do on this machine, with these settings."""
+        kind = Determinism.BITWISE if self.deterministic else Determinism.NONE
+        return replace(CudaRasterizer.capabilities(), determinism=kind)
+
+    def build(self, device: torch.device) -> CudaRasterizer:
+        """The rasterizer for one GPU.
+
+        Raises:
+            ConfigError: an amount of memory is not positive.
+        """
+        if not self.pairs_mb > 0:
+            raise ConfigError(
+                f"rasterizer.pairs_mb={self.pairs_mb:g}: expected a number of megabytes above 0."
+            )
+        launcher = cuda_launcher(device)
+        return CudaRasterizer(launcher, self.pairs_mb, self.deterministic, self.time_stages)

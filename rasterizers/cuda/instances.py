@@ -1,0 +1,84 @@
+"""Instances: which instance of each kernel's template draws a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from gsfw.kernels.cuda.launcher import Kernel
+
+WIDTHS = (1, 2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 40)
+"""Numbers of channels that blending is compiled for; others are drawn with some channels of 0."""
+
+NAMES = {torch.float32: "float", torch.float64: "double"}
+"""Of number types, in C++."""
+
+KEYS = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"}
+"""Of keys, which torch keeps in signed integers of the same size."""
+
+
+@dataclass(frozen=True)
+class Instances:
+    """The kernels of one picture."""
+
+    dtype: torch.dtype
+    covariances: bool
+    """Whether splats have covariances instead of quaternions and scales."""
+    sh_degree: int
+    """-1 for plain channels."""
+    channels: int
+    tile_key: torch.dtype
+
+    @property
+    def width(self) -> int:
+        """Channels that blending is compiled for."""
+        return next(width for width in WIDTHS if width >= self.channels)
+
+    @property
+    def chunk(self) -> int:
+        """Splats of a tile between two checkpoints; what a block shares must fit into 48 KB."""
+        if self.dtype == torch.float64:
+            return 64 if self.width <= 8 else 32
+        return 128 if self.width <= 8 else 64 if self.width <= 24 else 32
+
+    @property
+    def project(self) -> Kernel:
+        """From splats to brushes."""
+        return Kernel("project.cu", f"project<{self._projected()}>")
+
+    def project_backward(self, pose: bool) -> Kernel:
+        """From sums to gradients of the splats and, if wanted, of the pose."""
+        return Kernel(
+            "project_backward.cu", f"project_backward<{self._projected()}, {_bool(pose)}>"
+        )
+
+    @property
+    def emit(self) -> Kernel:
+        """From brushes to pairs of a splat and a tile."""
+        return Kernel("bin.cu", f"emit<{NAMES[self.dtype]}, {KEYS[self.tile_key]}>")
+
+    @property
+    def find_tiles(self) -> Kernel:
+        """Where the sorted pairs of each tile begin."""
+        return Kernel("bin.cu", f"find_tiles<{KEYS[self.tile_key]}>")
+
+    def blend(self, measure: bool) -> Kernel:
+        """From pairs to a picture, with or without each splat's contribution."""
+        return Kernel("blend.cu", f"blend<{self._blended()}, {_bool(measure)}>")
+
+    def blend_backward(self, absolute: bool) -> Kernel:
+        """From a picture's gradient to sums, with or without magnitudes."""
+        return Kernel("blend_backward.cu", f"blend_backward<{self._blended()}, {_bool(absolute)}>")
+
+    def _projected(self) -> str:
+        name = NAMES[self.dtype]
+        shape = f"Symmetric3<{name}>" if self.covariances else f"Axes<{name}>"
+        return f"{name}, {shape}, {self.sh_degree}"
+
+    def _blended(self) -> str:
+        return f"{NAMES[self.dtype]}, {self.width}, {self.chunk}"
+
+
+def _bool(value: bool) -> str:
+    return "true" if value else "false"

@@ -1,0 +1,89 @@
+"""How the CUDA operators are chosen, and what they ask of the host."""
+
+from typing import Any
+
+import pytest
+import torch
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.kernels.cuda import operators as module
+from gsfw.kernels.cuda.operators import CudaOperators
+from gsfw.plugins.automatic import load_all
+from gsfw.plugins.registry import installed
+
+
+class Waiting(TorchDispatchMode):
+    """Counts what would make the host wait for a GPU."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        waits = ("_local_scalar_dense", "nonzero", "masked_select", "_to_copy", "copy_", "equal")
+        if any(func.name().startswith(f"aten::{name}") for name in waits):
+            self.found.append(func.name())
+        return func(*args, **(kwargs or {}))
+
+
+def test_the_watch_for_waiting_sees_the_host_read_a_number():
+    with Waiting() as waiting:
+        float(torch.ones(()) + 1.0)
+    assert waiting.found == ["aten::_local_scalar_dense"]
+
+
+def test_the_host_waits_for_nothing(operators):
+    rendered = torch.rand(1, 9, 9, 3, requires_grad=True)
+    target, valid = torch.rand(1, 9, 9, 3), torch.ones(1, 9, 9, 1, dtype=torch.bool)
+    values = torch.rand(20, 3)
+    moments, rows = AdamMoments.zeros_like(values), torch.tensor([2, 7])
+    with Waiting() as waiting:
+        l1, dssim = operators.l1_dssim(rendered, target, valid)
+        (0.8 * l1 + 0.2 * dssim).backward()
+        finite = operators.all_finite([rendered.grad, values])
+        for some in (None, rows):
+            operators.adam_(values, values.clone(), moments, 0.1, AdamSettings(), finite, some)
+    assert waiting.found == []
+    assert moments.count == 2
+
+
+def test_a_gpu_with_kernels_is_served_before_anything_else(monkeypatch):
+    monkeypatch.setattr(module, "unavailable", lambda: "")
+    assert CudaOperators.preference(torch.device("cuda")) == 10
+    assert CudaOperators.preference(torch.device("cpu")) is None
+
+
+def test_a_gpu_without_kernels_is_left_to_torch(monkeypatch):
+    monkeypatch.setattr(module, "unavailable", lambda: "there is no driver")
+    assert CudaOperators.preference(torch.device("cuda")) is None
+
+
+def test_the_set_is_installed():
+    assert load_all("operators", installed())["cuda"] is CudaOperators
+
+
+def test_tensors_of_the_cpu_are_left_to_torch():
+    values = torch.rand(5, 3)
+    before, moments = values.clone(), AdamMoments.zeros_like(values)
+    operators = CudaOperators()
+    finite = operators.all_finite([values])
+    operators.adam_(values, torch.ones(5, 3), moments, 0.5, AdamSettings(), finite)
+    torch.testing.assert_close(values, before - 0.5)
+    pictures = torch.rand(1, 8, 8, 3), torch.rand(1, 8, 8, 3)
+    assert operators.l1_dssim(*pictures) == Operators().l1_dssim(*pictures)
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU on this machine")
+def test_a_gpu_agrees_with_torch():
+    rendered = torch.rand(2, 40, 50, 3, dtype=torch.float64, device="cuda", requires_grad=True)
+    target = torch.rand(2, 40, 50, 3, dtype=torch.float64, device="cuda")
+    for found, expected in zip(
+        CudaOperators().l1_dssim(rendered, target),
+        Operators().l1_dssim(rendered, target),
+        strict=True,
+    ):
+        torch.testing.assert_close(found, expected)
+        gradients = [torch.autograd.grad(loss, rendered)[0] for loss in (found, expected)]
+        torch.testing.assert_close(*gradients)

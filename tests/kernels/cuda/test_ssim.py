@@ -1,0 +1,180 @@
+"""The fused L1 and SSIM against plain torch."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+from torch.autograd import forward_ad
+
+from gsfw.core.operators import Operators
+from gsfw.core.ssim import C1, C2, SIGMA, WINDOW
+from gsfw.kernels.cuda.source_files import source_text
+
+SHAPES = [
+    (2, 40, 50, 3),
+    (1, 1, 1, 3),
+    (1, 1, 100, 3),
+    (1, 100, 1, 1),
+    (1, 7, 5, 1),
+    (1, 3, 30, 4),
+    (3, 17, 33, 2),
+    (1, 16, 32, 1),
+    (1, 12, 9, 17),
+]
+
+
+def pictures(shape: tuple[int, ...], dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+    """A rendered picture that needs a gradient, what it should look like, and a mask."""
+    generator = torch.Generator().manual_seed(sum(shape))
+    target = torch.rand(shape, dtype=dtype, generator=generator)
+    noise = torch.randn(shape, dtype=dtype, generator=generator)
+    valid = torch.rand((*shape[:3], 1), generator=generator) > 0.3
+    return (target + 0.1 * noise).requires_grad_(), target, valid
+
+
+def losses_and_gradients(
+    operators: Operators, rendered: Tensor, target: Tensor, valid: Tensor | None
+) -> list[Tensor]:
+    l1, dssim = operators.l1_dssim(rendered, target, valid)
+    (of_dssim,) = torch.autograd.grad(dssim, rendered, retain_graph=True)
+    (of_both,) = torch.autograd.grad(0.8 * l1 + 0.2 * dssim, rendered)
+    return [l1.detach(), dssim.detach(), of_dssim, of_both]
+
+
+def relative_error(found: Tensor, expected: Tensor) -> float:
+    return float((found.double() - expected).norm() / expected.norm().clamp_min(1e-30))
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-5)])
+def test_values_and_gradients_agree_with_torch(operators, shape, dtype, tolerance, masked):
+    rendered, target, valid = pictures(shape, dtype)
+    valid[0, 0, 0] = True
+    mask = valid if masked else None
+    found = losses_and_gradients(operators, rendered, target, mask)
+    exact = rendered.detach().double().requires_grad_()
+    expected = losses_and_gradients(Operators(), exact, target.double(), mask)
+    assert [value.dtype for value in found] == [dtype] * 4
+    for value, other in zip(found, expected, strict=True):
+        assert relative_error(value, other) < tolerance
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+def test_any_order_of_threads_gives_the_same_bits(operators_of, dtype):
+    rendered, target, valid = pictures((2, 30, 41, 3), dtype)
+    results = [
+        losses_and_gradients(operators_of(seed), rendered, target, valid) for seed in (0, 1, 2)
+    ]
+    for other in results[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("brightness", [0.0, 1.0])
+def test_equal_flat_pictures_lose_nothing(operators, dtype, brightness):
+    flat = torch.full((1, 20, 30, 3), brightness, dtype=dtype)
+    l1, dssim = operators.l1_dssim(flat, flat.clone())
+    assert float(l1) == 0.0
+    assert float(dssim) == 0.0
+    rendered = flat.clone().requires_grad_()
+    sum(operators.l1_dssim(rendered, flat)).backward()
+    assert float(rendered.grad.abs().max()) < 1e-7
+
+
+def test_bright_pictures_that_hardly_differ_keep_their_digits(operators):
+    generator = torch.Generator().manual_seed(7)
+    target = torch.ones(1, 40, 40, 1)
+    rendered = target + 1e-4 * torch.randn(target.shape, generator=generator)
+    rendered.requires_grad_()
+    found = losses_and_gradients(operators, rendered, target, None)
+    exact = rendered.detach().double().requires_grad_()
+    expected = losses_and_gradients(Operators(), exact, target.double(), None)
+    # Plain torch in float32 has 1 - SSIM 92% off here.
+    assert relative_error(found[1], expected[1]) < 1e-4
+    assert relative_error(found[2], expected[2]) < 1e-3
+
+
+def test_no_valid_pixel_gives_no_l1_and_no_gradient(operators):
+    rendered, target, valid = pictures((1, 12, 12, 3), torch.float32)
+    l1, dssim = operators.l1_dssim(rendered, target, torch.zeros_like(valid))
+    (l1 + dssim).backward()
+    assert l1.item() == 0.0
+    assert dssim.item() == 1.0
+    assert not rendered.grad.any()
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_what_is_not_finite_is_not_hidden(operators, bad, masked):
+    rendered, target, valid = pictures((1, 30, 30, 3), torch.float32)
+    valid[0, 4, 5] = False  # Even there.
+    broken = rendered.detach().clone()
+    broken[0, 4, 5, 1] = bad
+    l1, dssim = operators.l1_dssim(broken, target, valid if masked else None)
+    assert not (l1 + dssim).isfinite()
+
+
+def test_pictures_that_are_not_contiguous_are_taken_too(operators):
+    rendered, target, valid = pictures((1, 20, 24, 3), torch.float64)
+    turned, other, mask = (tensor.transpose(1, 2) for tensor in (rendered, target, valid))
+    found = operators.l1_dssim(turned, other, mask)
+    expected = Operators().l1_dssim(rendered, target, valid)
+    assert [value.item() for value in found] == pytest.approx([value.item() for value in expected])
+
+
+def test_backward_may_run_twice(operators):
+    rendered, target, valid = pictures((1, 20, 24, 3), torch.float32)
+    l1, dssim = operators.l1_dssim(rendered, target, valid)
+    (first,) = torch.autograd.grad(l1 + dssim, rendered, retain_graph=True)
+    (second,) = torch.autograd.grad(l1 + dssim, rendered)
+    assert torch.equal(first, second)
+
+
+def test_second_derivatives_come_from_torch(operators):
+    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+
+    def curvature(operators: Operators) -> Tensor:
+        _, dssim = operators.l1_dssim(rendered, target)
+        (gradient,) = torch.autograd.grad(dssim, rendered, create_graph=True)
+        return torch.autograd.grad(gradient.square().sum(), rendered)[0]
+
+    assert relative_error(curvature(operators), curvature(Operators())) < 1e-12
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
+def test_derivatives_carried_forward_come_from_torch(operators):
+    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(rendered.detach(), torch.ones_like(target))
+        _, dssim = operators.l1_dssim(dual, target)
+        assert forward_ad.unpack_dual(dssim).tangent is not None
+
+
+def test_a_target_that_needs_a_gradient_gets_it(operators):
+    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    sum(operators.l1_dssim(rendered.detach(), target.requires_grad_())).backward()
+    assert target.grad.any()
+
+
+def test_half_precision_goes_to_torch(operators):
+    rendered, target, _ = pictures((1, 20, 20, 3), torch.float32)
+    half, other = rendered.detach().bfloat16(), target.bfloat16()
+    found = operators.l1_dssim(half, other)
+    assert [float(v) for v in found] == [float(v) for v in Operators().l1_dssim(half, other)]
+
+
+def test_no_pixel_at_all_goes_to_torch(operators):
+    empty = torch.ones(0, 6, 6, 3)
+    valid = torch.ones(0, 6, 6, 1, dtype=torch.bool)
+    assert [float(v) for v in operators.l1_dssim(empty, empty, valid)] == [0.0, 1.0]
+
+
+def test_the_kernels_know_the_window_and_the_constants():
+    text = source_text("ssim.cu")
+    weights = [math.exp(-((k - WINDOW // 2) ** 2) / (2 * SIGMA**2)) for k in range(WINDOW)]
+    for weight in weights[: WINDOW // 2 + 1]:
+        assert repr(weight / sum(weights)) in text
+    assert "C1 = 0.01 * 0.01, C2 = 0.03 * 0.03" in text
+    assert (C1, C2) == (0.01 * 0.01, 0.03 * 0.03)

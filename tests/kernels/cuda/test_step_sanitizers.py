@@ -1,0 +1,33 @@
+"""A step's kernels under the compiler's sanitizers."""
+
+import pytest
+from emulation.sanitizers import run_sanitized
+
+STEP = """
+import sys
+import torch
+from emulation.launcher import EmulatedLauncher
+from gsfw.core.operators import AdamMoments, AdamSettings
+from gsfw.kernels.cuda.operators import CudaOperators
+
+operators = CudaOperators(EmulatedLauncher(sanitize=sys.argv[1]))
+for shape in ((1, 17, 33, 3), (2, 1, 1, 1)):
+    rendered = torch.rand(shape, requires_grad=True)
+    valid = torch.rand(*shape[:3], 1) > 0.5
+    sum(operators.l1_dssim(rendered, torch.rand(shape), valid)).backward()
+values = torch.rand(301, 5, 3)
+moments = AdamMoments.zeros_like(values)
+finite = operators.all_finite([values, rendered.grad, torch.rand(8193)])
+for rows in (None, torch.tensor([300, 7])):
+    operators.adam_(values, values.clone(), moments, 0.1, AdamSettings(), finite, rows)
+bands = AdamMoments(moments.first[:, :2], moments.second[:, :2], moments.count)
+operators.adam_(values[:, :2], values[:, :2].clone(), bands, 0.1, AdamSettings(), finite)
+assert moments.count == 3
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sanitize", ["address", "undefined"])
+def test_a_step_touches_only_what_it_may(sanitize):
+    done = run_sanitized(STEP, sanitize)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,79 @@
+"""A rasterizer on a GPU behind tensors on the CPU, so that every test can be asked of it."""
+
+from dataclasses import fields, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.capabilities import Capabilities
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import RenderSettings, Validation
+from gsfw.core.splats import Splats
+
+DEVICE = "cuda"
+
+
+class OnCuda(Rasterizer):
+    """Moves what is drawn to the GPU, and pictures, gradients and statistics back."""
+
+    def __init__(self, rasterizer: Rasterizer) -> None:
+        self._rasterizer = rasterizer
+
+    @classmethod
+    def capabilities(cls) -> Capabilities:
+        """Not those of the rasterizer behind it, which an instance has."""
+        return Capabilities(devices=frozenset({"cpu"}))
+
+    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+        pairs: list[tuple[Tensor, Tensor]] = []
+        splats = splats.map(lambda tensor: _Move.apply(tensor, pairs))
+        view = _Move.apply(cameras.world_to_camera, pairs)
+        background = settings.background
+        settings = replace(
+            settings,
+            background=None if background is None else background.to(DEVICE),
+            validation=Validation.CHEAP,
+        )
+        output = self._rasterizer.render(
+            _indices_moved(splats), replace(cameras.to(DEVICE), world_to_camera=view), settings
+        )
+        statistics = _statistics(output.statistics, pairs)
+        drawn = {name: getattr(output, name) for name in ("color", "alpha", "depth", "extra")}
+        moved = {name: None if t is None else t.cpu() for name, t in drawn.items()}
+        return RenderOutput(statistics=statistics, **moved)
+
+
+class _Move(torch.autograd.Function):
+    """To the GPU; on the way back, statistics that were written there are copied too."""
+
+    @staticmethod
+    def forward(ctx: Any, tensor: Tensor, pairs: list) -> Tensor:
+        ctx.pairs = pairs
+        return tensor.to(DEVICE)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
+        for here, there in ctx.pairs:
+            here.copy_(there)
+        return gradient.cpu(), None
+
+
+def _indices_moved(splats: Splats) -> Splats:
+    colors = splats.colors
+    offsets = getattr(colors, "offsets", None)
+    if offsets is not None:
+        splats = replace(splats, colors=replace(colors, offsets=offsets.to(DEVICE)))
+    return splats
+
+
+def _statistics(there: RenderStatistics, pairs: list[tuple[Tensor, Tensor]]) -> RenderStatistics:
+    here = {}
+    for field in fields(there):
+        tensor = getattr(there, field.name)
+        here[field.name] = None if tensor is None else tensor.cpu()
+        if tensor is not None:
+            pairs.append((here[field.name], tensor))
+    return RenderStatistics(**here)

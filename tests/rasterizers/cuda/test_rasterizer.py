@@ -1,0 +1,144 @@
+"""The cuda rasterizer: its limits, its bits, and what it waits for."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from agreement import as_float64, check_float32, check_float64, draw_everything
+from emulation.launcher import EmulatedLauncher
+from native_programs import compiler
+from scenes import front_camera, random_splats
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.capabilities import Determinism, Feature, Needs
+from gsfw.core.errors import ConfigError
+from gsfw.core.numerics import DEFAULT
+from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
+from gsfw.core.splats import Splats
+from gsfw.rasterizers.cuda.config import CudaConfig
+from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+
+EVERYTHING = RenderSettings(depth=Depth.EXPECTED, statistics=frozenset(Statistic), antialias=True)
+
+FORWARD = ("color", "alpha", "depth", "radii", "visible")
+
+
+def emulated(seed: int = 0, deterministic: bool = False, pairs_mb: float = 4096.0):
+    compiler()
+    return CudaRasterizer(EmulatedLauncher(seed=seed), pairs_mb, deterministic)
+
+
+def deep_scene() -> tuple[Splats, Cameras, RenderSettings]:
+    """Deep enough for several chunks of a tile, seen by two cameras."""
+    splats = random_splats(3000, 1)
+    splats = replace(splats, opacities=0.1 * splats.opacities)
+    cameras = Cameras.cat([front_camera(40, 30, distance) for distance in (3.0, 2.0)])
+    return splats, cameras, EVERYTHING
+
+
+def test_when_deterministic_any_order_of_threads_gives_the_same_bits():
+    scene = deep_scene()
+    expected = draw_everything(emulated(0, deterministic=True), *scene)
+    for seed in (1, 2):
+        found = draw_everything(emulated(seed, deterministic=True), *scene)
+        for name, tensor in expected.items():
+            assert torch.equal(found[name], tensor), name
+
+
+def test_pictures_have_the_same_bits_even_when_gradients_have_not():
+    scene = deep_scene()
+    expected = draw_everything(emulated(0, deterministic=True), *scene)
+    found = draw_everything(emulated(1), *scene)
+    assert all(torch.equal(found[name], expected[name]) for name in FORWARD)
+    assert not all(torch.equal(found[name], tensor) for name, tensor in expected.items())
+    for name, tensor in expected.items():
+        torch.testing.assert_close(found[name], tensor, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_deterministic_mode_agrees_with_the_reference(dtype):
+    splats, cameras, settings = deep_scene()
+    wide = as_float64(splats, cameras, settings)
+    expected = draw_everything(ReferenceRasterizer(), *wide)
+    if dtype == torch.float64:
+        check_float64(draw_everything(emulated(1, deterministic=True), *wide), expected)
+    else:
+        found = draw_everything(emulated(1, deterministic=True), splats, cameras, settings)
+        check_float32(found, expected, settings.profile)
+
+
+class _Reads(TorchDispatchMode):
+    """Counts how often the host reads a number, for which it would wait for a device."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        waiting = ("_local_scalar_dense", "nonzero", "masked_select", "equal", "is_nonzero")
+        self.count += any(function.__name__.startswith(name) for name in waiting)
+        return function(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("deterministic", [False, True])
+def test_the_host_reads_one_number_per_picture(deterministic):
+    rasterizer = emulated(deterministic=deterministic)
+    splats = random_splats(50, 1).map(lambda tensor: tensor.requires_grad_())
+    settings = replace(EVERYTHING, validation=Validation.CHEAP)
+    rasterizer.render(splats, front_camera(), settings)  # Some numbers are worked out only once.
+    with _Reads() as reads:
+        rasterizer.render(splats, front_camera(), settings).color.sum().backward()
+    assert reads.count == 1
+
+
+def test_more_pairs_than_allowed_are_refused_with_their_bytes():
+    splats = random_splats(1000, 1)
+    smooth = RenderSettings(profile=DEFAULT.without_cutoffs())  # Every splat meets every tile.
+    with pytest.raises(ConfigError) as caught:
+        emulated(pairs_mb=0.1).render(splats, front_camera(40, 30), smooth)
+    assert str(caught.value) == (
+        "this picture needs 288000 bytes for 6000 pairs of a splat and a tile that it reaches; "
+        "rasterizer.pairs_mb=0.1 does not allow that.\n"
+        "Draw a smaller image, keep splats from growing this large, or raise the limit."
+    )
+    emulated(pairs_mb=0.4).render(splats, front_camera(40, 30), smooth)
+
+
+def test_more_channels_than_are_drawn_at_once_are_refused():
+    splats = replace(random_splats(5), colors=torch.rand(5, 32), extra=torch.rand(5, 9))
+    with pytest.raises(ValueError, match="channels") as caught:
+        emulated().render(splats, front_camera())
+    assert str(caught.value) == (
+        "splats: expected at most 40 channels with those of extra and depth, found 41; draw them "
+        "in several passes"
+    )
+
+
+@pytest.mark.parametrize("amount", [0.0, -1.0, float("nan")])
+def test_a_limit_without_memory_is_refused(amount):
+    with pytest.raises(ConfigError) as caught:
+        CudaConfig(pairs_mb=amount).build(torch.device("cuda"))
+    assert str(caught.value) == (
+        f"rasterizer.pairs_mb={amount:g}: expected a number of megabytes above 0."
+    )
+
+
+def test_it_says_what_it_can_do():
+    able = CudaConfig().capabilities()
+    assert able.devices == {"cuda"}
+    assert able.determinism is Determinism.NONE
+    assert CudaConfig(deterministic=True).capabilities().determinism is Determinism.BITWISE
+    everything = Needs(features=frozenset(Feature), channels=1000)
+    assert replace(able, unavailable="").lacking(everything, "cuda") == [
+        "feature 'lens distortion'",
+        "1000 channels (at most 40)",
+    ]
+
+
+def test_drawing_without_gradient_keeps_nothing_for_the_way_back():
+    splats = random_splats(20, 1)
+    expected = emulated().render(splats.map(lambda t: t.requires_grad_()), front_camera()).color
+    with torch.no_grad():
+        assert torch.equal(emulated().render(splats, front_camera()).color, expected)
