@@ -42,6 +42,8 @@ class Needs:
     camera_models: frozenset[CameraModel] = frozenset()
     features: frozenset[Feature] = frozenset()
     channels: int = 3
+    profile: str = ""
+    """Name of the numerics profile to draw with; empty for any."""
 
     def __or__(self, other: Needs) -> Needs:
         """Both needs at once."""
@@ -49,6 +51,7 @@ class Needs:
             self.camera_models | other.camera_models,
             self.features | other.features,
             max(self.channels, other.channels),
+            self.profile or other.profile,
         )
 
 
@@ -62,6 +65,8 @@ class Capabilities:
     features: frozenset[Feature] = frozenset()
     max_channels: int | None = None
     """Most colour channels it draws; ``None`` for no limit."""
+    profile: str = ""
+    """Name of the only numerics profile it draws with; empty when it draws with any."""
     determinism: Determinism = Determinism.NONE
     preference: int = 0
     """``rasterizer=auto`` takes the highest one that fits; the torch reference has 0."""
@@ -81,6 +86,8 @@ class Capabilities:
         missing += [f"feature {feature!r}" for feature in features]
         if self.max_channels is not None and needs.channels > self.max_channels:
             missing.append(f"{needs.channels} channels (at most {self.max_channels})")
+        if needs.profile and self.profile not in ("", needs.profile):
+            missing.append(f"numerics {needs.profile!r} (it draws only with {self.profile!r})")
         return missing
 
 

@@ -204,14 +204,16 @@ class MethodConfig(ABC):
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = 2048
     """Memory that decoded images may take, in megabytes."""
+    gpu_cache_mb: int = 2048
+    """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
     resolution_schedule: str = "none"
     """Size of training pictures: none (full), or auto (small until they lack detail; faster)."""
     resolution_steps: int = steps_field(9000)
     """Step by which pictures are full under resolution_schedule=auto; 60 % of adc's growth."""
     antialias: bool = False
     """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
-    profile: str = "default"
-    """Constants and cut-offs to draw with: default, or gsplat-1.5 to match that renderer."""
+    profile: str = AUTO
+    """Constants and cut-offs to draw with: default, or gsplat-1.5. auto: the rasterizer's own."""
     validation: str = "cheap"
     """How rasterizer inputs are checked in the loop: cheap or full."""
     max_skipped: int = 20
@@ -237,7 +239,8 @@ class MethodConfig(ABC):
         features = {Feature.GRADIENT, Feature.SH}
         if self.antialias:
             features.add(Feature.ANTIALIAS)
-        return Needs(features=frozenset(features))
+        profile = "" if self.profile == AUTO else self.profile
+        return Needs(features=frozenset(features), profile=profile)
 
     def check(self) -> None:
         """Check the values every run has.
@@ -249,7 +252,7 @@ class MethodConfig(ABC):
 
         least = {"steps": 1, "log_every": 1, "max_skipped": 1, "checkpoint_every": 0}
         least |= {"eval_every": 0, "holdout_every": 0, "cache_mb": 0, "seed": 0}
-        least |= {"resolution_steps": 0}
+        least |= {"resolution_steps": 0, "gpu_cache_mb": 0}
         for key, minimum in least.items():
             if getattr(self, key) < minimum:
                 raise ConfigError(
@@ -266,8 +269,8 @@ class MethodConfig(ABC):
         self._check_resolution()
         if self.validation not in ("cheap", "full"):
             raise ConfigError(f"validation={self.validation}: expected cheap or full.")
-        if self.profile not in PROFILES:
-            raise ConfigError(f"profile={self.profile}: expected {' or '.join(PROFILES)}.")
+        if self.profile not in (AUTO, *PROFILES):
+            raise ConfigError(f"profile={self.profile}: expected {', '.join((AUTO, *PROFILES))}.")
 
     def _check_resolution(self) -> None:
         if self.resolution_schedule not in ("none", AUTO):

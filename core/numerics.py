@@ -57,6 +57,8 @@ class NumericsProfile:
 
 
 DEFAULT = NumericsProfile()
-GSPLAT_1_5 = NumericsProfile(name="gsplat-1.5", alpha_max=0.999)
+GSPLAT_1_5 = NumericsProfile(name="gsplat-1.5", alpha_max=0.999, compensation_min=1e-6)
+"""gsplat 1.5 has no floor of the compensation: 1e-6 keeps its derivative finite, and whatever is
+compensated by less than 1 / 255 is not drawn."""
 
 PROFILES = {profile.name: profile for profile in (DEFAULT, GSPLAT_1_5)}

@@ -168,10 +168,10 @@ def choose_device(
     if device == AUTO:
         if not torch.cuda.is_available():
             chosen_device = Choice("cpu", "torch sees no GPU here")
-        elif fits := fitting(needs, able, "cuda"):
-            chosen_device = Choice("cuda", f"torch sees a GPU, and rasterizer {fits[0]} runs on it")
         else:
-            chosen_device = Choice("cpu", "there is a GPU, but no installed rasterizer fits there")
+            chosen_device = _gpu_or_cpu(
+                fitting(needs, able, "cuda"), fitting(needs, able, "cpu"), able
+            )
         device = chosen_device.name
     if rasterizer != AUTO:
         return chosen_device, None
@@ -185,6 +185,30 @@ def choose_device(
     }
     least = min(missing, key=lambda name: missing[name])
     return chosen_device, Choice(least, f"none fits on {kind}; this one lacks least")
+
+
+def _gpu_or_cpu(on_gpu: list[str], on_cpu: list[str], able: dict[str, Any]) -> Choice:
+    """Where the preferred of the rasterizers that fit runs; on a GPU rather than on the CPU."""
+    if not on_gpu:
+        return Choice("cpu", "there is a GPU, but no installed rasterizer fits there")
+    if on_cpu and able[on_cpu[0]].preference > able[on_gpu[0]].preference:
+        # Where the fast backend of the GPU cannot run, the reference would, and take its time.
+        return Choice(
+            "cpu",
+            f"there is a GPU, but rasterizer {on_cpu[0]} is preferred to {on_gpu[0]}, "
+            "the best that fits there",
+        )
+    return Choice("cuda", f"torch sees a GPU, and rasterizer {on_gpu[0]} runs on it")
+
+
+def choose_profile(rasterizer: str, registry: Registry) -> Choice:
+    """The numerics profile of a run that is drawn by ``rasterizer``."""
+    from gsfw.core.numerics import DEFAULT
+
+    own = rasterizer_capabilities(registry)[rasterizer].profile
+    if own:
+        return Choice(own, f"the only one that rasterizer {rasterizer} draws with")
+    return Choice(DEFAULT.name, "the usual one")
 
 
 def rasterizer_capabilities(registry: Registry) -> dict[str, Any]:

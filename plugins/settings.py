@@ -8,7 +8,14 @@ from typing import Any
 
 from gsfw.core.config import AUTO, MethodConfig, SlotConfig, replace_at, step_settings
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.automatic import Choice, choose_datamanager, choose_device, load, load_all
+from gsfw.plugins.automatic import (
+    Choice,
+    choose_datamanager,
+    choose_device,
+    choose_profile,
+    load,
+    load_all,
+)
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys, suggest_key
 from gsfw.plugins.registry import Registry, did_you_mean
 from gsfw.plugins.specs import Spec
@@ -231,7 +238,7 @@ class _Resolution:
         )
 
     def choose_rasterizer(self) -> None:
-        """Choose the device and the rasterizer by what the other parts need, then set its values.
+        """Choose device, rasterizer and profile by what the other parts need, then set its values.
 
         Raises:
             ConfigError: as for every other value.
@@ -250,6 +257,10 @@ class _Resolution:
         if rasterizer is not None:
             name, source = rasterizer.name, rasterizer.source
         self._fill("rasterizer", name, source)
+        if config.profile == AUTO:
+            profile = choose_profile(name, self._registry)
+            self._config = replace(self._config, profile=profile.name)
+            self._sources["profile"] = profile.source
         self.apply_values(only="rasterizer")
 
     def rescale(self, default_steps: int) -> None:

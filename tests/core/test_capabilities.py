@@ -1,5 +1,7 @@
 """Needs against capabilities: who fits, and how a mismatch is told."""
 
+from dataclasses import replace
+
 import pytest
 
 from gsfw.core.cameras import CameraModel
@@ -74,6 +76,15 @@ def test_a_mismatch_names_who_needs_what_and_who_fits():
         "  data set 'fox' needs camera model 'fisheye'\n"
         "Rasterizers that fit here: reference."
     )
+
+
+def test_a_rasterizer_with_its_own_numerics_fits_those_who_ask_for_no_others():
+    able = {"own": replace(FULL, profile="narrow"), "any": FULL}
+    asking = PLAIN | Needs(profile="wide")
+    assert fitting({"method": asking | PLAIN}, able, "cpu") == ["any"]
+    assert fitting({"method": PLAIN}, able, "cpu") == ["any", "own"]
+    assert able["own"].lacking(asking, "cpu") == ["numerics 'wide' (it draws only with 'narrow')"]
+    assert able["own"].lacking(Needs(profile="narrow"), "cpu") == []
 
 
 def test_a_rasterizer_that_cannot_run_says_why():

@@ -1,14 +1,17 @@
 """Tests of gsfw.plugins.automatic."""
 
 import errno
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 import torch
-from fake_parts import FakePlugin, fake_registry, registry_of
+from fake_parts import Base, FakePlugin, fake_registry, registry_of
 
+from gsfw.core.capabilities import Capabilities, Feature
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.plugins.automatic import choose_datamanager, load_all, rasterizer_capabilities
+from gsfw.plugins.devices import unused_gpu
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 from gsfw.plugins.specs import Spec, hookimpl
 
@@ -116,12 +119,67 @@ def test_settings_of_an_automatic_rasterizer_are_applied_to_it():
         settings(**{"rasterizer.tile": "8"})
 
 
-def test_the_device_is_the_gpu_only_where_a_rasterizer_fits_there(monkeypatch):
-    assert settings().config.device == "cpu"
-    assert settings().sources["device"] == "chosen automatically: torch sees no GPU here"
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+class Graphic(FakePlugin):
+    """Also has a rasterizer for GPUs; ``unavailable`` says why it cannot run."""
+
+    unavailable = ""
+
+    @hookimpl
+    def gsfw_rasterizers(self):
+        return [*super().gsfw_rasterizers(), self.spec("cuda", Cuda)]
+
+    def spec(self, name, kind):
+        if kind is not Cuda:
+            return super().spec(name, kind)
+        Cuda.able = replace(Cuda.able, unavailable=self.unavailable)
+        return Spec(name, f"the {name}", f"{__name__}:Cuda")
+
+
+@dataclass
+class Cuda(Base):
+    able = Capabilities(devices=frozenset({"cuda"}), features=frozenset(Feature), preference=20)
+
+
+class Unbuilt(Graphic):
+    unavailable = "NVRTC is not installed; pip install nvidia-cuda-nvrtc."
+
+
+def test_without_a_gpu_the_device_is_the_cpu_and_nothing_is_said_of_gpus():
     found = settings()
+    assert (found.config.device, found.choices["rasterizer"].name) == ("cpu", "fast")
+    assert found.sources["device"] == "chosen automatically: torch sees no GPU here"
+    assert unused_gpu(rasterizer_capabilities(registry_of(Unbuilt()))) == ()
+
+
+def test_the_device_is_the_gpu_where_a_rasterizer_is_made_for_it(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    found = settings(registry_of(Graphic()))
+    assert (found.config.device, found.choices["rasterizer"].name) == ("cuda", "cuda")
+    assert found.sources["device"] == (
+        "chosen automatically: torch sees a GPU, and rasterizer cuda runs on it"
+    )
+    assert settings(registry_of(Graphic()), device="cpu").choices["rasterizer"].name == "fast"
+
+
+def test_where_the_rasterizer_of_the_gpu_is_missing_the_fast_one_of_the_cpu_is_taken(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    registry = registry_of(Unbuilt())
+    found = settings(registry)
+    assert (found.config.device, found.choices["rasterizer"].name) == ("cpu", "fast")
+    assert found.sources["device"] == (
+        "chosen automatically: there is a GPU, but rasterizer fast is preferred to slow, "
+        "the best that fits there"
+    )
+    assert unused_gpu(rasterizer_capabilities(registry)) == (
+        "there is a GPU, but rasterizer cuda cannot use it: NVRTC is not installed; "
+        "pip install nvidia-cuda-nvrtc.",
+    )
+    found = settings(registry, antialias="true")  # Which the fast one of the CPU cannot draw.
     assert (found.config.device, found.choices["rasterizer"].name) == ("cuda", "slow")
+
+
+def test_the_device_is_the_gpu_only_where_a_rasterizer_fits_there(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     found = settings(rasterizer="fast")
     assert found.config.device == "cpu"
     assert found.sources["device"] == (
