@@ -8,6 +8,8 @@ are used either way.
 from __future__ import annotations
 
 import ctypes
+import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +42,8 @@ class Nvrtc:
 
     def __init__(self, path: str | Path) -> None:
         self.path = str(path)
+        if sys.platform == "win32" and Path(path).is_absolute():
+            os.add_dll_directory(str(Path(path).parent))  # It loads a library from beside it.
         try:
             self._library = ctypes.CDLL(self.path)
         except OSError as error:

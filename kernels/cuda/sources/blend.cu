@@ -9,13 +9,17 @@
 namespace gsfw {
 namespace cuda {
 
+/// No splat reaches this level: the logarithm of alpha is at most 0.
+constexpr double CLOSED = 1e30;
+
 /// What one pixel has seen so far.
 template <class T, int CHANNELS>
 struct Painted {
   T transmittance;
   T color[CHANNELS];
-  /// Whether it still sees through; pixels outside the image never do.
-  bool open;
+  /// log2 of the least alpha that is drawn; CLOSED once the pixel is opaque, and outside the image.
+  /// A closed pixel goes on with splats whose alpha is 0: cheaper than asking each time.
+  T level_min;
   /// Pairs of the tile that it has looked at before it stopped.
   int seen;
 };
@@ -31,14 +35,18 @@ __device__ __forceinline__ void save_checkpoint(const BlendJob& job, int64 row, 
   if (threadIdx.x == 0) job.chunk_tiles[row] = tile;
 }
 
+template <class T, int CHANNELS>
+__device__ __forceinline__ bool sees_through(const Painted<T, CHANNELS>& pixel) {
+  return pixel.level_min < T(CLOSED);
+}
+
 /// Paint one splat; returns its weight.
 template <class T, int CHANNELS>
 __device__ __forceinline__ T paint(const T* splat, T alpha, int place, T stop,
                                    Painted<T, CHANNELS>& pixel) {
   const T next = pixel.transmittance * (T(1) - alpha);
-  if (!pixel.open) return T(0);
   if (!(next > stop)) {  // It would make the pixel opaque: neither it nor any behind is drawn.
-    pixel.open = false;
+    pixel.level_min = T(CLOSED);
     pixel.seen = place;
     return T(0);
   }
@@ -58,16 +66,16 @@ __device__ __forceinline__ void paint_chunk(const BlendJob& job,
                                             const Entries<T, CHANNELS, CHUNK>& entries, int before,
                                             int count, const Pixel<T>& at,
                                             Painted<T, CHANNELS>& pixel, T* weights) {
-  const T level_min = T(job.level_min), cap = T(job.alpha_cap), stop = T(job.transmittance_min);
+  const T cap = T(job.alpha_cap), stop = T(job.transmittance_min);
   for (int base = 0; base < count; base += WARP) {
-    if (!__any_sync(FULL_WARP, pixel.open)) return;
+    if (!__any_sync(FULL_WARP, int(sees_through(pixel)))) return;
     const int own = base + lane_index();
     const uint32 reached = own < count ? entries.subtiles[own] : 0u;
     uint32 hits = __ballot_sync(FULL_WARP, int(reached >> warp_index() & 1u));
     for (; hits; hits &= hits - 1u) {
       const int place = base + __ffs(int(hits)) - 1;
       const T* splat = entries.paint[place];
-      const T alpha = alpha_at(splat, at.x, at.y, level_min, cap);
+      const T alpha = alpha_at(splat, at.x, at.y, pixel.level_min, cap);
       const T weight = paint(splat, alpha, before + place, stop, pixel);
       if constexpr (MEASURE) {
         const T total = warp_sum(weight);
@@ -121,13 +129,13 @@ __global__ void __launch_bounds__(TILE_PIXELS) blend(BlendJob job) {
   pixel.transmittance = T(1);
 #pragma unroll
   for (int c = 0; c < CHANNELS; ++c) pixel.color[c] = T(0);
-  pixel.open = at.inside;
+  pixel.level_min = at.inside ? T(job.level_min) : T(CLOSED);
   pixel.seen = 0;
   const int64 begin = job.tile_starts[tile], end = job.tile_starts[tile + 1];
   int64 checkpoint = job.checkpoints ? job.chunk_starts[tile] : 0;
   for (int64 first = begin; first < end; first += CHUNK) {
     // Nobody may still read the last chunk when this one comes in.
-    if (!__syncthreads_or(pixel.open)) break;
+    if (!__syncthreads_or(int(sees_through(pixel)))) break;
     const int count = int(end - first < CHUNK ? end - first : CHUNK);
     if (job.checkpoints && first > begin) {
       save_checkpoint(job, checkpoint++, tile, pixel);
@@ -148,7 +156,7 @@ __global__ void __launch_bounds__(TILE_PIXELS) blend(BlendJob job) {
       record_contribution<T>(job, first, count, weights);
     }
   }
-  if (pixel.open) pixel.seen = int(end - begin);
+  if (sees_through(pixel)) pixel.seen = int(end - begin);
   finish_pixel(job, at, pixel);
 }
 

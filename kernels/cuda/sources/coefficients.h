@@ -28,8 +28,7 @@ __device__ __forceinline__ WarpRows rows_of_warp(int64 row, bool inside, bool vi
 /// In shared memory, one per warp: coefficient k of channel c is number 3 k + c of its row.
 template <class T, int DEGREE>
 struct Coefficients {
-  static constexpr int COUNT = num_coefficients(DEGREE);
-  static constexpr int NUMBERS = 3 * COUNT;
+  static constexpr int NUMBERS = 3 * num_coefficients(DEGREE);
 
   /// The length of rows is odd, which spreads a column over all banks.
   T rows[WARP][NUMBERS | 1];

@@ -55,6 +55,10 @@ __device__ __forceinline__ N warp_running_sum(N value) {
   return value;
 }
 
+/// The smaller of two numbers neither of which is NaN: one instruction.
+__device__ __forceinline__ float least(float a, float b) { return GSFW_ELEMENTARY(fminf)(a, b); }
+__device__ __forceinline__ double least(double a, double b) { return GSFW_ELEMENTARY(fmin)(a, b); }
+
 /// 2 to the power of x; results below the least normal number count as 0.
 __device__ __forceinline__ float power_of_two(float x) {
 #ifdef __CUDA_ARCH__

@@ -12,6 +12,11 @@
 namespace gsfw {
 namespace cuda {
 
+/// Blocks that registers must leave room for on a multiprocessor: what is short here is memory, for
+/// which more threads wait in parallel. With this many, no number is kept in local memory.
+template <class T>
+constexpr int PROJECT_BACKWARD_BLOCKS = sizeof(T) == sizeof(float) ? 10 : 4;
+
 /// The gradient of SH coefficients, and by the mean through the direction they are seen from.
 /// Reached by all lanes.
 template <int DEGREE, class T>
@@ -33,9 +38,9 @@ __device__ __forceinline__ Vector3<T> sh_backward(const ProjectBackwardJob& job,
   if (visible) {
     T by_color[3];
     sums.template add_up<3>(SUM_CHANNELS, by_color);
-    sum_bands_vjp<DEGREE>(Vector3<T>{sh_color_vjp(sum.x, by_color[0]), sh_color_vjp(sum.y, by_color[1]),
-                        sh_color_vjp(sum.z, by_color[2])},
-                       own, basis);
+    const Vector3<T> by_sum{sh_color_vjp(sum.x, by_color[0]), sh_color_vjp(sum.y, by_color[1]),
+                            sh_color_vjp(sum.z, by_color[2])};
+    sum_bands_vjp<DEGREE>(by_sum, own, basis);
     if constexpr (DEGREE > 0) {
       by_mean = view_direction_vjp(mean, center, sh_basis_vjp(DEGREE, direction, basis));
     }
@@ -132,7 +137,8 @@ __device__ __forceinline__ void write_pose(const PoseGradient<T>& share,
 /// project_backward<T, Shape, DEGREE, POSE>: see ProjectBackwardJob; Shape and DEGREE as forward,
 /// POSE to write ``pose``. Blocks of PROJECT_THREADS.
 template <class T, class Shape, int DEGREE, bool POSE>
-__global__ void __launch_bounds__(PROJECT_THREADS) project_backward(ProjectBackwardJob job) {
+__global__ void __launch_bounds__(PROJECT_THREADS, PROJECT_BACKWARD_BLOCKS<T>)
+    project_backward(ProjectBackwardJob job) {
   const SplatArrays& splats = job.forward.splats;
   const int64 row = thread_index();
   const bool inside = row < splats.count, add = job.accumulate != 0;

@@ -57,10 +57,5 @@ GSFW_FUNCTION Splat<T, Shape> load_splat(const SplatArrays& splats, int64 row) {
   return splat;
 }
 
-/// Channels of a brush that are drawn.
-GSFW_FUNCTION int drawn_channels(const SplatArrays& splats) {
-  return splats.color_channels + splats.extras + splats.depth_channels;
-}
-
 }  // namespace cuda
 }  // namespace gsfw

@@ -88,7 +88,7 @@ __device__ __forceinline__ Vector2<T> whitened_at(const T* paint, T x, T y) {
 template <class T>
 __device__ __forceinline__ T alpha_at(const T* paint, T x, T y, T level_min, T alpha_cap) {
   const T level = alpha_exponent(paint[PAINT_LEVEL], whitened_at(paint, x, y));
-  return level >= level_min ? minimum(power_of_two(level), alpha_cap) : T(0);
+  return level >= level_min ? least(power_of_two(level), alpha_cap) : T(0);
 }
 
 /// Where the checkpoint in front of a chunk is kept, for one pixel: [1 + CHANNELS] numbers, 256
