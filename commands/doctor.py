@@ -48,8 +48,8 @@ def run(tokens: list[str]) -> int:
     """Look at everything."""
     options = read("doctor", DoctorOptions, tokens)
     console = Console(options.json)
-    findings = [*_versions(), *_libraries(), _native(), *_rasterizers(installed())]
-    findings += [*_plugins(installed()), _write_access()]
+    findings = [*_versions(), *_libraries(), _native(), _cuda()]
+    findings += [*_rasterizers(installed()), *_plugins(installed()), _write_access()]
     console.table(
         ["", "status", "details"],
         [[finding.what, finding.status, finding.details] for finding in findings],
@@ -94,6 +94,25 @@ def _native() -> Finding:
     if not found:
         return Finding("native CPU module", "missing", unavailable() or NOT_BUILT)
     return Finding("native CPU module", "ok", f"instruction sets: {', '.join(found)}")
+
+
+def _cuda() -> Finding:
+    from gsfw.kernels.cuda.availability import cuda_system, unavailable
+
+    reason = unavailable()
+    if reason:
+        return Finding("CUDA kernels", "missing", reason)
+    from gsfw.kernels.cuda.cache import KernelCache, cache_folder
+
+    system, cache = cuda_system(), KernelCache(cache_folder())
+    problem = cache.problem()
+    details = [
+        f"NVRTC {'.'.join(map(str, system.nvrtc.version))} at {system.nvrtc.path}",
+        f"driver for CUDA {'.'.join(map(str, system.driver.version))}",
+        f"compiled for {', '.join(system.targets)}",
+        f"compiled anew by every process: {problem}" if problem else f"kept in {cache.folder}",
+    ]
+    return Finding("CUDA kernels", "ok", "; ".join(details))
 
 
 def _rasterizers(registry: Registry) -> Iterator[Finding]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 
+import torch
+
+from gsfw.kernels.cuda.instances import NAMES, Instances
 from gsfw.kernels.cuda.jobs import (
     BlendBackwardJob,
     BlendJob,
@@ -27,66 +30,52 @@ from gsfw.kernels.cuda.step_jobs import (
 Entry = tuple[Kernel, type[ctypes.Structure]]
 """A kernel, and the job that it takes."""
 
-CHUNKS = {
-    "float": {1: 128, 3: 128, 4: 128, 16: 64, 32: 32},
-    "double": {1: 64, 3: 64, 4: 64, 16: 32, 32: 32},
-}
-"""Splats of a tile between two checkpoints, by type of number and number of channels."""
+CHANNELS = (1, 3, 4, 16, 32)
+"""Numbers of channels to blend with."""
 
 DEGREES = (-1, 0, 1, 2, 3)
 """Of spherical harmonics; -1 for plain channels."""
 
 
-def catalogue(number: str = "float", degrees: Sequence[int] = DEGREES) -> list[Entry]:
+def catalogue(dtype: torch.dtype = torch.float32, degrees: Sequence[int] = DEGREES) -> list[Entry]:
     """The kernels that users are likely to need.
 
     Args:
-        number: "float" or "double".
+        dtype: float32 or float64.
         degrees: those of the spherical harmonics to project with.
     """
-    return [
-        *_projections(number, degrees),
-        *_blends(number),
-        *_bins(number),
-        *_steps(number),
-    ]
+    number = NAMES[dtype]
+    return [*_projections(dtype, degrees), *_blends(dtype), *_bins(dtype), *_steps(number)]
 
 
-def _projections(number: str, degrees: Sequence[int]) -> list[Entry]:
+def _projections(dtype: torch.dtype, degrees: Sequence[int]) -> list[Entry]:
     entries: list[Entry] = []
-    last = degrees[-1]
-    forms = [(f"Axes<{number}>", degree, "false") for degree in degrees]
-    forms += [(f"Axes<{number}>", last, "true"), (f"Symmetric3<{number}>", last, "false")]
-    for shape, degree, pose in forms:
-        of = f"{number}, {shape}, {degree}"
-        if pose == "false":
-            entries.append((Kernel("project.cu", f"project<{of}>"), ProjectJob))
-        back = Kernel("project_backward.cu", f"project_backward<{of}, {pose}>")
-        entries.append((back, ProjectBackwardJob))
+    for covariances, degree in [*((False, degree) for degree in degrees), (True, degrees[-1])]:
+        chosen = Instances(dtype, covariances, degree, 3, torch.int16)
+        entries.append((chosen.project, ProjectJob))
+        entries.append((chosen.project_backward(pose=False), ProjectBackwardJob))
+    posed = Instances(dtype, False, degrees[-1], 3, torch.int16)
+    return [*entries, (posed.project_backward(pose=True), ProjectBackwardJob)]
+
+
+def _blends(dtype: torch.dtype) -> list[Entry]:
+    entries: list[Entry] = []
+    for channels, measured in [*((channels, False) for channels in CHANNELS), (3, True)]:
+        chosen = Instances(dtype, False, -1, channels, torch.int16)
+        entries.append((chosen.blend(measured), BlendJob))
+        entries.append((chosen.blend_backward(measured), BlendBackwardJob))
     return entries
 
 
-def _blends(number: str) -> list[Entry]:
+def _bins(dtype: torch.dtype) -> list[Entry]:
+    depth = "uint32" if dtype == torch.float32 else "uint64"
     entries: list[Entry] = []
-    forms = [(channels, "false") for channels in CHUNKS[number]]
-    for channels, measured in [*forms, (3, "true")]:
-        of = f"{number}, {channels}, {CHUNKS[number][channels]}, {measured}"
-        entries.append((Kernel("blend.cu", f"blend<{of}>"), BlendJob))
-        entries.append((Kernel("blend_backward.cu", f"blend_backward<{of}>"), BlendBackwardJob))
-    return entries
-
-
-def _bins(number: str) -> list[Entry]:
-    depth = "uint32" if number == "float" else "uint64"
-    entries: list[Entry] = [
-        (Kernel("sort.cu", f"count_digits<{depth}>"), DigitsJob),
-        (Kernel("sort.cu", f"scatter<{depth}>"), ScatterJob),
-    ]
-    for key in ("uint16", "uint32"):
-        entries.append((Kernel("bin.cu", f"emit<{number}, {key}>"), EmitJob))
-        entries.append((Kernel("bin.cu", f"find_tiles<{key}>"), TilesJob))
-    entries.append((Kernel("sort.cu", "count_digits<uint16>"), DigitsJob))
-    entries.append((Kernel("sort.cu", "scatter<uint16>"), ScatterJob))
+    for key in (depth, "uint16"):
+        entries.append((Kernel("sort.cu", f"count_digits<{key}>"), DigitsJob))
+        entries.append((Kernel("sort.cu", f"scatter<{key}>"), ScatterJob))
+    for tile_key in (torch.int16, torch.int32):
+        chosen = Instances(dtype, False, -1, 3, tile_key)
+        entries += [(chosen.emit, EmitJob), (chosen.find_tiles, TilesJob)]
     return entries
 
 

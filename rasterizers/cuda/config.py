@@ -20,7 +20,7 @@ class CudaConfig(RasterizerConfig):
     pairs_mb: float = 16384.0
     """Memory that pairs of a splat and a tile may take, in megabytes; more is refused."""
     deterministic: bool = False
-    """Sum gradients in a fixed order, so that the same run gives the same bits; takes more memory."""
+    """Sum gradients in a fixed order, so that a run gives the same bits each time; takes memory."""
     time_stages: bool = False
     """Measure each stage of a picture, for which the host waits for the device."""
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from gsfw.kernels.cuda.instances import WIDTHS
 from gsfw.kernels.cuda.launcher import Launcher
-from gsfw.rasterizers.cuda.instances import WIDTHS
 from gsfw.rasterizers.cuda.picture import SUM_CHANNELS, CudaPicture
 from gsfw.rasterizers.cuda.stage_clock import StageClock
 from gsfw.rasterizers.painter import Arrays, Numbers, Painter, Picture

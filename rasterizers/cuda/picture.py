@@ -10,9 +10,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.kernels.cuda import jobs
+from gsfw.kernels.cuda.instances import Instances
 from gsfw.kernels.cuda.launcher import Launcher, address
 from gsfw.kernels.cuda.sort import radix_sort
-from gsfw.rasterizers.cuda.instances import Instances
 from gsfw.rasterizers.cuda.stage_clock import StageClock
 from gsfw.rasterizers.painter import POSE_FIELDS, Arrays, Numbers, Picture, TooManyPairs
 

@@ -1,12 +1,16 @@
 """Tests of gsfw.commands.doctor."""
 
 import json
+from types import SimpleNamespace
 
+import pytest
 from fake_parts import registry_of
 
 from gsfw.commands import doctor
 from gsfw.commands.main import main
 from gsfw.kernels.cpu import native_module
+from gsfw.kernels.cuda import availability
+from gsfw.kernels.cuda.cache import KernelCache
 from gsfw.plugins.specs import Spec, hookimpl
 
 
@@ -36,6 +40,39 @@ def test_without_the_native_module_it_says_what_is_lost(capsys, monkeypatch):
     status, details = findings(capsys)["native CPU module"]
     assert status == "missing"
     assert details.startswith("the native CPU module was not built: no working C++ compiler")
+
+
+def test_without_cuda_it_says_why(capsys, monkeypatch):
+    reason = "there is no NVIDIA driver on this machine. Install one."
+    monkeypatch.setattr(availability, "unavailable", lambda: reason)
+    assert main(["doctor", "json=true"]) == 0
+    assert findings(capsys)["CUDA kernels"] == ("missing", reason)
+
+
+@pytest.mark.parametrize(
+    ("problem", "kept"),
+    [
+        ("", "kept in {folder}"),
+        ("/ cannot be written to", "compiled anew by every process: / cannot be written to"),
+    ],
+)
+def test_with_cuda_it_says_what_is_used_and_kept_where(
+    capsys, monkeypatch, tmp_path, problem, kept
+):
+    nvrtc = SimpleNamespace(version=(13, 0), path="/lib/libnvrtc.so.13")
+    system = SimpleNamespace(
+        nvrtc=nvrtc, driver=SimpleNamespace(version=(13, 1)), targets=("sm_90", "sm_120")
+    )
+    monkeypatch.setattr(availability, "unavailable", str)
+    monkeypatch.setattr(availability, "cuda_system", lambda: system)
+    monkeypatch.setenv("GSFW_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(KernelCache, "problem", lambda self: problem)
+    assert main(["doctor", "json=true"]) == 0
+    assert findings(capsys)["CUDA kernels"] == (
+        "ok",
+        "NVRTC 13.0 at /lib/libnvrtc.so.13; driver for CUDA 13.1; compiled for sm_90, sm_120; "
+        + kept.format(folder=tmp_path / "kernels"),
+    )
 
 
 class Lost:

@@ -118,9 +118,15 @@ __device__ __forceinline__ void finish_pixel(const BlendJob& job, const Pixel<T>
   }
 }
 
+/// Blocks that are to fit on a multiprocessor at once, which bounds their registers: told less, the
+/// compiler takes so few for RGB that it spills.
+template <class T, int CHANNELS>
+constexpr int RESIDENT_BLOCKS = sizeof(T) > 4 ? 1 : CHANNELS > 24 ? 2 : CHANNELS > 12 ? 3 : 4;
+
 /// One block of 256 threads per tile; ``CHUNK`` is a multiple of 32.
 template <class T, int CHANNELS, int CHUNK, bool MEASURE>
-__global__ void __launch_bounds__(TILE_PIXELS) blend(BlendJob job) {
+__global__ void __launch_bounds__(TILE_PIXELS, RESIDENT_BLOCKS<T, CHANNELS>)
+    blend(BlendJob job) {
   __shared__ Entries<T, CHANNELS, CHUNK> entries;
   __shared__ T weights[SUBTILES][MEASURE ? CHUNK : 1];
   const int tile = int(blockIdx.x);

@@ -12,6 +12,11 @@
 namespace gsfw {
 namespace cuda {
 
+/// Blocks that registers must leave room for on a multiprocessor: what is short here is memory, for
+/// which more threads wait in parallel. With this many, no number is kept in local memory.
+template <class T>
+constexpr int PROJECT_BLOCKS = sizeof(T) == sizeof(float) ? 12 : 8;
+
 /// Four numbers that are written at once.
 template <class T>
 struct __align__(16) Four {
@@ -111,7 +116,7 @@ GSFW_FUNCTION void write_row(const ProjectJob& job, int64 row, bool visible, int
 /// project<T, Shape, DEGREE>: see ProjectJob. Shape is Axes<T> or Symmetric3<T>; DEGREE that of the
 /// spherical harmonics, -1 for colours that are plain channels. Blocks of PROJECT_THREADS.
 template <class T, class Shape, int DEGREE>
-__global__ void __launch_bounds__(PROJECT_THREADS) project(ProjectJob job) {
+__global__ void __launch_bounds__(PROJECT_THREADS, PROJECT_BLOCKS<T>) project(ProjectJob job) {
   const int64 row = thread_index();
   const bool inside = row < job.splats.count;
   const Camera<T> camera = camera_of<T>(job.view, job.grid);

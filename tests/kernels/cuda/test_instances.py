@@ -6,8 +6,8 @@ import pytest
 import torch
 from native_programs import ROOT
 
+from gsfw.kernels.cuda.instances import WIDTHS, Instances
 from gsfw.rasterizers.cuda import picture
-from gsfw.rasterizers.cuda.instances import WIDTHS, Instances
 
 SHARED_BYTES = 48 * 1024
 """What a block may have on any GPU without asking."""
