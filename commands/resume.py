@@ -22,6 +22,7 @@ CHANGEABLE = (
     "eval_every",
     "log_every",
     "cache_mb",
+    "gpu_cache_mb",
     "validation",
     "max_skipped",
 )

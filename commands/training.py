@@ -70,8 +70,8 @@ def _fit(trainer: Trainer) -> dict[str, Any]:
         raise TrainingError(
             f"the GPU's memory is full after {trainer.step} steps, with "
             f"{len(trainer.parts.table):,} Gaussians.",
-            "Shrink the images (downscale=2), or limit the number of Gaussians "
-            "(strategy=mcmc strategy.cap_max=500000).",
+            "Keep no pictures there (gpu_cache_mb=0), shrink them (downscale=2), or limit the "
+            "number of Gaussians (strategy=mcmc strategy.cap_max=500000).",
         ) from None
 
 

@@ -79,12 +79,12 @@ def area_means(
 def _shrink_rows(values: Float[Tensor, "c r m"], smaller: int) -> Float[Tensor, "c s m"]:
     """Means of neighbouring rows. A bag of embeddings is what torch calls such a weighted sum."""
     count, rows, length = values.shape
-    covered, shares = _cover(rows, smaller)
-    first_rows = torch.arange(count)[:, None, None] * rows
+    covered, shares = _cover(rows, smaller, values.dtype, values.device)
+    first_rows = torch.arange(count, device=values.device)[:, None, None] * rows
     means: Tensor = torch.nn.functional.embedding_bag(
-        (first_rows + covered).flatten(0, 1).to(values.device),
+        (first_rows + covered).flatten(0, 1),
         values.reshape(count * rows, length),
-        per_sample_weights=shares.repeat(count, 1).to(values),
+        per_sample_weights=shares.repeat(count, 1),
         mode="sum",
     )
     return means.view(count, smaller, length)
@@ -92,9 +92,12 @@ def _shrink_rows(values: Float[Tensor, "c r m"], smaller: int) -> Float[Tensor, 
 
 @lru_cache(maxsize=64)
 def _cover(
-    size: int, smaller: int
+    size: int, smaller: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[Int[Tensor, "smaller taps"], Float[Tensor, "smaller taps"]]:
-    """Which pixels of a row each of ``smaller`` equal parts covers, and their shares of it."""
+    """Which pixels of a row each of ``smaller`` equal parts covers, and their shares of it.
+
+    Kept on the device: copying them there in every step would let the host wait for it.
+    """
     edges = torch.linspace(0, size, smaller + 1, dtype=torch.float64)
     first = edges[:-1].floor().long()
     taps = int((edges[1:].ceil().long() - first).max())
@@ -102,4 +105,5 @@ def _cover(
     overlap = torch.minimum(pixels + 1.0, edges[1:, None]) - torch.maximum(
         pixels.double(), edges[:-1, None]
     )
-    return pixels.clamp(max=size - 1), overlap.clamp(min=0) * smaller / size
+    shares = overlap.clamp(min=0) * smaller / size
+    return pixels.clamp(max=size - 1).to(device), shares.to(device, dtype)

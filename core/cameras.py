@@ -76,8 +76,10 @@ class Cameras:
 
     def resized(self, width: int, height: int) -> Cameras:
         """The same views at another image size; intrinsics follow by the exact ratio per axis."""
-        scale = self.intrinsics.new_tensor([[width / self.width], [height / self.height], [1.0]])
-        return replace(self, intrinsics=self.intrinsics * scale, width=width, height=height)
+        x, y, last = self.intrinsics.unbind(1)
+        # Plain numbers: a tensor of them would have to be copied to a GPU, which waits for it.
+        scaled = torch.stack([x * (width / self.width), y * (height / self.height), last], dim=1)
+        return replace(self, intrinsics=scaled, width=width, height=height)
 
     @staticmethod
     def cat(parts: list[Cameras]) -> Cameras:

@@ -66,6 +66,8 @@ class DataRequest:
     """Names of the images to hold out, instead of every n-th."""
     cache_megabytes: int = 2048
     """Memory that decoded images (uint8) may take."""
+    gpu_cache_megabytes: int = 0
+    """Memory of the GPU that decoded images (uint8) may stay in; 0 where none is used."""
 
 
 class DataManager(ABC):

@@ -1,31 +1,57 @@
-"""Determinism: same seed, same bits on the CPU."""
+"""Determinism: same seed, same bits on the CPU; full float32 on a GPU."""
 
 from __future__ import annotations
 
 import platform
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 import torch
 
 
 @contextmanager
 def deterministic(device: torch.device) -> Iterator[None]:
-    """Run torch with deterministic algorithms on the CPU; elsewhere leave it as it is.
+    """Run torch with deterministic algorithms on the CPU, and with all of float32 on a GPU.
 
-    Without this, indexing backward with accumulation is not repeatable with two threads (seen with
-    more than 50,000 rows). Filling new memory is left off: it costs time and hides nothing here.
+    Without the first, indexing backward with accumulation is not repeatable with two threads (seen
+    with more than 50,000 rows). Filling new memory is left off: it costs time and hides nothing
+    here. On a GPU the same mode would refuse operators that have no deterministic form, and is left
+    as it is; but convolutions would by default round their inputs to the 11 bits of TF32, of which
+    SSIM, that subtracts squares, would leave nothing.
     """
+    with _deterministic_algorithms() if device.type == "cpu" else _full_float32():
+        yield
+
+
+@contextmanager
+def _deterministic_algorithms() -> Iterator[None]:
     before = torch.are_deterministic_algorithms_enabled()
     fill = torch.utils.deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
-    if device.type == "cpu":
-        torch.use_deterministic_algorithms(True)
-        torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
+    torch.use_deterministic_algorithms(True)
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     try:
         yield
     finally:
         torch.use_deterministic_algorithms(before)
         torch.utils.deterministic.fill_uninitialized_memory = fill  # type: ignore[attr-defined]
+
+
+@contextmanager
+def _full_float32() -> Iterator[None]:
+    cudnn: Any = torch.backends.cudnn
+    # From torch 2.9 on the old switch refuses to be read where somebody has used the new one.
+    switches, name, full = (
+        (cudnn.conv, "fp32_precision", "ieee")
+        if hasattr(cudnn, "conv")
+        else (cudnn, "allow_tf32", False)
+    )
+    before = getattr(switches, name)
+    setattr(switches, name, full)
+    try:
+        yield
+    finally:
+        setattr(switches, name, before)
 
 
 def environment(device: torch.device, backend: Mapping[str, str]) -> dict[str, str | int]:

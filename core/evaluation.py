@@ -15,6 +15,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.callback import EvaluatedView
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.device import wait_for
 from gsfw.core.metrics import Metric
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
@@ -70,8 +71,10 @@ def evaluate(
     for index, name in enumerate(views.names):
         data.prefetch(split, range(index + 1, min(index + 3, len(views))))
         (batch,) = data.load(split, [index], device)
+        wait_for(device)  # The clock is the host's, and a GPU works behind its back.
         started = time.perf_counter()
         output = draw(model, rasterizer, batch.cameras, settings, batch.time)
+        wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
         figures, target = _compare(output, batch, metrics, settings)
         per_view.append(figures)

@@ -1,4 +1,4 @@
-"""Peak memory of this process."""
+"""Peak memory of this process, and of its GPU."""
 
 from __future__ import annotations
 
@@ -21,3 +21,12 @@ def peak_memory_mb(device: torch.device) -> dict[str, float]:
     if device.type == "cuda":
         peaks["cuda"] = torch.cuda.max_memory_allocated(device) / 1e6
     return peaks
+
+
+def memory_summary(device: torch.device) -> dict[str, float]:
+    """The peaks as a run's summary has them, of the GPU only where one is used."""
+    peaks = peak_memory_mb(device)
+    summary = {"peak_memory_mb": round(peaks.get("rss", 0.0), 1)}
+    if "cuda" in peaks:
+        summary["peak_gpu_memory_mb"] = round(peaks["cuda"], 1)
+    return summary

@@ -88,6 +88,7 @@ class Optimizer:
             visible: rows that some view of this step saw; used when ``sparse`` is set.
         """
         rates = self.learning_rates(step)
+        # The host waits here for a GPU's count of these rows, in every step: the price of sparse.
         rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
         for name, column in self._model.columns().items():
             if column.trained and name not in self._frozen:

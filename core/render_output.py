@@ -48,6 +48,20 @@ class RenderStatistics:
             contribution=room(Statistic.CONTRIBUTION),
         )
 
+    def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
+        """The same, or nothing seen where the step was not ``finite``; no synchronisation."""
+
+        def gate(values: Tensor | None) -> Tensor | None:
+            return None if values is None else torch.where(finite, values, 0.0)
+
+        return RenderStatistics(
+            visible=self.visible & finite,
+            radii=torch.where(finite, self.radii, 0.0),
+            screen_gradient=gate(self.screen_gradient),
+            absgrad=gate(self.absgrad),
+            contribution=gate(self.contribution),
+        )
+
 
 @dataclass(frozen=True)
 class RenderOutput:

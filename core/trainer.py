@@ -15,9 +15,10 @@ from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepRe
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.determinism import deterministic, environment
+from gsfw.core.device import moved, wait_for
 from gsfw.core.errors import TrainingError
 from gsfw.core.evaluation import Evaluation, evaluate
-from gsfw.core.memory import peak_memory_mb
+from gsfw.core.memory import memory_summary, peak_memory_mb
 from gsfw.core.method import Method
 from gsfw.core.metrics import Metric, psnr
 from gsfw.core.model import PrimitiveModel
@@ -25,7 +26,6 @@ from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.reducer import Reducer
-from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.resolution import FULL_SIZE, ResolutionSchedule
 from gsfw.core.run_folder import RunFolder
@@ -157,7 +157,7 @@ class Trainer:
     def _observe(self, item: _Drawn, finite: Tensor) -> None:
         """Let strategy and sampler take note of a batch; of one that was not finite, nothing."""
         parts, context = self.parts, item.context
-        statistics = parts.reducer.statistics(_gated(context.rendered.statistics, finite))
+        statistics = parts.reducer.statistics(context.rendered.statistics.where(finite))
         parts.strategy.observe(context, statistics)
         with torch.no_grad():
             loss = torch.stack([item.losses[name] for name in item.data_losses]).sum()
@@ -210,8 +210,7 @@ class Trainer:
     def _background(self) -> Tensor | None:
         if not self.plan.random_background:
             return self.plan.settings.background
-        generator = self.parts.generator
-        return torch.rand(3, generator=generator, device=generator.device)
+        return torch.rand(3, generator=self.parts.generator, device=self.parts.device)
 
     def _reduce(self, totals: list[Tensor]) -> Tensor:
         """Average gradients over processes; whether loss and gradients are finite."""
@@ -234,7 +233,13 @@ class Trainer:
             visible |= seen
         return self.parts.reducer.visible(visible)
 
-    # After a step.
+    # After a step. Here, and in refinements, the host reads what a GPU has computed, and waits.
+
+    def _catch_up(self) -> None:
+        """Wait for the steps that a GPU has yet to run: their time is training time."""
+        started = time.perf_counter()
+        wait_for(self.parts.device)
+        self.train_seconds += time.perf_counter() - started
 
     def _follow_up(self, drawn: list[_Drawn]) -> None:
         plan, step = self.plan, self.step
@@ -253,6 +258,7 @@ class Trainer:
 
     @torch.no_grad()
     def _report(self, drawn: list[_Drawn]) -> None:
+        self._catch_up()
         losses: dict[str, float] = {}
         for item in drawn:
             for name, value in item.losses.items():
@@ -280,6 +286,7 @@ class Trainer:
 
     def _check_skipped(self) -> None:
         """Stop when too many steps in a row were not finite; reads the flag late, now and then."""
+        self._catch_up()
         skipped_in_a_row = int(self._skipped_in_a_row)
         if skipped_in_a_row >= self.plan.max_skipped:
             self._checkpoint()  # Skipped steps move no parameter by a gradient: it is finite.
@@ -291,6 +298,7 @@ class Trainer:
             )
 
     def _evaluate(self) -> Evaluation:
+        self._catch_up()
         parts = self.parts
 
         def on_view(view: EvaluatedView) -> None:
@@ -327,9 +335,7 @@ class Trainer:
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
             "skipped_steps": int(self._skipped),
-            "peak_memory_mb": round(
-                max(peak_memory_mb(self.parts.device).values(), default=0.0), 1
-            ),
+            **memory_summary(self.parts.device),
         }
         for callback in self._callbacks:
             callback.on_end(self.step, summary)
@@ -338,6 +344,7 @@ class Trainer:
     # State.
 
     def _checkpoint(self) -> None:
+        self._catch_up()
         path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.step
         self.control.checkpoint_requested = False
@@ -361,13 +368,13 @@ class Trainer:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from a checkpoint."""
+        """Continue from a checkpoint, whatever device it was written on or read to."""
         parts = self.parts
         parts.model.load_state_dict(state["model"])
         parts.optimizer.load_state_dict(state["optimizer"])
-        parts.strategy.load_state_dict(state["strategy"])
-        parts.sampler.load_state_dict(state["sampler"])
-        parts.method.load_state_dict(state["method"])
+        parts.strategy.load_state_dict(moved(state["strategy"], parts.device))
+        parts.sampler.load_state_dict(moved(state["sampler"], parts.device))
+        parts.method.load_state_dict(moved(state["method"], parts.device))
         if state["environment"]["device"] == parts.device.type:
             parts.generator.set_state(state["generator"].cpu())
         else:  # Generators of different devices have states of different kinds.
@@ -376,18 +383,3 @@ class Trainer:
         self._skipped = state["skipped"].to(parts.device)
         self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)
         self.step = self._checkpointed = state["step"]
-
-
-def _gated(statistics: RenderStatistics, finite: Tensor) -> RenderStatistics:
-    """The same statistics, or none at all after a step that was not finite; no synchronisation."""
-
-    def gate(values: Tensor | None) -> Tensor | None:
-        return None if values is None else torch.where(finite, values, 0.0)
-
-    return RenderStatistics(
-        visible=statistics.visible & finite,
-        radii=torch.where(finite, statistics.radii, 0.0),
-        screen_gradient=gate(statistics.screen_gradient),
-        absgrad=gate(statistics.absgrad),
-        contribution=gate(statistics.contribution),
-    )

@@ -6,10 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
 import torch
-from jaxtyping import Bool, Float
-from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
@@ -19,6 +16,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.similarity import Similarity
 from gsfw.datamanagers.frames import Recording
 from gsfw.datamanagers.holdout import hold_out
+from gsfw.datamanagers.loader import Loader
 from gsfw.datamanagers.picture_cache import PictureCache
 from gsfw.datamanagers.pictures import Picture, load_picture
 from gsfw.datamanagers.scene_frame import scene_frame
@@ -69,12 +67,18 @@ class Capture(DataManager):
             )
             for split, members in self._members.items()
         }
-        self._notes = (*recording.notes, self._split_note(how))
         self._sizes = [(camera.width, camera.height) for camera in cameras]
-        budget = request.cache_megabytes * 1_000_000
-        self._cache = PictureCache(
-            self._decode, [self._bytes(i) for i in range(len(cameras))], budget
+        self._loader = self._make_loader(request)
+        self._notes = (*recording.notes, self._split_note(how), *self._loader.notes())
+
+    def _make_loader(self, request: DataRequest) -> Loader:
+        order = [*self._members[Split.TRAIN], *self._members[Split.EVAL]]
+        cache = PictureCache(
+            lambda number: self._decode(order[number]),
+            [self._bytes(index) for index in order],
+            request.cache_megabytes * 1_000_000,
         )
+        return Loader(self._views, cache, request.gpu_cache_megabytes * 1_000_000)
 
     def _check_members(self, recording: Recording) -> None:
         for members in self._members.values():
@@ -124,28 +128,16 @@ class Capture(DataManager):
         return self._notes
 
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:
-        """Start decoding views in threads."""
-        self._cache.prefetch([self._members[split][index] for index in indices])
+        """Start decoding views in threads, and sending them to a GPU."""
+        self._loader.prefetch(split, indices)
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
         """Decode views into batches; the same pictures whatever was cached or decoded ahead."""
-        return [self._batch(split, group, device) for group in self._views[split].groups(indices)]
+        return self._loader.load(split, indices, device)
 
     def close(self) -> None:
         """Stop decoding and free the pictures."""
-        self._cache.close()
-
-    def _batch(self, split: Split, group: tuple[int, ...], device: torch.device) -> Batch:
-        cameras = Cameras.cat([self._views[split].cameras[index] for index in group])
-        pictures = [self._cache.get(self._members[split][index]) for index in group]
-        colors = np.stack([picture.pixels[..., :3] for picture in pictures])
-        return Batch(
-            images=torch.from_numpy(colors).to(device).float() / 255,
-            cameras=cameras.to(device),
-            views=group,
-            alpha=_alpha(pictures, device),
-            mask=_mask(pictures, device),
-        )
+        self._loader.close()
 
     def _decode(self, index: int) -> Picture:
         frame = self._frames[index]
@@ -154,19 +146,3 @@ class Capture(DataManager):
     def _bytes(self, index: int) -> int:
         frame, (width, height) = self._frames[index], self._sizes[index]
         return width * height * (3 + frame.header.has_alpha + (frame.mask is not None))
-
-
-def _alpha(pictures: list[Picture], device: torch.device) -> Float[Tensor, "c h w 1"] | None:
-    if all(picture.pixels.shape[2] == 3 for picture in pictures):
-        return None
-    opaque = np.full_like(pictures[0].pixels[..., :1], 255)
-    parts = [p.pixels[..., 3:] if p.pixels.shape[2] == 4 else opaque for p in pictures]
-    return torch.from_numpy(np.stack(parts)).to(device).float() / 255
-
-
-def _mask(pictures: list[Picture], device: torch.device) -> Bool[Tensor, "c h w 1"] | None:
-    if all(picture.mask is None for picture in pictures):
-        return None
-    everywhere = np.ones(pictures[0].pixels.shape[:2], dtype=bool)
-    parts = [everywhere if p.mask is None else p.mask for p in pictures]
-    return torch.from_numpy(np.stack(parts)[..., None]).to(device)

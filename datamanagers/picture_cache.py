@@ -21,8 +21,8 @@ class PictureCache:
             sizes: bytes that each picture takes once decoded.
             budget: bytes that all of them may take; one picture is kept even if it takes more.
         """
+        self.sizes = sizes
         self._decode = decode
-        self._sizes = sizes
         self._budget = budget
         self._held: OrderedDict[int, Future[Picture]] = OrderedDict()
         self._used = 0
@@ -34,16 +34,20 @@ class PictureCache:
         Raises:
             DataError: it does not decode.
         """
-        return self._request(index).result()
+        return self.request(index).result()
 
-    def prefetch(self, indices: Sequence[int]) -> None:
-        """Start decoding, as far as half of the budget goes: the rest stays for what is in use."""
-        ahead = 0
+    def prefetch(self, indices: Sequence[int]) -> dict[int, Future[Picture]]:
+        """Start decoding, as far as half of the budget goes: the rest stays for what is in use.
+
+        Gives the pictures that were started or are held already, by their number.
+        """
+        ahead, started = 0, {}
         for index in indices:
-            ahead += self._sizes[index]
+            ahead += self.sizes[index]
             if 2 * ahead > self._budget:
                 break
-            self._request(index)
+            started[index] = self.request(index)
+        return started
 
     def close(self) -> None:
         """Stop decoding and free the pictures."""
@@ -51,14 +55,15 @@ class PictureCache:
         self._held.clear()
         self._used = 0
 
-    def _request(self, index: int) -> Future[Picture]:
+    def request(self, index: int) -> Future[Picture]:
+        """The picture as soon as it is decoded; cancelled where others need its room before."""
         if index in self._held:
             self._held.move_to_end(index)
             return self._held[index]
-        while self._held and self._used + self._sizes[index] > self._budget:
+        while self._held and self._used + self.sizes[index] > self._budget:
             oldest, future = self._held.popitem(last=False)
             future.cancel()
-            self._used -= self._sizes[oldest]
-        self._used += self._sizes[index]
+            self._used -= self.sizes[oldest]
+        self._used += self.sizes[index]
         self._held[index] = self._pool.submit(self._decode, index)
         return self._held[index]

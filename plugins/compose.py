@@ -22,7 +22,7 @@ from gsfw.core.config import (
     parse_background,
 )
 from gsfw.core.datamanager import DataManager, DataRequest, Split
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import DataError
 from gsfw.core.exchange import Importer
 from gsfw.core.frame import transform_splats
 from gsfw.core.method import Method
@@ -37,6 +37,7 @@ from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
 from gsfw.plugins.automatic import load_all, rasterizer_capabilities
+from gsfw.plugins.devices import find_device, unused_gpu
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 
@@ -52,7 +53,7 @@ class Composition:
     parts: TrainingParts
     plan: TrainingPlan
     missed: tuple[str, ...] = ()
-    """Rasterizers that would be preferred, and why they cannot run here."""
+    """Rasterizers that would be preferred, and why they cannot run; why a GPU is not used."""
 
     @property
     def scene(self) -> Scene:
@@ -146,21 +147,7 @@ def settings_device(settings: Settings) -> torch.device:
     Raises:
         ConfigError: there is no such device here.
     """
-    name = settings.config.device
-    try:
-        device = torch.device(name)
-    except RuntimeError:
-        raise ConfigError(
-            f"device={name}: expected auto, cpu, cuda, or cuda:N with the number of a GPU."
-        ) from None
-    if device.type == "cuda":
-        count = torch.cuda.device_count()
-        if (device.index or 0) >= count:
-            raise ConfigError(
-                f"device={name}: torch sees {count} GPUs on this machine.",
-                "Use device=cpu, or see gsfw doctor.",
-            )
-    return device
+    return find_device(settings.config.device)
 
 
 def _check_rasterizer(
@@ -174,13 +161,16 @@ def _missed(settings: Settings, registry: Registry, device: torch.device) -> tup
     """Say of each rasterizer that would be preferred on this device why it cannot run here."""
     able = rasterizer_capabilities(registry)
     chosen = settings.choices["rasterizer"].name
-    return tuple(
+    missed = tuple(
         f"rasterizer {name} is faster than {chosen}, but {other.unavailable}"
         for name, other in able.items()
         if other.unavailable
         and device.type in other.devices
         and other.preference > able[chosen].preference
     )
+    if device.type == "cpu" and "device" not in settings.given:
+        return (*missed, *unused_gpu(able))
+    return missed
 
 
 def open_data(settings: Settings) -> DataManager:
@@ -197,6 +187,7 @@ def open_data(settings: Settings) -> DataManager:
         eval_every_nth=config.holdout_every,
         eval_names=config.holdout,
         cache_megabytes=config.cache_mb,
+        gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
     )
     return config.datamanager.build(request)
 

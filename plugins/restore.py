@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from gsfw.core.config import AUTO
 from gsfw.core.determinism import differences, environment
 from gsfw.core.errors import DataError
 from gsfw.core.run_folder import RunFolder, read_checkpoint
-from gsfw.plugins.compose import Composition, compose, settings_device
+from gsfw.plugins.automatic import rasterizer_capabilities
+from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import read_config
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Layer, resolve
@@ -69,8 +71,21 @@ def restore(
     if changed is not None and "steps" in changed.values:
         # The schedules stay as they are, which does not follow from the new length.
         saved = replace(saved, given=None)
-    settings = resolve(registry, [saved, *([changed] if changed is not None else [])])
-    state = read_checkpoint(checkpoint, settings_device(settings))
+    layers = [saved] if changed is None else [saved, _with_rasterizer(changed, saved, registry)]
+    settings = resolve(registry, layers)
+    # Into the memory of the host: what a GPU needs of it is copied there.
+    state = read_checkpoint(checkpoint)
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
     composition.parts.model.load_state_dict(state["model"])
     return Restored(folder, composition, state)
+
+
+def _with_rasterizer(changed: Layer, saved: Layer, registry: Registry) -> Layer:
+    """Let a run that moves to a device on which its rasterizer does not run find another one."""
+    if "device" not in changed.values or "rasterizer" in changed.values:
+        return changed
+    able = rasterizer_capabilities(registry).get(str(saved.values.get("rasterizer")))
+    kind = str(changed.values["device"]).partition(":")[0]
+    if able is not None and not able.unavailable and kind in able.devices:
+        return changed
+    return replace(changed, values={**changed.values, "rasterizer": AUTO})

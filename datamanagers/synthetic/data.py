@@ -14,6 +14,9 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.scene import Scene
 from gsfw.core.similarity import Similarity
+from gsfw.datamanagers.loader import Loader
+from gsfw.datamanagers.picture_cache import PictureCache
+from gsfw.datamanagers.pictures import Picture
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
@@ -46,16 +49,23 @@ class SyntheticData(DataManager):
             Split.EVAL: self._cameras(config.eval_views, HELD_OUT, request.downscale),
         }
         with one_thread():
-            self._pictures = {
-                split: [photograph(Stage(self._solids, _time(view)), view) for view in views]
-                for split, views in world.items()
-            }
+            pictures = [
+                Picture(photograph(Stage(self._solids, _time(view)), view).numpy())
+                for split in Split
+                for view in world[split]
+            ]
             self._surface = find_surface(
                 self._solids, world[Split.TRAIN], config.points, config.seed
             )
         poses = torch.cat([camera.world_to_camera for camera in world[Split.TRAIN]])
         frame, extent = scene_frame(poses, self._surface.world)
         self._views = {split: self._in_scene(split, world[split], frame) for split in Split}
+        sizes = [picture.pixels.size for picture in pictures]
+        self._loader = Loader(
+            self._views,
+            PictureCache(pictures.__getitem__, sizes, sum(sizes)),
+            request.gpu_cache_megabytes * 1_000_000,
+        )
         self._scene = Scene(
             name="synthetic-moving" if config.moving else "synthetic",
             points=frame.apply(self._surface.world).float(),
@@ -106,20 +116,15 @@ class SyntheticData(DataManager):
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
         """Batches of pictures that were cast at the start."""
-        batches = []
-        for group in self._views[split].groups(indices):
-            pictures = torch.stack([self._pictures[split][index] for index in group])
-            pixels = pictures.to(device).float() / 255
-            cameras = Cameras.cat([self._views[split].cameras[index] for index in group])
-            batches.append(
-                Batch(
-                    images=pixels[..., :3],
-                    cameras=cameras.to(device),
-                    views=group,
-                    alpha=pixels[..., 3:],
-                )
-            )
-        return batches
+        return self._loader.load(split, indices, device)
+
+    def prefetch(self, split: Split, indices: Sequence[int]) -> None:
+        """Start sending them to a GPU."""
+        self._loader.prefetch(split, indices)
+
+    def close(self) -> None:
+        """Free the pictures."""
+        self._loader.close()
 
     def notes(self) -> tuple[str, ...]:
         """What it is."""
@@ -128,6 +133,7 @@ class SyntheticData(DataManager):
         return (
             f"the built-in scene: {config.views} views to train on, {config.eval_views} held out, "
             f"ray-cast{moving}",
+            *self._loader.notes(),
         )
 
     def tracks(self, times: Sequence[float]) -> Tracks:

@@ -52,7 +52,7 @@ class GsplatRasterizer(Rasterizer):
             features=frozenset(Feature) - LACKING,
             profile=package.profile(installed).name,
             determinism=Determinism.NONE,
-            preference=5,
+            preference=15,
             unavailable=package.unavailable(),
             details={"gsplat": installed} if installed else {},
         )

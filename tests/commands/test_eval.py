@@ -1,6 +1,7 @@
 """`gsfw eval` repeats a run's own figures, picture by picture."""
 
 import json
+import re
 import shutil
 
 import pytest
@@ -48,8 +49,11 @@ def test_an_unknown_split_names_the_ones_there_are(run, capsys):
 
 def test_a_run_can_be_evaluated_on_another_device_than_it_was_trained_on(run, capsys):
     config = run / "config.yaml"
-    config.write_text(config.read_text().replace("device: cpu", "device: cuda"))
+    text = config.read_text().replace("device: cpu", "device: cuda")
+    config.write_text(re.sub("rasterizer: .*", "rasterizer: cuda", text))
     if not torch.cuda.is_available():
         assert main(["eval", str(run)]) == 2
         assert "device" in capsys.readouterr().err
+    # The rasterizer of the GPU does not draw on a CPU: another one is found.
     assert main(["eval", str(run), "device=cpu"]) == 0
+    assert main(["export", str(run), "device=cpu"]) == 0

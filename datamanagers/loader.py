@@ -1,0 +1,144 @@
+"""Loader: batches of a data set's pictures, on any device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import torch
+from jaxtyping import Bool, UInt8
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
+from gsfw.core.datamanager import Split, Views
+from gsfw.datamanagers.device_pictures import DevicePictures, PlacedPicture, staying
+from gsfw.datamanagers.picture_cache import PictureCache
+from gsfw.datamanagers.upload import Upload, upload_to
+
+
+class Loader:
+    """Puts pictures, cameras and masks together; on a GPU nothing here waits for it.
+
+    Pictures cross to a GPU as 8-bit numbers, and become floating-point ones there.
+    """
+
+    def __init__(
+        self,
+        views: Mapping[Split, Views],
+        cache: PictureCache,
+        gpu_budget: int = 0,
+        way_to: Callable[[torch.device], Upload | None] = upload_to,
+    ) -> None:
+        """Nothing is decoded yet.
+
+        Args:
+            views: of every split.
+            cache: of all pictures, numbered as ``numbers`` has them.
+            gpu_budget: bytes of a GPU that pictures may stay in.
+            way_to: how pictures get to a device.
+        """
+        self._views = views
+        self._cache = cache
+        self._budget = gpu_budget
+        self._way_to = way_to
+        self._kept = staying(cache.sizes, gpu_budget)
+        self._there: DevicePictures | None = None
+        self._cameras: dict[Split, list[Cameras]] = {}
+        self._device = torch.device("cpu")
+
+    def number(self, split: Split, index: int) -> int:
+        """The number of a view's picture: those that are trained on come first."""
+        return index if split is Split.TRAIN else len(self._views[Split.TRAIN]) + index
+
+    def notes(self) -> tuple[str, ...]:
+        """How many pictures stay on the GPU, where not all do."""
+        total = len(self._cache.sizes)
+        if self._budget == 0 or len(self._kept) == total:
+            return ()
+        return (
+            f"{len(self._kept)} of {total} pictures stay on the GPU "
+            f"(gpu_cache_mb={self._budget // 1_000_000}), the others are copied to it for each use",
+        )
+
+    def prefetch(self, split: Split, indices: Sequence[int]) -> None:
+        """Start decoding, and sending to the device of the latest ``load``."""
+        numbers = [self.number(split, index) for index in indices]
+        if self._there is None:
+            self._cache.prefetch(numbers)
+            return
+        for number, picture in self._cache.prefetch(self._there.lacking(numbers)).items():
+            self._there.send(number, picture)
+
+    def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
+        """Batches; the same pictures whatever was cached, decoded or sent ahead.
+
+        Raises:
+            DataError: a picture does not decode.
+        """
+        self._move_to(device)
+        return [self._batch(split, group) for group in self._views[split].groups(indices)]
+
+    def _move_to(self, device: torch.device) -> None:
+        """Load for this device from now on."""
+        if self._cameras and device == self._device:
+            return
+        if self._there is not None:
+            self._there.close()
+        upload = self._way_to(device)
+        self._device = device
+        self._there = (
+            None if upload is None else DevicePictures(self._cache.request, upload, self._kept)
+        )
+        # All of them at once: to copy the few of each step would let the host wait in each step.
+        self._cameras = {
+            split: [camera.to(device) for camera in views.cameras]
+            for split, views in self._views.items()
+        }
+
+    def _batch(self, split: Split, group: tuple[int, ...]) -> Batch:
+        cameras = [self._cameras[split][index] for index in group]
+        pictures = [self._picture(self.number(split, index)) for index in group]
+        pixels = _pixels(pictures).float() / 255
+        return Batch(
+            images=pixels[..., :3],
+            cameras=cameras[0] if len(cameras) == 1 else Cameras.cat(cameras),
+            views=group,
+            alpha=pixels[..., 3:] if pixels.shape[3] == 4 else None,
+            mask=_mask(pictures),
+        )
+
+    def _picture(self, number: int) -> PlacedPicture:
+        if self._there is None:
+            return PlacedPicture.on_host(self._cache.get(number))
+        return self._there.get(number)
+
+    def close(self) -> None:
+        """Stop decoding and sending, and free the pictures."""
+        self._cache.close()
+        if self._there is not None:
+            self._there.close()
+
+
+def _pixels(pictures: list[PlacedPicture]) -> UInt8[Tensor, "c h w d"]:
+    """Colours, and alpha where any picture has it: the others are opaque."""
+    channels = max(picture.pixels.shape[2] for picture in pictures)
+    return torch.stack([_with_channels(picture.pixels, channels) for picture in pictures])
+
+
+def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tensor, "h w e"]:
+    if pixels.shape[2] == channels:
+        return pixels
+    return torch.cat([pixels, torch.full_like(pixels[..., :1], 255)], dim=2)
+
+
+def _mask(pictures: list[PlacedPicture]) -> Bool[Tensor, "c h w 1"] | None:
+    """Where pixels are valid; where a picture has no mask, all are."""
+    if all(picture.mask is None for picture in pictures):
+        return None
+    masks = [
+        torch.ones_like(picture.pixels[..., 0], dtype=torch.bool)
+        if picture.mask is None
+        else picture.mask
+        for picture in pictures
+    ]
+    return torch.stack(masks)[..., None]
