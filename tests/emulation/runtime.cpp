@@ -199,11 +199,13 @@ void Scheduler::make_ready(Warp& warp, unsigned lanes) {
   if (warp.ready != 0) ready_warps_ |= 1u << (&warp - warps_.data());
 }
 
-/// A member of ``set``: the first of them, or any.
+/// A member of ``set``: the first of them, or any, each as likely as the others.
 unsigned Scheduler::choose(unsigned set) {
   if (launch_.seed == 0) return unsigned(std::countr_zero(set));
-  const int start = int(random_.next() % 32u);
-  return (unsigned(std::countr_zero(std::rotr(set, start))) + unsigned(start)) % 32u;
+  for (auto skipped = random_.next() % unsigned(std::popcount(set)); skipped > 0; --skipped) {
+    set &= set - 1;
+  }
+  return unsigned(std::countr_zero(set));
 }
 
 /// Warps run alternately, or one of them far ahead of the others, until the next barrier.
