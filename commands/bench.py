@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.arguments import Options, read
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
+    import torch
+
+    from gsfw.commands.bench_entrants import Candidate
     from gsfw.commands.bench_round import Bench
     from gsfw.commands.bench_workload import Workload
-    from gsfw.core.rasterizer import Rasterizer
-    from gsfw.plugins.registry import Registry
 
 WARM_UP = 2
 """Rounds before those that count: memory is allocated, caches are filled, threads are started."""
@@ -23,59 +24,84 @@ WARM_UP = 2
 
 @dataclass(kw_only=True)
 class BenchOptions(Options):
-    """Measure how long drawing and a training step take on the CPU.
+    """Measure how long drawing and a training step take.
 
-    Times are CPU time over all threads, and wall time beside it: medians over the repeats. Several
-    rasterizers or numbers of threads take turns, so that all see the machine in the same state.
+    On the CPU times are CPU time over all threads, and wall time beside it; on a GPU, time of the
+    GPU and wall time: medians over the repeats. Several rasterizers or numbers of threads take
+    turns, so that all see the machine in the same state.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw bench",
         "gsfw bench rasterizer=cpu,reference threads=1,2 repeats=10",
         "gsfw bench rasterizer=cpu workload=FILE.npz threads=1 json=true",
+        "gsfw bench rasterizer=cuda,gsplat,cuda:deterministic workload=random:1000000 sparse=true",
     )
 
     rasterizer: tuple[str, ...] = (AUTO,)
-    """Names, separated by commas; auto: the fastest that works here."""
+    """Names, separated by commas, each with settings if need be (cuda:deterministic,
+    cpu:pairs_mb=100); auto: the fastest that works here."""
+    device: str = AUTO
+    """auto, cpu, cuda or cuda:0."""
     workload: str = ""
-    """An npz file of splats and cameras. Empty: 100,000 random splats in front of one camera."""
+    """An npz file of splats and cameras, or random:COUNT for splats at 1920x1080. Empty: 100,000
+    random splats in front of one camera."""
+    copies: int = 1
+    """So many copies of the workload along x, and as many along y, around the one that is seen."""
+    size: str = ""
+    """Of the pictures, WIDTHxHEIGHT; empty: the workload's own."""
     threads: tuple[int, ...] = (1,)
     """Numbers of threads to measure with, separated by commas."""
     repeats: int = 20
     """How often each is measured, after a warm-up."""
+    sparse: bool = False
+    """Measure a step in which Adam moves only what is seen, too."""
+    agreement: int = -1
+    """Compare with the float64 reference, on the workload and this many random scenes."""
+    first_use: bool = False
+    """Measure how long a new process takes to its first picture, too."""
+    sort: int = 0
+    """Compare our sort with torch's on so many splats, where kernels run on a GPU."""
 
 
 def run(arguments: list[str]) -> int:
     """Measure, and show the figures."""
     options = read("bench", BenchOptions, arguments)
-    _check(options)
+    check(options)
 
+    from gsfw.commands.bench_device import warm_up
+    from gsfw.commands.bench_entrants import choose
     from gsfw.commands.bench_limits import measure_limits, process_memory
     from gsfw.commands.bench_pairs import contributing_pairs
     from gsfw.commands.bench_report import document
-    from gsfw.commands.bench_round import SETTINGS, Bench
+    from gsfw.commands.bench_round import Bench
     from gsfw.commands.bench_table import show
     from gsfw.commands.console import Console
+    from gsfw.core.render_settings import RenderSettings
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
     registry = installed()
-    rasterizers = _rasterizers(options.rasterizer, registry)
-    workload = _workload(options.workload)
+    device, candidates = choose(options.rasterizer, options.device, registry)
+    workload = _workload(options, device)
     console.say(f"{workload.name}: {workload.description}")
-    limits = measure_limits()
-    with _as_in_training():
-        bench = Bench(workload, rasterizers, options.threads, registry)
+    on_cpu = device.type == "cpu"
+    limits = measure_limits() if on_cpu else None
+    with _as_in_training(device):
+        threads = options.threads if on_cpu else (0,)
+        bench = Bench(workload, candidates, threads, registry, options.sparse)
+        warm_up(device)
         _measure(bench, options.repeats)
         memory = process_memory()  # Before the count, which takes more than what is measured.
-        pairs = contributing_pairs(workload.splats, workload.cameras, SETTINGS)
-    result = document(bench, options.repeats, pairs, limits, memory)
+        pairs = contributing_pairs(workload.splats, workload.cameras, RenderSettings())
+        result = document(bench, options.repeats, pairs, limits, memory)
+        result |= _more(options, workload, candidates, device)
     show(console, result)
     console.result(result)
     return 0
 
 
-def _check(options: BenchOptions) -> None:
+def check(options: BenchOptions) -> None:
     """Check numbers and names before anything heavy is imported.
 
     Raises:
@@ -85,6 +111,13 @@ def _check(options: BenchOptions) -> None:
 
     if options.repeats < 1:
         raise ConfigError(f"repeats={options.repeats}: expected a number of at least 1.")
+    if options.copies < 1 or options.copies % 2 == 0:
+        raise ConfigError(
+            f"copies={options.copies}: expected an odd number, with the one that is seen in the "
+            "middle."
+        )
+    if options.size:
+        _size(options.size)
     for key, values in (("rasterizer", options.rasterizer), ("threads", options.threads)):
         text = ",".join(map(str, values))
         if not values:
@@ -98,38 +131,67 @@ def _check(options: BenchOptions) -> None:
         raise ConfigError(f"threads={text}: expected numbers of at least 1.")
 
 
-def _rasterizers(names: tuple[str, ...], registry: Registry) -> dict[str, Rasterizer]:
-    """The rasterizers to measure, by name.
+def _size(text: str) -> tuple[int, int]:
+    """Width and height of WIDTHxHEIGHT.
 
     Raises:
-        ConfigError: one is not installed, or cannot do what a training step on the CPU needs.
+        ConfigError: it is no size.
     """
-    import torch
+    from gsfw.core.errors import ConfigError
 
-    from gsfw.core.capabilities import Feature, Needs, check_fit
-    from gsfw.plugins.automatic import choose_device, load, rasterizer_capabilities
-
-    specs = {name: registry.find("rasterizer", name) for name in names if name != AUTO}
-    needs = {"gsfw bench": Needs(features=frozenset({Feature.GRADIENT, Feature.SH}))}
-    _, automatic = choose_device("cpu", AUTO, registry, needs)
-    built: dict[str, Rasterizer] = {}
-    for given in names:
-        name = automatic.name if automatic and given == AUTO else given
-        check_fit(name, needs, rasterizer_capabilities(registry), "cpu")
-        spec = specs.get(name) or registry.find("rasterizer", name)
-        built[name] = load("rasterizer", spec)().build(torch.device("cpu"))
-    return built
+    sides = text.split("x")
+    if len(sides) != 2 or not all(side.isdecimal() and 1 <= int(side) <= 2**15 for side in sides):
+        raise ConfigError(f"size={text}: expected WIDTHxHEIGHT in pixels, such as 1920x1080.")
+    return int(sides[0]), int(sides[1])
 
 
-def _workload(path: str) -> Workload:
-    from gsfw.commands.bench_workload import built_in, read_workload
+def _workload(options: BenchOptions, device: torch.device) -> Workload:
+    """What is drawn, where it is drawn."""
+    from gsfw.commands.bench_scene import RANDOM, built_in, random_workload
+    from gsfw.commands.bench_workload import read_workload
 
-    return read_workload(Path(path)) if path else built_in()
+    if options.workload.startswith(RANDOM):
+        workload = random_workload(options.workload, device)
+    elif options.workload:
+        workload = read_workload(Path(options.workload)).to(device)
+    else:
+        workload = built_in(device)
+    workload = workload.copied(options.copies)
+    return workload.sized(*_size(options.size)) if options.size else workload
+
+
+def _more(
+    options: BenchOptions,
+    workload: Workload,
+    candidates: Mapping[str, Candidate],
+    device: torch.device,
+) -> dict[str, Any]:
+    """What is measured only where it is asked for."""
+    from gsfw.commands.bench_agreement import agreement, agreement_at_random
+    from gsfw.commands.bench_first_use import first_use
+    from gsfw.commands.bench_sort import compare_sorts
+    from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
+
+    found: dict[str, Any] = {}
+    if options.agreement >= 0:
+        found["agreement"] = {
+            name: {"workload": agreement(item, workload.splats, workload.cameras)}
+            for name, item in candidates.items()
+        }
+    if options.agreement > 0:
+        for name, item in candidates.items():
+            worst = agreement_at_random(item, options.agreement, device)
+            found["agreement"][name][f"{options.agreement} random scenes"] = worst
+    if options.first_use:
+        found["first_use"] = {name: first_use(name, str(device)) for name in candidates}
+    if options.sort and device.type == "cuda":
+        found["sorts"] = compare_sorts(cuda_launcher(device), device, options.sort)
+    return found
 
 
 @contextmanager
-def _as_in_training() -> Iterator[None]:
-    """Deterministic algorithms and kept memory, as in training; puts the number of threads back."""
+def _as_in_training(device: torch.device) -> Iterator[None]:
+    """As training sets torch up, and with kept memory; puts the number of threads back."""
     import torch
 
     from gsfw.core.determinism import deterministic
@@ -138,7 +200,7 @@ def _as_in_training() -> Iterator[None]:
     keep_freed_memory()
     before = torch.get_num_threads()
     try:
-        with deterministic(torch.device("cpu")):
+        with deterministic(device):
             yield
     finally:
         torch.set_num_threads(before)

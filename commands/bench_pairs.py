@@ -13,8 +13,9 @@ from gsfw.rasterizers.reference.layers import brushes, pixel_plane, see
 from gsfw.rasterizers.reference.measure import Measurements
 from gsfw.rasterizers.reference.project import project, visible_extents
 
-CHUNK_MB, PAIRS_MB = 4.0, 4096.0
-"""Memory of the count, as the reference rasterizer has it by default."""
+MEMORY_MB = {"cpu": (4.0, 4096.0), "cuda": (64.0, 32768.0)}
+"""Of a chunk of tiles and of the list of pairs: on the CPU as the reference rasterizer has them by
+default; on a GPU more, where starting work is what takes time, and large scenes are drawn."""
 
 
 @torch.no_grad()
@@ -29,17 +30,18 @@ def contributing_pairs(splats: Splats, cameras: Cameras, settings: RenderSetting
 
 
 def _pairs(splats: Splats, camera: Cameras, settings: RenderSettings) -> int:
+    chunk_mb, pairs_mb = MEMORY_MB[splats.means.device.type]
     everything = project(splats, camera, settings)
     visible, _ = visible_extents(everything, camera, settings)
     rows = visible.nonzero()[:, 0]
     rows = rows[everything.depths[rows].argsort(stable=True)]
     ellipses = project(splats, camera, settings, rows)
-    bins = bin_ellipses(ellipses, camera, settings.profile, PAIRS_MB)
+    bins = bin_ellipses(ellipses, camera, settings.profile, pairs_mb)
     canvas = Canvas(
         bins,
         bins.inside(camera),
         CutOffs.of(settings.profile, splats.means.dtype),
-        CHUNK_MB,
+        chunk_mb,
         Measurements(rows, splats.means.new_ones(2), None, None, None),
     )
     shapes = brushes(ellipses, splats.means.new_zeros(len(rows), 0))

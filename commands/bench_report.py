@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gsfw.commands.bench_device import gpu
+from gsfw.commands.bench_gsplat_step import ssim_source
 from gsfw.commands.bench_limits import Limits, machine
 from gsfw.commands.bench_round import Bench, Entrant
 
@@ -24,7 +26,7 @@ def document(
         limits: of this machine, where they could be measured.
         memory_mb: peak of the process in all rounds, Python and torch included.
     """
-    workload = bench.workload
+    workload, cameras = bench.workload, bench.workload.cameras
     results = [
         _result(entrant, timings.figures(), bench, pairs, limits)
         for entrant, timings in bench.timings.items()
@@ -35,14 +37,18 @@ def document(
             "description": workload.description,
             "splats": len(workload.splats),
             "contributing_pairs": pairs,
+            "pairs_per_pixel": _rounded(pairs / (len(cameras) * cameras.width * cameras.height)),
         },
-        "machine": machine(),
+        "machine": machine() | {"gpu": gpu(bench.device)},
+        "device": str(bench.device),
         "operators": bench.operators_name,
         "repeats": repeats,
         "peak_memory_mb": memory_mb,
         "results": results,
         "ratios": [_ratios(result, results[0]) for result in results[1:]],
     }
+    if any(result["rasterizer"].startswith("gsplat") for result in results):
+        report["own_step_ssim"] = ssim_source()
     if limits:
         report["limits"] = {
             "fma_gflops": _rounded(limits.fma_gflops),
@@ -67,6 +73,8 @@ def _result(
         "details": dict(bench.details[entrant.rasterizer]),
     }
     result |= {name: _rounded(value) for name, value in figures.items()}
+    peaks = bench.peaks[entrant]
+    result |= {f"{name}_peak_mb": _rounded(value) for name, value in peaks.items()}
     if "step_kernels_ms" in figures:
         outside = 1.0 - figures["step_kernels_ms"] / figures["step_ms"]
         result["step_outside_kernels"] = _rounded(outside)
@@ -92,7 +100,10 @@ def _ratios(result: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, An
     cpu: dict[str, float] = {}
     wall: dict[str, float] = {}
     for key in result:
-        if key.endswith("_ms") and "_min_" not in key and first.get(key, 0.0) > 0.0:
+        measured = key.endswith("_ms") and not key.endswith(
+            ("_min_ms", "_min_wall_ms", "_spread_ms")
+        )
+        if measured and first.get(key, 0.0) > 0.0:
             clock, end = (wall, "_wall_ms") if key.endswith("_wall_ms") else (cpu, "_ms")
             clock[key.removesuffix(end)] = _rounded(result[key] / first[key])
     return {
@@ -101,6 +112,11 @@ def _ratios(result: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, An
         "to": {"rasterizer": first["rasterizer"], "threads": first["threads"]},
         "cpu": cpu,
         "wall": wall,
+        "peak": {
+            key.removesuffix("_peak_mb"): _rounded(result[key] / first[key])
+            for key in result
+            if key.endswith("_peak_mb") and first.get(key, 0.0) > 0.0
+        },
     }
 
 

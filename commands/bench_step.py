@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.commands.bench_scene import SEED
 from gsfw.commands.bench_timing import Timings, total
-from gsfw.commands.bench_workload import SEED, Workload
+from gsfw.commands.bench_workload import Workload
+from gsfw.core.cameras import Cameras
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer, OptimizerSettings
@@ -35,16 +38,22 @@ class TrainingStep:
     What a trainer does besides (loading views, density control, writing) is not measured.
     """
 
-    def __init__(self, workload: Workload, operators: Operators, settings: RenderSettings) -> None:
-        start = from_splats(_with_harmonics(workload.splats), SH_DEGREE)
-        self._model = StaticGaussians(start, {name: LearningRate(RATE) for name in COLUMNS})
-        self._optimizer = Optimizer(self._model, operators, OptimizerSettings())
-        self._operators, self._settings = operators, settings
+    def __init__(self, workload: Workload, operators: Operators, sparse: bool = False) -> None:
+        """Steps on a workload, with plain Adam or, when ``sparse``, only of rows that are seen."""
+        device = workload.cameras.world_to_camera.device
+        start = from_splats(with_harmonics(workload.to(torch.device("cpu")).splats), SH_DEGREE)
+        rates = {name: LearningRate(RATE) for name in COLUMNS}
+        self._model = StaticGaussians(start, rates).to(device)
+        self._optimizer = Optimizer(self._model, operators, OptimizerSettings(sparse=sparse))
+        self._operators = operators
         self._cameras = workload.cameras
-        shape = (len(self._cameras), self._cameras.height, self._cameras.width, 3)
-        self._target = torch.rand(shape, generator=torch.Generator().manual_seed(SEED))
+        self._target = random_target(self._cameras)
 
-    def measure(self, rasterizer: Rasterizer, timings: Timings) -> None:
+    def run(self, rasterizer: Rasterizer, settings: RenderSettings) -> None:
+        """Do one step that is not measured part by part."""
+        self.measure(rasterizer, settings, Timings())
+
+    def measure(self, rasterizer: Rasterizer, settings: RenderSettings, timings: Timings) -> None:
         """Do one step; adds what it and each of its parts took.
 
         Where the rasterizer measures its stages, ``step_kernels`` is the time inside kernels: those
@@ -55,7 +64,7 @@ class TrainingStep:
             with timings.stage("activation"):
                 splats = model.splats()
             with timings.stage("render"):
-                output = rasterizer.render(splats, self._cameras, self._settings)
+                output = rasterizer.render(splats, self._cameras, settings)
             with timings.stage("loss"):
                 loss, gradient = self._loss(output.color)
             with timings.stage("step_backward"):
@@ -85,7 +94,14 @@ class TrainingStep:
         return loss.detach(), picture.grad
 
 
-def _with_harmonics(splats: Splats) -> Splats:
+def random_target(cameras: Cameras) -> Float[Tensor, "c h w 3"]:
+    """Pictures that are compared with, where the cameras are."""
+    shape = (len(cameras), cameras.height, cameras.width, 3)
+    target = torch.rand(shape, generator=torch.Generator().manual_seed(SEED))
+    return target.to(cameras.world_to_camera.device)
+
+
+def with_harmonics(splats: Splats) -> Splats:
     """The same splats, with plain colours as the constant coefficient."""
     if isinstance(splats.colors, Sh):
         return splats

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from gsfw.commands.console import Console
 
 STAGES = {
+    "picture": (),
     "forward": ("project", "sort", "bin", "blend"),
     "backward": ("blend_backward", "project_backward"),
     "step": ("activation", "render", "loss", "step_backward", "check", "optimizer"),
 }
-"""What is measured, and the parts of each, in the order in which they happen."""
+"""What is measured, and the parts of each, in the order in which they happen; picture is forward
+and backward together."""
+
+Part = tuple[list[str], list[list[str]], str]
+"""Columns, rows and title of a table."""
 
 ABSENT = "-"
 """Where a rasterizer does not measure a stage."""
@@ -26,7 +31,11 @@ def show(console: Console, report: Mapping[str, Any]) -> None:
         f"{machine['cpu']}, {machine['cores']} cores ({native}); "
         f"torch {machine['torch']}, gsfw {machine['gsfw']}"
     )
-    for clock, title in (("cpu", "CPU time over all threads"), ("wall", "wall time")):
+    gpu = machine["gpu"]
+    if gpu:
+        console.say(f"drawn on {gpu['name']}, CUDA {gpu['cuda']}")
+    own = "time of the GPU" if gpu else "CPU time over all threads"
+    for clock, title in (("cpu", own), ("wall", "wall time")):
         console.say()
         console.table(
             _columns(report),
@@ -37,6 +46,10 @@ def show(console: Console, report: Mapping[str, Any]) -> None:
     for result in results:
         for line in _sentences(result, report):
             console.say(f"{_name(result)}: {line}")
+    for name, part in MORE.items():
+        if name in report:
+            console.say()
+            console.table(*part(report[name]))
     if "limits" in report:
         limits = report["limits"]
         console.say(
@@ -45,8 +58,55 @@ def show(console: Console, report: Mapping[str, Any]) -> None:
         )
 
 
+def _agreement(
+    scenes: Mapping[str, Mapping[str, Any]],
+) -> Part:
+    """Errors by rasterizer and scenes."""
+    columns = [(name, which) for name, found in scenes.items() for which in found]
+    errors = [scenes[name][which] for name, which in columns]
+    rows = [[key, *(f"{error[key]:.2g}" for error in errors)] for key in errors[0]]
+    title = "distance to the float64 reference (relative; largest and flips are not)"
+    return ["", *(f"{name}, {which}" for name, which in columns)], rows, title
+
+
+def _first_use(
+    rasterizers: Mapping[str, Mapping[str, Mapping[str, float]]],
+) -> Part:
+    columns = [(name, state) for name, found in rasterizers.items() for state in found]
+    took = [rasterizers[name][state] for name, state in columns]
+    rows = [
+        [key.removesuffix("_seconds").replace("_", " "), *(f"{found[key]:.2f}" for found in took)]
+        for key in took[0]
+    ]
+    title = "seconds of a new process, with an empty cache of kernels (cold) and with a filled one"
+    return ["", *(f"{name}, {state}" for name, state in columns)], rows, title
+
+
+def _sorts(found: Sequence[Mapping[str, Any]]) -> Part:
+    rows = [
+        [
+            f"{item['keys']:,} keys of {item['bits']} bits ({item['sort']})",
+            f"{item['radix_sort_ms']:.3f}",
+            f"{item['torch_sort_ms']:.3f}",
+            "yes" if item["same"] else "NO",
+        ]
+        for item in found
+    ]
+    return ["", "radix_sort", "torch.sort", "same order"], rows, "sorting, median in ms"
+
+
+MORE: dict[str, Callable[[Any], Part]] = {
+    "agreement": _agreement,
+    "first_use": _first_use,
+    "sorts": _sorts,
+}
+"""What is measured besides, where it was asked for."""
+
+
 def _name(entrant: Mapping[str, Any]) -> str:
     threads = entrant["threads"]
+    if not threads:  # On a GPU.
+        return str(entrant["rasterizer"])
     return f"{entrant['rasterizer']}, {threads} thread{'s' if threads > 1 else ''}"
 
 
@@ -100,6 +160,11 @@ def _sentences(result: Mapping[str, Any], report: Mapping[str, Any]) -> list[str
                 f"blending {words} runs at {result[f'{stage}_of_limit']:.0%} of the limit "
                 f"({report['limits'][f'{stage}_ns_per_pair']:.2f} ns per contributing pair)"
             )
+    if "picture_peak_mb" in result:
+        lines.append(
+            f"{result['picture_peak_mb']:,.0f} MB for a picture and its gradients at most, "
+            f"{result['step_peak_mb']:,.0f} MB for a step"
+        )
     if "step_outside_kernels" in result:
         lines.append(f"{result['step_outside_kernels']:.0%} of a step is outside the kernels")
     return lines

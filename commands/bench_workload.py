@@ -1,11 +1,11 @@
-"""Workload: the splats and cameras that a measurement draws, from a file or made on the spot."""
+"""Workload: the splats and cameras that a measurement draws, and how they are read from a file."""
 
 from __future__ import annotations
 
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,26 +44,51 @@ ADVICE = (
 MAX_SIDE = 32_768
 """Of a picture, in pixels: more is a mistake, and would be noticed as lack of memory only."""
 
-SPLATS, WIDTH, HEIGHT, FOCAL = 100_000, 640, 420, 480.0
-NEAREST, FURTHEST = 1.2, 3.2
-"""View depths of the built-in splats."""
-SPREAD = 1.25
-"""How far the built-in splats reach beyond the picture, whose edges are at 1: a third is unseen."""
-SMALLEST_SCALE, LARGEST_SCALE = 1e-4, 0.02
-"""Standard deviations of the built-in splats, in scene units: up to 3 pixels far, 8 pixels near."""
-SEED = 42
-
 
 @dataclass(frozen=True)
 class Workload:
-    """What is drawn; float32, on the CPU."""
+    """What is drawn; float32."""
 
     name: str
-    """The file, or "built in"."""
-    description: str
-    """What it is, as a phrase."""
+    """The file, or how the splats were made."""
     splats: Splats
     cameras: Cameras
+
+    @property
+    def description(self) -> str:
+        """What it is, as a phrase."""
+        splats, cameras = self.splats, self.cameras
+        colors = splats.colors
+        kind = f"SH degree {colors.degree}" if isinstance(colors, Sh) else "RGB"
+        views = "one camera" if len(cameras) == 1 else f"{len(cameras)} cameras"
+        return f"{len(splats):,} splats, {kind}, {views} of {cameras.width}x{cameras.height}"
+
+    def to(self, device: torch.device) -> Workload:
+        """The same on another device."""
+        splats = self.splats.map(lambda tensor: tensor.to(device))
+        return replace(self, splats=splats, cameras=self.cameras.to(device))
+
+    def copied(self, copies: int) -> Workload:
+        """``copies`` x ``copies`` of it side by side along the world's x and y, seen as before.
+
+        They are as far apart as the splats' centres reach, and the cameras stay with the one in the
+        middle: what gsplat's own profile does with its "scene_grid" to stand for a large scene.
+        """
+        if copies == 1:
+            return self
+        means = self.splats.means
+        reach = (means.amax(0) - means.amin(0)) * means.new_tensor([1.0, 1.0, 0.0])
+        places = torch.arange(copies, dtype=means.dtype, device=means.device) - copies // 2
+        x, y = (axis.flatten() for axis in torch.meshgrid(places, places, indexing="ij"))
+        shifts = torch.stack([x, y, torch.zeros_like(x)], 1) * reach
+        splats = self.splats.map(lambda tensor: torch.cat([tensor] * len(shifts)))
+        means = splats.means + shifts.repeat_interleave(len(means), 0)
+        name = f"{self.name}, {copies}x{copies} copies"
+        return replace(self, name=name, splats=replace(splats, means=means))
+
+    def sized(self, width: int, height: int) -> Workload:
+        """The same in pictures of another size, whose axes are stretched to it."""
+        return replace(self, cameras=self.cameras.resized(width, height))
 
 
 def read_workload(path: Path) -> Workload:
@@ -86,7 +111,7 @@ def read_workload(path: Path) -> Workload:
         check_values(splats, cameras, RenderSettings())
     except ValueError as error:
         raise DataError(f"workload={path}: {error}.", ADVICE) from None
-    return Workload(str(path), _description(splats, cameras), splats, cameras)
+    return Workload(str(path), splats, cameras)
 
 
 def _arrays(path: Path) -> Mapping[str, Array]:
@@ -164,35 +189,3 @@ def _cameras(path: Path, arrays: Mapping[str, Array]) -> Cameras:
     intrinsics = torch.from_numpy(arrays["intrinsics"]).view(-1, 3, 3)
     intrinsics = intrinsics.expand(len(poses), 3, 3).contiguous()
     return Cameras(poses, intrinsics, int(sides["width"]), int(sides["height"]))
-
-
-def built_in() -> Workload:
-    """Random splats that fill what one camera sees, and a margin beyond; the same at every call.
-
-    Sizes and opacities are distributed as in the workload "garden" of docs/performance.md, and
-    about as many pairs of a pixel and a splat contribute: 13.4 million.
-    """
-    generator = torch.Generator().manual_seed(SEED)
-
-    def uniform(columns: int, low: float, high: float) -> Tensor:
-        return low + (high - low) * torch.rand(SPLATS, columns, generator=generator)
-
-    depth = uniform(1, NEAREST, FURTHEST)
-    edges = 0.5 * SPREAD / FOCAL * torch.tensor([WIDTH, HEIGHT])
-    splats = Splats(
-        means=torch.cat([uniform(2, -1.0, 1.0) * edges * depth, depth], dim=1),
-        quats=torch.randn(SPLATS, 4, generator=generator),
-        scales=uniform(3, SMALLEST_SCALE, LARGEST_SCALE),
-        opacities=uniform(1, 0.0, 1.0)[:, 0],
-        colors=uniform(3, 0.0, 1.0),
-    )
-    intrinsics = torch.tensor([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
-    cameras = Cameras(torch.eye(4)[None], intrinsics[None], WIDTH, HEIGHT)
-    return Workload("built in", _description(splats, cameras), splats, cameras)
-
-
-def _description(splats: Splats, cameras: Cameras) -> str:
-    colors = splats.colors
-    kind = f"SH degree {colors.degree}" if isinstance(colors, Sh) else "RGB"
-    views = "one camera" if len(cameras) == 1 else f"{len(cameras)} cameras"
-    return f"{len(splats):,} splats, {kind}, {views} of {cameras.width}x{cameras.height}"

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -11,7 +12,19 @@ import torch
 from fake_parts import registry_of
 from scenes import front_camera, random_splats
 
-from gsfw.commands import bench, bench_limits, bench_workload
+from gsfw.commands import (
+    bench,
+    bench_agreement,
+    bench_device,
+    bench_first_use,
+    bench_limits,
+    bench_round,
+    bench_scene,
+    bench_table,
+    bench_timing,
+)
+from gsfw.commands.bench_timing import GpuTimings
+from gsfw.commands.console import Console
 from gsfw.commands.main import main
 from gsfw.core.capabilities import Capabilities, Feature
 from gsfw.core.config import RasterizerConfig
@@ -144,6 +157,13 @@ class Staged(Rasterizer):
         return ReferenceRasterizer()._draw(splats, cameras, settings)
 
 
+class Unstaged(Staged):
+    """The same without stages."""
+
+    def stage_times(self):
+        return {}
+
+
 @dataclass
 class One(RasterizerConfig):
     def capabilities(self):
@@ -160,6 +180,16 @@ class Two(One):
 
 
 @dataclass
+class Timed(One):
+    """Measures its stages only where it is told to."""
+
+    time_stages: bool = False
+
+    def build(self, device):
+        return Staged("timed, stages", 5e-3) if self.time_stages else Unstaged("timed", 0.0)
+
+
+@dataclass
 class Blind(One):
     def capabilities(self):
         return replace(Staged.capabilities(), features=frozenset({Feature.SH}))
@@ -168,7 +198,7 @@ class Blind(One):
 class Parts:
     @hookimpl
     def gsfw_rasterizers(self):
-        kinds = {"one": One, "two": Two, "blind": Blind}
+        kinds = {"one": One, "two": Two, "timed": Timed, "blind": Blind}
         return [Spec(name, "", f"{__name__}:{kind.__name__}") for name, kind in kinds.items()]
 
     @hookimpl
@@ -243,7 +273,7 @@ def test_automatic_means_one_that_fits(staged, workload, capsys):
 
 def test_without_a_file_the_built_in_workload_is_drawn(staged, monkeypatch, capsys):
     for name, value in {"SPLATS": 50, "WIDTH": 32, "HEIGHT": 21}.items():
-        monkeypatch.setattr(bench_workload, name, value)
+        monkeypatch.setattr(bench_scene, name, value)
     assert bench.run(["rasterizer=one", "repeats=1", "json=true"]) == 0
     workload = json.loads(capsys.readouterr().out)["workload"]
     assert workload["name"] == "built in"
@@ -264,12 +294,78 @@ def test_a_picture_of_nothing_has_no_time_per_pair(staged, workload, capsys):
 def test_a_rasterizer_that_cannot_train_is_refused(staged, workload):
     with pytest.raises(ConfigError, match="gsfw bench needs feature 'gradient'") as refused:
         bench.run(["rasterizer=blind", f"workload={workload}"])
-    assert "Rasterizers that fit here: one, two." in refused.value.advice
+    assert "Rasterizers that fit here: one, timed, two." in refused.value.advice
+
+
+def test_settings_of_a_rasterizer_follow_its_name(workload, capsys):
+    names = "reference,reference:chunk_mb=2:pairs_mb=64"
+    document = measured(capsys, f"rasterizer={names}", "repeats=1", f"workload={workload}")
+    assert [result["rasterizer"] for result in document["results"]] == names.split(",")
+    assert document["ratios"][0]["rasterizer"] == "reference:chunk_mb=2:pairs_mb=64"
+
+
+def test_wrong_settings_of_a_rasterizer_are_one_message(capsys):
+    said = refusal(capsys, "rasterizer=reference:chunk=2")
+    assert "rasterizer=reference:chunk=2: there is no setting 'chunk'." in said
+    assert "Settings of this rasterizer: chunk_mb, pairs_mb." in said
+    said = refusal(capsys, "rasterizer=reference:chunk_mb=much")
+    assert "rasterizer=reference:chunk_mb=much: chunk_mb: expected a number, found 'much'." in said
+    assert "chunk_mb: Working memory of one chunk of tiles" in said
+
+
+def test_a_device_that_no_rasterizer_fits_is_refused(capsys):
+    assert "rasterizer 'reference'" not in refusal(capsys, "rasterizer=cpu", "device=cuda")
+
+
+def test_a_rasterizer_that_is_slower_with_stages_draws_once_more_for_them(staged, workload, capsys):
+    assert bench.run(["rasterizer=timed", "repeats=1", f"workload={workload}", "json=true"]) == 0
+    (result,) = json.loads(capsys.readouterr().out)["results"]
+    assert result["blend_ms"] == 5e-3
+    assert Staged.turns == ("timed", "timed, stages", "timed") * (bench.WARM_UP + 1)
+
+
+def test_what_is_asked_for_is_measured_besides(capsys, monkeypatch):
+    monkeypatch.setattr(bench_agreement, "RANDOM_SPLATS", 30)
+    monkeypatch.setattr(bench_agreement, "RANDOM_SIZE", (8, 6))
+    scene = ("workload=random:30", "copies=3", "size=24x16")
+    document = measured(capsys, *QUICK, *scene, "sparse=true", "agreement=1")
+    assert document["workload"]["name"] == "random:30, 3x3 copies"
+    assert document["workload"]["description"] == "270 splats, RGB, one camera of 24x16"
+    pairs = document["workload"]["contributing_pairs"] / (24 * 16)
+    assert document["workload"]["pairs_per_pixel"] == pytest.approx(pairs, rel=1e-4)
+    (result,) = document["results"]
+    assert result["sparse_step_wall_ms"] > 0.0
+    assert result["picture_wall_ms"] >= result["forward_wall_ms"]
+    assert result["picture_spread_ms"] == 0.0
+    assert document["device"] == "cpu"
+    assert document["machine"]["gpu"] is None
+    errors = document["agreement"]["reference"]
+    assert errors.keys() == {"workload", "1 random scenes"}
+    assert "sorts" not in document
+
+
+def test_people_read_what_was_asked_for(capsys, monkeypatch):
+    seconds = {"torch_seconds": 1.0, "first_picture_seconds": 0.25}
+    first_use = {"cold": seconds, "warm": seconds}
+    monkeypatch.setattr(bench_first_use, "first_use", lambda name, device: first_use)
+    scene = ("workload=random:30", "size=24x16")
+    assert main(["bench", *QUICK, *scene, "agreement=0", "first_use=true"]) == 0
+    said = capsys.readouterr().out
+    assert "distance to the float64 reference" in said
+    assert "reference, workload" in said
+    assert "\nfirst picture  0.25" in said
+    assert "reference, cold  reference, warm" in said
 
 
 def test_impossible_requests_are_one_message(capsys):
     assert "repeats=0: expected a number of at least 1." in refusal(capsys, "repeats=0")
     assert "threads=1,0: expected numbers of at least 1." in refusal(capsys, "threads=1,0")
+    assert "copies=2: expected an odd number, with the one that is seen in the middle." in refusal(
+        capsys, "copies=2"
+    )
+    assert "size=big: expected WIDTHxHEIGHT in pixels, such as 1920x1080." in refusal(
+        capsys, "size=big"
+    )
     assert "threads=2,2: expected each only once." in refusal(capsys, "threads=2,2")
     assert "threads=: expected at least one." in refusal(capsys, "threads=")
     assert "threads=x: expected a list (a whole number, ...)" in refusal(capsys, "threads=x")
@@ -278,6 +374,45 @@ def test_impossible_requests_are_one_message(capsys):
     )
     assert "unknown key 'thread'. Did you mean 'threads'?" in refusal(capsys, "thread=1")
     assert "workload=gone.npz: there is no such file." in refusal(capsys, "workload=gone.npz")
+
+
+def test_figures_of_a_gpu_are_told_as_such(staged, workload, capsys):
+    assert bench.run(["rasterizer=one,two", "repeats=1", f"workload={workload}", "json=true"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    report["machine"]["gpu"] = {"name": "Imaginary 9000", "cuda": "13.0"}
+    for result in report["results"]:
+        result |= {"threads": 0, "picture_peak_mb": 1234.5, "step_peak_mb": 5678.9}
+    report["sorts"] = [
+        {
+            "sort": "tile",
+            "keys": 1000,
+            "bits": 13,
+            "radix_sort_ms": 0.5,
+            "torch_sort_ms": 1.0,
+            "same": False,
+        }
+    ]
+    bench_table.show(Console(), report)
+    said = capsys.readouterr().out
+    assert "drawn on Imaginary 9000, CUDA 13.0" in said
+    assert "time of the GPU, median of 1 in ms" in said
+    assert "one: 1,234 MB for a picture and its gradients at most, 5,679 MB for a step" in said
+    assert "thread" not in said.partition("this machine")[0]
+    assert "1,000 keys of 13 bits (tile)  0.500       1.000       NO" in said
+
+
+def test_a_round_is_measured_by_the_clock_of_a_gpu_as_well(staged, workload, capsys, monkeypatch):
+    ticks = count()
+    monkeypatch.setattr(bench_device, "mark", lambda: float(next(ticks)))
+    monkeypatch.setattr(bench_device, "milliseconds", lambda begin, end: end - begin)
+    monkeypatch.setattr(bench_timing, "wait_for", lambda device: None)
+    monkeypatch.setattr(bench_round, "timings_on", GpuTimings)
+    arguments = ["rasterizer=one", "repeats=2", f"workload={workload}", "sparse=true"]
+    assert bench.run([*arguments, "json=true"]) == 0
+    (result,) = json.loads(capsys.readouterr().out)["results"]
+    # From one mark to the next is 1; a picture has two marks for each of its two parts within.
+    assert (result["picture_ms"], result["forward_ms"], result["backward_ms"]) == (5.0, 1.0, 1.0)
+    assert (result["step_ms"], result["loss_ms"], result["sparse_step_ms"]) == (13.0, 1.0, 1.0)
 
 
 def test_help_imports_no_torch():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from gsfw.commands.bench_workload import ADVICE, built_in, read_workload
+from gsfw.commands.bench_workload import ADVICE, read_workload
 from gsfw.core.errors import DataError
 from gsfw.core.splats import Sh
 
@@ -139,8 +139,30 @@ def test_what_is_not_a_number_is_found(tmp_path):
     assert "1 of 5 rows are not, the first is row 3" in refusal(write(tmp_path, means=means))
 
 
-def test_the_built_in_workload_is_the_same_each_time():
-    first, second = built_in(), built_in()
-    assert first.description == "100,000 splats, RGB, one camera of 640x420"
-    for name, tensor in first.splats.tensors().items():
-        assert torch.equal(tensor, second.splats.tensors()[name])
+def test_copies_lie_side_by_side_around_the_one_that_is_seen(tmp_path):
+    means = np.zeros((5, 3))
+    means[0], means[1] = (-1.0, -2.0, 3.0), (1.0, 2.0, -3.0)
+    workload = read_workload(write(tmp_path, means=means))
+    copied = workload.copied(3)
+    assert copied.name.endswith(", 3x3 copies")
+    assert copied.description == "45 splats, RGB, one camera of 32x24"
+    blocks = copied.splats.means.view(9, 5, 3)
+    shifts = blocks[:, 0] - workload.splats.means[0]
+    places = [(x, y) for x in (-2.0, 0.0, 2.0) for y in (-4.0, 0.0, 4.0)]
+    assert torch.equal(shifts, torch.tensor([(x, y, 0.0) for x, y in places]))
+    assert torch.equal(blocks[4], workload.splats.means)
+    assert torch.equal(copied.splats.opacities, workload.splats.opacities.repeat(9))
+    assert workload.copied(1) is workload
+
+
+def test_another_size_stretches_the_picture(tmp_path):
+    workload = read_workload(write(tmp_path)).sized(64, 12)
+    assert workload.description.endswith("one camera of 64x12")
+    expected = torch.tensor([[60.0, 0.0, 32.0], [0.0, 15.0, 6.0], [0.0, 0.0, 1.0]])
+    assert torch.equal(workload.cameras.intrinsics[0], expected)
+
+
+def test_a_workload_moves_between_devices(tmp_path):
+    moved = read_workload(write(tmp_path)).to(torch.device("meta"))
+    tensors = [*moved.splats.tensors().values(), moved.cameras.intrinsics]
+    assert {tensor.device.type for tensor in tensors} == {"meta"}

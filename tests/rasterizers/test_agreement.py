@@ -1,12 +1,13 @@
 """Every backend against the float64 reference, on 200 random scenes and on chosen ones."""
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from agreement import as_float64, check_float32, check_float64, draw_everything
+from agreement import Drawn, as_float64, check_float32, check_float64, draw_everything
 from hypothesis import HealthCheck, Phase, given, settings
 from random_scenes import CHANNELS, SIZES, Kind, kinds
 from torch import Tensor
@@ -28,11 +29,17 @@ SCENES = settings(
 """Of four tests: 200 together. The backend, which is the fixture, has no state that matters."""
 
 
+@lru_cache(maxsize=500)
+def drawn_by_the_reference(kind: Kind) -> Drawn:
+    """What is expected of a scene; every backend is asked for the same ones."""
+    return draw_everything(ReferenceRasterizer(), *as_float64(*kind.scene(torch.float32)))
+
+
 def check(backend: Rasterizer, kind: Kind) -> None:
     """Draw one scene in both types; the reference gets exactly the same numbers."""
     narrow = kind.scene(torch.float32)
     wide = as_float64(*narrow)
-    expected = draw_everything(ReferenceRasterizer(), *wide)
+    expected = drawn_by_the_reference(kind)
     check_float64(draw_everything(backend, *wide), expected)
     if kind.cut_offs or kind.depth is not Depth.EXPECTED:
         # Without them depth is divided by weights of 1e-30, whose ratios float32 does not know.

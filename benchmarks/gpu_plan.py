@@ -1,0 +1,113 @@
+"""Plan: what is run on a GPU, and the same at a tiny size on the CPU, to prove that it runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+GARDEN = "reference/garden_workload.npz"
+CAPTURES = {"fox": "captures/fox", "chair": "synthetic/chair"}
+"""Where the shared data has them; a folder that holds them by their last name alone will do."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A measurement of `gsfw bench`."""
+
+    name: str
+    arguments: tuple[str, ...]
+    limit: float
+    """Seconds."""
+    alone: bool = False
+    """Of our first rasterizer only, and not of its speed."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that is run, in this order."""
+
+    device: str
+    ours: tuple[str, ...]
+    """Rasterizers; the first is compared with all others."""
+    tests: tuple[str, ...]
+    """Arguments of pytest."""
+    drawings: tuple[Drawing, ...]
+    trainings: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Settings by scene."""
+    missing: dict[str, str] = field(default_factory=dict)
+    """Why a part cannot be run, by part."""
+    trial_steps: int = 1000
+    """Of a short training, by which the number of steps is chosen."""
+    least_steps: int = 2000
+    """Fewer say nothing."""
+
+
+def full(data: Path | None) -> Plan:
+    """On a GPU."""
+    missing: dict[str, str] = {}
+    drawings = [
+        Drawing("1M", ("workload=random:1000000", "repeats=20", "sparse=true"), 60.0),
+        Drawing("5M", ("workload=random:5000000", "repeats=10", "sparse=true"), 90.0),
+        Drawing("first use", ("first_use=true", "repeats=1"), 60.0, alone=True),
+        Drawing("sort", ("sort=1000000", "repeats=1"), 40.0, alone=True),
+    ]
+    garden = _found(data, GARDEN)
+    if garden:
+        workload = f"workload={garden}"
+        drawings[:0] = [
+            Drawing("garden", (workload, "repeats=30", "sparse=true", "agreement=100"), 120.0),
+            Drawing(
+                "garden x25, 1080p",
+                (workload, "copies=5", "size=1920x1080", "repeats=20", "sparse=true"),
+                90.0,
+            ),
+        ]
+    else:
+        missing["garden"] = f"{Path(GARDEN).name} is not in the folder that --data gives"
+    trainings: dict[str, tuple[str, ...]] = {}
+    for name, place in CAPTURES.items():
+        folder = _found(data, place)
+        if folder:
+            trainings[name] = (f"data={folder}",)
+        else:
+            missing[f"training {name}"] = f"{name}/ is not in the folder that --data gives"
+    return Plan(
+        device="cuda",
+        ours=("cuda", "cuda:deterministic"),
+        tests=("-m", "cuda", "tests"),
+        drawings=tuple(drawings),
+        trainings=trainings,
+        missing=missing,
+    )
+
+
+def tiny() -> Plan:
+    """The same parts on the CPU, in seconds."""
+    small = ("size=48x32", "repeats=1", "sparse=true")
+    scene = ("datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32")
+    return Plan(
+        device="cpu",
+        ours=("reference", "reference:chunk_mb=2"),
+        tests=("tests/commands/test_bench_timing.py",),
+        drawings=(
+            Drawing("garden", ("workload=random:300", "agreement=1", *small), 120.0),
+            Drawing("garden x25, 1080p", ("workload=random:20", "copies=5", *small), 120.0),
+            Drawing("first use", ("workload=random:50", "first_use=true", *small), 120.0, True),
+        ),
+        trainings={
+            "built in": (*scene, "datamanager.height=24", "datamanager.points=150"),
+        },
+        missing={"sort": "it compares kernels that only a GPU runs"},
+        trial_steps=5,
+        least_steps=5,
+    )
+
+
+def _found(data: Path | None, place: str) -> Path | None:
+    """A file or folder of the data, wherever it is there."""
+    if data is None:
+        return None
+    for candidate in (data / place, data / Path(place).name):
+        if candidate.exists():
+            return candidate.resolve()
+    return None

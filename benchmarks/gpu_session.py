@@ -1,0 +1,218 @@
+"""Session: runs the parts of a plan one after another, in the time that there is."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gpu_gsplat import Gsplat
+from gpu_plan import Drawing, Plan
+from gpu_process import Ended, Process
+from gpu_report import Report
+
+TEST_SECONDS = 150.0
+SAFETY = 1.4
+"""A training may take so much longer than a short one promises: it has more Gaussians."""
+
+OUTCOME = re.compile(r"\b(PASSED|FAILED|ERROR|SKIPPED)\b")
+SELECTED = re.compile(r"(\d+) selected|\[(\d+) items\]|collected (\d+) items")
+
+
+class Session:
+    """Everything that is run needs the same environment, and shares the time."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        report: Report,
+        environment: Mapping[str, str],
+        work: Path,
+        deadline: float,
+        parts: tuple[str, ...],
+    ) -> None:
+        self._plan, self._report, self._environment = plan, report, environment
+        self._work, self._deadline, self._parts = work, deadline, parts
+
+    def left(self) -> float:
+        """Seconds until the deadline."""
+        return self._deadline - time.monotonic()
+
+    def json(
+        self,
+        name: str,
+        command: list[str],
+        limit: float,
+        environment: Mapping[str, str] | None = None,
+    ) -> dict[str, Any]:
+        """Run a command that prints a document; empty, with a line in the report, if it fails."""
+        ended = self._run(name, command, limit, environment)
+        if not ended.problem:
+            try:
+                found: dict[str, Any] = json.loads(ended.output[ended.output.index("{") :])
+                return found | {"seconds": round(ended.seconds, 1)}
+            except ValueError:
+                self._report.add(name, "failed", "it printed no document")
+                return {}
+        self._report.add(name, "failed", ended.problem)
+        return {}
+
+    def skip_everything(self, reason: str) -> None:
+        """Say of each part that it is not run."""
+        names = ["tests", "gsplat", *(drawing.name for drawing in self._plan.drawings)]
+        names += [f"training {scene}" for scene in self._plan.trainings]
+        for name in (*names, *self._plan.missing):
+            self._report.add(name, "skipped", reason)
+
+    def wants_gsplat(self) -> bool:
+        """Whether a part that is run compares with it."""
+        return any(part != "tests" for part in self._parts)
+
+    def tests(self) -> None:
+        """The suites that hold for any rasterizer, on this device."""
+        if not self._wanted("tests", "tests"):
+            return
+        command = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider"]
+        command += [*self._plan.tests, "--color=no"]
+        if importlib.util.find_spec("xdist") and self._plan.device == "cuda":
+            command += ["-n", str(max(1, (os.cpu_count() or 1) // 2))]
+        limit = min(TEST_SECONDS, self.left())
+        ended = self._run("tests", command, limit)
+        counts = {word: 0 for word in ("PASSED", "FAILED", "ERROR", "SKIPPED")}
+        for line in ended.output.partition("short test summary")[0].splitlines():
+            found = OUTCOME.search(line)
+            if found:
+                counts[found[1]] += 1
+        sizes = [int(next(filter(None, found))) for found in SELECTED.findall(ended.output)]
+        total = sizes[-1] if sizes else sum(counts.values())
+        left_out = max(0, total - sum(counts.values()))
+        self._report.tests(counts, left_out, ended.seconds, ended.problem)
+
+    def wait_for(self, gsplats: list[Gsplat]) -> None:
+        """Let what compiles beside the tests end, so that it does not disturb the measurements."""
+        for gsplat in gsplats:
+            seconds = gsplat.wait(self.left())
+            status = "failed" if gsplat.problem else "ok"
+            told = gsplat.problem or "its kernels are compiled"
+            self._report.add(f"gsplat {gsplat.version}", status, told, seconds)
+
+    def leave_out(self) -> None:
+        """Say which parts cannot be run."""
+        for name, reason in self._plan.missing.items():
+            self._report.add(name, "skipped", reason)
+
+    def drawings(self, gsplat: Gsplat | None, again: bool = False) -> None:
+        """Speed, memory and errors, beside one gsplat where there is one.
+
+        With ``again`` only what compares with it, as another one has been before.
+        """
+        for drawing in self._plan.drawings:
+            if not self._wanted("drawings", drawing.name) or (again and drawing.alone):
+                continue
+            compared = None if drawing.alone else gsplat
+            if not self._draw(drawing, compared) and compared and not again:
+                self._draw(drawing, None)  # What failed may be gsplat: ours alone, then.
+
+    def _draw(self, drawing: Drawing, gsplat: Gsplat | None) -> bool:
+        """Measure one drawing; whether there is a result, or no time for one."""
+        limit = min(drawing.limit, self.left())
+        title = f"{drawing.name}, gsplat {gsplat.version}" if gsplat else drawing.name
+        if limit < drawing.limit / 3:
+            self._report.add(title, "skipped", "no time was left for it")
+            return True
+        rasterizers = self._plan.ours[: 1 if drawing.alone else None]
+        rasterizers += ("gsplat",) if gsplat else ()
+        command = [sys.executable, "-m", "gsfw", "bench", "json=true"]
+        command += [f"rasterizer={','.join(rasterizers)}", f"device={self._plan.device}"]
+        environment = gsplat.environment if gsplat else None
+        found = self.json(title, [*command, *drawing.arguments], limit, environment)
+        if found:
+            self._report.drawing(title, found, drawing.alone)
+        return bool(found)
+
+    def trainings(self, gsplat: Gsplat | None, steps: int) -> None:
+        """Train with ours and with gsplat for as many steps as both have time for."""
+        runners: dict[str, Mapping[str, str]] = {self._plan.ours[0]: self._environment}
+        if gsplat:
+            runners["gsplat"] = gsplat.environment
+        scenes = {
+            scene: settings
+            for scene, settings in self._plan.trainings.items()
+            if self._wanted("trainings", f"training {scene}")
+        }
+        for index, (scene, settings) in enumerate(scenes.items()):
+            share = self.left() / (len(scenes) - index)
+            chosen = self._choose_steps(scene, settings, runners, steps, share)
+            for name, environment in runners.items() if chosen else ():
+                title = f"training {scene}, {name}"
+                found = self._train(title, settings, name, chosen, self.left(), environment)
+                if found:
+                    self._report.training(title, found)
+
+    def _choose_steps(
+        self,
+        scene: str,
+        settings: tuple[str, ...],
+        runners: Mapping[str, Mapping[str, str]],
+        steps: int,
+        share: float,
+    ) -> int:
+        """How many steps fit for all runners, judged by short trainings; 0 if too few."""
+        started, trial = time.monotonic(), self._plan.trial_steps
+        per_step, around = 0.0, 0.0
+        for name, environment in runners.items():
+            title = f"training {scene}, {name}, trial"
+            found = self._train(title, settings, name, trial, share / 2, environment)
+            if not found:
+                return 0
+            per_step += found["train_seconds"] / trial
+            around += found["seconds"] - found["train_seconds"]
+        left = share - (time.monotonic() - started) - SAFETY * around
+        fitting = int(left / (SAFETY * per_step))
+        if fitting < self._plan.least_steps:
+            self._report.add(
+                f"training {scene}", "skipped", f"there was time for {max(fitting, 0)} steps only"
+            )
+            return 0
+        if fitting >= steps:
+            return steps
+        return fitting - fitting % self._plan.least_steps
+
+    def _train(
+        self,
+        title: str,
+        settings: tuple[str, ...],
+        rasterizer: str,
+        steps: int,
+        limit: float,
+        environment: Mapping[str, str],
+    ) -> dict[str, Any]:
+        out = self._work / "runs" / re.sub(r"\W+", "-", title)
+        shutil.rmtree(out, ignore_errors=True)
+        command = [sys.executable, "-m", "gsfw", "train", "method=3dgs", *settings]
+        command += [f"rasterizer={rasterizer}", f"device={self._plan.device}"]
+        command += [f"steps={steps}", f"out={out}", "json=true"]
+        return self.json(title, command, limit, environment)
+
+    def _wanted(self, group: str, name: str) -> bool:
+        return group in self._parts or name in self._parts
+
+    def _run(
+        self,
+        name: str,
+        command: list[str],
+        limit: float,
+        environment: Mapping[str, str] | None = None,
+    ) -> Ended:
+        file = re.sub(r"\W+", "-", name)
+        process = Process(file, command, environment or self._environment, self._work)
+        ended = process.wait(limit)
+        self._report.log(name, self._work / f"{file}.log")
+        return ended
