@@ -6,6 +6,7 @@ import importlib.util
 import json
 import os
 import re
+import shlex
 import shutil
 import sys
 import time
@@ -13,10 +14,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import tomllib
 from gpu_gsplat import Gsplat
 from gpu_plan import Drawing, Plan
 from gpu_process import Ended, Process
 from gpu_report import Report
+
+ROOT = Path(__file__).resolve().parents[1]
 
 TEST_SECONDS = 150.0
 SAFETY = 1.4
@@ -81,8 +85,7 @@ class Session:
             return
         command = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider"]
         command += [*self._plan.tests, "--color=no"]
-        if importlib.util.find_spec("xdist") and self._plan.device == "cuda":
-            command += ["-n", str(max(1, (os.cpu_count() or 1) // 2))]
+        command += _workers(self._plan.device)
         limit = min(TEST_SECONDS, self.left())
         ended = self._run("tests", command, limit)
         counts = {word: 0 for word in ("PASSED", "FAILED", "ERROR", "SKIPPED")}
@@ -216,3 +219,13 @@ class Session:
         ended = process.wait(limit)
         self._report.log(name, self._work / f"{file}.log")
         return ended
+
+
+def _workers(device: str) -> list[str]:
+    """Options by which pytest takes half of the cores for a GPU, and one without pytest-xdist."""
+    if importlib.util.find_spec("xdist"):
+        return ["-n", str(max(1, (os.cpu_count() or 1) // 2))] if device == "cuda" else ["-n", "0"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    options = project["tool"]["pytest"]["ini_options"]["addopts"]
+    kept = [option for option in options if not option.startswith(("-n", "--dist"))]
+    return ["-o", f"addopts={shlex.join(kept)}"]
