@@ -85,6 +85,8 @@ class Session:
             return
         command = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider"]
         command += [*self._plan.tests, "--color=no"]
+        # Where this old package lies about, importing torch warns of it.
+        command += ["-W", "ignore:The pynvml package:FutureWarning"]
         command += _workers(self._plan.device)
         limit = min(TEST_SECONDS, self.left())
         ended = self._run("tests", command, limit)
@@ -224,7 +226,9 @@ class Session:
 def _workers(device: str) -> list[str]:
     """Options by which pytest takes half of the cores for a GPU, and one without pytest-xdist."""
     if importlib.util.find_spec("xdist"):
-        return ["-n", str(max(1, (os.cpu_count() or 1) // 2))] if device == "cuda" else ["-n", "0"]
+        workers = max(1, (os.cpu_count() or 1) // 2)
+        # Few files have most of the tests, so that workers take them one by one.
+        return ["-n", str(workers), "--dist", "worksteal"] if device == "cuda" else ["-n", "0"]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     options = project["tool"]["pytest"]["ini_options"]["addopts"]
     kept = [option for option in options if not option.startswith(("-n", "--dist"))]

@@ -13,10 +13,10 @@ WARM_UP_SIDE = 4096
 """Of the matrices that are multiplied to bring a GPU to its clocks under load."""
 
 
-def mark() -> torch.cuda.Event:
+def mark(device: torch.device) -> torch.cuda.Event:
     """A mark in what the GPU has to do, passed once everything before it is done."""
     event = torch.cuda.Event(enable_timing=True)
-    event.record()
+    event.record(torch.cuda.current_stream(device))
     return event
 
 

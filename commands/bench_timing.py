@@ -72,13 +72,13 @@ class GpuTimings(Timings):
         outermost = self._depth == 0
         if outermost:
             wait_for(self._device)
-        wall, begin = time.perf_counter_ns(), bench_device.mark()
+        wall, begin = time.perf_counter_ns(), bench_device.mark(self._device)
         self._depth += 1
         try:
             yield
         finally:
             self._depth -= 1
-        end = bench_device.mark()
+        end = bench_device.mark(self._device)
         if not outermost:
             self._passed.append((name, begin, end))
             return

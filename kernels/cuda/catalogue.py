@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 
 import torch
@@ -16,7 +15,7 @@ from gsfw.kernels.cuda.jobs import (
     ProjectJob,
     TilesJob,
 )
-from gsfw.kernels.cuda.launcher import Kernel
+from gsfw.kernels.cuda.launcher import Entry, Kernel
 from gsfw.kernels.cuda.sort_jobs import DigitsJob, ScatterJob
 from gsfw.kernels.cuda.step_jobs import (
     AdamJob,
@@ -26,9 +25,6 @@ from gsfw.kernels.cuda.step_jobs import (
     SsimBackwardJob,
     SsimJob,
 )
-
-Entry = tuple[Kernel, type[ctypes.Structure]]
-"""A kernel, and the job that it takes."""
 
 CHANNELS = (1, 3, 4, 16, 32)
 """Numbers of channels to blend with."""

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import NamedTuple
 
@@ -14,7 +17,7 @@ from gsfw.kernels.cuda.cache import KernelCache, cache_folder
 from gsfw.kernels.cuda.compiler import KernelCompiler
 from gsfw.kernels.cuda.driver import Driver
 from gsfw.kernels.cuda.errors import CudaError
-from gsfw.kernels.cuda.launcher import Kernel, Launcher
+from gsfw.kernels.cuda.launcher import Entry, Kernel, Launcher
 from gsfw.kernels.cuda.nvrtc_library import find_nvrtc
 from gsfw.kernels.cuda.torch_device import TorchDevice
 
@@ -42,8 +45,31 @@ class CudaLauncher(Launcher):
         self.driver = driver
         self.compiler = compiler
         self._loaded: dict[Kernel, _Loaded] = {}
+        self._compiled: dict[Kernel, tuple[str, bytes]] = {}
         self._loading = threading.Lock()
         self._thread = _Thread()
+
+    def reaches(self, device: torch.device) -> bool:
+        """Only memory of its own GPU."""
+        return device.type == "cuda" and device.index == self.device.index
+
+    def prepare(self, kernels: Sequence[Entry]) -> None:
+        """Compile in threads what is not loaded yet: NVRTC lets other threads run meanwhile."""
+        missing = [entry for entry in kernels if entry[0] not in self._loaded]
+        if len(missing) < 2 or self.device.capturing():
+            return
+        with ThreadPoolExecutor(min(len(missing), os.cpu_count() or 1)) as threads:
+            for entry, code in zip(
+                missing, threads.map(self._try_to_compile, missing), strict=True
+            ):
+                if code is not None:
+                    self._compiled[entry[0]] = code
+
+    def _try_to_compile(self, entry: Entry) -> tuple[str, bytes] | None:
+        try:
+            return self.compiler.compile(*entry)
+        except CudaError:  # The launch will meet it again, and say what it was for.
+            return None
 
     def launch(self, kernel: Kernel, blocks: int, threads: int, job: ctypes.Structure) -> None:
         """Start a kernel on torch's current stream of the device; see ``Launcher.launch``.
@@ -87,7 +113,8 @@ class CudaLauncher(Launcher):
             )
         with self._loading:
             if kernel not in self._loaded:  # Another thread may have been faster.
-                name, code = self.compiler.compile(kernel, job)
+                compiled = self._compiled.pop(kernel, None)
+                name, code = compiled or self.compiler.compile(kernel, job)
                 self._loaded[kernel] = _Loaded(self.driver.load(code, name), job)
             return self._loaded[kernel]
 

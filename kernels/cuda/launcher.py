@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 
@@ -19,11 +21,22 @@ class Kernel:
     """As C++ spells it inside namespace gsfw::cuda, such as "blend<float, 3, 128, false>"."""
 
 
+Entry = tuple[Kernel, type[ctypes.Structure]]
+"""A kernel, and the job that it takes."""
+
+
 class Launcher(ABC):
     """Compiles kernels when they are first asked for, and runs them.
 
     Every kernel takes one structure by value, which ``gsfw.kernels.cuda.jobs`` mirrors.
     """
+
+    def reaches(self, device: torch.device) -> bool:
+        """Whether kernels may be given memory of this device."""
+        return True
+
+    def prepare(self, kernels: Sequence[Entry]) -> None:  # noqa: B027
+        """Compile what will be launched soon, all at once; may leave it to the launches."""
 
     @abstractmethod
     def launch(self, kernel: Kernel, blocks: int, threads: int, job: ctypes.Structure) -> None:

@@ -11,6 +11,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,6 +52,7 @@ class Nvrtc:
         self._library.nvrtcGetErrorString.restype = ctypes.c_char_p
         self.version = self._find_version()
         """Major and minor version, that of the CUDA toolkit it is part of."""
+        self._load_builtins()
         self.architectures = self._find_architectures()
         """Ten times each compute capability that it compiles for, ascending."""
 
@@ -118,6 +120,18 @@ class Nvrtc:
         name = ctypes.c_char_p()
         self._call("nvrtcGetLoweredName", program, expression.encode(), ctypes.byref(name))
         return (name.value or b"").decode()
+
+    def _load_builtins(self) -> None:
+        """Load the second library of the compiler, if it lies beside the first.
+
+        It is opened by name when something is compiled, and the wheel of 13.0, which torch for
+        CUDA 13.0 asks for, does not tell the system's loader to look there.
+        """
+        name = "libnvrtc-builtins.so.{}.{}".format(*self.version)
+        beside = Path(self.path).with_name(name)
+        if beside.is_absolute() and beside.is_file():
+            with suppress(OSError):  # What follows from that, the compiler says best.
+                ctypes.CDLL(str(beside))
 
     def _find_version(self) -> tuple[int, int]:
         major, minor = ctypes.c_int(), ctypes.c_int()

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Int32, Shaped
 from torch import Tensor
 
-from gsfw.kernels.cuda.launcher import Kernel, Launcher, address
+from gsfw.kernels.cuda.launcher import Entry, Kernel, Launcher, address
 from gsfw.kernels.cuda.sort_jobs import DigitField, DigitsJob, ScatterJob
 
 THREADS = 512
@@ -25,6 +25,19 @@ KEY_TYPES = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"
 
 KEYS_PER_THREAD = {torch.int16: 8, torch.int32: 8, torch.int64: 4}
 """``KEYS_PER_THREAD`` of sources/sort_stages.h."""
+
+
+def sort_kernels(keys: torch.dtype) -> list[Entry]:
+    """What sorting keys of this type launches."""
+    return [(_count_digits(keys), DigitsJob), (_scatter(keys), ScatterJob)]
+
+
+def _count_digits(keys: torch.dtype) -> Kernel:
+    return Kernel("sort.cu", f"count_digits<{KEY_TYPES[keys]}>")
+
+
+def _scatter(keys: torch.dtype) -> Kernel:
+    return Kernel("sort.cu", f"scatter<{KEY_TYPES[keys]}>")
 
 
 def radix_sort(
@@ -72,11 +85,11 @@ def _fields(bits: int) -> Iterator[DigitField]:
 def _sort_by_digit(
     launcher: Launcher, keys: Tensor, payload: Tensor | None, field: DigitField
 ) -> tuple[Tensor, Tensor]:
-    key, device = KEY_TYPES[keys.dtype], keys.device
+    device = keys.device
     blocks = -(-len(keys) // (THREADS * KEYS_PER_THREAD[keys.dtype]))
     counts = torch.empty(field.digits * blocks, dtype=torch.int64, device=device)
     counting = DigitsJob(address(keys), len(keys), field, address(counts))
-    launcher.launch(Kernel("sort.cu", f"count_digits<{key}>"), blocks, THREADS, counting)
+    launcher.launch(_count_digits(keys.dtype), blocks, THREADS, counting)
     ends = counts.cumsum(0)
     sorted_keys = torch.empty_like(keys)
     sorted_payload = torch.empty(len(keys), dtype=torch.int32, device=device)
@@ -89,5 +102,5 @@ def _sort_by_digit(
         address(sorted_keys),
         address(sorted_payload),
     )
-    launcher.launch(Kernel("sort.cu", f"scatter<{key}>"), blocks, THREADS, scattering)
+    launcher.launch(_scatter(keys.dtype), blocks, THREADS, scattering)
     return sorted_keys, sorted_payload

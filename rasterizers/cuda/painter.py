@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from gsfw.kernels.cuda.instances import WIDTHS
+import torch
+
+from gsfw.kernels.cuda.instances import WIDTHS, Instances
 from gsfw.kernels.cuda.launcher import Launcher
-from gsfw.rasterizers.cuda.picture import SUM_CHANNELS, CudaPicture
+from gsfw.rasterizers.cuda.picture import (
+    SUM_CHANNELS,
+    CudaPicture,
+    Equipment,
+    instances_of,
+    kernels_of,
+)
 from gsfw.rasterizers.cuda.stage_clock import StageClock
 from gsfw.rasterizers.painter import Arrays, Numbers, Painter, Picture
 
@@ -14,8 +22,8 @@ MOST_CHANNELS = WIDTHS[-1]
 SORTED_BYTES = 16
 """Memory per pair while it is sorted: two tiles and two payloads."""
 
-CHECKPOINT_PIXELS = 2
-"""Pixels' states per pair: 256 of them are kept for every 128 pairs."""
+TILE_PIXELS = 256
+"""Pixels whose states are kept in front of every chunk of a tile's pairs."""
 
 
 class CudaPainter(Painter):
@@ -28,10 +36,13 @@ class CudaPainter(Painter):
         self._launcher = launcher
         self._deterministic = deterministic
         self._measuring = measuring
+        self._prepared: set[tuple[Instances, bool]] = set()
 
     def pair_bytes(self, channels: int, element_size: int) -> int:
         """Memory per pair: while it is sorted, its checkpoints, and its sums if it has its own."""
-        numbers = CHECKPOINT_PIXELS * (1 + channels)
+        dtype = torch.float64 if element_size == torch.float64.itemsize else torch.float32
+        blended = Instances(dtype, False, -1, min(channels, MOST_CHANNELS), torch.int16)
+        numbers = TILE_PIXELS // blended.chunk * (1 + blended.width)
         slot = 4 + (SUM_CHANNELS + channels) * element_size if self._deterministic else 0
         return SORTED_BYTES + numbers * element_size + slot
 
@@ -39,7 +50,7 @@ class CudaPainter(Painter):
         """Draw one picture.
 
         Raises:
-            ValueError: it has more channels than can be drawn at once.
+            ValueError: it has more channels than can be drawn at once, or is elsewhere.
         """
         background = arrays["background"]
         assert background is not None
@@ -48,5 +59,16 @@ class CudaPainter(Painter):
                 f"splats: expected at most {MOST_CHANNELS} channels with those of extra and depth, "
                 f"found {len(background)}; draw them in several passes"
             )
-        clock = StageClock(self._measuring)
-        return CudaPicture(self._launcher, clock, self._deterministic, arrays, numbers, outputs)
+        if not self._launcher.reaches(background.device):
+            raise ValueError(
+                "splats.means: expected a tensor on the GPU that the rasterizer was built for, "
+                f"found one on {background.device}"
+            )
+        chosen = instances_of(arrays, numbers)
+        kind = (chosen, bool(numbers["differentiated"]))
+        if kind not in self._prepared:
+            self._launcher.prepare(kernels_of(*kind))
+            self._prepared.add(kind)
+        clock = StageClock(self._measuring, background.device)
+        equipment = Equipment(self._launcher, clock, chosen, self._deterministic)
+        return CudaPicture(equipment, arrays, numbers, outputs)

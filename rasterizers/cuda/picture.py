@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -11,8 +12,8 @@ from torch import Tensor
 
 from gsfw.kernels.cuda import jobs
 from gsfw.kernels.cuda.instances import Instances
-from gsfw.kernels.cuda.launcher import Launcher, address
-from gsfw.kernels.cuda.sort import radix_sort
+from gsfw.kernels.cuda.launcher import Entry, Launcher, address
+from gsfw.kernels.cuda.sort import radix_sort, sort_kernels
 from gsfw.rasterizers.cuda.stage_clock import StageClock
 from gsfw.rasterizers.painter import POSE_FIELDS, Arrays, Numbers, Picture, TooManyPairs
 
@@ -34,6 +35,46 @@ BIN_THREADS = 256
 WARP = 32
 
 
+@dataclass(frozen=True)
+class Equipment:
+    """What a picture is drawn with."""
+
+    launcher: Launcher
+    clock: StageClock
+    instances: Instances
+    deterministic: bool
+    """Whether gradients are summed in a fixed order."""
+
+
+def instances_of(arrays: Arrays, numbers: Numbers) -> Instances:
+    """The kernels that draw these arrays."""
+    grid = _grid(int(numbers["width"]), int(numbers["height"]))
+    return Instances(
+        dtype=_given(arrays, "means").dtype,
+        covariances=arrays["covariances"] is not None,
+        sh_degree=int(numbers["sh_degree"]),
+        channels=_given(arrays, "background").shape[0],
+        tile_key=torch.int16 if grid.columns * grid.rows <= 2**16 else torch.int32,
+    )
+
+
+def kernels_of(chosen: Instances, differentiated: bool) -> list[Entry]:
+    """What an ordinary picture launches, with or without its way back."""
+    depth_key = torch.int32 if chosen.dtype == torch.float32 else torch.int64
+    kernels: list[Entry] = [
+        (chosen.project, jobs.ProjectJob),
+        (chosen.emit, jobs.EmitJob),
+        (chosen.find_tiles, jobs.TilesJob),
+        (chosen.blend(measure=False), jobs.BlendJob),
+        *sort_kernels(depth_key),
+        *sort_kernels(chosen.tile_key),
+    ]
+    if differentiated:
+        kernels.append((chosen.blend_backward(absolute=False), jobs.BlendBackwardJob))
+        kernels.append((chosen.project_backward(pose=False), jobs.ProjectBackwardJob))
+    return kernels
+
+
 class CudaPicture(Picture):
     """What the kernels of one picture share. Nothing waits for the device but one number.
 
@@ -41,20 +82,15 @@ class CudaPicture(Picture):
     """
 
     def __init__(
-        self,
-        launcher: Launcher,
-        clock: StageClock,
-        deterministic: bool,
-        arrays: Arrays,
-        numbers: Numbers,
-        outputs: Arrays,
+        self, equipment: Equipment, arrays: Arrays, numbers: Numbers, outputs: Arrays
     ) -> None:
-        self._launcher, self._clock, self._deterministic = launcher, clock, deterministic
+        self._launcher, self._clock = equipment.launcher, equipment.clock
+        self._instances, self._deterministic = equipment.instances, equipment.deterministic
         self._arrays, self._numbers = arrays, numbers
         self._channels = _given(arrays, "background").shape[0]
         self._grid = _grid(int(numbers["width"]), int(numbers["height"]))
-        self._instances = self._choose_instances()
         self._visible, self._radii = _given(outputs, "visible"), _given(outputs, "radii")
+        clock = self._clock
         with clock.stage("project"):
             self._project()
         with clock.stage("sort"):
@@ -74,17 +110,6 @@ class CudaPicture(Picture):
     def times(self) -> Mapping[str, tuple[float, float]]:
         """Milliseconds of each stage on the device, where they are measured."""
         return self._clock.times()
-
-    def _choose_instances(self) -> Instances:
-        means = _given(self._arrays, "means")
-        tiles = self._grid.columns * self._grid.rows
-        return Instances(
-            dtype=means.dtype,
-            covariances=self._arrays["covariances"] is not None,
-            sh_degree=int(self._numbers["sh_degree"]),
-            channels=self._channels,
-            tile_key=torch.int16 if tiles <= 2**16 else torch.int32,
-        )
 
     def _project(self) -> None:
         means = _given(self._arrays, "means")
@@ -174,7 +199,8 @@ class CudaPicture(Picture):
         self._slots = payload if numbered else None
         self._pair_rows = payload if rows is None else rows[payload]
         self._find_tiles(tiles, num_tiles)
-        self._slot_lengths, self._order, self._ends = counts, order, ends
+        if numbered:
+            self._slot_lengths, self._order, self._ends = counts, order, ends
 
     def _find_tiles(self, tiles: Int[Tensor, " p"], num_tiles: int) -> None:
         """Where the pairs of each tile begin, and its chunks but the first."""

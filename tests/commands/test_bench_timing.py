@@ -44,7 +44,7 @@ class Gpu:
         monkeypatch.setattr(bench_device, "milliseconds", lambda begin, end: end - begin)
         monkeypatch.setattr(bench_timing, "wait_for", lambda device: self.log.append("wait"))
 
-    def mark(self):
+    def mark(self, device: torch.device):
         self.now += 1.0
         self.log.append("mark")
         return self.now

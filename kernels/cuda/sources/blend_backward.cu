@@ -273,23 +273,22 @@ __device__ __forceinline__ void write_sums(
     const BlendBackwardJob& job, const ChunkPlace& place,
     const ChunkMemory<T, CHANNELS, CHUNK, ABSOLUTE>& memory) {
   const BlendJob& forward = job.forward;
-  for (int entry = lane_index(); entry < place.count; entry += WARP) {
+  constexpr int FIELDS = SUM_CHANNELS + CHANNELS + (ABSOLUTE ? 2 : 0);
+  // Neighbouring threads take neighbouring numbers of one splat, which share a line of memory.
+  for (int item = lane_index(); item < place.count * FIELDS; item += WARP) {
+    const int entry = item / FIELDS, k = item % FIELDS;
+    // What was rounded up to CHANNELS is left out, lest it take the place of the magnitudes.
+    const bool magnitude = k >= SUM_CHANNELS + CHANNELS;
+    if (k >= SUM_CHANNELS + forward.channels && !magnitude) continue;
     const int64 pair = place.first + entry;
     const int64 row = forward.slots ? forward.slots[pair] : forward.rows[pair];
-    T* to = static_cast<T*>(job.sums) + row * job.sum_stride;
-#pragma unroll
-    for (int k = 0; k < SUM_CHANNELS + CHANNELS + (ABSOLUTE ? 2 : 0); ++k) {
-      // What was rounded up to CHANNELS is left out, lest it take the place of the magnitudes.
-      const int beyond = k - SUM_CHANNELS - forward.channels;
-      const bool magnitude = k >= SUM_CHANNELS + CHANNELS;
-      if (beyond >= 0 && !magnitude) continue;
-      const int field = magnitude ? k - CHANNELS + forward.channels : k;
-      const T value = memory.sums[entry][k];
-      if (forward.slots) {
-        to[field] = value;
-      } else if (value != T(0)) {
-        atomicAdd(to + field, value);
-      }
+    T* to = static_cast<T*>(job.sums) + row * job.sum_stride +
+            (magnitude ? k - CHANNELS + forward.channels : k);
+    const T value = memory.sums[entry][k];
+    if (forward.slots) {
+      *to = value;
+    } else if (value != T(0)) {
+      atomicAdd(to, value);
     }
   }
 }

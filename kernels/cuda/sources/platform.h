@@ -24,6 +24,12 @@ using uint64 = unsigned long long;
 constexpr int WARP = 32;
 constexpr uint32 FULL_WARP = 0xffffffffu;
 
+/// Four numbers that are read or written at once.
+template <class T>
+struct __align__(16) Four {
+  T numbers[4];
+};
+
 /// Position of this thread in its warp, and of its warp in the block. Blocks are one-dimensional.
 __device__ __forceinline__ int lane_index() { return int(threadIdx.x) % WARP; }
 __device__ __forceinline__ int warp_index() { return int(threadIdx.x) / WARP; }

@@ -17,12 +17,6 @@ namespace cuda {
 template <class T>
 constexpr int PROJECT_BLOCKS = sizeof(T) == sizeof(float) ? 12 : 8;
 
-/// Four numbers that are written at once.
-template <class T>
-struct __align__(16) Four {
-  T numbers[4];
-};
-
 /// A positive depth as a number that sorts alike.
 GSFW_FUNCTION uint32 depth_key(float depth) { return __float_as_uint(depth); }
 GSFW_FUNCTION uint64 depth_key(double depth) { return uint64(__double_as_longlong(depth)); }

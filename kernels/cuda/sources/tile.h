@@ -61,8 +61,15 @@ struct Entries {
 template <class T, int CHANNELS, int CHUNK>
 __device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 first, int place,
                                            Entries<T, CHANNELS, CHUNK>& entries) {
+  // All of the brush that is used, four numbers at a time, into registers.
+  constexpr int FOURS = (BRUSH_CHANNELS + CHANNELS + 3) / 4;
+  Four<T> fields[FOURS];
   const int64 row = job.rows[first + place];
-  const T* brush = static_cast<const T*>(job.brushes) + row * job.stride;
+  const Four<T>* from = reinterpret_cast<const Four<T>*>(static_cast<const T*>(job.brushes) +
+                                                         row * job.stride);
+#pragma unroll
+  for (int i = 0; i < FOURS; ++i) fields[i] = from[i];
+  const T* brush = fields[0].numbers;
   T* to = entries.paint[place];
   const int left = tile % job.grid.columns * TILE, top = tile / job.grid.columns * TILE;
   const T x = brush[BRUSH_X] - T(left + TILE / 2), y = brush[BRUSH_Y] - T(top + TILE / 2);

@@ -227,3 +227,33 @@ def test_addresses_are_those_of_contiguous_tensors():
     assert address(None) is None
     with pytest.raises(ValueError, match=r"^expected a contiguous tensor, found strides \(1, 4\)"):
         address(tensor.T)
+
+
+def test_kernels_are_prepared_at_once_and_then_only_loaded(stub, cache):
+    nvrtc = FakeNvrtc()
+    launcher = launcher_on(stub, nvrtc, cache)
+    launcher.prepare([(BLEND, BlendJob), (TILES, TilesJob)])
+    assert len(nvrtc.compiled) == 2
+    assert not any("Module" in call for call in stub.calls())
+    launcher.launch(BLEND, 1, 256, BlendJob())
+    launcher.launch(TILES, 1, 256, TilesJob())
+    assert len(nvrtc.compiled) == 2
+    launcher.prepare([(BLEND, BlendJob), (TILES, TilesJob)])
+    assert len(nvrtc.compiled) == 2
+
+
+def test_what_cannot_be_prepared_is_left_to_the_launch(stub, cache, nvrtc):
+    launcher = launcher_on(stub, nvrtc, cache)
+    nothing = Kernel("bin.cu", "no_such_kernel<float>")
+    launcher.prepare([(nothing, TilesJob), (TILES, TilesJob)])
+    launcher.launch(TILES, 1, 256, TilesJob())
+    with pytest.raises(CudaError, match="no_such_kernel"):
+        launcher.launch(nothing, 1, 256, TilesJob())
+
+
+def test_only_memory_of_its_own_gpu_is_in_reach(stub, cache):
+    launcher = launcher_on(stub, FakeNvrtc(), cache)
+    index = launcher.device.index
+    assert launcher.reaches(torch.device("cuda", index))
+    assert not launcher.reaches(torch.device("cuda", index + 1))
+    assert not launcher.reaches(torch.device("cpu"))

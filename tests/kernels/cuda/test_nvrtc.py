@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -9,8 +11,9 @@ import pytest
 import torch
 
 from gsfw.kernels.cuda.architecture import Target
-from gsfw.kernels.cuda.catalogue import Entry, catalogue
+from gsfw.kernels.cuda.catalogue import catalogue
 from gsfw.kernels.cuda.errors import CudaError
+from gsfw.kernels.cuda.launcher import Entry
 from gsfw.kernels.cuda.nvrtc import OPTIONS, Compiled, Nvrtc
 from gsfw.kernels.cuda.program import NAMESPACE, program_text
 from gsfw.kernels.cuda.source_files import SHARED, SOURCES, headers, source_text
@@ -184,3 +187,14 @@ def test_a_file_that_is_no_library_is_refused(tmp_path):
     path.write_text("nothing")
     with pytest.raises(CudaError, match=r"^NVRTC at .*libnvrtc.so.13 does not load: "):
         Nvrtc(path)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads what a process has loaded from /proc")
+def test_the_second_library_of_the_compiler_is_loaded_with_the_first(nvrtc):
+    code = (
+        "from gsfw.kernels.cuda.nvrtc import Nvrtc\n"
+        f"Nvrtc({str(nvrtc.path)!r})\n"
+        "print('libnvrtc-builtins' in open('/proc/self/maps').read())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "True"

@@ -142,3 +142,18 @@ def test_drawing_without_gradient_keeps_nothing_for_the_way_back():
     expected = emulated().render(splats.map(lambda t: t.requires_grad_()), front_camera()).color
     with torch.no_grad():
         assert torch.equal(emulated().render(splats, front_camera()).color, expected)
+
+
+class _Elsewhere(EmulatedLauncher):
+    def reaches(self, device: torch.device) -> bool:
+        return False
+
+
+def test_tensors_on_another_device_are_refused():
+    rasterizer = CudaRasterizer(_Elsewhere())
+    with pytest.raises(ValueError, match="GPU") as caught:
+        rasterizer.render(random_splats(5), front_camera())
+    assert str(caught.value) == (
+        "splats.means: expected a tensor on the GPU that the rasterizer was built for, found one "
+        "on cpu"
+    )
