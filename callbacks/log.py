@@ -64,8 +64,9 @@ class Log(Callback):
         logger.info("step %d: checkpoint %s", step, path.name)
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """How it ended."""
-        logger.info("ended at step %d: %s", step, dict(summary))
+        """How it ended; lists are for programs, and in metrics.json."""
+        short = {key: value for key, value in summary.items() if not isinstance(value, list)}
+        logger.info("ended at step %d: %s", step, short)
 
     def close(self) -> None:
         """Close the file."""

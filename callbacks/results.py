@@ -9,6 +9,7 @@ from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.evaluation import Evaluation
 from gsfw.core.json_text import json_text
 from gsfw.core.run_folder import RunFolder, readable_write_errors
+from gsfw.core.time_plot import write_time_plot
 
 
 class Results(Callback):
@@ -56,8 +57,11 @@ class Results(Callback):
         means = {f"eval/{name}": value for name, value in evaluation.means.items()}
         self._write({"step": step, **means})
         path = self._folder.evaluations / f"step_{step:09d}.json"
-        document = {"step": step, **evaluation.document(), "protocol": dict(self._run.protocol)}
-        self._folder.write_json(path, document)
+        protocol = dict(self._run.protocol)
+        if step < self._run.steps:
+            protocol["checkpoint"] = f"after step {step} of {self._run.steps}"
+        self._folder.write_json(path, {"step": step, **evaluation.document(), "protocol": protocol})
+        write_time_plot(path, evaluation)
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
         """The final figures of a run that was completed."""

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.arguments import read
 from gsfw.commands.run_options import RunOptions
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from gsfw.commands.console import Console
+    from gsfw.core.datamanager import Split
     from gsfw.core.evaluation import Evaluation
+    from gsfw.core.run_folder import RunFolder
+    from gsfw.plugins.restore import Restored
 
 
 @dataclass(kw_only=True)
@@ -60,29 +65,63 @@ def run(arguments: list[str]) -> int:
             parts.device,
             split,
         )
-    protocol = restored.composition.protocol(split)
     document = {
         "run": str(found.folder.path),
         "step": restored.step,
         "num_gaussians": parts.model.num_rows,
         **evaluation.document(),
-        "protocol": protocol,
+        "protocol": _protocol(restored, split),
     }
+    _show(console, evaluation, f"{found.folder.path}, step {restored.step}, {options.split} views")
     suffix = "" if split is Split.EVAL else f"_{options.split}"
     path = found.folder.evaluations / f"step_{restored.step:09d}{suffix}.json"
-    found.folder.write_json(path, document)
-    _show(console, evaluation, f"{found.folder.path}, step {restored.step}, {options.split} views")
-    console.say(f"written: {path}")
+    _write(console, found.folder, path, document, evaluation)
     console.result(document)
     return 0
 
 
+def _protocol(restored: Restored, split: Split) -> dict[str, Any]:
+    """How the figures are measured; an earlier checkpoint is not called the last."""
+    protocol = restored.composition.protocol(split)
+    steps = restored.composition.plan.steps
+    if restored.step < steps:
+        protocol["checkpoint"] = f"after step {restored.step} of {steps}"
+    return protocol
+
+
+def _write(
+    console: Console,
+    folder: RunFolder,
+    path: Path,
+    document: Mapping[str, Any],
+    evaluation: Evaluation,
+) -> None:
+    """The document, and beside it the curve over time where there is one."""
+    from gsfw.core.time_plot import write_time_plot
+
+    folder.write_json(path, document)
+    console.say(f"written: {path}")
+    plot = write_time_plot(path, evaluation)
+    if plot is not None:
+        console.say(f"curve over time: {plot}")
+
+
 def _show(console: Console, evaluation: Evaluation, title: str) -> None:
-    names = list(evaluation.means)
+    # Flicker is a figure of pairs of pictures, so no column of theirs.
+    names = list(dict.fromkeys(name for figures in evaluation.per_view for name in figures))
     rows: list[Sequence[str]] = [
-        [view, *(f"{figures[name]:.4f}" for name in names)]
+        [view, *(_cell(figures.get(name)) for name in names)]
         for view, figures in zip(evaluation.views, evaluation.per_view, strict=True)
     ]
-    rows.append(["mean", *(f"{evaluation.means[name]:.4f}" for name in names)])
+    rows.append(["mean", *(_cell(evaluation.means.get(name)) for name in names)])
     console.table(["picture", *names], rows, title)
+    for name in evaluation.means:
+        if name not in names:
+            console.say(f"{name}: {evaluation.means[name]:.5f}")
+    for name, note in evaluation.notes.items():
+        console.say(f"{name}: {note}")
     console.say(f"drawing one picture takes {evaluation.render_ms:.1f} ms (median)")
+
+
+def _cell(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"

@@ -106,6 +106,8 @@ def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console) -> Non
         for name, digits, unit in (("psnr", 2, " dB"), ("ssim", 4, ""))
         if name in summary
     )
+    if "moving_psnr" in summary:
+        figures += f", of what moves PSNR {summary['moving_psnr']:.2f} dB"
     console.say(
         f"done: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
         f"{summary['num_gaussians']:,} Gaussians"

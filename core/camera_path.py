@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -103,3 +104,12 @@ def orbit(cameras: Cameras, frames: int) -> Cameras:
         image_index=None,
         camera_index=None,
     )
+
+
+def at_times(cameras: Cameras, times: Sequence[float]) -> Cameras:
+    """The cameras, each at its time in [0, 1]; a single camera stands still for all of them."""
+    count = len(times)
+    if len(cameras) == 1:
+        cameras = cameras.select([0] * count)
+    time = torch.tensor(times).to(cameras.world_to_camera)
+    return replace(cameras, time=time)

@@ -9,6 +9,8 @@ from enum import Enum
 from pathlib import Path
 
 import torch
+from jaxtyping import Bool
+from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
@@ -30,6 +32,8 @@ class Views:
     """Image names, for messages and result files; unique within the split."""
     cameras: tuple[Cameras, ...]
     """One camera (c = 1) per view: sizes and models may differ between views."""
+    origin: str = ""
+    """How the views came into this split ("every 8th by name"); empty when nobody said."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -89,6 +93,16 @@ class DataManager(ABC):
         Raises:
             DataError: a picture does not decode or contradicts its camera.
         """
+
+    def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
+        """Where something moves in a view's picture, on the CPU; evaluation looks at it apart.
+
+        ``None`` when the data set does not say.
+
+        Raises:
+            DataError: the mask does not decode or does not fit its picture.
+        """
+        return None
 
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:  # noqa: B027
         """Start decoding views that will probably be asked for next; may do nothing."""

@@ -11,13 +11,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.batch import Batch
 from gsfw.core.callback import EvaluatedView
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.device import wait_for
 from gsfw.core.metrics import Metric
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.over_time import OverTime, means
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
@@ -33,11 +33,22 @@ class Evaluation:
     """Median wall-clock time to draw one view, in milliseconds."""
     means: Mapping[str, float] = field(default_factory=dict)
     """Mean of each metric over the views; empty when there are none."""
+    over_time: tuple[Mapping[str, Any], ...] = ()
+    """The same at each time, in order of time; empty for a static capture."""
+    notes: Mapping[str, str] = field(default_factory=dict)
+    """How figures over time came about, or why there are none; empty for a static capture."""
 
     def document(self) -> dict[str, Any]:
         """Plain data for result files."""
         views = [{"name": n, **m} for n, m in zip(self.views, self.per_view, strict=True)]
-        return {**self.means, "render_ms": self.render_ms, "per_view": views}
+        figures = {**self.means, "render_ms": self.render_ms, **self.time_document()}
+        return {**figures, "per_view": views}
+
+    def time_document(self) -> dict[str, Any]:
+        """What data with times adds to result files; empty for a static capture."""
+        if not self.notes:
+            return {}
+        return {**self.notes, "over_time": [dict(point) for point in self.over_time]}
 
 
 @torch.no_grad()
@@ -54,6 +65,7 @@ def draw(
     return model.decode(output, cameras)
 
 
+@torch.no_grad()
 def evaluate(
     model: PrimitiveModel,
     rasterizer: Rasterizer,
@@ -65,36 +77,34 @@ def evaluate(
     on_view: Callable[[EvaluatedView], None] | None = None,
 ) -> Evaluation:
     """Draw and compare every view of a split, one at a time."""
+    assert settings.background is not None
     views = data.views(split)
-    per_view: list[Mapping[str, float]] = []
+    watch = None
+    if data.scene.is_dynamic and views.times:
+        watch = OverTime(data, split, settings.background, device, metrics)
+    order = range(len(views)) if watch is None else watch.order()
+    per_view: list[Mapping[str, float]] = [{}] * len(views)
     durations: list[float] = []
-    for index, name in enumerate(views.names):
-        data.prefetch(split, range(index + 1, min(index + 3, len(views))))
+    for place, index in enumerate(order):
+        data.prefetch(split, order[place + 1 : place + 3])
         (batch,) = data.load(split, [index], device)
         wait_for(device)  # The clock is the host's, and a GPU works behind its back.
         started = time.perf_counter()
         output = draw(model, rasterizer, batch.cameras, settings, batch.time)
         wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
-        figures, target = _compare(output, batch, metrics, settings)
-        per_view.append(figures)
+        picture, target = output.color[0], batch.target(settings.background)[0]
+        valid = None if batch.valid is None else batch.valid[0]
+        figures = {name: metric(picture, target, valid) for name, metric in metrics.items()}
+        if watch is not None:
+            figures |= watch.compare(index, picture, target, valid)
+        per_view[index] = figures
         if on_view is not None:
-            on_view(EvaluatedView(name, figures, target, output.color[0]))
-    means = {
-        name: sum(figures[name] for figures in per_view) / len(per_view)
-        for name in metrics
-        if per_view
-    }
+            on_view(EvaluatedView(views.names[index], figures, target, picture))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
-    return Evaluation(views.names, tuple(per_view), middle, means)
-
-
-@torch.no_grad()
-def _compare(
-    output: RenderOutput, batch: Batch, metrics: Mapping[str, Metric], settings: RenderSettings
-) -> tuple[dict[str, float], Tensor]:
-    assert settings.background is not None
-    target = batch.target(settings.background)[0]
-    valid = None if batch.valid is None else batch.valid[0]
-    figures = {name: metric(output.color[0], target, valid) for name, metric in metrics.items()}
-    return figures, target
+    averages = means(per_view)
+    if watch is None:
+        return Evaluation(views.names, tuple(per_view), middle, averages)
+    averages |= watch.figures()
+    curve = watch.curve(per_view)
+    return Evaluation(views.names, tuple(per_view), middle, averages, curve, watch.notes())

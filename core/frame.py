@@ -13,9 +13,9 @@ from gsfw.core.spherical_harmonics import rotate_sh
 from gsfw.core.splats import Sh, Splats
 
 
-def quaternion_of(rotation: Float[Tensor, "3 3"]) -> Float[Tensor, " 4"]:
-    """The unit quaternion (wxyz, w >= 0) of a rotation matrix, by its largest component."""
-    m = rotation
+def quaternion_of(rotation: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 4"]:
+    """The unit quaternions (wxyz, w >= 0) of rotation matrices, by their largest components."""
+    m = rotation.movedim((-2, -1), (0, 1))
     squares = torch.stack(
         [
             1 + m[0, 0] + m[1, 1] + m[2, 2],
@@ -32,9 +32,10 @@ def quaternion_of(rotation: Float[Tensor, "3 3"]) -> Float[Tensor, " 4"]:
             torch.stack([m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]]),
         ]
     )
-    quat = products[int(squares.argmax())]
-    quat = quat / quat.norm()
-    return quat if quat[0] >= 0 else -quat
+    largest = squares.argmax(dim=0, keepdim=True)[:, None]
+    quat = products.take_along_dim(largest, dim=0)[0].movedim(0, -1)
+    quat = quat / quat.norm(dim=-1, keepdim=True)
+    return torch.where(quat[..., :1] >= 0, quat, -quat)
 
 
 def multiply_quaternions(

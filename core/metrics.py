@@ -8,7 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gsfw.core.ssim import masked_mean, ssim
+from gsfw.core.operators import Operators
+from gsfw.core.ssim import masked_mean
 
 PSNR_MAX = 100.0
 """Reported for pictures that are equal, in dB, so that means stay finite."""
@@ -29,6 +30,10 @@ class Metric(ABC):
     """A figure for one picture."""
 
     higher_is_better: bool = True
+
+    def __init__(self, operators: Operators | None = None) -> None:
+        """Measure with the operators of the run's device; ``None`` for plain torch."""
+        self.operators = operators or Operators()
 
     @abstractmethod
     def __call__(
@@ -54,4 +59,5 @@ class Ssim(Metric):
     def __call__(self, rendered: Tensor, target: Tensor, valid: Tensor | None) -> float:
         """Compare one picture."""
         picture = rendered.clamp(0, 1)[None]
-        return float(ssim(picture, target[None], None if valid is None else valid[None]))
+        mask = None if valid is None else valid[None]
+        return 1.0 - float(self.operators.l1_dssim(picture, target[None], mask)[1])

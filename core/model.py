@@ -86,8 +86,14 @@ class PrimitiveModel(nn.Module, ABC):
         return None
 
     @torch.no_grad()
-    def clone_rows(self, rows: Int[Tensor, " r"]) -> Children:
-        """Copies of ``rows``."""
+    def clone_rows(
+        self, rows: Int[Tensor, " r"], generator: torch.Generator | None = None
+    ) -> Children:
+        """Copies of ``rows``; with a ``generator`` they may differ in what draws them apart.
+
+        Copies that stand beside their originals gain nothing from being there at the same time: a
+        model that moves may draw a new temporal centre for each.
+        """
         return {name: column.take(rows) for name, column in self.columns().items()}
 
     @abstractmethod

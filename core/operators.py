@@ -107,3 +107,14 @@ class Operators:
         host = points.detach().double().cpu().numpy()
         distances, _ = cKDTree(host).query(host, k=k + 1, workers=-1)
         return torch.from_numpy(distances[:, 1:]).to(points)
+
+    def neighbors(self, points: Float[Tensor, "p d"], k: int) -> Int[Tensor, "p k"]:
+        """Rows of the ``k`` nearest other points, nearest first; its own where there are fewer."""
+        host = points.detach().double().cpu().numpy()
+        _, found = cKDTree(host).query(host, k=range(1, k + 2), workers=-1)
+        rows = torch.from_numpy(found)
+        own = torch.arange(len(rows))[:, None]
+        # A point is among its own nearest, unless more than k others lie exactly where it does.
+        left_out = torch.where((rows == own).any(1), (rows == own).int().argmax(1), k)
+        others = rows[torch.arange(k + 1) != left_out[:, None]].view(-1, k)
+        return torch.where(others < len(rows), others, own).to(points.device)

@@ -328,6 +328,7 @@ class Trainer:
             evaluation = self._evaluate()
             summary |= evaluation.means
             summary |= {"views": len(evaluation.views), "render_ms": evaluation.render_ms}
+            summary |= evaluation.time_document()
         else:
             summary["stopped"] = self.control.stop_reason
         summary |= {

@@ -7,6 +7,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import torch
+from jaxtyping import Bool
+from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
@@ -14,11 +16,12 @@ from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.errors import DataError
 from gsfw.core.scene import Scene
 from gsfw.core.similarity import Similarity
+from gsfw.datamanagers.area import shrink_mask
 from gsfw.datamanagers.frames import Recording
 from gsfw.datamanagers.holdout import hold_out
 from gsfw.datamanagers.loader import Loader
 from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture, load_picture
+from gsfw.datamanagers.pictures import Picture, load_mask, load_picture
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.timeline import Timeline
 
@@ -64,6 +67,7 @@ class Capture(DataManager):
             split: Views(
                 names=tuple(self._frames[i].name for i in members),
                 cameras=tuple(cameras[i] for i in members),
+                origin=how,
             )
             for split, members in self._members.items()
         }
@@ -134,6 +138,16 @@ class Capture(DataManager):
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
         """Decode views into batches; the same pictures whatever was cached or decoded ahead."""
         return self._loader.load(split, indices, device)
+
+    def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
+        """The view's mask of what moves, if the data set has one."""
+        number = self._members[split][index]
+        frame = self._frames[number]
+        if frame.moving is None:
+            return None
+        still = ~load_mask(frame.moving, frame.path, frame.header)
+        # Where any of the pixels beneath moves, their mean does.
+        return torch.from_numpy(~shrink_mask(still, *self._sizes[number]))[..., None]
 
     def close(self) -> None:
         """Stop decoding and free the pictures."""

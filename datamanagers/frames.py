@@ -70,6 +70,8 @@ class Frame:
     """The part the data set itself puts it in; ``None`` when it leaves that open."""
     mask: Path | None = None
     """Picture that is bright where pixels are valid; ``None`` when all are."""
+    moving: Path | None = None
+    """Picture that is bright where something moves; ``None`` when nobody said."""
 
     def camera_at(self, downscale: float) -> Cameras:
         """The camera in the world of the data, for the picture shrunk by ``downscale``; float64.
@@ -144,9 +146,27 @@ def data_folder(path: Path | None, format_name: str) -> Path:
 
 
 def number_cameras(frames: Sequence[Frame]) -> list[Frame]:
-    """Frames of files that do not number cameras: frames with one lens have one camera."""
-    numbers: dict[Lens, int] = {}
-    return [replace(frame, camera=numbers.setdefault(frame.lens, len(numbers))) for frame in frames]
+    """Frames of files that do not number cameras: frames with one lens have one camera.
+
+    Where a pose comes back at other times, cameras stand still, and each has its own pose.
+    """
+    times: dict[object, set[float | None]] = {}
+    for frame in frames:
+        times.setdefault(_place(frame), set()).add(frame.time)
+    standing = any(len(seen) > 1 for seen in times.values())
+    numbers: dict[object, int] = {}
+    return [
+        replace(
+            frame,
+            camera=numbers.setdefault(_place(frame) if standing else frame.lens, len(numbers)),
+        )
+        for frame in frames
+    ]
+
+
+def _place(frame: Frame) -> object:
+    """Equal for frames that one camera can have taken without being moved."""
+    return frame.lens, tuple(frame.world_to_camera.flatten().tolist())
 
 
 def no_points() -> tuple[Float64[Tensor, "0 3"], Float[Tensor, "0 3"]]:

@@ -90,14 +90,24 @@ def load_picture(
     pixels = decode(path, header)
     if mask is None:
         return Picture(shrink(pixels, width, height))
-    valid = decode_mask(mask)
-    if valid.shape != pixels.shape[:2]:
+    valid = load_mask(mask, path, header)
+    return Picture(shrink(pixels, width, height), shrink_mask(valid, width, height))
+
+
+def load_mask(mask: Path, path: Path, header: Header) -> Bool[np.ndarray, "h w"]:
+    """Decode the mask of the picture at ``path``.
+
+    Raises:
+        DataError: it does not decode, or its size is not the picture's.
+    """
+    bright = decode_mask(mask)
+    if bright.shape != (header.height, header.width):
         raise DataError(
-            f"{mask}: the mask is {valid.shape[1]}x{valid.shape[0]} pixels, "
-            f"its picture {path} is {pixels.shape[1]}x{pixels.shape[0]}.",
+            f"{mask}: the mask is {bright.shape[1]}x{bright.shape[0]} pixels, "
+            f"its picture {path} is {header.width}x{header.height}.",
             "A mask needs the size of its (upright) picture.",
         )
-    return Picture(shrink(pixels, width, height), shrink_mask(valid, width, height))
+    return bright
 
 
 def decode(path: Path, header: Header) -> UInt8[np.ndarray, "h w d"]:

@@ -104,14 +104,6 @@ class TransformsFile:
     def _frame(self, name: str, entry: Mapping[str, Any], picture: Path) -> Frame:
         where = f"{self.path}: frame {name}"
         header = read_header(picture)
-        mask = None
-        if entry.get("mask_path"):
-            mask = self.find(plain_name(str(entry["mask_path"])))
-            if mask is None:
-                raise DataError(
-                    f"{where}: its mask {entry['mask_path']} is not on disk.",
-                    "Put it there, or remove mask_path to use every pixel.",
-                )
         return Frame(
             name=name,
             path=picture,
@@ -119,8 +111,23 @@ class TransformsFile:
             lens=self._lens(entry, header, where),
             world_to_camera=from_opengl(_matrix(entry, where), where),
             time=_number(entry, "time", where),
-            mask=mask,
+            mask=self._mask(entry, "mask_path", "use every pixel", where),
+            moving=self._mask(
+                entry, "motion_mask_path", "let evaluation find what moves itself", where
+            ),
         )
+
+    def _mask(self, entry: Mapping[str, Any], key: str, without: str, where: str) -> Path | None:
+        """The mask that a frame names; ``None`` when it names none."""
+        if not entry.get(key):
+            return None
+        mask = self.find(plain_name(str(entry[key])))
+        if mask is None:
+            raise DataError(
+                f"{where}: its mask {entry[key]} is not on disk.",
+                f"Put it there, or remove {key} to {without}.",
+            )
+        return mask
 
     def _lens(self, entry: Mapping[str, Any], header: Header, where: str) -> Lens:
         both = {**self.content, **entry}

@@ -29,6 +29,7 @@ from gsfw.core.method import Method
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
+from gsfw.core.over_time import TIME_PROTOCOL
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.resolution import FULL_SIZE, ResolutionSchedule, measured
 from gsfw.core.run_folder import RunFolder
@@ -69,6 +70,7 @@ class Composition:
         assert background is not None
         return {
             "split": split.value,
+            "held_out": self.parts.data.views(Split.EVAL).origin,
             "views": len(views),
             "image_sizes": [list(size) for size in sizes],
             "downscale": config.downscale,
@@ -78,6 +80,7 @@ class Composition:
             "psnr": "per image on values clamped to [0, 1], then the mean",
             "ssim": "11x11 Gaussian window, sigma 1.5, zero padding",
             "checkpoint": "last",
+            **(TIME_PROTOCOL if self.scene.is_dynamic else {}),
         }
 
     @cached_property
@@ -257,7 +260,7 @@ def _parts(
         data=data,
         rasterizer=config.rasterizer.build(device),
         operators=operators,
-        metrics={name: kind() for name, kind in load_all("metric", registry).items()},
+        metrics={name: kind(operators) for name, kind in load_all("metric", registry).items()},
         generator=torch.Generator(device=device).manual_seed(config.seed + 1),
         device=device,
     )

@@ -11,6 +11,7 @@ from torch import Tensor
 from gsfw.core.exchange import SplatFile
 from gsfw.core.frame import transform_splats
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.principal_axes import with_axes
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 
@@ -31,13 +32,16 @@ def snapshot(
     antialiased: bool,
     time: Float[Tensor, ""] | None = None,
 ) -> Snapshot:
-    """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU."""
+    """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU.
+
+    Splats that a model gives by covariances get quaternions and scales.
+    """
     world = transform_splats(_on_cpu(model.splats(time)), scene.world_from_scene)
     finite = torch.stack(
         [tensor.flatten(1).isfinite().all(1) for tensor in _by_row(world)], dim=1
     ).all(1)
     kept = finite.nonzero()[:, 0]
-    content = SplatFile(_select(world, kept), antialiased=antialiased, up=scene.up)
+    content = SplatFile(with_axes(_select(world, kept)), antialiased=antialiased, up=scene.up)
     return Snapshot(content, len(finite) - len(kept))
 
 

@@ -142,7 +142,9 @@ class AdaptiveDensityControl(DensityStrategy):
         cloned, split = (grows & ~large).nonzero()[:, 0], (grows & large).nonzero()[:, 0]
         if len(cloned) or len(split):
             children = _joined(
-                model, model.clone_rows(cloned), model.split_rows(split, COPIES, generator)
+                model,
+                model.clone_rows(cloned, generator),
+                model.split_rows(split, COPIES, generator),
             )
             table.edit(~(grows & large), children)
         born = torch.zeros(len(cloned) + COPIES * len(split), device=table.device)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 from torch import Tensor
 
 from gsfw.core.batch import Batch
@@ -20,7 +20,7 @@ from gsfw.datamanagers.pictures import Picture
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
-from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays
+from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays, show_change
 from gsfw.datamanagers.synthetic.stage import Solid, Stage, solids
 from gsfw.datamanagers.synthetic.tracks import Marks, Tracks
 
@@ -44,7 +44,7 @@ class SyntheticData(DataManager):
     def __init__(self, config: SyntheticConfig, request: DataRequest) -> None:
         self._config = config
         self._solids = solids(config.seed)
-        world = {
+        self._world = world = {
             Split.TRAIN: self._cameras(config.views, 0.0, request.downscale),
             Split.EVAL: self._cameras(config.eval_views, HELD_OUT, request.downscale),
         }
@@ -103,7 +103,7 @@ class SyntheticData(DataManager):
             for index, camera in enumerate(world)
         ]
         names = tuple(f"{split.value}_{index:03d}" for index in range(len(world)))
-        return Views(names, tuple(cameras))
+        return Views(names, tuple(cameras), "cameras of their own")
 
     @property
     def scene(self) -> Scene:
@@ -121,6 +121,15 @@ class SyntheticData(DataManager):
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:
         """Start sending them to a GPU."""
         self._loader.prefetch(split, indices)
+
+    def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
+        """Where a view's camera sees a solid that moves, deforms or vanishes, at any time."""
+        if not self._config.moving:
+            return None
+        times = [number / (self._config.times - 1) for number in range(self._config.times)]
+        with one_thread():
+            stages = [Stage(self._solids, time) for time in times]
+            return show_change(stages, self._world[split][index])
 
     def close(self) -> None:
         """Free the pictures."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
@@ -72,6 +72,23 @@ def photograph(stage: Stage, camera: Cameras) -> UInt8[Tensor, "h w 4"]:
     straight = premultiplied[:3] / alpha.clamp_min(1e-6)
     pixels = (torch.cat([straight, alpha]) * 255).round().to(torch.uint8)
     return pixels.permute(1, 2, 0).contiguous()
+
+
+def show_change(stages: Sequence[Stage], camera: Cameras) -> Bool[Tensor, "h w 1"]:
+    """The pixels whose centre shows a solid that changes over time, in any of the stages.
+
+    Not only where such a solid is now: also where it has been or will be. Its shadow and its
+    mirror image do not count.
+    """
+    y, x = torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5
+    grid_y, grid_x = torch.meshgrid(y, x, indexing="ij")
+    origin, directions = rays(camera, torch.stack([grid_x, grid_y]).view(2, -1))
+    shown = torch.zeros_like(directions[0], dtype=torch.bool)
+    for stage in stages:
+        # The last entry answers for rays that meet nothing, whose index is -1.
+        changes = torch.tensor([*(solid.changes for solid in stage.solids), False])
+        shown |= changes[stage.trace(origin, directions).solid]
+    return shown.view(camera.height, camera.width, 1)
 
 
 def _strip(stage: Stage, camera: Cameras, first: int, last: int) -> Float[Tensor, "4 r w"]:

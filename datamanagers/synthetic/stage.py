@@ -46,6 +46,11 @@ class Solid:
         """Whether it is there at a time."""
         return self.present[0] <= time <= self.present[1]
 
+    @property
+    def changes(self) -> bool:
+        """Whether it ever moves, deforms, appears or vanishes."""
+        return not isinstance(self.motion, Still) or self.present != (0.0, 1.0)
+
 
 def solids(seed: int) -> tuple[Solid, ...]:
     """The scene: a disc at z = 0, and what stands on it; ``seed`` draws the noise of textures."""

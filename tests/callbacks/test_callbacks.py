@@ -136,3 +136,33 @@ def test_time_left_is_counted_from_the_steps_that_remain():
     assert _duration(59.6) == "1:00"
     assert _duration(3725.0) == "1:02:05"
     assert math.isfinite(SUMMARY["psnr"])
+
+
+def dynamic_evaluation() -> Evaluation:
+    curve = tuple({"time": t, "data_time": t, "views": 1, "psnr": 30.0 + t} for t in (0.0, 1.0))
+    return Evaluation((), (), 1.0, {"psnr": 30.5}, curve, {"moving_region": "masks"})
+
+
+def test_an_evaluation_over_time_leaves_a_plot_and_says_which_step_it_is_of(tmp_path):
+    results, control = Results(), Control()
+    results.on_start(info(tmp_path), control)
+    for step in (10, 20):
+        results.on_evaluation(step, dynamic_evaluation(), control)
+    results.close()
+    folder = RunFolder(tmp_path).evaluations
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "step_000000010.json", "step_000000010_over_time.png",
+        "step_000000020.json", "step_000000020_over_time.png",
+    ]  # fmt: skip
+    early, last = (json.loads((folder / f"step_0000000{s}.json").read_text()) for s in (10, 20))
+    assert early["protocol"]["checkpoint"] == "after step 10 of 20"
+    assert "checkpoint" not in last["protocol"]
+    assert early["moving_region"] == "masks"
+    assert [point["psnr"] for point in early["over_time"]] == [30.0, 31.0]
+
+
+def test_lists_of_the_summary_are_left_out_of_the_log(tmp_path):
+    play(Log(), tmp_path, summary={**SUMMARY, "over_time": [{"psnr": 30.0}]})
+    said = RunFolder(tmp_path).log.read_text()
+    assert "ended at step 20" in said
+    assert "over_time" not in said

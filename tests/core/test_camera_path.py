@@ -4,7 +4,7 @@ import pytest
 import torch
 from scenes import front_camera
 
-from gsfw.core.camera_path import look_at, orbit, up_direction, viewing_center
+from gsfw.core.camera_path import at_times, look_at, orbit, up_direction, viewing_center
 from gsfw.core.cameras import Cameras
 
 
@@ -67,3 +67,17 @@ def test_an_orbit_goes_no_further_than_the_cameras_stood():
 def test_a_single_camera_has_an_orbit_that_stays_where_it_is():
     path = orbit(front_camera(dtype=torch.float64), 4)
     torch.testing.assert_close(path.centers, path.centers[:1].expand(4, 3))
+
+
+def test_a_single_camera_stands_still_while_time_passes():
+    cameras = at_times(front_camera(), [0.0, 0.25, 1.0])
+    assert cameras.time.tolist() == [0.0, 0.25, 1.0]
+    assert cameras.time.dtype == cameras.world_to_camera.dtype
+    assert len(cameras.world_to_camera.unique(dim=0)) == 1
+
+
+def test_each_camera_of_a_path_gets_its_own_time():
+    path = orbit(ring(torch.zeros(3, dtype=torch.float64)), 3)
+    cameras = at_times(path, [0.0, 0.5, 1.0])
+    assert cameras.time.tolist() == [0.0, 0.5, 1.0]
+    assert torch.equal(cameras.world_to_camera, path.world_to_camera)

@@ -53,6 +53,13 @@ def test_quaternions_and_rotation_matrices_agree(seed):
     assert torch.allclose(matrix_of(quat), rotation(seed))
 
 
+def test_many_rotation_matrices_have_the_quaternions_of_each():
+    matrices = torch.stack([rotation(seed) for seed in range(8)])
+    expected = torch.stack([quaternion_of(matrix) for matrix in matrices])
+    assert torch.equal(quaternion_of(matrices), expected)
+    assert quaternion_of(matrices[:0]).shape == (0, 4)
+
+
 def test_half_turns_have_a_quaternion_too():
     for axis in range(3):
         half = -torch.eye(3, dtype=torch.float64)

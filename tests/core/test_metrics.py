@@ -7,6 +7,8 @@ import torch
 
 from gsfw.core.metrics import PSNR_MAX, Psnr, Ssim, psnr
 from gsfw.core.ssim import ssim
+from gsfw.plugins.compose import choose_operators
+from gsfw.plugins.registry import installed
 
 
 def test_psnr_of_a_known_error():
@@ -36,4 +38,15 @@ def test_ssim_is_that_of_the_loss_with_the_rendered_picture_clamped():
     rendered = 2 * torch.rand(12, 15, 3, generator=generator) - 0.5
     target = torch.rand(12, 15, 3, generator=generator)
     expected = float(ssim(rendered.clamp(0, 1)[None], target[None]))
-    assert Ssim()(rendered, target, None) == expected
+    assert Ssim()(rendered, target, None) == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("valid", [False, True])
+def test_ssim_of_native_operators_is_that_of_torch(valid):
+    generator = torch.Generator().manual_seed(1)
+    rendered = 2 * torch.rand(33, 41, 3, generator=generator) - 0.5
+    target = torch.rand(33, 41, 3, generator=generator)
+    mask = torch.rand(33, 41, 1, generator=generator) > 0.6 if valid else None
+    set_of_device = choose_operators(installed(), torch.device("cpu"))
+    found = Ssim(set_of_device)(rendered, target, mask)
+    assert found == pytest.approx(Ssim()(rendered, target, mask), abs=1e-6)

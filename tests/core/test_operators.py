@@ -62,6 +62,20 @@ def test_missing_neighbors_are_infinitely_far():
     assert distances.tolist() == [[float("inf")] * 3]
 
 
+def test_neighbors_are_the_nearest_rows_in_any_dimension():
+    generator = torch.Generator().manual_seed(0)
+    points = torch.randn(60, 4, generator=generator)
+    distances = torch.cdist(points, points).fill_diagonal_(torch.inf)
+    assert torch.equal(Operators().neighbors(points, 5), distances.argsort(dim=1)[:, :5])
+
+
+def test_neighbors_of_points_that_coincide_are_others_and_missing_ones_the_point_itself():
+    rows = Operators().neighbors(torch.zeros(6, 4), 3)
+    assert not bool((rows == torch.arange(6)[:, None]).any())
+    assert Operators().neighbors(torch.zeros(1, 3), 3).tolist() == [[0, 0, 0]]
+    assert Operators().neighbors(torch.tensor([[0.0], [1.0]]), 2).tolist() == [[1, 0], [0, 1]]
+
+
 def test_one_step_of_adam_by_hand():
     values = torch.tensor([1.0, -2.0], dtype=torch.float64)
     moments = AdamMoments.zeros_like(values)

@@ -1,9 +1,12 @@
 """The ``blender`` format."""
 
+import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 from small_captures import (
     FOCAL,
     HEIGHT,
@@ -138,3 +141,104 @@ def test_a_folder_without_training_file_is_refused(tmp_path):
 def test_focal_lengths_are_those_of_the_file(tmp_path):
     intrinsics = build(write(tmp_path)).views(Split.TRAIN).cameras[0].intrinsics[0]
     assert (intrinsics[0, 0], intrinsics[1, 1]) == FOCAL
+
+
+def dnerf(folder, masks=False):
+    """A data set as D-NeRF's: one camera that is carried around, other times in each split."""
+    write(folder, ("train", "test", "val"), times=[0.0, 0.5, 1.0, 0.25, 0.75, 0.0])
+    if masks:
+        content = json.loads((folder / "transforms_test.json").read_text())
+        content["frames"][0]["motion_mask_path"] = "masks/r_3"
+        (folder / "transforms_test.json").write_text(json.dumps(content))
+    return folder
+
+
+def test_every_view_of_dnerf_has_its_time_in_its_split(tmp_path):
+    test, val = build(dnerf(tmp_path)), build(tmp_path, "val")
+    assert test.views(Split.TRAIN).times == val.views(Split.TRAIN).times == (0.0, 0.5, 1.0)
+    assert (test.views(Split.EVAL).times, val.views(Split.EVAL).times) == ((0.25,), (0.75,))
+    assert test.scene.is_dynamic
+    assert (test.scene.time_range, test.scene.num_times) == ((0.0, 1.0), 5)
+    (batch,) = test.load(Split.EVAL, [0], CPU)
+    assert float(batch.time) == 0.25
+    assert test.views(Split.EVAL).origin == "the data set's own split"
+
+
+def test_seconds_are_kept_beside_the_normalised_times(tmp_path):
+    write(tmp_path, ("train", "test"), times=[2.0, 4.0, 12.0, 7.0, 0.0, 0.0])
+    data = build(tmp_path)
+    assert data.scene.time_range == (2.0, 12.0)
+    assert data.views(Split.EVAL).times == (0.5,)
+
+
+def test_a_rig_that_stands_still_has_a_camera_for_each_pose(tmp_path):
+    moments = [(pose, time) for pose in (0, 1) for time in (0.0, 0.5, 1.0)]
+    for split, members in (("train", moments), ("test", [(2, 0.0), (2, 1.0)])):
+        part = replace(
+            ring(3),
+            poses=[ring(3).poses[pose] for pose, _ in members],
+            names=[f"cam{pose:02d}/{time}.png" for pose, time in members],
+        )
+        for name in part.names:
+            write_picture(tmp_path / name)
+        settings = [{"time": time} for _, time in members]
+        write_transforms(tmp_path / f"transforms_{split}.json", part, settings)
+    data = build(tmp_path)
+    found = [
+        (int(camera.camera_index[0]), float(camera.time[0]))
+        for split in Split
+        for camera in data.views(split).cameras
+    ]
+    assert found == [(pose, time) for pose, time in moments] + [(2, 0.0), (2, 1.0)]
+
+
+def test_masks_of_what_moves_are_for_evaluation_only(tmp_path):
+    dnerf(tmp_path, masks=True)
+    values = np.zeros((HEIGHT, WIDTH), np.uint8)
+    values[10, 20] = 1
+    (tmp_path / "masks").mkdir()
+    Image.fromarray(values).save(tmp_path / "masks" / "r_3.png")
+    data = build(tmp_path)
+    mask = data.moving_mask(Split.EVAL, 0)
+    assert mask.nonzero().tolist() == [[10, 20, 0]]
+    assert data.moving_mask(Split.TRAIN, 0) is None
+    (batch,) = data.load(Split.EVAL, [0], CPU)
+    assert batch.mask is None
+    # A smaller pixel moves where any of the pixels beneath it does.
+    small = build(tmp_path, downscale=2.0).moving_mask(Split.EVAL, 0)
+    assert small.nonzero().tolist() == [[5, 10, 0]]
+
+
+def test_a_mask_that_is_named_has_to_be_there_and_to_fit(tmp_path):
+    dnerf(tmp_path, masks=True)
+    with pytest.raises(DataError) as error:
+        build(tmp_path)
+    assert str(error.value) == (
+        f"{tmp_path}/transforms_test.json: frame test/r_3: its mask masks/r_3 is not on disk.\n"
+        "Put it there, or remove motion_mask_path to let evaluation find what moves itself."
+    )
+    write_picture(tmp_path / "masks" / "r_3.png", 5, 4)
+    with pytest.raises(DataError) as error:
+        build(tmp_path).moving_mask(Split.EVAL, 0)
+    assert str(error.value).startswith(f"{tmp_path}/masks/r_3.png: the mask is 5x4 pixels, its ")
+
+
+@pytest.mark.parametrize(
+    ("name", "train", "held", "times", "cameras"),
+    [
+        ("robot", 100, 20, 120, 1),
+        ("mujoco_collision", 108, 21, 150, 12),
+        ("mujoco_deformation", 126, 27, 180, 12),
+        ("mujoco_texture", 108, 21, 150, 12),
+        ("garden_robot_mv", 216, 24, 24, 10),
+    ],
+)
+def test_real_data_of_this_format_is_read(shared_data, name, train, held, times, cameras):
+    data = build(shared_data / "dynamic" / name)
+    assert (len(data.views(Split.TRAIN)), len(data.views(Split.EVAL))) == (train, held)
+    assert data.scene.num_times == times
+    assert data.scene.time_range == (0.0, 1.0)
+    found = {int(c.camera_index[0]) for split in Split for c in data.views(split).cameras}
+    assert len(found) == cameras
+    for split in Split:
+        assert all(0 <= time <= 1 for time in data.views(split).times)

@@ -7,7 +7,13 @@ import pytest
 import torch
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.frames import Frame, Lens, data_folder, missing_pictures
+from gsfw.datamanagers.frames import (
+    Frame,
+    Lens,
+    data_folder,
+    missing_pictures,
+    number_cameras,
+)
 from gsfw.datamanagers.pictures import Header
 
 LENS = Lens(70.0, 72.0, 31.0, 25.5, 64, 48, "camera 1 of cameras.bin")
@@ -93,3 +99,29 @@ def test_pictures_shrunk_by_a_whole_number_may_be_rounded_either_way(width, heig
     camera = frame(width, height).camera_at(1.0)
     assert (camera.width, camera.height) == (width, height)
     assert float(camera.intrinsics[0, 0, 2]) == pytest.approx(31.0 * width / 64)
+
+
+def placed(distance: float, time: float | None, lens: Lens = LENS) -> Frame:
+    pose = torch.eye(4).double()
+    pose[2, 3] = distance
+    return replace(frame(64, 48), world_to_camera=pose, time=time, lens=lens)
+
+
+def cameras(*frames: Frame) -> list[int]:
+    return [numbered.camera for numbered in number_cameras(frames)]
+
+
+def test_frames_of_one_lens_are_of_one_camera_that_is_moved():
+    other = replace(LENS, fx=80.0)
+    assert cameras(placed(1, None), placed(2, None, other), placed(3, None)) == [0, 1, 0]
+    # Monocular: at no two times is the camera at the same place.
+    assert cameras(placed(1, 0.0), placed(2, 0.5), placed(3, 1.0)) == [0, 0, 0]
+
+
+def test_cameras_that_stand_still_over_time_are_told_apart_by_where_they_are():
+    frames = [placed(distance, time) for distance in (1, 2, 3) for time in (0.0, 0.5)]
+    assert cameras(*frames, placed(4, 0.5)) == [0, 0, 1, 1, 2, 2, 3]
+
+
+def test_a_picture_that_is_there_twice_does_not_make_a_rig():
+    assert cameras(placed(1, 0.5), placed(1, 0.5), placed(2, 1.0)) == [0, 0, 0]

@@ -10,7 +10,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
-from gsfw.datamanagers.synthetic.dome import dome
+from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
 from gsfw.datamanagers.synthetic.motion import Still
 from gsfw.datamanagers.synthetic.raycast import photograph, project, rays
 from gsfw.datamanagers.synthetic.shapes import Box, Cone, Cylinder, Sphere
@@ -308,3 +308,21 @@ def test_data_given_to_the_built_in_scene_is_refused():
         "datamanager=synthetic is built in and reads no data, but data=somewhere.\n"
         "Leave out data, or leave out datamanager to have the format recognised."
     )
+
+
+def test_the_moving_mask_holds_all_that_moving_solids_ever_cover(moving, static):
+    assert static.moving_mask(Split.EVAL, 0) is None
+    camera = dome(2, HELD_OUT, 32, 24, 0).select([1])
+    over_time = [photograph(Stage(solids(0), time), camera) for time in (0.0, 0.5, 1.0)]
+    alpha = torch.stack(over_time)[..., 3].int()
+    mask = moving.moving_mask(Split.EVAL, 1)[..., 0]
+    # Shadows do not change what is covered, so all that does is a solid that moves.
+    assert bool(mask[alpha.amax(0) - alpha.amin(0) == 255].all())
+    assert 0.05 < float(mask.double().mean()) < 0.4
+    # At every time the same: also where a solid has been, and where it will be.
+    assert torch.equal(mask, moving.moving_mask(Split.EVAL, 1)[..., 0])
+
+
+def test_solids_that_move_deform_appear_or_vanish_change():
+    changing = {solid.name for solid in solids(0) if solid.changes}
+    assert changing == {"crate", "ball", "drop", "pebble", "cone"}
