@@ -15,5 +15,26 @@ def gsfw_methods() -> list[Spec]:
             "gsfw.methods.static_gaussians.config:StaticGaussiansConfig",
             paper="Kerbl et al. 2023",
             tags=frozenset({"static"}),
-        )
+        ),
+        Spec(
+            "spacetime",
+            "Gaussians on polynomial paths that come and go in time",
+            "gsfw.methods.spacetime.config:SpacetimeConfig",
+            paper="Li et al. 2024",
+            tags=frozenset({"dynamic"}),
+        ),
+        Spec(
+            "4d-rotor",
+            "Gaussians of space and time, sliced at an instant",
+            "gsfw.methods.sliced_gaussians.config:SlicedGaussiansConfig",
+            paper="Duan et al. 2024",
+            tags=frozenset({"dynamic"}),
+        ),
+        Spec(
+            "4dgs",
+            "canonical Gaussians that a field of space and time deforms",
+            "gsfw.methods.deformation.config:DeformationConfig",
+            paper="Wu et al. 2024",
+            tags=frozenset({"dynamic"}),
+        ),
     ]

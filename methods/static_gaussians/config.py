@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.core.config import MethodConfig, OptimConfig, steps_field
@@ -65,16 +66,8 @@ class StaticGaussiansOptim(OptimConfig):
 
 
 @dataclass
-class StaticGaussiansConfig(MethodConfig):
-    """Static 3D Gaussians (Kerbl et al. 2023)."""
-
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "fast": {"steps": 7_000, "sh_degree": 2},
-        "default": {},
-        "high": {"strategy": "mcmc", "strategy.cap_max": 2_000_000},
-    }
-    """fast: a quarter of the steps, every schedule in proportion, and 27 instead of 48 colour
-    coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
+class GaussiansConfig(MethodConfig):
+    """What every method that begins with 3D Gaussians sets: colours, loss, and how they start."""
 
     sh_degree: int = 3
     """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""
@@ -88,15 +81,7 @@ class StaticGaussiansConfig(MethodConfig):
     """Size at the start, times the mean distance to the three nearest points."""
     random_points: int = 100_000
     """Splats to start from when they start at random."""
-    ignore_time: bool = False
-    """Train on a capture of several times as if it were of one; what moves becomes blurred."""
     optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
-
-    def build(self) -> Method:
-        """The method."""
-        from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
-
-        return StaticGaussiansMethod(self)
 
     def check(self) -> None:
         """Check the values every run has, and this method's own.
@@ -117,6 +102,36 @@ class StaticGaussiansConfig(MethodConfig):
             "init_scale": (self.init_scale > 0, "a number above 0"),
             "random_points": (self.random_points >= 1, "a number of at least 1"),
         }
+        self.expect(expectations)
+
+    def expect(self, expectations: Mapping[str, tuple[bool, str]]) -> None:
+        """Check settings: by dotted key, whether it is as expected, and what that is.
+
+        Raises:
+            ConfigError: naming the first that is not.
+        """
         for key, (fulfilled, expected) in expectations.items():
             if not fulfilled:
-                raise ConfigError(f"{key}={getattr(self, key)}: expected {expected}.")
+                raise ConfigError(f"{key}={attrgetter(key)(self)}: expected {expected}.")
+
+
+@dataclass
+class StaticGaussiansConfig(GaussiansConfig):
+    """Static 3D Gaussians (Kerbl et al. 2023)."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "fast": {"steps": 7_000, "sh_degree": 2},
+        "default": {},
+        "high": {"strategy": "mcmc", "strategy.cap_max": 2_000_000},
+    }
+    """fast: a quarter of the steps, every schedule in proportion, and 27 instead of 48 colour
+    coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
+
+    ignore_time: bool = False
+    """Train on a capture of several times as if it were of one; what moves becomes blurred."""
+
+    def build(self) -> Method:
+        """The method."""
+        from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
+
+        return StaticGaussiansMethod(self, self.ignore_time)

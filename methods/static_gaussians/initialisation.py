@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.errors import DataError
@@ -43,19 +43,25 @@ def usable_points(
     scene: Scene,
 ) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"], dict[str, int]]:
     """The scene's points to start from, their colours, and how many were left out, by reason."""
-    points, colors = scene.points, scene.point_colors
+    rows, dropped = usable_rows(scene)
+    return scene.points[rows], scene.point_colors[rows], dropped
+
+
+def usable_rows(scene: Scene) -> tuple[Int[Tensor, " p"], dict[str, int]]:
+    """Which of the scene's points to start from, and how many were left out, by reason."""
+    rows = torch.arange(len(scene.points))
     dropped: dict[str, int] = {}
 
     def keep(chosen: Tensor, reason: str) -> None:
-        nonlocal points, colors
-        if chosen.sum() < len(points):
-            dropped[reason] = len(points) - int(chosen.sum())
-            points, colors = points[chosen], colors[chosen]
+        nonlocal rows
+        if chosen.sum() < len(rows):
+            dropped[reason] = len(rows) - int(chosen.sum())
+            rows = rows[chosen]
 
-    keep(points.isfinite().all(1) & colors.isfinite().all(1), "not finite")
-    keep(_first_of_each(points), "a copy of another")
-    keep(_clear_of_cameras(points, scene), "at a camera")
-    return points, colors, dropped
+    keep(scene.points.isfinite().all(1) & scene.point_colors.isfinite().all(1), "not finite")
+    keep(_first_of_each(scene.points[rows]), "a copy of another")
+    keep(_clear_of_cameras(scene.points[rows], scene), "at a camera")
+    return rows, dropped
 
 
 def _first_of_each(points: Float[Tensor, "p 3"]) -> Tensor:

@@ -31,7 +31,7 @@ from gsfw.methods.static_gaussians.initialisation import (
 from gsfw.methods.static_gaussians.model import GaussianParameters, StaticGaussians
 
 if TYPE_CHECKING:
-    from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
+    from gsfw.methods.static_gaussians.config import GaussiansConfig
 
 RANDOM_COST = (
     "This costs quality (built-in scene, 2000 steps and splats: 0.6 dB with strategy=adc, 3.7 dB "
@@ -43,8 +43,9 @@ RANDOM_COST = (
 class StaticGaussiansMethod(Method):
     """L1 and SSIM, a growing SH degree, and Gaussians that stay where they are in time."""
 
-    def __init__(self, config: StaticGaussiansConfig) -> None:
+    def __init__(self, config: GaussiansConfig, ignore_time: bool = False) -> None:
         self._config = config
+        self._ignore_time = ignore_time
         self._first_degree = 0
 
     def check_scene(self, scene: Scene) -> None:
@@ -53,7 +54,7 @@ class StaticGaussiansMethod(Method):
         Raises:
             ConfigError: saying what to do instead.
         """
-        if scene.is_dynamic and not self._config.ignore_time:
+        if scene.is_dynamic and not self._ignore_time:
             raise ConfigError(
                 f"method '3dgs' is for static scenes, and {scene.name!r} was captured at "
                 f"{scene.num_times} different times.",
@@ -75,7 +76,7 @@ class StaticGaussiansMethod(Method):
         if self._config.init not in (AUTO, "points", "random"):
             return tuple(notes)
         points, _, dropped = usable_points(scene)
-        if self._starts_at_random(points):
+        if self.starts_at_random(points):
             why = "init=random" if self._config.init == "random" else "there are no points to use"
             notes.append(
                 f"Starting from {self._config.random_points} random splats ({why}). {RANDOM_COST}"
@@ -84,7 +85,8 @@ class StaticGaussiansMethod(Method):
             notes += [f"Left out {n} initial points: {why}." for why, n in dropped.items()]
         return tuple(notes)
 
-    def _starts_at_random(self, points: Tensor) -> bool:
+    def starts_at_random(self, points: Tensor) -> bool:
+        """Whether these usable points are not what a start without a file is made of."""
         return self._config.init == "random" or len(points) == 0
 
     def build_model(
@@ -109,7 +111,7 @@ class StaticGaussiansMethod(Method):
     ) -> GaussianParameters:
         config = self._config
         points, colors, _ = usable_points(scene)
-        if self._starts_at_random(points):
+        if self.starts_at_random(points):
             points, colors = random_points(scene, config.random_points, generator)
         return from_points(
             points,

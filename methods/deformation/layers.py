@@ -1,0 +1,35 @@
+"""Layers that are drawn from a generator, so that the same seed gives the same network."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn.utils import skip_init
+
+
+def linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
+    """A linear layer with the weights of Glorot and Bengio 2010, and biases as torch draws them."""
+    layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)
+    _fill(layer.weight, math.sqrt(6 / (inputs + outputs)), generator)
+    _fill(layer.bias, 1 / math.sqrt(inputs), generator)
+    return layer
+
+
+def zero_linear(inputs: int, outputs: int) -> nn.Linear:
+    """A linear layer whose output is zero until it has been trained."""
+    layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)
+    nn.init.zeros_(layer.weight)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+@torch.no_grad()
+def _fill(tensor: Tensor, bound: float, generator: torch.Generator) -> None:
+    tensor.copy_(uniform(tuple(tensor.shape), -bound, bound, generator))
+
+
+def uniform(shape: tuple[int, ...], low: float, high: float, generator: torch.Generator) -> Tensor:
+    """Numbers between ``low`` and ``high``."""
+    return low + (high - low) * torch.rand(shape, generator=generator)

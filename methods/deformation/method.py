@@ -1,0 +1,142 @@
+"""Method 4dgs: Gaussians in a canonical space, and a field that deforms them over time.
+
+Wu et al. 2024, "4D Gaussian Splatting for Real-Time Dynamic Scene Rendering"; Yang et al. 2024,
+"Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene Reconstruction" (encoder mlp);
+Mueller et al. 2022 (encoder hash). A coarse phase trains static Gaussians, a fine one the field
+with them (section 5 of Wu et al.).
+
+Where we differ from the released code of Wu et al.: the field begins as the identity; learning
+rates of Gaussians and optimizer state go on through the change of phase; opacities are not reset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError
+from gsfw.core.method import Method
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
+from gsfw.core.optimizer import Optimizer
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
+from gsfw.methods.deformation.box import SpaceBox
+from gsfw.methods.deformation.decoder import Decoder
+from gsfw.methods.deformation.encoder import Encoder
+from gsfw.methods.deformation.field import DeformationField
+from gsfw.methods.deformation.frequency import FrequencyMlp
+from gsfw.methods.deformation.hash_grid import HashGrid
+from gsfw.methods.deformation.hexplane import HexPlane
+from gsfw.methods.deformation.model import DeformedGaussians
+from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
+from gsfw.methods.static_gaussians.model import StaticGaussians
+
+if TYPE_CHECKING:
+    from gsfw.methods.deformation.config import DeformationConfig
+
+MAX_TIMES = 100
+"""Most cells along time when they follow from the capture (Wu et al. 2024 have 25 to 150)."""
+COARSE, FINE = "coarse", "fine"
+
+
+class DeformationMethod(Method):
+    """Static Gaussians for the coarse steps; then these and the field, together."""
+
+    def __init__(self, config: DeformationConfig) -> None:
+        self._config = config
+        self._static = StaticGaussiansMethod(config)
+
+    def check_scene(self, scene: Scene) -> None:
+        """Refuse captures of one time, and init=points where there are none.
+
+        Raises:
+            ConfigError: saying what to do instead.
+        """
+        if not scene.is_dynamic:
+            raise ConfigError(
+                f"method '4dgs' is for scenes that move, and {scene.name!r} was captured at one "
+                "time, or its images have no times.",
+                "Use method=3dgs, or give every image its time (gsfw info DATA shows what is read "
+                "of it).",
+            )
+        self._static.check_scene(_frozen(scene))
+
+    def notes(self, scene: Scene) -> tuple[str, ...]:
+        """How the start differs from what one may expect."""
+        return self._static.notes(_frozen(scene))
+
+    def build_model(
+        self,
+        scene: Scene,
+        operators: Operators,
+        generator: torch.Generator,
+        initial: Splats | None,
+    ) -> DeformedGaussians:
+        """Canonical Gaussians as method 3dgs begins with, and a field around them."""
+        config = self._config
+        canonical = self._static.build_model(scene, operators, generator, initial)
+        box = SpaceBox(canonical.means.values.detach(), scene.extent)
+        encoder = _encoder(config, scene.num_times, generator)
+        field = DeformationField(box, encoder, _decoder(config, encoder, canonical, generator))
+        return DeformedGaussians(canonical, field, config.optim.field_rates(config.coarse_steps))
+
+    def losses(self, context: StepContext) -> Mapping[str, Tensor]:
+        """The mean absolute difference, and 1 - SSIM by the weight that it is given."""
+        return self._static.losses(context)
+
+    def phase(self, step: int) -> str:
+        """Coarse for the first ``coarse_steps``, then fine."""
+        return COARSE if step < self._config.coarse_steps else FINE
+
+    def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:
+        """Let the field and the SH degree follow the step."""
+        assert isinstance(model, DeformedGaussians)
+        model.deforming = self.phase(step) == FINE
+        self._static.prepare(step, model.canonical, optimizer)
+
+    def state_dict(self) -> dict[str, Any]:
+        """That of method 3dgs; the phase follows from the step."""
+        return self._static.state_dict()
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on with it."""
+        self._static.load_state_dict(state)
+
+
+def _frozen(scene: Scene) -> Scene:
+    """The scene as method 3dgs expects it: of one time."""
+    return replace(scene, num_times=0)
+
+
+def _encoder(config: DeformationConfig, num_times: int, generator: torch.Generator) -> Encoder:
+    """The chosen encoder, drawn."""
+    captured = min(max(num_times, 2), MAX_TIMES)
+    if config.encoder == "hexplane":
+        return HexPlane(config.hexplane, config.hexplane.times or captured, generator)
+    if config.encoder == "hash":
+        return HashGrid(config.hash, config.hash.times or captured, generator)
+    return FrequencyMlp(config.mlp, generator)
+
+
+def _decoder(
+    config: DeformationConfig,
+    encoder: Encoder,
+    canonical: StaticGaussians,
+    generator: torch.Generator,
+) -> Decoder:
+    """What decodes the features of that encoder."""
+    outputs = {"means": 3, "log_scales": 3, "quats": 4}
+    if config.deform_opacity:
+        outputs["opacity_logits"] = 1
+    if config.deform_sh:
+        outputs["sh"] = 3 * (canonical.degree + 1) ** 2
+    if config.encoder == "mlp":  # Its layers are the encoder's own, and its outputs are linear.
+        return Decoder(encoder.features, encoder.features, 0, outputs, generator)
+    sizes = config.hexplane if config.encoder == "hexplane" else config.hash
+    return Decoder(encoder.features, sizes.width, sizes.depth, outputs, generator)

@@ -1,0 +1,1 @@
+"""Method spacetime: Gaussians that move along polynomials, and come and go in time."""

@@ -1,0 +1,119 @@
+"""Settings of method spacetime; the defaults are those of Li et al. 2024."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.learning_rate import LearningRate
+from gsfw.methods.static_gaussians.config import GaussiansConfig, StaticGaussiansOptim
+
+if TYPE_CHECKING:
+    from gsfw.core.method import Method
+
+MAX_ORDER = 5
+"""Higher powers of a time within [-1, 1] are too much alike to be told apart."""
+
+
+@dataclass
+class SpacetimeOptim(StaticGaussiansOptim):
+    """Learning rates of the columns."""
+
+    motion_lr: float = 2.8e-4
+    """Rate of the motion's coefficients at the first step, times the scene's extent; it decays as
+    that of positions does."""
+    spins_lr: float = 1e-4
+    """Rate of the rates at which quaternions change."""
+    time_centers_lr: float = 1e-4
+    """Rate of the temporal centres, in sequences."""
+    log_durations_lr: float = 0.03
+    """Rate of the logarithms of the durations."""
+    features_lr: float = 2.5e-3
+    """Rate of the features that depend on the direction (colors=features)."""
+    feature_rates_lr: float = 1e-3
+    """Rate of the features that change with time (colors=features)."""
+    decoder_lr: float = 1e-4
+    """Rate of the network that decodes features (colors=features)."""
+
+    def learning_rates(self, extent: float) -> dict[str, LearningRate]:
+        """The rate of every column and of the decoder, by name."""
+        rates = super().learning_rates(extent)
+        decay = self.means_lr_final / self.means_lr if self.means_lr > 0 else 1.0
+        motion = LearningRate(
+            self.motion_lr * extent, self.motion_lr * extent * decay, self.means_lr_steps
+        )
+        return rates | {
+            "motion": motion,
+            "spins": LearningRate(self.spins_lr),
+            "time_centers": LearningRate(self.time_centers_lr),
+            "log_durations": LearningRate(self.log_durations_lr),
+            "features": LearningRate(self.features_lr),
+            "feature_rates": LearningRate(self.feature_rates_lr),
+            "decoder": LearningRate(self.decoder_lr),
+        }
+
+
+@dataclass
+class SpacetimeConfig(GaussiansConfig):
+    """Gaussians on polynomial paths with a temporal opacity (Li et al. 2024)."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "default": {"strategy.reset_every": 0},
+        "features": {"strategy.reset_every": 0, "colors": "features"},
+        "freetime": {
+            "motion_order": 1,
+            "spin": False,
+            "lifetime_reg": 1e-2,
+            "strategy": "mcmc",
+            "strategy.opacity_reg": 0.0,
+        },
+    }
+    """default: cubic paths, spherical harmonics, and no opacity resets, which hurt what moves;
+    features: the paper's full model, whose colours a network decodes; freetime: straight paths,
+    relocation, and opacities paid for by the time they are seen (FreeTimeGS, Wang et al. 2025)."""
+
+    motion_order: int = 3
+    """Degree of the polynomials along which splats move, 1 to 5."""
+    spin: bool = True
+    """Whether splats rotate too, by quaternions that are linear in time."""
+    colors: Literal["sh", "features"] = "sh"
+    """Spherical harmonics, or features that a network decodes on the screen (splat files then hold
+    the base colours, which are the same from everywhere)."""
+    init_duration: float = 0.7
+    """Standard deviation in time of every splat at the start, in sequences."""
+    lifetime_reg: float = 0.0
+    """Weight of the mean opacity of all splats at the time of a step (FreeTimeGS: 0.01)."""
+    optim: SpacetimeOptim = field(default_factory=SpacetimeOptim)
+
+    def build(self) -> Method:
+        """The method."""
+        from gsfw.methods.spacetime.method import SpacetimeMethod
+
+        return SpacetimeMethod(self)
+
+    def needs(self) -> Needs:
+        """Six channels besides the colours where features are drawn."""
+        needs = super().needs()
+        if self.colors == "sh":
+            return needs
+        return needs | Needs(features=frozenset({Feature.EXTRA}), channels=9)
+
+    def check(self) -> None:
+        """Check the values every run has, and this method's own.
+
+        Raises:
+            ConfigError: naming the key, what was expected, and what was given.
+        """
+        super().check()
+        self.expect(
+            {
+                "motion_order": (
+                    1 <= self.motion_order <= MAX_ORDER,
+                    f"a whole number from 1 to {MAX_ORDER}",
+                ),
+                "init_duration": (0 < self.init_duration <= 10, "a number above 0, at most 10"),
+                "lifetime_reg": (self.lifetime_reg >= 0, "a number of at least 0"),
+            }
+        )

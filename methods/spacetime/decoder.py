@@ -1,0 +1,53 @@
+"""FeatureDecoder: from what feature channels look like on the screen to colours.
+
+Li et al. 2024, splatted feature rendering: six channels besides the base colour are
+splatted, and a small network turns them and the ray of the pixel into what is added to that colour.
+We differ in two ways.
+What is added is multiplied by the coverage, and there is no sigmoid around the sum (as in the
+released code's variant without it), so that any background stays exactly what it is. The last
+layer begins at zero, so that training begins with the base colours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.render_output import RenderOutput
+from gsfw.methods.spacetime.rays import pixel_rays
+
+CHANNELS = 6
+"""Three for what depends on the direction, and three for what changes with time."""
+RAY = 6
+"""Origin and direction."""
+HIDDEN = 6
+"""Width of the hidden layer, as in the released code."""
+
+
+class FeatureDecoder(nn.Module):
+    """12 -> 6 -> 3 without biases: 90 weights for the whole scene."""
+
+    def __init__(self, generator: torch.Generator) -> None:
+        super().__init__()
+        inputs = CHANNELS + RAY
+        bound = inputs**-0.5
+        first = torch.rand(HIDDEN, inputs, generator=generator)
+        self.first = nn.Parameter(bound * (2.0 * first - 1.0))
+        self.second = nn.Parameter(torch.zeros(3, HIDDEN))
+
+    def correction(
+        self, features: Float[Tensor, "c h w e"], rays: Float[Tensor, "c h w 6"]
+    ) -> Float[Tensor, "c h w 3"]:
+        """What is added to the base colour where a pixel is covered."""
+        inputs = torch.cat([features, rays], dim=-1)
+        return (inputs @ self.first.T).relu() @ self.second.T
+
+    def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
+        """The picture with decoded colours; features are in ``output.extra``."""
+        assert output.extra is not None
+        added = self.correction(output.extra, pixel_rays(cameras).to(output.extra))
+        return replace(output, color=output.color + output.alpha * added)

@@ -1,0 +1,62 @@
+"""Where and when moving Gaussians start: at rest, and there for most of the sequence."""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.scene import Scene
+from gsfw.core.spherical_harmonics import dc_to_rgb
+from gsfw.methods.spacetime.model import MAX_DURATION, TemporalParameters
+from gsfw.methods.static_gaussians.initialisation import usable_rows
+from gsfw.methods.static_gaussians.model import StaticGaussians
+
+FRAMES_PER_DURATION = 4
+"""A duration is at least a quarter of the interval between two times: shorter ones learn single
+pictures by heart, and nothing holds them between."""
+
+
+def min_duration(scene: Scene) -> float:
+    """Shortest standard deviation in time, in sequences."""
+    return 1.0 / (FRAMES_PER_DURATION * max(scene.num_times - 1, 1))
+
+
+def random_centers(count: int, generator: torch.Generator) -> Float[Tensor, " n"]:
+    """Temporal centres spread over the sequence."""
+    return torch.rand(count, generator=generator)
+
+
+def point_centers(scene: Scene) -> Float[Tensor, " n"] | None:
+    """When each point that a model starts from was seen; ``None`` where that is not known."""
+    return None if scene.point_times is None else scene.point_times[usable_rows(scene)[0]]
+
+
+def at_rest(
+    canonical: StaticGaussians,
+    centers: Float[Tensor, " n"],
+    *,
+    duration: float,
+    order: int,
+    spin: bool,
+    features: bool,
+) -> TemporalParameters:
+    """Neither motion nor rotation yet; features begin as the colour, as in the released code.
+
+    Args:
+        canonical: the Gaussians at their temporal centres.
+        centers: in [0, 1].
+        duration: standard deviation in time, in sequences.
+        order: of the polynomials.
+        spin: whether quaternions are to change.
+        features: whether there are features to decode.
+    """
+    count = canonical.num_rows
+    colors = dc_to_rgb(canonical.sh_dc.values.detach()[:, 0])
+    return TemporalParameters(
+        centers=centers,
+        log_durations=torch.full((count,), min(duration, MAX_DURATION)).log(),
+        motion=torch.zeros(count, order, 3),
+        spins=torch.zeros(count, 4) if spin else None,
+        features=colors if features else None,
+    )

@@ -1,0 +1,82 @@
+"""Settings of method spacetime: defaults, presets and refusals."""
+
+import pytest
+
+from gsfw.core.capabilities import Feature
+from gsfw.core.config import step_settings
+from gsfw.core.errors import ConfigError
+from gsfw.methods.spacetime.config import SpacetimeConfig, SpacetimeOptim
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer, Settings, resolve
+
+
+def resolved(**values: object) -> Settings:
+    layer = Layer("command line", {"method": "spacetime", "device": "cpu", **values})
+    return resolve(installed(), [layer])
+
+
+def test_the_defaults_are_those_of_the_paper():
+    config = SpacetimeConfig()
+    assert (config.motion_order, config.spin, config.colors) == (3, True, "sh")
+    assert (config.steps, config.ssim_weight, config.lifetime_reg) == (30_000, 0.2, 0.0)
+    rates = config.optim.learning_rates(extent=2.0)
+    assert rates["motion"].at(0) == pytest.approx(1.75 * rates["means"].at(0))
+    assert rates["motion"].at(30_000) == pytest.approx(1.75 * rates["means"].at(30_000))
+    constant = {name: rate.initial for name, rate in rates.items() if rate.final is None}
+    assert constant == {
+        "log_scales": 5e-3, "quats": 1e-3, "opacity_logits": 5e-2, "sh_dc": 2.5e-3,
+        "sh_rest": 1.25e-4, "spins": 1e-4, "time_centers": 1e-4, "log_durations": 0.03,
+        "features": 2.5e-3, "feature_rates": 1e-3, "decoder": 1e-4,
+    }  # fmt: skip
+    assert step_settings(config)["optim.means_lr_steps"] == (30_000, 0)
+
+
+def test_positions_that_do_not_move_leave_motion_constant():
+    rates = SpacetimeOptim(means_lr=0.0).learning_rates(1.0)
+    assert rates["motion"].at(0) == rates["motion"].at(30_000) == pytest.approx(2.8e-4)
+
+
+def test_opacities_are_not_reset_unless_someone_asks():
+    assert resolved().flat()["strategy.reset_every"] == 0
+    assert resolved(preset="features").flat()["strategy.reset_every"] == 0
+    assert resolved(**{"strategy.reset_every": 3000}).flat()["strategy.reset_every"] == 3000
+
+
+def test_freetime_is_straight_paths_relocation_and_a_price_for_lasting():
+    flat = resolved(preset="freetime").flat()
+    assert (flat["motion_order"], flat["spin"], flat["lifetime_reg"]) == (1, False, 0.01)
+    assert (flat["strategy"], flat["strategy.opacity_reg"]) == ("mcmc", 0.0)
+
+
+def test_features_ask_for_nine_channels():
+    assert Feature.EXTRA not in SpacetimeConfig().needs().features
+    needs = SpacetimeConfig(colors="features").needs()
+    assert Feature.EXTRA in needs.features
+    assert Feature.SH in needs.features
+    assert needs.channels == 9
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"motion_order": 0}, "motion_order=0: expected a whole number from 1 to 5."),
+        ({"motion_order": 6}, "motion_order=6: expected a whole number from 1 to 5."),
+        ({"init_duration": 0.0}, "init_duration=0.0: expected a number above 0, at most 10."),
+        ({"lifetime_reg": -1.0}, "lifetime_reg=-1.0: expected a number of at least 0."),
+        ({"sh_degree": 5}, "sh_degree=5: expected a whole number from 0 to 4."),
+        (
+            {"optim": SpacetimeOptim(motion_lr=-1.0)},
+            "optim.motion_lr=-1: expected a finite number of at least 0.",
+        ),
+    ],
+)
+def test_values_out_of_range_are_refused(settings, message):
+    with pytest.raises(ConfigError) as caught:
+        SpacetimeConfig(**settings).check()
+    assert caught.value.message == message
+
+
+def test_other_colours_are_refused_with_the_ones_there_are():
+    with pytest.raises(ConfigError) as caught:
+        resolved(colors="grey")
+    assert "colors=grey: expected one of sh, features, found 'grey'." in str(caught.value)

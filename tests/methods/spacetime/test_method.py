@@ -1,0 +1,122 @@
+"""Method spacetime: refusals, notes, and where and when Gaussians start."""
+
+import pytest
+import torch
+from moving_splats import moving_scene
+from scenes import random_splats
+
+from gsfw.core.errors import ConfigError
+from gsfw.core.operators import Operators
+from gsfw.core.optimizer import Optimizer, OptimizerSettings
+from gsfw.methods.spacetime.config import SpacetimeConfig
+from gsfw.methods.spacetime.model import SpacetimeGaussians
+from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
+
+
+def start(scene=None, initial=None, **settings):
+    config = SpacetimeConfig(**settings)
+    method, seeded = config.build(), torch.Generator().manual_seed(config.seed)
+    model = method.build_model(scene or moving_scene(), Operators(), seeded, initial)
+    assert isinstance(model, SpacetimeGaussians)
+    return method, model
+
+
+def values(model, name: str) -> torch.Tensor:
+    return model.columns()[name].values.detach()
+
+
+@pytest.mark.parametrize("num_times", [0, 1])
+def test_a_capture_without_times_is_refused_with_advice(num_times):
+    with pytest.raises(ConfigError) as caught:
+        SpacetimeConfig().build().check_scene(moving_scene(num_times=num_times))
+    assert str(caught.value) == (
+        "method 'spacetime' is for captures of several times, and 'toy' has one.\n"
+        "Use method=3dgs. If the scene does move, its data have to say when each picture was "
+        'taken, such as by "time" in every frame of a transforms.json.'
+    )
+    SpacetimeConfig().build().check_scene(moving_scene())
+
+
+def test_points_that_are_not_there_cannot_be_asked_for():
+    with pytest.raises(ConfigError, match="init=points: 'toy' brings 0 points"):
+        SpacetimeConfig(init="points").build().check_scene(moving_scene(0))
+
+
+def test_a_random_start_says_so():
+    (note,) = SpacetimeConfig(random_points=50).build().notes(moving_scene(0))
+    assert note.startswith("Starting from 50 random splats (there are no points to use).")
+    assert SpacetimeConfig().build().notes(moving_scene()) == (), "times are nothing to be noted"
+
+
+def test_points_start_at_rest_for_most_of_the_sequence():
+    scene = moving_scene(500)
+    _, model = start(scene)
+    assert not values(model, "motion").any()
+    assert not values(model, "spins").any()
+    torch.testing.assert_close(values(model, "log_durations").exp(), torch.full((500,), 0.7))
+    centers = values(model, "time_centers")
+    assert float(centers.min()) < 0.05
+    assert float(centers.max()) > 0.95
+    assert float(centers.mean()) == pytest.approx(0.5, abs=0.05)
+    static = StaticGaussiansConfig(ignore_time=True).build()
+    still = static.build_model(scene, Operators(), torch.Generator(), None)
+    for name, column in still.columns().items():
+        assert torch.equal(values(model, name), column.values.detach()), name
+
+
+def test_points_whose_time_is_known_are_centred_there():
+    points, times = torch.rand(8, 3), torch.linspace(0, 1, 8)
+    points[3], points[5] = points[0], torch.nan
+    scene = moving_scene(points=points, point_colors=torch.rand(8, 3), point_times=times)
+    _, model = start(scene)
+    firsts, times_found = values(model, "means")[:, 0], values(model, "time_centers")
+    centers = dict(zip(firsts.tolist(), times_found.tolist(), strict=True))
+    assert model.num_rows == 6
+    for row in (0, 1, 2, 4, 6, 7):
+        assert centers[float(points[row, 0])] == pytest.approx(float(times[row]))
+
+
+@pytest.mark.parametrize("init", ["random", "auto"])
+def test_random_splats_have_random_times(init):
+    points = 30 if init == "random" else 0
+    scene = moving_scene(points, point_times=torch.full((points,), 0.5))
+    _, model = start(scene, init=init, random_points=100)
+    assert model.num_rows == 100
+    assert float(values(model, "time_centers").std()) > 0.2
+
+
+def test_a_file_is_started_from_at_its_own_degree():
+    method, model = start(initial=random_splats(7, degree=2), init="somewhere.ply")
+    assert model.num_rows == 7
+    assert len(values(model, "time_centers").unique()) == 7
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    method.prepare(0, model, optimizer)
+    assert model.canonical.active_degree == 2
+    method.prepare(2999, model, optimizer)
+    assert model.canonical.active_degree == 3
+    again = SpacetimeConfig().build()
+    again.load_state_dict(method.state_dict())
+    assert again.state_dict() == method.state_dict() == {"first_degree": 2}
+
+
+def test_features_begin_as_the_colours():
+    scene = moving_scene()
+    _, model = start(scene, colors="features")
+    torch.testing.assert_close(values(model, "features"), scene.point_colors)
+    assert not values(model, "feature_rates").any()
+    assert "sh_rest" not in model.columns()
+
+
+def test_what_is_not_asked_for_has_no_columns():
+    _, model = start(spin=False, motion_order=1)
+    assert set(model.columns()) - {"means", "quats", "log_scales", "opacity_logits"} == {
+        "sh_dc", "sh_rest", "time_centers", "log_durations", "motion",
+    }  # fmt: skip
+    assert values(model, "motion").shape == (30, 1, 3)
+
+
+def test_the_same_seed_gives_the_same_model():
+    first, again, other = (start(colors="features", seed=seed)[1] for seed in (1, 1, 2))
+    for name, value in first.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name])
+    assert not torch.equal(values(first, "time_centers"), values(other, "time_centers"))

@@ -1,0 +1,83 @@
+"""Whole runs of method spacetime on the built-in scene that moves."""
+
+import json
+from pathlib import Path
+
+import pytest
+from states import assert_same_bits
+
+from gsfw.commands.main import main
+from gsfw.core.run_folder import RunFolder, read_checkpoint
+
+MOVING = (
+    "device=cpu",
+    "datamanager.moving=true",
+    "datamanager.views=12",
+    "datamanager.times=4",
+    "datamanager.eval_views=2",
+    "datamanager.width=32",
+    "datamanager.height=24",
+    "datamanager.points=150",
+)
+
+SHORT = (
+    *("steps=30", "checkpoint_every=15", "eval_every=0"),
+    *("strategy.refine_start=4", "strategy.refine_every=10"),
+)
+
+
+def train(out: Path, *arguments: str) -> dict[str, float]:
+    assert main(["train", *MOVING, f"out={out}", *arguments]) == 0
+    figures: dict[str, float] = json.loads(RunFolder(out).summary.read_text())
+    return figures
+
+
+@pytest.mark.parametrize("preset", ["default", "features", "freetime"])
+def test_a_run_resumes_to_the_same_bits(tmp_path, preset):
+    arguments = ("method=spacetime", f"preset={preset}", *SHORT, "seed=3")
+    figures = train(tmp_path / "whole", *arguments)
+    assert figures["num_gaussians"] != 150, "rows must have been added or removed"
+    train(tmp_path / "parts", *arguments)
+    parts = RunFolder(tmp_path / "parts")
+    parts.checkpoint(30).unlink()
+    parts.summary.unlink()
+    assert main(["resume", str(parts.path)]) == 0
+    states = [
+        read_checkpoint(RunFolder(tmp_path / name).checkpoint(30)) for name in ("whole", "parts")
+    ]
+    for state in states:
+        del state["train_seconds"]
+    assert_same_bits(*states)
+
+
+def test_a_run_is_exported_at_any_time(tmp_path):
+    run = tmp_path / "run"
+    train(run, "method=spacetime", "steps=20")
+    assert RunFolder(run).splats.is_file()
+    written = []
+    for time in (0, 1):
+        out = tmp_path / f"at_{time}.ply"
+        assert main(["export", str(run), f"time={time}", f"out={out}"]) == 0
+        written.append(out.read_bytes())
+    assert written[0] != written[1]
+
+
+def test_views_of_one_time_share_a_step(tmp_path):
+    figures = train(tmp_path / "run", "method=spacetime", "steps=5", "sampler=same-time")
+    assert figures["skipped_steps"] == 0
+
+
+def test_data_without_times_are_refused_before_training(tmp_path, capsys):
+    arguments = ["train", "method=spacetime", f"out={tmp_path / 'run'}", "datamanager.views=2"]
+    arguments += ["datamanager.width=8", "datamanager.height=8", "datamanager.points=9"]
+    assert main(arguments) != 0
+    assert "method 'spacetime' is for captures of several times" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_scene_that_moves_is_drawn_better_than_as_if_it_stood_still(tmp_path):
+    settings = ("datamanager.views=24", "datamanager.width=48", "datamanager.height=36")
+    settings += ("datamanager.points=300", "datamanager.eval_views=4", "steps=600", "eval_every=0")
+    still = train(tmp_path / "still", "method=3dgs", "ignore_time=true", *settings)
+    moving = train(tmp_path / "moving", "method=spacetime", *settings)
+    assert moving["psnr"] > still["psnr"] + 1.5
