@@ -403,7 +403,7 @@ def test_figures_of_a_gpu_are_told_as_such(staged, workload, capsys):
 
 def test_a_round_is_measured_by_the_clock_of_a_gpu_as_well(staged, workload, capsys, monkeypatch):
     ticks = count()
-    monkeypatch.setattr(bench_device, "mark", lambda: float(next(ticks)))
+    monkeypatch.setattr(bench_device, "mark", lambda device: float(next(ticks)))
     monkeypatch.setattr(bench_device, "milliseconds", lambda begin, end: end - begin)
     monkeypatch.setattr(bench_timing, "wait_for", lambda device: None)
     monkeypatch.setattr(bench_round, "timings_on", GpuTimings)

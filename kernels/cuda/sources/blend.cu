@@ -121,7 +121,7 @@ __device__ __forceinline__ void finish_pixel(const BlendJob& job, const Pixel<T>
 /// Blocks that are to fit on a multiprocessor at once, which bounds their registers: told less, the
 /// compiler takes so few for RGB that it spills.
 template <class T, int CHANNELS>
-constexpr int RESIDENT_BLOCKS = sizeof(T) > 4 ? 1 : CHANNELS > 24 ? 2 : CHANNELS > 12 ? 3 : 4;
+constexpr int RESIDENT_BLOCKS = sizeof(T) > 4 ? 1 : CHANNELS > 8 ? 2 : CHANNELS > 4 ? 3 : 4;
 
 /// One block of 256 threads per tile; ``CHUNK`` is a multiple of 32.
 template <class T, int CHANNELS, int CHUNK, bool MEASURE>
