@@ -26,6 +26,7 @@ from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import Children, PrimitiveModel
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.splats import Splats
+from gsfw.methods.presence import Presence
 from gsfw.methods.sliced_gaussians.conditional import (
     Conditional,
     conditional,
@@ -33,7 +34,6 @@ from gsfw.methods.sliced_gaussians.conditional import (
     weights,
 )
 from gsfw.methods.sliced_gaussians.neighbor_graph import NeighborGraph
-from gsfw.methods.sliced_gaussians.presence import Presence
 from gsfw.methods.sliced_gaussians.rotation import Rotation
 from gsfw.methods.static_gaussians.model import (
     MIN_LOG_SCALE,

@@ -33,6 +33,7 @@ from gsfw.core.numerics import DEFAULT
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
+from gsfw.methods.presence import Presence
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.methods.spacetime.polynomial import displacement, recentered
 from gsfw.methods.static_gaussians.model import StaticGaussians
@@ -198,15 +199,12 @@ class SpacetimeGaussians(PrimitiveModel):
     @torch.no_grad()
     def lifetimes(self) -> Float[Tensor, " n"]:
         """Mean temporal weight of each row over the sequence: 1 for what is always there."""
-        low, high, width = self._ends()
-        area = torch.special.erf(high) - torch.special.erf(low)
-        return (0.5 * math.sqrt(math.pi) * width * area).to(self.canonical.means.values)
+        return self._presence().means()
 
-    def _ends(self) -> tuple[Tensor, Tensor, Tensor]:
-        """0 and 1 as seen from each centre, in widths, which are sqrt(2) deviations; float64."""
-        centers = self._column("time_centers").values.double()
-        width = math.sqrt(2.0) * self._column("log_durations").values.double().exp()
-        return -centers / width, (1.0 - centers) / width, width
+    def _presence(self, rows: Int[Tensor, " r"] | None = None) -> Presence:
+        """When some rows, or all, are there."""
+        durations = self._values("log_durations", rows).exp()
+        return Presence(self._values("time_centers", rows), durations.square())
 
     @torch.no_grad()
     def clone_rows(
@@ -230,11 +228,7 @@ class SpacetimeGaussians(PrimitiveModel):
     ) -> Children:
         """Children on the same paths, centred at times drawn from the parents' weights."""
         centers = children["time_centers"].values
-        low, high, width = (ends[rows] for ends in self._ends())
-        low, high = torch.special.erf(low), torch.special.erf(high)
-        uniform = torch.rand(len(rows), generator=generator, device=rows.device)
-        drawn = torch.special.erfinv(low + (high - low) * uniform.double()) * width
-        times = (centers.double() + drawn).clamp(0.0, 1.0).to(centers)
+        times = self._presence(rows).draw(generator)
         shifts, motion = times - centers, children["motion"].values
         moved = {
             "time_centers": times,

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gsfw.methods.sliced_gaussians.presence import Presence
+from gsfw.methods.presence import Presence
 
 CASES = ((0.5, 0.2), (0.0, 0.1), (1.3, 0.4), (-2.0, 1.0), (0.4, 1e-3), (0.5, 10.0))
 
