@@ -12,14 +12,12 @@ rates of Gaussians and optimizer state go on through the change of phase; opacit
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
 from gsfw.core.context import StepContext
-from gsfw.core.errors import ConfigError
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
@@ -34,6 +32,7 @@ from gsfw.methods.deformation.frequency import FrequencyMlp
 from gsfw.methods.deformation.hash_grid import HashGrid
 from gsfw.methods.deformation.hexplane import HexPlane
 from gsfw.methods.deformation.model import DeformedGaussians
+from gsfw.methods.moving_scene import as_static, check_times
 from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
 from gsfw.methods.static_gaussians.model import StaticGaussians
 
@@ -58,18 +57,12 @@ class DeformationMethod(Method):
         Raises:
             ConfigError: saying what to do instead.
         """
-        if not scene.is_dynamic:
-            raise ConfigError(
-                f"method '4dgs' is for scenes that move, and {scene.name!r} was captured at one "
-                "time, or its images have no times.",
-                "Use method=3dgs, or give every image its time (gsfw info DATA shows what is read "
-                "of it).",
-            )
-        self._static.check_scene(_frozen(scene))
+        check_times(scene, "4dgs")
+        self._static.check_scene(as_static(scene))
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
         """How the start differs from what one may expect."""
-        return self._static.notes(_frozen(scene))
+        return self._static.notes(as_static(scene))
 
     def build_model(
         self,
@@ -107,11 +100,6 @@ class DeformationMethod(Method):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on with it."""
         self._static.load_state_dict(state)
-
-
-def _frozen(scene: Scene) -> Scene:
-    """The scene as method 3dgs expects it: of one time."""
-    return replace(scene, num_times=0)
 
 
 def _encoder(config: DeformationConfig, num_times: int, generator: torch.Generator) -> Encoder:

@@ -7,7 +7,6 @@ an instance. Density control does not look at the gradient of temporal centres, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -15,13 +14,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.context import StepContext
-from gsfw.core.errors import ConfigError
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.methods.moving_scene import as_static, check_times
 from gsfw.methods.sliced_gaussians.model import MAX_DURATION, Regularization, SlicedGaussians
 from gsfw.methods.sliced_gaussians.rotation import Rotation
 from gsfw.methods.sliced_gaussians.rotor import Rotor
@@ -48,17 +47,12 @@ class SlicedGaussiansMethod(Method):
         Raises:
             ConfigError: saying what to do instead.
         """
-        if not scene.is_dynamic:
-            raise ConfigError(
-                f"method '4d-rotor' is for captures of several times, and {scene.name!r} has one.",
-                "Use method=3dgs. If the scene does move, its data have to say when each picture "
-                'was taken, such as by "time" in every frame of a transforms.json.',
-            )
-        self._static.check_scene(_as_static(scene))
+        check_times(scene, "4d-rotor")
+        self._static.check_scene(as_static(scene))
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
         """How the start differs from what one may expect."""
-        return self._static.notes(_as_static(scene))
+        return self._static.notes(as_static(scene))
 
     def build_model(
         self,
@@ -116,8 +110,3 @@ class SlicedGaussiansMethod(Method):
 def min_duration(scene: Scene) -> float:
     """Shortest standard deviation in time, in sequences: half of the time between two pictures."""
     return 0.5 / max(scene.num_times - 1, 1)
-
-
-def _as_static(scene: Scene) -> Scene:
-    """What the static part of a method sees of a scene that moves."""
-    return replace(scene, num_times=0, time_range=None)

@@ -16,13 +16,13 @@ import torch
 from torch import Tensor
 
 from gsfw.core.context import StepContext
-from gsfw.core.errors import ConfigError
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.methods.moving_scene import as_static, check_times
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.methods.spacetime.initialisation import (
     at_rest,
@@ -52,17 +52,12 @@ class SpacetimeMethod(Method):
         Raises:
             ConfigError: saying what to do instead.
         """
-        if not scene.is_dynamic:
-            raise ConfigError(
-                f"method 'spacetime' is for captures of several times, and {scene.name!r} has one.",
-                "Use method=3dgs. If the scene does move, its data have to say when each picture "
-                'was taken, such as by "time" in every frame of a transforms.json.',
-            )
-        self._static.check_scene(_as_static(scene))
+        check_times(scene, "spacetime")
+        self._static.check_scene(as_static(scene))
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
         """How the start differs from what one may expect."""
-        return self._static.notes(_as_static(scene))
+        return self._static.notes(as_static(scene))
 
     def build_model(
         self,
@@ -113,8 +108,3 @@ class SpacetimeMethod(Method):
         """Let the SH degree follow the step."""
         assert isinstance(model, SpacetimeGaussians)
         self._static.prepare(step, model.canonical, optimizer)
-
-
-def _as_static(scene: Scene) -> Scene:
-    """What the static part of a method sees of a scene that moves."""
-    return replace(scene, num_times=0, time_range=None)

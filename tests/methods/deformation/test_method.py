@@ -123,9 +123,9 @@ def test_a_capture_without_times_is_refused_with_advice(num_times):
     with pytest.raises(ConfigError) as caught:
         DeformationConfig().build().check_scene(scene(num_times=num_times))
     assert str(caught.value) == (
-        "method '4dgs' is for scenes that move, and 'toy' was captured at one time, or its images "
-        "have no times.\n"
-        "Use method=3dgs, or give every image its time (gsfw info DATA shows what is read of it)."
+        "method '4dgs' is for captures of several times, and 'toy' has one.\n"
+        "Use method=3dgs. If the scene does move, its data have to say when each picture was "
+        'taken, such as by "time" in every frame of a transforms.json.'
     )
     DeformationConfig().build().check_scene(scene())
 

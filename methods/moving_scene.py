@@ -1,0 +1,27 @@
+"""What methods for scenes that move ask of a capture, and what their static part sees of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gsfw.core.errors import ConfigError
+from gsfw.core.scene import Scene
+
+
+def check_times(scene: Scene, method: str) -> None:
+    """Refuse captures of a single time.
+
+    Raises:
+        ConfigError: saying what to do instead.
+    """
+    if not scene.is_dynamic:
+        raise ConfigError(
+            f"method {method!r} is for captures of several times, and {scene.name!r} has one.",
+            "Use method=3dgs. If the scene does move, its data have to say when each picture "
+            'was taken, such as by "time" in every frame of a transforms.json.',
+        )
+
+
+def as_static(scene: Scene) -> Scene:
+    """The scene as method 3dgs expects it: of one time."""
+    return replace(scene, num_times=0, time_range=None)
