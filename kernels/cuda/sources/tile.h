@@ -63,13 +63,15 @@ __device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 
                                            Entries<T, CHANNELS, CHUNK>& entries) {
   // All of the brush that is used, four numbers at a time, into registers.
   constexpr int FOURS = (BRUSH_CHANNELS + CHANNELS + 3) / 4;
-  Four<T> fields[FOURS];
+  __align__(16) T brush[4 * FOURS];
   const int64 row = job.rows[first + place];
   const Four<T>* from = reinterpret_cast<const Four<T>*>(static_cast<const T*>(job.brushes) +
                                                          row * job.stride);
 #pragma unroll
-  for (int i = 0; i < FOURS; ++i) fields[i] = from[i];
-  const T* brush = fields[0].numbers;
+  for (int i = 0; i < FOURS; ++i) {
+    const Four<T> four = from[i];
+    for (int k = 0; k < 4; ++k) brush[4 * i + k] = four.numbers[k];
+  }
   T* to = entries.paint[place];
   const int left = tile % job.grid.columns * TILE, top = tile / job.grid.columns * TILE;
   const T x = brush[BRUSH_X] - T(left + TILE / 2), y = brush[BRUSH_Y] - T(top + TILE / 2);
