@@ -16,6 +16,8 @@ from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.core.strategy import Refinement
+from gsfw.core.table import SplatTable
 
 
 class Method(ABC):
@@ -61,8 +63,26 @@ class Method(ABC):
         """Name of the phase ``step`` is in (coarse, fine; a time step)."""
         return "train"
 
-    def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:  # noqa: B027
-        """Before each step: SH degree, phase changes, freezing, forward initialisation."""
+    def prepare(  # noqa: B027
+        self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
+    ) -> None:
+        """Before each step: SH degree, phase changes, freezing, forward initialisation.
+
+        Args:
+            step: counted from 0.
+            model: may change its values, not its rows.
+            optimizer: for what is to be frozen, or to begin with fresh moments.
+            time: of the step's first view, in [0, 1]; ``None`` for a static capture.
+        """
+
+    def adapt(
+        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
+    ) -> Refinement:
+        """After each refinement: parameters that single rows gain or lose (bands, motion).
+
+        What it did, by verb, as a strategy says it; empty when nothing.
+        """
+        return {}
 
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain data; what ``phase`` and ``prepare`` depend on besides the step."""

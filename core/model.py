@@ -85,6 +85,13 @@ class PrimitiveModel(nn.Module, ABC):
         """How much of [0, 1] each row is there for; ``None`` when all are there always."""
         return None
 
+    def time_gradients(self) -> Float[Tensor, " n"] | None:
+        """|dL / d temporal centre| of each row, of the step just taken, with time in [0, 1].
+
+        ``None`` for a model whose rows have no temporal centre, or before any step.
+        """
+        return None
+
     @torch.no_grad()
     def clone_rows(
         self, rows: Int[Tensor, " r"], generator: torch.Generator | None = None

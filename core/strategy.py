@@ -31,11 +31,14 @@ class DensityStrategy(ABC):
         return {}
 
     @abstractmethod
-    def observe(self, context: StepContext, statistics: RenderStatistics) -> None:
-        """After backward, once per batch of a finite step.
+    def observe(
+        self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
+    ) -> None:
+        """After the optimizer step, once per batch; of a step that was not finite, with nothing.
 
         Statistics come in the order of the splats drawn: scatter them through
         ``context.splats.rows`` and count views, so that several views in a step weigh the same.
+        The model still has the gradients of the whole step (``time_gradients``).
         """
 
     @abstractmethod

@@ -104,6 +104,7 @@ class Trainer:
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
         self._checkpointed = -1
+        self._times = parts.data.views(Split.TRAIN).times
 
     def fit(self) -> dict[str, Any]:
         """Train until the plan's end or until a callback asks to stop; the run's summary.
@@ -130,9 +131,10 @@ class Trainer:
         """One optimizer step and what follows from it."""
         started = time.perf_counter()
         parts, clock = self.parts, self._stopwatch
-        parts.method.prepare(self.step, parts.model, parts.optimizer)
         with clock.stage("load"):
-            batches = self._load()
+            views = parts.sampler.next()
+            batches = self._load(views)
+        parts.method.prepare(self.step, parts.model, parts.optimizer, self._time_of(views[0]))
         num_views = sum(len(batch.views) for batch in batches)
         drawn: list[_Drawn] = []
         for batch in batches:
@@ -143,12 +145,13 @@ class Trainer:
         with clock.stage("optimize"):
             finite = self._reduce([item.total for item in drawn])
             parts.optimizer.step(self.step, finite, self._visible(drawn))
-            parts.optimizer.zero_gradients()
             parts.model.project_()
         with clock.stage("refine"):
             for item in drawn:
                 self._observe(item, finite)
-            parts.strategy.refine(self.step, parts.table, parts.model, parts.generator)
+            parts.optimizer.zero_gradients()
+            for refine in (parts.strategy.refine, parts.method.adapt):
+                refine(self.step, parts.table, parts.model, parts.generator)
         clock.step_done()
         self.step += 1
         self.train_seconds += time.perf_counter() - started
@@ -158,15 +161,18 @@ class Trainer:
         """Let strategy and sampler take note of a batch; of one that was not finite, nothing."""
         parts, context = self.parts, item.context
         statistics = parts.reducer.statistics(context.rendered.statistics.where(finite))
-        parts.strategy.observe(context, statistics)
+        parts.strategy.observe(context, statistics, parts.model)
         with torch.no_grad():
             loss = torch.stack([item.losses[name] for name in item.data_losses]).sum()
             views = context.batch.views
             parts.sampler.observe(views, torch.where(finite, loss, 0.0).expand(len(views)))
 
-    def _load(self) -> list[Batch]:
+    def _time_of(self, view: int) -> float | None:
+        """When a training view was taken, in [0, 1]; known to the host."""
+        return None if self._times is None else self._times[view]
+
+    def _load(self, views: tuple[int, ...]) -> list[Batch]:
         parts = self.parts
-        views = parts.sampler.next()
         parts.data.prefetch(Split.TRAIN, parts.sampler.peek(self.plan.prefetch_views))
         batches = parts.data.load(Split.TRAIN, views, parts.device)
         return [self.plan.resolution.reduce(batch, self.step) for batch in batches]

@@ -104,7 +104,9 @@ class AdaptiveDensityControl(DensityStrategy):
             return frozenset()
         return frozenset({Statistic.ABSGRAD if self._config.absgrad else Statistic.SCREEN_GRADIENT})
 
-    def observe(self, context: StepContext, statistics: RenderStatistics) -> None:
+    def observe(
+        self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
+    ) -> None:
         """Gather gradients, each as if its view had been the only one of its step."""
         gradient = statistics.absgrad if self._config.absgrad else statistics.screen_gradient
         if gradient is None or not self.statistics(context.step):

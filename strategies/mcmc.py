@@ -81,7 +81,9 @@ class MarkovChainMonteCarlo(DensityStrategy):
             "scale_reg": self._config.scale_reg * _standard_deviations(context.splats).mean(),
         }
 
-    def observe(self, context: StepContext, statistics: RenderStatistics) -> None:
+    def observe(
+        self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
+    ) -> None:
         """Nothing to note: opacities say what is dead."""
 
     def refine(

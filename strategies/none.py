@@ -29,7 +29,9 @@ class NoneConfig(StrategyConfig):
 class NoDensityControl(DensityStrategy):
     """Neither adds nor moves nor removes."""
 
-    def observe(self, context: StepContext, statistics: RenderStatistics) -> None:
+    def observe(
+        self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
+    ) -> None:
         """Nothing to note."""
 
     def refine(

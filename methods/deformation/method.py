@@ -87,11 +87,13 @@ class DeformationMethod(Method):
         """Coarse for the first ``coarse_steps``, then fine."""
         return COARSE if step < self._config.coarse_steps else FINE
 
-    def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:
+    def prepare(
+        self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
+    ) -> None:
         """Let the field and the SH degree follow the step."""
         assert isinstance(model, DeformedGaussians)
         model.deforming = self.phase(step) == FINE
-        self._static.prepare(step, model.canonical, optimizer)
+        self._static.prepare(step, model.canonical, optimizer, time)
 
     def state_dict(self) -> dict[str, Any]:
         """That of method 3dgs; the phase follows from the step."""

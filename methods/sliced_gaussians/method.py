@@ -101,10 +101,12 @@ class SlicedGaussiansMethod(Method):
         """Go on with it."""
         self._static.load_state_dict(state)
 
-    def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:
+    def prepare(
+        self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
+    ) -> None:
         """Let the SH degree follow the step."""
         assert isinstance(model, SlicedGaussians)
-        self._static.prepare(step, model.canonical, optimizer)
+        self._static.prepare(step, model.canonical, optimizer, time)
 
 
 def min_duration(scene: Scene) -> float:

@@ -139,7 +139,9 @@ class StaticGaussiansMethod(Method):
         """Go on with that degree."""
         self._first_degree = state["first_degree"]
 
-    def prepare(self, step: int, model: PrimitiveModel, optimizer: Optimizer) -> None:
+    def prepare(
+        self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
+    ) -> None:
         """Let the SH degree follow the step; splats of a file keep the degree they came with."""
         assert isinstance(model, StaticGaussians)
         interval = self._config.sh_degree_interval

@@ -67,7 +67,7 @@ class StillStrategy(DensityStrategy):
     def __init__(self, patience):
         self.left = patience
 
-    def observe(self, context, statistics):
+    def observe(self, context, statistics, model):
         self.left -= 1
 
     def refine(self, step, table, model, generator):

@@ -43,7 +43,7 @@ def refined(adc, model, gradient, step=9, **measured):
     """Observe one view, refine, and say what was done."""
     optimizer, table = table_of(model)
     seen = statistics(gradient, **measured)
-    adc.observe(context_of(seen, model.num_rows, step), seen)
+    adc.observe(context_of(seen, model.num_rows, step), seen, model)
     return adc.refine(step, table, model, generator()), optimizer
 
 
@@ -78,7 +78,7 @@ def test_the_gradient_is_averaged_over_the_views_that_saw_a_row():
         ([0.0, 0.0, HIGH], [True, False, True]),
     ):
         seen = statistics(gradient, visible=visible)
-        adc.observe(context_of(seen, 3), seen)
+        adc.observe(context_of(seen, 3), seen, model)
     counts = adc.refine(9, table_of(model)[1], model, generator())
     assert counts == {"cloned": 2, "split": 0, "pruned": 0}  # All but row 0.
 
@@ -89,12 +89,12 @@ def test_several_views_in_a_step_count_as_much_as_one_in_several_steps():
     radii = torch.ones(2, 2)
     apart, together, uneven = strategy(), strategy(), strategy()
     both = RenderStatistics(visible, radii, gradient / 2)
-    together.observe(context_of(both, 2), both)
+    together.observe(context_of(both, 2), both, gaussians(2))
     for view in range(2):
         one = RenderStatistics(visible[:1], radii[:1], gradient[view : view + 1])
-        apart.observe(context_of(one, 2), one)
+        apart.observe(context_of(one, 2), one, gaussians(2))
         half = RenderStatistics(visible[:1], radii[:1], gradient[view : view + 1] / 2)
-        uneven.observe(context_of(half, 2, share=0.5), half)
+        uneven.observe(context_of(half, 2, share=0.5), half, gaussians(2))
     assert_same_bits(together.state_dict(), apart.state_dict())
     assert_same_bits(uneven.state_dict(), apart.state_dict())
 
@@ -103,7 +103,7 @@ def test_splats_that_are_only_some_of_the_rows_count_for_these_rows():
     adc = strategy()
     seen = statistics([HIGH, LOW])
     drawn = replace(random_splats(2), rows=torch.tensor([4, 1]))
-    adc.observe(context_of(seen, 5, splats=drawn), seen)
+    adc.observe(context_of(seen, 5, splats=drawn), seen, gaussians(5))
     assert adc.state_dict()["views"].tolist() == [0, 1, 0, 0, 1]
     assert adc.state_dict()["gradient"].tolist() == pytest.approx([0, LOW, 0, 0, HIGH])
 
@@ -174,7 +174,7 @@ def test_it_refines_only_when_it_is_time():
     times = []
     for step in range(100):
         seen = statistics([LOW] * 2)
-        adc.observe(context_of(seen, 2, step), seen)
+        adc.observe(context_of(seen, 2, step), seen, model)
         if adc.refine(step, table, model, generator()):
             times.append(step + 1)
     assert times == [30, 40]
@@ -190,7 +190,7 @@ def test_gathering_begins_again_after_a_refinement():
     refined(adc, model, [HIGH, LOW])
     assert adc.state_dict() == {}
     seen = statistics([LOW, LOW, HIGH])
-    adc.observe(context_of(seen, 3), seen)
+    adc.observe(context_of(seen, 3), seen, model)
     assert adc.state_dict()["views"].tolist() == [1, 1, 1]
 
 
@@ -206,12 +206,12 @@ def test_a_restored_strategy_does_the_same():
     for restore in (False, True):
         model, adc = gaussians(8), strategy()
         first, second = statistics([HIGH] * 4 + [LOW] * 4), statistics([HIGH, LOW] * 4)
-        adc.observe(context_of(first, 8), first)
+        adc.observe(context_of(first, 8), first, model)
         if restore:
             state = adc.state_dict()
             adc = strategy()
             adc.load_state_dict(state)
-        adc.observe(context_of(second, 8), second)
+        adc.observe(context_of(second, 8), second, model)
         adc.refine(9, table_of(model)[1], model, generator())
         outcomes.append(dict(model.state_dict()))
     assert_same_bits(outcomes[0], outcomes[1])

@@ -151,7 +151,7 @@ def test_the_field_comes_in_after_the_coarse_steps():
     assert model.deforming, "a model that is only looked at is deformed"
     phases = []
     for step in (0, 9, 10, 29):
-        method.prepare(step, model, optimizer)
+        method.prepare(step, model, optimizer, None)
         rates = optimizer.learning_rates(step)
         phases.append((method.phase(step), model.deforming, rates["grid"] > 0))
     assert phases == [("coarse", False, False)] * 2 + [("fine", True, True)] * 2
@@ -163,7 +163,7 @@ def test_a_splat_file_keeps_its_degree_through_a_resume():
     again = config.build()
     again.load_state_dict(method.state_dict())
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    again.prepare(0, model, optimizer)
+    again.prepare(0, model, optimizer, None)
     assert model.canonical.active_degree == 2
 
 

@@ -132,7 +132,7 @@ def test_the_degree_grows_with_the_step():
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
     degrees = []
     for step in (0, 999, 2999):
-        method.prepare(step, model, optimizer)
+        method.prepare(step, model, optimizer, None)
         degrees.append(model.canonical.active_degree)
     assert degrees == [0, 1, 3]
     assert model.active_bands() == 15

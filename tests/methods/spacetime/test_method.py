@@ -90,9 +90,9 @@ def test_a_file_is_started_from_at_its_own_degree():
     assert model.num_rows == 7
     assert len(values(model, "time_centers").unique()) == 7
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    method.prepare(0, model, optimizer)
+    method.prepare(0, model, optimizer, None)
     assert model.canonical.active_degree == 2
-    method.prepare(2999, model, optimizer)
+    method.prepare(2999, model, optimizer, None)
     assert model.canonical.active_degree == 3
     again = SpacetimeConfig().build()
     again.load_state_dict(method.state_dict())

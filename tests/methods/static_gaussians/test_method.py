@@ -121,9 +121,9 @@ def test_a_file_is_started_from_at_its_own_degree():
     assert model.num_rows == 7
     assert method.notes(scene()) == ()
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    method.prepare(0, model, optimizer)
+    method.prepare(0, model, optimizer, None)
     assert model.active_degree == 2
-    method.prepare(2999, model, optimizer)
+    method.prepare(2999, model, optimizer, None)
     assert model.active_degree == 3
 
 
@@ -133,7 +133,7 @@ def test_the_degree_grows_with_the_step_alone(interval):
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
     degrees = []
     for step in (0, 998, 999, 1999, 2999, 29_999):
-        method.prepare(step, model, optimizer)
+        method.prepare(step, model, optimizer, None)
         degrees.append(model.active_degree)
     assert degrees == ([0, 0, 1, 2, 3, 3] if interval else [3] * 6)
 
