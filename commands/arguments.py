@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+from gsfw.core.config import replace_at
 from gsfw.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ def _with_values(verb: str, options: VerbOptions, values: Mapping[str, str]) -> 
                 f"All keys: gsfw {verb} --help",
             )
         try:
-            options = replace(options, **{name: parse_value(known[name].kind, text)})
+            options = replace_at(options, name, parse_value(known[name].kind, text))
         except ValueError:
             raise ConfigError(
                 f"{name}={text}: expected {describe(known[name].kind)}, found {text!r}.",

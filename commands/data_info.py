@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.cameras import Cameras
+from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.config import AUTO, DataManagerConfig
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError
@@ -81,11 +81,14 @@ def _counted(texts: Sequence[str]) -> list[str]:
 
 def _fields_of_view(cameras: Sequence[Cameras]) -> list[float]:
     """Least and largest horizontal angle, in degrees."""
-    angles = [
-        math.degrees(2 * math.atan(0.5 * camera.width / float(camera.intrinsics[0, 0, 0])))
-        for camera in cameras
-    ]
+    angles = [_field_of_view(camera) for camera in cameras]
     return sorted({round(min(angles), 1), round(max(angles), 1)})
+
+
+def _field_of_view(camera: Cameras) -> float:
+    half = 0.5 * camera.width / float(camera.intrinsics[0, 0, 0])
+    # A fisheye's pixels are at equal angles, not at equal distances on a plane.
+    return math.degrees(2 * (half if camera.model is CameraModel.FISHEYE else math.atan(half)))
 
 
 def _extent(manager: DataManager) -> dict[str, float]:

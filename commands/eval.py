@@ -37,22 +37,22 @@ def run(arguments: list[str]) -> int:
     options = read("eval", EvalOptions, arguments)
 
     from gsfw.commands.console import Console
+    from gsfw.commands.open_run import open_run
     from gsfw.commands.run_argument import find_run
     from gsfw.core.datamanager import Split
     from gsfw.core.determinism import deterministic
     from gsfw.core.errors import DataError
     from gsfw.core.evaluation import evaluate
     from gsfw.plugins.registry import installed
-    from gsfw.plugins.restore import restore
 
     console = Console(options.json)
     found = find_run(options.run)
-    restored = restore(found.folder, installed(), found.checkpoint, options.changed())
+    restored = open_run(found, installed(), options.changed())
     parts, plan = restored.composition.parts, restored.composition.plan
     split = Split(options.split)
     if len(parts.data.views(split)) == 0:
         raise DataError(
-            f"{found.folder.path} has no held-out pictures to evaluate.",
+            f"{found.name} has no held-out pictures to evaluate.",
             "Evaluate those it was trained on with split=train.",
         )
     with deterministic(parts.device):
@@ -66,13 +66,13 @@ def run(arguments: list[str]) -> int:
             split,
         )
     document = {
-        "run": str(found.folder.path),
+        "run": found.name,
         "step": restored.step,
         "num_gaussians": parts.model.num_rows,
         **evaluation.document(),
         "protocol": _protocol(restored, split),
     }
-    _show(console, evaluation, f"{found.folder.path}, step {restored.step}, {options.split} views")
+    _show(console, evaluation, f"{found.name}, step {restored.step}, {options.split} views")
     suffix = "" if split is Split.EVAL else f"_{options.split}"
     path = found.folder.evaluations / f"step_{restored.step:09d}{suffix}.json"
     _write(console, found.folder, path, document, evaluation)

@@ -1,4 +1,4 @@
-"""`gsfw info`: what a splat file, a run or a data set is."""
+"""`gsfw info`: what a splat file, a model file, a run or a data set is."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class InfoOptions(Options):
-    """Say what a splat file, a run or a data set is."""
+    """Say what a splat file, a model file, a run or a data set is."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw info latest",
@@ -25,7 +25,7 @@ class InfoOptions(Options):
     )
 
     what: str = word("FILE|RUN|DATA", default="")
-    """A splat file, a run (a folder, a checkpoint, or latest), or a data set."""
+    """A splat file, a model file, a run (a folder, a checkpoint, or latest), or a data set."""
     data: str = ""
     """A data set, when it shall not be taken for anything else."""
     format: str = AUTO
@@ -56,7 +56,8 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
         DataError: it is nothing that is known here, or it is damaged.
     """
     from gsfw.commands.data_info import describe_data
-    from gsfw.commands.run_argument import LATEST, find_run
+    from gsfw.commands.model_info import describe_model
+    from gsfw.commands.run_argument import LATEST, MODEL_SUFFIX, find_run
     from gsfw.commands.run_info import describe_run
     from gsfw.commands.splat_info import describe_splats
     from gsfw.core.errors import ConfigError
@@ -73,6 +74,8 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
         )
     if what == LATEST or what.endswith(".pt") or (what and RunFolder(Path(what)).config.is_file()):
         return describe_run(find_run(what))
+    if what.endswith(MODEL_SUFFIX) and Path(what).is_file():
+        return describe_model(Path(what))
     if Path(what).is_file() and options.format == AUTO:
         importer = _importer(Path(what), registry)
         if importer:

@@ -27,13 +27,15 @@ class RenderOptions(RunOptions):
         "gsfw render latest",
         "gsfw render runs/first what=orbit frames=120 scale=2 out=orbit",
         "gsfw render runs/moving what=time camera=eval_003 frames=150 fps=30 video=mp4",
+        "gsfw render runs/moving what=time tracks=true",
     )
 
     what: Literal["all", "views", "orbit", "time", "orbit-time"] = "all"
     """What to draw: views (held out, beside their photos), orbit (around the scene at one time),
-    time (from one camera, from first to last time), orbit-time (both at once), or all."""
+    time (from one camera, from first to last time), orbit-time (both at once), or all. A model
+    file has no photos: views then needs data=PATH."""
     out: str = ""
-    """Folder for the pictures. Empty: renders/ in the run."""
+    """Folder for the pictures. Empty: renders/ in the run, or beside the model file."""
     frames: int = 60
     """Number of frames of each film."""
     scale: float = 1.0
@@ -44,6 +46,12 @@ class RenderOptions(RunOptions):
     """Name of the view whose camera what=time looks through. Empty: the first held-out one."""
     fps: int = 20
     """Frames per second of the films."""
+    tracks: bool = False
+    """Draw the paths of some Gaussians over the last frames, in what=time and orbit-time."""
+    tracks_count: int = 150
+    """How many paths there are, of Gaussians that are well spread."""
+    tracks_frames: int = 12
+    """How many frames each path reaches back."""
     video: VideoFormat = "auto"
     """Films beside the frames: mp4 (pip install 'gsfw[video]'), webp, none, or auto: mp4 if its
     encoder is installed, else webp."""
@@ -57,28 +65,34 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands import render_path
     from gsfw.commands.console import Console
     from gsfw.commands.film import choose_format, write_film
+    from gsfw.commands.open_run import open_run
+    from gsfw.commands.progress import with_progress
     from gsfw.commands.run_argument import find_run
     from gsfw.core.determinism import deterministic
     from gsfw.plugins.registry import installed
-    from gsfw.plugins.restore import restore
 
     chosen = choose_format(options.video)
     console = Console(options.json)
     found = find_run(options.run)
-    restored = restore(found.folder, installed(), found.checkpoint, options.changed())
+    restored = open_run(found, installed(), options.changed())
     composition = restored.composition
     paths = render_path.paths(composition, options)
     out = Path(options.out) if options.out else found.folder.path / "renders"
     written: list[Path] = []
     with deterministic(composition.parts.device):
-        if options.what in ("all", "views"):
-            written += _progress(_views(restored, out / "views"), _count_views(restored), "views")
+        if options.what == "views" or (
+            options.what == "all" and composition.parts.data.has_pictures
+        ):
+            written += with_progress(
+                _views(restored, out / "views"), _count_views(restored), "views"
+            )
         for path in paths:
-            pictures = render_path.frames(path, composition, out / path.name)
-            frames = _progress(pictures, options.frames, path.name)
+            trails = render_path.trails(path, composition, options)
+            pictures = render_path.frames(path, composition, out / path.name, trails)
+            frames = with_progress(pictures, options.frames, path.name)
             written += [*frames, *write_film(out / path.name, frames, options.fps, chosen)]
     console.say(f"{len(written)} pictures and films in {out}")
-    console.result({"run": str(found.folder.path), "written": [str(path) for path in written]})
+    console.result({"run": found.name, "written": [str(path) for path in written]})
     return 0
 
 
@@ -93,17 +107,16 @@ def _check(options: RenderOptions) -> None:
             f"fps={options.fps}: expected at least 1 frame, a scale above 0, a time in [0, 1], "
             f"and 1 to {MOST_FPS} frames per second."
         )
-
-
-def _progress(pictures: Iterator[Path], total: int, name: str) -> list[Path]:
-    """Draw all, showing how far it is."""
-    from rich.console import Console as Screen
-    from rich.progress import track
-
-    screen = Screen(stderr=True)
-    if not screen.is_terminal:
-        return list(pictures)
-    return list(track(pictures, description=name, total=total, console=screen))
+    if options.tracks_count < 1 or options.tracks_frames < 1:
+        raise ConfigError(
+            f"tracks_count={options.tracks_count} tracks_frames={options.tracks_frames}: "
+            "expected numbers of at least 1."
+        )
+    if options.tracks and options.what in ("views", "orbit"):
+        raise ConfigError(
+            f"tracks=true what={options.what}: nothing moves there.",
+            "Draw what=time or what=orbit-time.",
+        )
 
 
 def _count_views(restored: Restored) -> int:

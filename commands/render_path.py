@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.commands.film import write_picture
+from gsfw.commands.trails import Trails, make_trails, surface_settings
 from gsfw.core.camera_path import at_times, orbit
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
@@ -60,15 +61,39 @@ def paths(composition: Composition, options: RenderOptions) -> list[RenderPath]:
     return [RenderPath(name, _sized(makers[name](data, options), options.scale)) for name in chosen]
 
 
-def frames(path: RenderPath, composition: Composition, folder: Path) -> Iterator[Path]:
+def trails(path: RenderPath, composition: Composition, options: RenderOptions) -> Trails | None:
+    """What tracks=true draws on the frames of a path on which time passes."""
+    moves = path.cameras.time is not None and len(path.cameras.time.unique()) > 1
+    if not (options.tracks and moves):
+        return None
+    parts = composition.parts
+    return make_trails(
+        parts.model,
+        parts.rasterizer,
+        path.cameras.to(parts.device),
+        composition.plan.settings,
+        options.tracks_count,
+        options.tracks_frames,
+    )
+
+
+def frames(
+    path: RenderPath, composition: Composition, folder: Path, trails: Trails | None = None
+) -> Iterator[Path]:
     """Draw and write the frames, one at a time; their files."""
     parts, settings = composition.parts, composition.plan.settings
+    if trails is not None:
+        settings = surface_settings(parts.rasterizer, settings)
     cameras = path.cameras.to(parts.device)
     for index in range(len(cameras)):
         camera = cameras.select([index])
         time = None if camera.time is None else camera.time[0]
         output = draw(parts.model, parts.rasterizer, camera, settings, time)
-        yield write_picture(folder / f"{index:04d}.png", output.color[0])
+        picture = output.color[0]
+        if trails is not None:
+            depth = None if output.depth is None else output.depth[0]
+            picture = trails.draw_on(picture, depth, camera, index)
+        yield write_picture(folder / f"{index:04d}.png", picture)
 
 
 def _orbit(data: DataManager, options: RenderOptions) -> Cameras:

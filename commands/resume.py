@@ -57,6 +57,11 @@ def run(tokens: list[str]) -> int:
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 
     found = find_run(arguments.words[0])
+    if found.model_file is not None:
+        raise ConfigError(
+            f"{found.name} cannot go on: a model file has no optimizer and no pictures.",
+            "Give the folder of the run that it was exported from.",
+        )
     restored = restore(found.folder, installed(), found.checkpoint, Layer(COMMAND_LINE, changed))
     if _is_finished(restored, console):
         return 0

@@ -1,4 +1,4 @@
-"""RUN: the argument that names a run: its folder, ``latest``, or one of its checkpoints."""
+"""RUN: the argument that names a run: its folder, ``latest``, a checkpoint, or a model file."""
 
 from __future__ import annotations
 
@@ -14,14 +14,25 @@ RUNS = Path("runs")
 
 LATEST = "latest"
 
+MODEL_SUFFIX = ".gsfw"
+"""Of files that hold a whole model, which most verbs take in place of a run."""
+
 
 @dataclass(frozen=True)
 class RunArgument:
     """The run that was named."""
 
     folder: RunFolder
+    """Where results go; that of a model file is the folder it lies in."""
     checkpoint: Path | None
     """The checkpoint that was named; ``None`` for the last."""
+    model_file: Path | None = None
+    """The model file that was named in place of a run."""
+
+    @property
+    def name(self) -> str:
+        """What was named, for messages and results."""
+        return str(self.model_file or self.folder.path)
 
 
 def find_run(text: str) -> RunArgument:
@@ -35,6 +46,8 @@ def find_run(text: str) -> RunArgument:
     path = Path(text)
     if path.suffix == ".pt" and path.is_file():
         return RunArgument(RunFolder(path.resolve().parent.parent), path)
+    if path.suffix == MODEL_SUFFIX and path.is_file():
+        return RunArgument(RunFolder(path.parent), None, path)
     if not path.exists():
         raise DataError(f"there is no run {text}.{_nearest(path)}", _advice())
     folder = RunFolder(path)
@@ -72,4 +85,7 @@ def _nearest(path: Path) -> str:
 def _advice() -> str:
     known = list_runs()[:3]
     listed = f" Newest runs: {', '.join(map(str, known))}." if known else ""
-    return f"RUN is the folder that gsfw train made, a checkpoint in it, or latest.{listed}"
+    return (
+        "RUN is the folder that gsfw train made, a checkpoint in it, a model file "
+        f"({MODEL_SUFFIX}), or latest.{listed}"
+    )

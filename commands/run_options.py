@@ -16,11 +16,11 @@ class RunOptions(Options):
     """What every verb that looks at a run takes: a run may be looked at elsewhere."""
 
     run: str = word("RUN")
-    """A run folder, a checkpoint, or latest."""
+    """A run folder, a checkpoint, a model file (.gsfw), or latest."""
     data: str = ""
-    """Where the data set is now. Empty: where it was in training."""
+    """Where the data set is now. Empty: where it was in training; a model file needs none."""
     device: str = ""
-    """Where to draw: auto, cpu, cuda or cuda:N. Empty: where it was trained."""
+    """Where to draw: auto, cpu, cuda or cuda:N. Empty: where it was trained; auto for a file."""
 
     def changed(self) -> Layer | None:
         """Settings that differ from the run's own; ``None`` for none."""

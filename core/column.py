@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Any
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Int, Shaped
 from torch import Tensor, nn
 
 from gsfw.core.learning_rate import LearningRate
@@ -50,7 +50,7 @@ class Column(nn.Module):
 
     def __init__(
         self,
-        values: Float[Tensor, ...],
+        values: Shaped[Tensor, ...],
         learning_rate: LearningRate | None = None,
         layout: Layout = Layout.DENSE,
         offsets: Int[Tensor, " n_plus_1"] | None = None,

@@ -40,6 +40,14 @@ def steps_field(default: int, at_least: int = 0) -> Any:  # noqa: ANN401 - a dat
     return field(default=default, metadata={"unit": "steps", "at_least": at_least})
 
 
+@dataclass(frozen=True)
+class Rescaled:
+    """Steps in a preset that ``steps=N`` rescales as it does defaults; plain numbers stay."""
+
+    steps: int
+    """For the method's default length."""
+
+
 def step_settings(config: object, prefix: str = "") -> dict[str, tuple[int, int]]:
     """Every setting counted in steps, by dotted key: its value, and how low rescaling may go."""
     found: dict[str, tuple[int, int]] = {}
@@ -91,8 +99,13 @@ class SamplerConfig(SlotConfig, ABC):
     """Settings of a view sampler."""
 
     @abstractmethod
-    def build(self, views: Views, seed: int) -> Sampler:
+    def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """The sampler over the training views, before its first step.
+
+        Args:
+            views: of the training split.
+            seed: of the run; the only source of randomness.
+            steps: length of the run.
 
         Raises:
             ConfigError: these views cannot be sampled so (no times, for instance).
@@ -170,7 +183,7 @@ class MethodConfig(ABC):
     """
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"default": {}}
-    """Settings by dotted key, for ``preset=NAME``."""
+    """Settings by dotted key, for ``preset=NAME``; each builds on the one named "default"."""
 
     data: str = ""
     """Data set: a folder or file. Empty: the built-in scene, which needs none."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool
@@ -76,6 +77,9 @@ class DataRequest:
 
 class DataManager(ABC):
     """Where images, cameras, points and times come from."""
+
+    has_pictures: ClassVar[bool] = True
+    """Whether there is anything to ``load``; a model file brings cameras alone."""
 
     @property
     @abstractmethod

@@ -7,7 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from jaxtyping import Float
+from torch import Tensor
+
 from gsfw.core.splats import Splats
+from gsfw.core.stored_model import StoredModel
+from gsfw.core.tracks import Tracks
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,51 @@ class Exporter(ABC):
         Raises:
             OutputError: it cannot be written.
             ValueError: a splat has a value that is not finite; names the field and the row.
+        """
+
+
+class ModelExporter(ABC):
+    """Writes a file format that holds a model as a whole; registered as exporters are."""
+
+    suffix: str
+    """Of the file's name, with the dot."""
+
+    @abstractmethod
+    def write(self, path: Path, model: StoredModel) -> None:
+        """Write the file, whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written.
+            ValueError: the model has state that the format cannot hold; names it.
+        """
+
+
+@dataclass(frozen=True)
+class TrackFile:
+    """The paths of all rows of a model as files hold them, on the CPU."""
+
+    tracks: Tracks
+    """In the world of the data, in float64."""
+    origin: Float[Tensor, " 3"]
+    """A place in that world that the paths are near to: files may hold positions from there."""
+    data_times: tuple[float, ...]
+    """The times in the data's own unit."""
+    colors: Float[Tensor, "n 3"]
+    """What each row looks like when it is there for the first time, in [0, 1]."""
+
+
+class TrackExporter(ABC):
+    """Writes a file format that holds paths; registered as exporters are."""
+
+    suffix: str
+    """Of the file's name, with the dot."""
+
+    @abstractmethod
+    def write(self, path: Path, content: TrackFile) -> None:
+        """Write the file, whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written.
         """
 
 

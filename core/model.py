@@ -66,6 +66,12 @@ class PrimitiveModel(nn.Module, ABC):
     def project_(self) -> None:
         """After each optimizer step: norms, manifolds, minimum durations. In place."""
 
+    def summary(self) -> Mapping[str, int | float]:
+        """Figures for the run's summary, by name: bytes of what is trained, and a model's own."""
+        trained = [column.values for column in self.columns().values() if column.trained]
+        groups = [tensor for group in self.parameter_groups() for tensor in group.parameters]
+        return {"model_bytes": sum(tensor.nbytes for tensor in (*trained, *groups))}
+
     # What a strategy may ask for.
 
     @property
@@ -110,6 +116,24 @@ class PrimitiveModel(nn.Module, ABC):
         """``copies`` smaller children for each of ``rows``, drawn from the row's own density.
 
         The first child of every row comes first, then all the second ones.
+        """
+
+    @abstractmethod
+    def rows_at(
+        self,
+        points: Float[Tensor, "r 3"],
+        colors: Float[Tensor, "r 3"],
+        sizes: Float[Tensor, " r"],
+        time: float | None,
+    ) -> Children:
+        """New rows where the picture lacks something: round, faint and at rest.
+
+        Args:
+            points: where they are seen at ``time``, in scene units.
+            colors: what they look like, in [0, 1].
+            sizes: standard deviations, in scene units.
+            time: in [0, 1]; a model whose rows come and go has them there around it. ``None``
+                for a static capture.
         """
 
     @abstractmethod

@@ -139,6 +139,11 @@ class Optimizer:
         """Adam's state after rows were edited; for ``SplatTable``."""
         self._moments[name] = moments
 
+    def num_bytes(self) -> int:
+        """Bytes of all moments."""
+        moments = (state for group in self._moments.values() for state in group)
+        return sum(state.first.nbytes + state.second.nbytes for state in moments)
+
     def reset(self, names: Iterable[str]) -> None:
         """Start these columns or groups with fresh moments and step counts."""
         tensors = self._tensors()

@@ -12,7 +12,7 @@ from torch import Tensor
 from gsfw.core.context import StepContext
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.render_output import RenderStatistics
-from gsfw.core.render_settings import Statistic
+from gsfw.core.render_settings import Depth, Statistic
 from gsfw.core.table import SplatTable
 
 Refinement = Mapping[str, int]
@@ -25,6 +25,10 @@ class DensityStrategy(ABC):
     def statistics(self, step: int) -> frozenset[Statistic]:
         """What it wants measured at ``step``; nothing once it no longer refines."""
         return frozenset()
+
+    def depth(self, step: int) -> Depth:
+        """Which depth image it wants drawn at ``step``, to look at it in ``observe``."""
+        return Depth.NONE
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Weighted scalars to add to the loss, by name."""

@@ -187,6 +187,7 @@ class Trainer:
             self.plan.settings,
             background=self._background(),
             statistics=parts.strategy.statistics(self.step),
+            depth=parts.strategy.depth(self.step),
         )
         output = parts.rasterizer.render(splats, batch.cameras, parts.model.settings(settings))
         assert settings.background is not None
@@ -342,6 +343,8 @@ class Trainer:
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
             "skipped_steps": int(self._skipped),
+            **self.parts.model.summary(),
+            "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
         }
         for callback in self._callbacks:

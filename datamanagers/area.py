@@ -13,13 +13,23 @@ def shrink(
     """A picture at a smaller size; with alpha (d = 4) colours are averaged by their coverage."""
     if pixels.shape[:2] == (height, width):
         return pixels
+    return to_pixels(shrink_values(to_values(pixels), width, height))
+
+
+def to_values(pixels: UInt8[np.ndarray, "h w d"]) -> Float32[np.ndarray, "h w d"]:
+    """Colours that may be mixed: in [0, 255], multiplied by alpha where there is one (d = 4)."""
     values = pixels.astype(np.float32)
     if pixels.shape[2] == 4:
         values[..., :3] *= values[..., 3:] / 255
-    values = _means(values, width, height)
-    if pixels.shape[2] == 4:
+    return values
+
+
+def to_pixels(values: Float32[np.ndarray, "h w d"]) -> UInt8[np.ndarray, "h w d"]:
+    """Mixed colours as 8-bit straight ones."""
+    if values.shape[2] == 4:
         coverage = values[..., 3:] / 255
-        values[..., :3] /= np.where(coverage > 0, coverage, 1)
+        colors = values[..., :3] / np.where(coverage > 0, coverage, 1)
+        values = np.concatenate([colors, values[..., 3:]], axis=2)
     return np.rint(values.clip(0, 255)).astype(np.uint8)
 
 
@@ -29,12 +39,15 @@ def shrink_mask(
     """A mask at a smaller size: true only where every pixel beneath is, as colours are mixed."""
     if mask.shape == (height, width):
         return mask
-    return _means(mask[..., None].astype(np.float32), width, height)[..., 0] > 1 - 1e-4
+    return shrink_values(mask[..., None].astype(np.float32), width, height)[..., 0] > 1 - 1e-4
 
 
-def _means(
+def shrink_values(
     values: Float32[np.ndarray, "h w d"], width: int, height: int
 ) -> Float32[np.ndarray, "h2 w2 d"]:
+    """Means over the areas that the pixels of a smaller picture cover."""
+    if values.shape[:2] == (height, width):
+        return values
     rows, columns, channels = values.shape
     values = _weights(rows, height) @ values.reshape(rows, columns * channels)
     values = values.reshape(height, columns, channels).transpose(1, 0, 2)

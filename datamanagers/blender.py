@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from gsfw.core.config import DataManagerConfig, Detection
+from gsfw.core.config import Detection
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Recording,
     data_folder,
@@ -20,7 +21,7 @@ from gsfw.datamanagers.transforms_file import SPLIT_FILES, TransformsFile
 
 
 @dataclass
-class BlenderConfig(DataManagerConfig):
+class BlenderConfig(CaptureConfig):
     """Settings of the ``blender`` format."""
 
     eval_split: str = "test"
@@ -38,13 +39,14 @@ class BlenderConfig(DataManagerConfig):
         """Read the files of the splits, check the pictures' headers.
 
         Raises:
-            ConfigError: ``eval_split`` is neither test nor val.
+            ConfigError: ``eval_split`` is neither test nor val, or another setting is out of range.
             DataError: a file is damaged, or the pictures do not fit.
         """
         if self.eval_split not in ("test", "val"):
             raise ConfigError(f"datamanager.eval_split={self.eval_split}: expected test or val.")
+        rule = self.lens_rule()
         path = data_folder(request.path, "blender")
-        return Capture(self._recording(_folder(path)), request)
+        return Capture(self._recording(_folder(path)), request, rule)
 
     def _recording(self, folder: Path) -> Recording:
         files = {

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, UInt8
 from torch import Tensor
 
 from gsfw.core.batch import Batch
@@ -16,28 +17,36 @@ from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.errors import DataError
 from gsfw.core.scene import Scene
 from gsfw.core.similarity import Similarity
-from gsfw.datamanagers.area import shrink_mask
-from gsfw.datamanagers.frames import Recording
+from gsfw.datamanagers.frames import USUAL, Recording
 from gsfw.datamanagers.holdout import hold_out
 from gsfw.datamanagers.loader import Loader
 from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture, load_mask, load_picture
+from gsfw.datamanagers.pictures import Picture, fit_mask, fit_picture, load_mask, load_picture
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.timeline import Timeline
+from gsfw.datamanagers.undistortion import LensRule, undistortion_notes
+from gsfw.datamanagers.video_pictures import VideoPictures
+from gsfw.datamanagers.warp import MapCache, Warp
 
 
 class Capture(DataManager):
     """The frames of a recording in the scene frame, with their pictures decoded as needed."""
 
-    def __init__(self, recording: Recording, request: DataRequest) -> None:
+    def __init__(self, recording: Recording, request: DataRequest, rule: LensRule = USUAL) -> None:
         """Fit the cameras to their pictures, hold frames out, find the scene frame.
 
+        Args:
+            recording: what the format's file says.
+            request: what the run asks for.
+            rule: what becomes of pictures of distorted lenses.
+
         Raises:
-            DataError: a picture contradicts its camera, some frames have a time and some do not,
-                a name is not unique, or nothing is left to train on.
+            DataError: a picture contradicts its camera, a lens cannot be undistorted, some frames
+                have a time and some do not, a name is not unique, or nothing is left to train on.
         """
+        self._rule = rule
         self._frames = sorted(recording.frames, key=lambda frame: frame.name)
-        splits, how = hold_out(self._frames, request)
+        splits, how = hold_out(self._frames, request, recording.split_origin)
         self._members = {
             split: [i for i, member in enumerate(splits) if member is split] for split in Split
         }
@@ -51,11 +60,35 @@ class Capture(DataManager):
             self._camera(i, request.downscale, scene_from_world, timeline)
             for i in range(len(self._frames))
         ]
-        self._scene = Scene(
+        trained = [cameras[i] for i in train]
+        self._scene = self._make_scene(recording, trained, scene_from_world, extent, timeline)
+        self._views = self._make_views(cameras, how)
+        self._sizes = [(camera.width, camera.height) for camera in cameras]
+        self._warps = self._make_warps()
+        self._videos = self._make_videos()
+        self._loader = self._make_loader(request)
+        self._notes = (
+            *recording.notes,
+            *undistortion_notes([warp.undistortion for warp in self._warps if warp is not None]),
+            self._split_note(how),
+            *self._videos.notes(),
+            *self._loader.notes(),
+        )
+
+    def _make_scene(
+        self,
+        recording: Recording,
+        trained: Sequence[Cameras],
+        scene_from_world: Similarity,
+        extent: float,
+        timeline: Timeline,
+    ) -> Scene:
+        return Scene(
             name=recording.name,
             points=scene_from_world.apply(recording.points).float(),
             point_colors=recording.point_colors.float(),
-            camera_centers=torch.cat([cameras[i].centers for i in train]),
+            point_times=timeline.all_at(recording.point_times),
+            camera_centers=torch.cat([camera.centers for camera in trained]),
             extent=extent,
             world_from_scene=scene_from_world.inverse(),
             time_range=timeline.range,
@@ -63,7 +96,9 @@ class Capture(DataManager):
             up=recording.up,
             has_alpha=any(frame.header.has_alpha for frame in self._frames),
         )
-        self._views = {
+
+    def _make_views(self, cameras: Sequence[Cameras], how: str) -> dict[Split, Views]:
+        return {
             split: Views(
                 names=tuple(self._frames[i].name for i in members),
                 cameras=tuple(cameras[i] for i in members),
@@ -71,9 +106,16 @@ class Capture(DataManager):
             )
             for split, members in self._members.items()
         }
-        self._sizes = [(camera.width, camera.height) for camera in cameras]
-        self._loader = self._make_loader(request)
-        self._notes = (*recording.notes, self._split_note(how), *self._loader.notes())
+
+    def _make_warps(self) -> list[Warp | None]:
+        """What undistorts each picture; ``None`` for those of pinholes."""
+        maps = MapCache()
+        undistortions = [frame.undistortion(self._rule) for frame in self._frames]
+        return [None if found is None else Warp(found, maps) for found in undistortions]
+
+    def _make_videos(self) -> VideoPictures:
+        shots = {i: frame.shot for i, frame in enumerate(self._frames) if frame.shot is not None}
+        return VideoPictures(shots, {index: self._bytes(index) for index in shots}, self._fit)
 
     def _make_loader(self, request: DataRequest) -> Loader:
         order = [*self._members[Split.TRAIN], *self._members[Split.EVAL]]
@@ -104,7 +146,7 @@ class Capture(DataManager):
     ) -> Cameras:
         """The camera of a frame, in the scene frame."""
         frame = self._frames[index]
-        camera = frame.camera_at(downscale)
+        camera = frame.camera_at(downscale, self._rule)
         time = timeline.at(frame.time)
         return replace(
             camera,
@@ -146,17 +188,33 @@ class Capture(DataManager):
         if frame.moving is None:
             return None
         still = ~load_mask(frame.moving, frame.path, frame.header)
+        warp = self._warps[number]
         # Where any of the pixels beneath moves, their mean does.
-        return torch.from_numpy(~shrink_mask(still, *self._sizes[number]))[..., None]
+        fitted = fit_mask(still, *self._sizes[number], warp)
+        assert fitted is not None
+        return torch.from_numpy(~fitted)[..., None]
 
     def close(self) -> None:
         """Stop decoding and free the pictures."""
         self._loader.close()
+        self._videos.close()
 
     def _decode(self, index: int) -> Picture:
         frame = self._frames[index]
-        return load_picture(frame.path, frame.header, *self._sizes[index], mask=frame.mask)
+        if frame.shot is not None:
+            return self._videos.get(index)
+        return load_picture(
+            frame.path, frame.header, *self._sizes[index], frame.mask, self._warps[index]
+        )
+
+    def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> Picture:
+        """The decoded picture of a video, undistorted and shrunk."""
+        frame = self._frames[index]
+        valid = None if frame.mask is None else load_mask(frame.mask, frame.path, frame.header)
+        return fit_picture(pixels, valid, *self._sizes[index], self._warps[index])
 
     def _bytes(self, index: int) -> int:
-        frame, (width, height) = self._frames[index], self._sizes[index]
-        return width * height * (3 + frame.header.has_alpha + (frame.mask is not None))
+        frame, warp, (width, height) = self._frames[index], self._warps[index], self._sizes[index]
+        blanks = warp is not None and warp.undistortion.has_blanks
+        masked = frame.mask is not None or blanks
+        return width * height * (3 + frame.header.has_alpha + masked)

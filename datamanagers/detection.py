@@ -36,7 +36,10 @@ def describe_unrecognised(path: Path) -> str:
 
 
 def _is_data_set(path: Path) -> bool:
-    signs = ("sparse", "transforms.json", "transforms_train.json")
+    signs = (
+        *("sparse", "transforms.json", "transforms_train.json"),
+        *("poses_bounds.npy", "dataset.json", "train_meta.json", "colmap_0"),
+    )
     return any((path / sign).exists() for sign in signs)
 
 

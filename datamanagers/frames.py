@@ -3,52 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
 from jaxtyping import Float, Float64
 from torch import Tensor
 
-from gsfw.core.cameras import Cameras
+from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
+from gsfw.datamanagers.video import Shot
 
-
-@dataclass(frozen=True)
-class Lens:
-    """A pinhole camera, in pixels of the picture size that it describes."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: int
-    height: int
-    source: str = field(compare=False)
-    """Who says so, for messages: "camera 1 of sparse/0/cameras.bin"."""
-
-    def matrix(self) -> Float64[Tensor, "3 3"]:
-        """The intrinsics."""
-        return torch.tensor(
-            [[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]],
-            dtype=torch.float64,
-        )
-
-    def check(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            DataError: they are not those of a camera.
-        """
-        numbers = torch.tensor([self.fx, self.fy, self.cx, self.cy], dtype=torch.float64)
-        if not numbers.isfinite().all() or min(self.fx, self.fy, self.width, self.height) <= 0:
-            raise DataError(
-                f"{self.source}: fx={self.fx:g}, fy={self.fy:g}, cx={self.cx:g}, cy={self.cy:g}, "
-                f"{self.width}x{self.height} pixels is no camera.",
-                "Focal lengths and sizes have to be positive, and all numbers finite.",
-            )
+USUAL = LensRule()
+"""What becomes of distorted pictures unless something else is asked for."""
 
 
 @dataclass(frozen=True)
@@ -72,19 +43,40 @@ class Frame:
     """Picture that is bright where pixels are valid; ``None`` when all are."""
     moving: Path | None = None
     """Picture that is bright where something moves; ``None`` when nobody said."""
+    shot: Shot | None = None
+    """Which picture of the video at ``path``; ``None`` where the path is that of a picture."""
 
-    def camera_at(self, downscale: float) -> Cameras:
-        """The camera in the world of the data, for the picture shrunk by ``downscale``; float64.
+    def undistortion(self, rule: LensRule) -> Undistortion | None:
+        """How the picture is undistorted; ``None`` when its lens is a pinhole.
 
         Raises:
-            DataError: the picture's size contradicts the camera.
+            DataError: the picture's size contradicts the camera, or the distortion is no lens's.
         """
         self._check_size()
+        if self.lens.is_pinhole:
+            return None
+        return undistortion_of(self.lens.resized(self.header.width, self.header.height), rule)
+
+    def camera_at(self, downscale: float, rule: LensRule = USUAL) -> Cameras:
+        """The camera of the undistorted picture shrunk by ``downscale``; float64.
+
+        It is in the world of the data.
+
+        Raises:
+            DataError: the picture's size contradicts the camera, or the distortion is no lens's.
+        """
+        undistortion = self.undistortion(rule)
+        lens = self.lens if undistortion is None else undistortion.target
+        shown = self.header if undistortion is None else lens
         return Cameras(
-            self.world_to_camera[None], self.lens.matrix()[None], self.lens.width, self.lens.height
+            self.world_to_camera[None],
+            lens.matrix()[None],
+            lens.width,
+            lens.height,
+            CameraModel.PINHOLE if lens.is_pinhole else CameraModel.FISHEYE,
         ).resized(
-            max(1, round(self.header.width / downscale)),
-            max(1, round(self.header.height / downscale)),
+            max(1, round(shown.width / downscale)),
+            max(1, round(shown.height / downscale)),
         )
 
     def _check_size(self) -> None:
@@ -127,6 +119,10 @@ class Recording:
     """Which way is up in the world of the data ("z", "-y"), as far as the format says."""
     unused_times: tuple[float, ...] = ()
     """Times of frames that are neither trained nor evaluated on."""
+    point_times: Float64[Tensor, " p"] | None = None
+    """When each point was seen, in the unit of the frames' times; ``None`` when nobody said."""
+    split_origin: str = "the data set's own split"
+    """How frames got their ``split``, where they have one."""
 
 
 def data_folder(path: Path | None, format_name: str) -> Path:

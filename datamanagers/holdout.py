@@ -11,7 +11,9 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame
 
 
-def hold_out(frames: Sequence[Frame], request: DataRequest) -> tuple[list[Split], str]:
+def hold_out(
+    frames: Sequence[Frame], request: DataRequest, own: str = "the data set's own split"
+) -> tuple[list[Split], str]:
     """The split of each frame, and how it came about.
 
     Names that the user gave come first, then the data set's own split, then every n-th.
@@ -19,6 +21,7 @@ def hold_out(frames: Sequence[Frame], request: DataRequest) -> tuple[list[Split]
     Args:
         frames: sorted by name.
         request: what the user wants held out.
+        own: how the data set's own split came about.
 
     Raises:
         DataError: there is no image of a name that was given.
@@ -28,7 +31,7 @@ def hold_out(frames: Sequence[Frame], request: DataRequest) -> tuple[list[Split]
         how = "by name"
     elif any(frame.split is not None for frame in frames):
         held = {index for index, frame in enumerate(frames) if frame.split is Split.EVAL}
-        how = "the data set's own split"
+        how = own
     elif request.eval_every_nth > 0:
         held = set(range(0, len(frames), request.eval_every_nth))
         how = f"every {_ordinal(request.eval_every_nth)} by name"

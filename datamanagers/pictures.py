@@ -16,7 +16,8 @@ from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import Base
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.area import shrink, shrink_mask
+from gsfw.datamanagers.area import shrink, shrink_mask, shrink_values, to_pixels, to_values
+from gsfw.datamanagers.warp import Warp
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 """Of picture files; also what is tried, in this order, where a path has no extension."""
@@ -80,18 +81,45 @@ def read_header(path: Path) -> Header:
 
 
 def load_picture(
-    path: Path, header: Header, width: int, height: int, mask: Path | None = None
+    path: Path,
+    header: Header,
+    width: int,
+    height: int,
+    mask: Path | None = None,
+    warp: Warp | None = None,
 ) -> Picture:
-    """Decode a picture and shrink it (area filter).
+    """Decode a picture, undistort it with ``warp`` if there is one, and shrink it (area filter).
 
     Raises:
         DataError: the picture or its mask does not decode, or their sizes differ.
     """
     pixels = decode(path, header)
-    if mask is None:
-        return Picture(shrink(pixels, width, height))
-    valid = load_mask(mask, path, header)
-    return Picture(shrink(pixels, width, height), shrink_mask(valid, width, height))
+    valid = None if mask is None else load_mask(mask, path, header)
+    return fit_picture(pixels, valid, width, height, warp)
+
+
+def fit_picture(
+    pixels: UInt8[np.ndarray, "h w d"],
+    valid: Bool[np.ndarray, "h w"] | None,
+    width: int,
+    height: int,
+    warp: Warp | None = None,
+) -> Picture:
+    """A decoded picture, undistorted and shrunk; rounded to 8 bits once."""
+    fitted = fit_mask(valid, width, height, warp)
+    if warp is None:
+        return Picture(shrink(pixels, width, height), fitted)
+    values = warp.colors(to_values(pixels))
+    return Picture(to_pixels(shrink_values(values, width, height)), fitted)
+
+
+def fit_mask(
+    valid: Bool[np.ndarray, "h w"] | None, width: int, height: int, warp: Warp | None = None
+) -> Bool[np.ndarray, "h2 w2"] | None:
+    """The mask of a fitted picture; ``None`` when all of its pixels are valid."""
+    if warp is not None:
+        valid = warp.mask(valid)
+    return None if valid is None else shrink_mask(valid, width, height)
 
 
 def load_mask(mask: Path, path: Path, header: Header) -> Bool[np.ndarray, "h w"]:

@@ -24,22 +24,60 @@ def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[
     Raises:
         DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
     """
-    if not camera_to_world.isfinite().all():
+    rotation, center = _pose(
+        camera_to_world,
+        f"{where}: the pose (transform_matrix)",
+        "Expected camera-to-world without scale or mirroring; scale the positions instead.",
+    )
+    rotation = (rotation * torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)).T
+    return _rigid(rotation, -(rotation @ center))
+
+
+def from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
+    """World-to-camera as files give it (x right, y down, z forward), made exactly rigid.
+
+    Raises:
+        DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
+    """
+    rotation, translation = _pose(
+        world_to_camera,
+        f"{where}: the pose",
+        "Expected world-to-camera without scale or mirroring; scale the translation instead.",
+    )
+    return _rigid(rotation, translation)
+
+
+def from_center(
+    rotation: Float64[Tensor, "3 3"], center: Float64[Tensor, " 3"], where: str
+) -> Float64[Tensor, "4 4"]:
+    """World-to-camera, from its rotation and where the camera is in the world.
+
+    Raises:
+        DataError: it has numbers that are not finite, or is not rigid; begins with ``where``.
+    """
+    placed = torch.cat([rotation, -(rotation @ center)[:, None]], dim=1)
+    return from_opencv(placed, where)
+
+
+def _pose(
+    matrix: Float64[Tensor, "r 4"], what: str, advice: str
+) -> tuple[Float64[Tensor, "3 3"], Float64[Tensor, " 3"]]:
+    """The nearest rotation, and the last column."""
+    if not matrix.isfinite().all():
         raise DataError(
-            f"{where}: the pose (transform_matrix) has numbers that are not finite.",
+            f"{what} has numbers that are not finite.",
             "Remove this frame, or compute its pose again.",
         )
-    axes, center = camera_to_world[:3, :3], camera_to_world[:3, 3]
+    axes = matrix[:3, :3]
     error = float((axes.T @ axes - torch.eye(3, dtype=torch.float64)).abs().max())
     if error > RIGID or torch.linalg.det(axes) < 0:
         raise DataError(
-            f"{where}: the pose (transform_matrix) is not rigid: its columns are not those of a "
-            f"rotation (off by {error:.2g}, determinant {float(torch.linalg.det(axes)):.3g}).",
-            "Expected camera-to-world without scale or mirroring; scale the positions instead.",
+            f"{what} is not rigid: its columns are not those of a rotation "
+            f"(off by {error:.2g}, determinant {float(torch.linalg.det(axes)):.3g}).",
+            advice,
         )
     left, _, right = torch.linalg.svd(axes)
-    rotation = (left @ right * torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)).T
-    return _rigid(rotation, -(rotation @ center))
+    return left @ right, matrix[:3, 3]
 
 
 def from_quaternion(

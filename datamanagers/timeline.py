@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from jaxtyping import Float, Float64
+from torch import Tensor
+
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame
 
@@ -45,3 +48,10 @@ class Timeline:
             return None
         first, last = self.range
         return (time - first) / (last - first)
+
+    def all_at(self, times: Float64[Tensor, " p"] | None) -> Float[Tensor, " p"] | None:
+        """Times of points, likewise; points outside the range count as seen at its end."""
+        if times is None or self.range is None:
+            return None
+        first, last = self.range
+        return ((times - first) / (last - first)).clamp(0.0, 1.0).float()

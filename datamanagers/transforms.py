@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-import torch
-from jaxtyping import Float, Float64, Num
-from plyfile import PlyData, PlyElement
-from torch import Tensor
-
-from gsfw.core.config import DataManagerConfig, Detection
+from gsfw.core.config import Detection
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
     Recording,
@@ -24,13 +18,14 @@ from gsfw.datamanagers.frames import (
     no_points,
     number_cameras,
 )
+from gsfw.datamanagers.point_file import Points, read_ply
 from gsfw.datamanagers.transforms_file import SPLIT_FILES, TransformsFile, plain_name
 
 FILE = "transforms.json"
 
 
 @dataclass
-class TransformsConfig(DataManagerConfig):
+class TransformsConfig(CaptureConfig):
     """Settings of the ``transforms`` format."""
 
     @classmethod
@@ -45,13 +40,15 @@ class TransformsConfig(DataManagerConfig):
         """Read the file and its points, check the pictures' headers.
 
         Raises:
-            DataError: the file is damaged, a camera is distorted, or the pictures do not fit.
+            ConfigError: a setting is out of range.
+            DataError: the file is damaged, or the pictures do not fit.
         """
+        rule = self.lens_rule()
         path = data_folder(request.path, "transforms")
         file = _file(path)
         if not file.is_file():
             raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
-        return Capture(_recording(TransformsFile.read(file)), request)
+        return Capture(_recording(TransformsFile.read(file)), request, rule)
 
 
 def _file(path: Path) -> Path:
@@ -64,7 +61,7 @@ def _recording(file: TransformsFile) -> Recording:
     folder = file.path.absolute().parent
     missing_note = missing_pictures(missing, len(listed) + len(missing), folder)
     frames, split_note = _own_split(file, listed)
-    points, colors, point_note = _points(file)
+    (points, colors), point_note = _points(file)
     return Recording(
         name=folder.name,
         path=file.path,
@@ -104,33 +101,12 @@ def _own_split(file: TransformsFile, frames: list[Frame]) -> tuple[list[Frame], 
     return split, (note,) if left_out else ()
 
 
-Points = tuple[Float64[Tensor, "p 3"], Float[Tensor, "p 3"], tuple[str, ...]]
-
-
-def _points(file: TransformsFile) -> Points:
+def _points(file: TransformsFile) -> tuple[Points, tuple[str, ...]]:
     """Points, their colours, and a note when there should be some and are none."""
     name = file.content.get("ply_file_path")
     if not name:
-        return *no_points(), ()
+        return no_points(), ()
     path = file.path.parent / plain_name(str(name))
     if not path.is_file():
-        return *no_points(), (f"its points (ply_file_path {name}) are not on disk",)
-    try:
-        vertices = PlyData.read(path)["vertex"]
-        points = _columns(vertices, "xyz").astype(np.float64)
-        colors = np.full(points.shape, 0.5)
-        if "red" in vertices.data.dtype.names:
-            colors = _columns(vertices, ("red", "green", "blue"))
-            colors = colors / 255 if colors.dtype == np.uint8 else colors.clip(0, 1)
-    except Exception as error:  # plyfile raises whatever a broken file makes it.
-        raise DataError(
-            f"{path} does not hold points: {error}",
-            "Expected a PLY with x, y, z; remove ply_file_path to train without points.",
-        ) from error
-    if not np.isfinite(points).all():
-        raise DataError(f"{path}: some of its points are not finite.", "Remove them.")
-    return torch.from_numpy(points), torch.from_numpy(colors).float(), ()
-
-
-def _columns(vertices: PlyElement, names: Iterable[str]) -> Num[np.ndarray, "p 3"]:
-    return np.stack([np.asarray(vertices[name]) for name in names], axis=1)
+        return no_points(), (f"its points (ply_file_path {name}) are not on disk",)
+    return read_ply(path, "ply_file_path"), ()

@@ -7,7 +7,6 @@ OpenGL axes. See https://docs.nerf.studio/quickstart/data_conventions.html.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,16 +16,14 @@ import torch
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.frames import Frame, Lens
+from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.poses import from_opengl
+from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
 
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
 """Of NeRF-synthetic and D-NeRF, which have one file per split."""
-FOCAL_KEYS = ("fl_x", "fl_y", "camera_angle_x", "camera_angle_y")
-DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
-PINHOLE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
-"""Values of camera_model that are pinholes where all coefficients are 0."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +64,10 @@ class TransformsFile:
             DataError: a frame cannot be used; it is named.
         """
         frames, missing = [], []
-        for number, entry in enumerate(self.content["frames"]):
+        for index, entry in enumerate(self.content["frames"]):
             name = entry.get("file_path")
             if not isinstance(name, str) or not name:
-                raise DataError(f"{self.path}: frame {number} (counted from 0) has no file_path.")
+                raise DataError(f"{self.path}: frame {index} (counted from 0) has no file_path.")
             name = plain_name(name)
             picture = self.find(name)
             if picture is None:
@@ -81,8 +78,8 @@ class TransformsFile:
 
     def times(self) -> tuple[float, ...]:
         """The times of all frames, whether or not their pictures are on disk."""
-        numbers = [_number(entry, "time", str(self.path)) for entry in self.content["frames"]]
-        return tuple(number for number in numbers if number is not None)
+        times = [number(entry, "time", str(self.path)) for entry in self.content["frames"]]
+        return tuple(time for time in times if time is not None)
 
     def names(self, key: str) -> frozenset[str]:
         """A list of frames; empty when the file does not have it.
@@ -110,7 +107,7 @@ class TransformsFile:
             header=header,
             lens=self._lens(entry, header, where),
             world_to_camera=from_opengl(_matrix(entry, where), where),
-            time=_number(entry, "time", where),
+            time=number(entry, "time", where),
             mask=self._mask(entry, "mask_path", "use every pixel", where),
             moving=self._mask(
                 entry, "motion_mask_path", "let evaluation find what moves itself", where
@@ -130,30 +127,8 @@ class TransformsFile:
         return mask
 
     def _lens(self, entry: Mapping[str, Any], header: Header, where: str) -> Lens:
-        both = {**self.content, **entry}
-        _refuse_distortion(both, where)
         focal = entry if any(key in entry for key in FOCAL_KEYS) else self.content
-        width = _number(both, "w", where) or float(header.width)
-        height = _number(both, "h", where) or float(header.height)
-        fx = _focal_length(focal, "x", width, where)
-        fy = _focal_length(focal, "y", height, where)
-        if fx is None and fy is None:
-            raise DataError(
-                f"{where}: there is no focal length.",
-                f"Expected one of {', '.join(FOCAL_KEYS)}, for the file or for the frame.",
-            )
-        cx, cy = _number(both, "cx", where), _number(both, "cy", where)
-        lens = Lens(
-            fx=fx or fy or 0.0,
-            fy=fy or fx or 0.0,
-            cx=width / 2 if cx is None else cx,
-            cy=height / 2 if cy is None else cy,
-            width=round(width),
-            height=round(height),
-            source=str(self.path),
-        )
-        lens.check()
-        return lens
+        return read_lens({**self.content, **entry}, focal, header, where, str(self.path))
 
 
 def plain_name(file_path: str) -> str:
@@ -171,41 +146,3 @@ def _matrix(entry: Mapping[str, Any], where: str) -> torch.Tensor:
             f"{where}: there is no pose.", "Expected transform_matrix with 4 rows of 4 numbers."
         )
     return matrix
-
-
-def _number(settings: Mapping[str, Any], key: str, where: str) -> float | None:
-    value = settings.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        raise DataError(f"{where}: {key} is {value!r}; expected a number.")
-    return float(value)
-
-
-def _focal_length(settings: Mapping[str, Any], axis: str, size: float, where: str) -> float | None:
-    """In pixels, from itself or from the field of view (radians) over ``size`` pixels."""
-    pixels = _number(settings, f"fl_{axis}", where)
-    angle = _number(settings, f"camera_angle_{axis}", where)
-    if pixels is not None or angle is None:
-        return pixels
-    if not 0 < angle < math.pi:
-        raise DataError(
-            f"{where}: camera_angle_{axis} is {angle:g}; expected radians between 0 and pi."
-        )
-    return 0.5 * size / math.tan(0.5 * angle)
-
-
-def _refuse_distortion(settings: Mapping[str, Any], where: str) -> None:
-    model = settings.get("camera_model", "OPENCV")
-    found = [f"{key}={settings[key]:g}" for key in DISTORTION_KEYS if _number(settings, key, where)]
-    if settings.get("is_fisheye") is True:
-        found.append("is_fisheye")
-    if model not in PINHOLE_MODELS:
-        found.append(f"camera_model={model}")
-    if found:
-        raise DataError(
-            f"{where}: its camera is distorted ({', '.join(found)}); expected a pinhole camera.",
-            "Undistort the pictures first: run colmap image_undistorter on the COLMAP model that "
-            "this file was made from, and train on its result (data=DIR). A later version of gsfw "
-            "will do so itself.",
-        )

@@ -10,6 +10,16 @@ def gsfw_exporters() -> list[Spec]:
     """The formats that can be written."""
     return [
         Spec("ply", "3DGS PLY, as Kerbl et al. 2023 write it", "gsfw.formats.ply:PlyExporter"),
+        Spec(
+            "gsfw",
+            "the whole model at all times, to be drawn without its data set",
+            "gsfw.formats.model_file:ModelFileExporter",
+        ),
+        Spec(
+            "tracks",
+            "the paths of all Gaussians over time, for NumPy",
+            "gsfw.formats.tracks:TracksExporter",
+        ),
     ]
 
 

@@ -37,4 +37,11 @@ def gsfw_methods() -> list[Spec]:
             paper="Wu et al. 2024",
             tags=frozenset({"dynamic"}),
         ),
+        Spec(
+            "dynamic3dgs",
+            "persistent Gaussians that are tracked from each time to the next",
+            "gsfw.methods.tracked_gaussians.config:TrackedGaussiansConfig",
+            paper="Luiten et al. 2024",
+            tags=frozenset({"dynamic"}),
+        ),
     ]

@@ -195,13 +195,19 @@ def open_data(settings: Settings) -> DataManager:
     return config.datamanager.build(request)
 
 
-def compose(settings: Settings, registry: Registry, restoring: bool = False) -> Composition:
+def compose(
+    settings: Settings,
+    registry: Registry,
+    restoring: bool = False,
+    data: DataManager | None = None,
+) -> Composition:
     """Check and build a run.
 
     Args:
         settings: of the run.
         registry: what is installed.
         restoring: whether a checkpoint follows, so that a splat file to start from is not needed.
+        data: what stands in for the data set of the settings; ``None`` opens that.
 
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
@@ -212,7 +218,7 @@ def compose(settings: Settings, registry: Registry, restoring: bool = False) -> 
     check(settings, registry)
     device = settings_device(settings)
     method = settings.config.build()
-    data = open_data(settings)
+    data = open_data(settings) if data is None else data
     scene = data.scene
     views = data.views(Split.TRAIN)
     if len(views) == 0:
@@ -256,7 +262,7 @@ def _parts(
         optimizer=optimizer,
         table=SplatTable(model, optimizer),
         strategy=config.strategy.build(scene),
-        sampler=config.sampler.build(data.views(Split.TRAIN), config.seed),
+        sampler=config.sampler.build(data.views(Split.TRAIN), config.seed, config.steps),
         data=data,
         rasterizer=config.rasterizer.build(device),
         operators=operators,

@@ -14,7 +14,7 @@ from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import read_config
 from gsfw.plugins.registry import Registry
-from gsfw.plugins.settings import Layer, resolve
+from gsfw.plugins.settings import Layer, Settings, resolve
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,31 @@ def restore(
         saved = replace(saved, given=None)
     layers = [saved] if changed is None else [saved, _with_rasterizer(changed, saved, registry)]
     settings = resolve(registry, layers)
+    _check_data(settings, folder, changed)
     # Into the memory of the host: what a GPU needs of it is copied there.
     state = read_checkpoint(checkpoint)
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
     composition.parts.model.load_state_dict(state["model"])
     return Restored(folder, composition, state)
+
+
+def _check_data(settings: Settings, folder: RunFolder, changed: Layer | None) -> None:
+    """Refuse to go on without the data set; a new place that was given speaks for itself.
+
+    Raises:
+        DataError: it is not where it was in training.
+    """
+    data = settings.config.data
+    given = changed is not None and "data" in changed.values
+    if not data or given or Path(data).exists():
+        return
+    model = folder.path / "model.gsfw"
+    hint = f"where the data set is, gsfw export {folder.path} format=gsfw makes one"
+    raise DataError(
+        f"{folder.path} was trained on {data}, and there is no such file or folder any more.",
+        "Say where the data set is now: data=PATH. (A model file needs none; "
+        f"{f'there is one: {model}' if model.is_file() else hint}.)",
+    )
 
 
 def _with_rasterizer(changed: Layer, saved: Layer, registry: Registry) -> Layer:

@@ -6,7 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gsfw.core.config import AUTO, MethodConfig, SlotConfig, replace_at, step_settings
+from gsfw.core.config import (
+    AUTO,
+    MethodConfig,
+    Rescaled,
+    SlotConfig,
+    replace_at,
+    step_settings,
+)
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.automatic import (
     Choice,
@@ -30,8 +37,8 @@ CHOICE_KEYS = ("method", "preset", *SLOT_KEYS)
 DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
 """What ``auto`` means where nothing has to be found out."""
 
-OWN_LAYERS = 3
-"""Layers below those that are given: a preset and two recommendations."""
+OWN_LAYERS = 4
+"""Layers below those that are given: two presets and two recommendations."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,9 @@ class Settings:
 def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
     """Settings from the method's defaults, a preset, what its parts recommend, and ``layers``.
 
+    Every preset builds on the one named "default". That way what a method wants of a strategy holds
+    whenever this strategy is used, even where the preset is made for another one.
+
     Raises:
         ConfigError: a key or name is unknown, or a value has the wrong type; says where.
         DataError: the data set is missing or of no known format.
@@ -90,8 +100,8 @@ def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
     _check_names(registry, layers)
     kind: type[MethodConfig] = load("method", spec)
     resolution = _Resolution(registry, spec, kind(), layers)
-    resolution.choose("datamanager", recommendations=1)
-    resolution.choose("strategy", recommendations=2)
+    resolution.choose("datamanager", recommendations=2)
+    resolution.choose("strategy", recommendations=3)
     resolution.choose("sampler")
     resolution.apply_values()
     resolution.choose_rasterizer()
@@ -123,8 +133,9 @@ class _Resolution:
     ) -> None:
         self._registry, self._method, self._config = registry, method, config
         self._given_layers = layers
-        self._layers = [_preset(method, config, layers), *layers]
+        self._layers = [*_presets(method, config, layers), *layers]
         self._choices: dict[str, Spec] = {}
+        self._rescaled: set[str] = set()
         self._sources: dict[str, str] = {"method": _last(layers, "method")[1]}
         self._defaults = {slot: self._default_name(slot) for slot in SLOT_KEYS}
 
@@ -207,6 +218,10 @@ class _Resolution:
                     yield layer, key, value
 
     def _set(self, key: Key, value: object, source: str) -> None:
+        self._rescaled.discard(key.name)
+        if isinstance(value, Rescaled):
+            value = value.steps
+            self._rescaled.add(key.name)
         try:
             parsed = parse(key.kind, value)
         except ValueError:
@@ -264,16 +279,17 @@ class _Resolution:
         self.apply_values(only="rasterizer")
 
     def rescale(self, default_steps: int) -> None:
-        """Stretch every schedule that is still the method's default to the run's length."""
+        """Stretch every schedule that is still the method's or a preset's to the run's length."""
         config = self._config
         if not config.rescale or config.steps == default_steps:
             return
         ratio = config.steps / default_steps
         for key, (value, at_least) in step_settings(config).items():
-            if key not in self._sources and value > 0:
+            if (key not in self._sources or key in self._rescaled) and value > 0:
                 steps = max(round(value * ratio), min(at_least, value))
                 self._config = replace_at(self._config, key, steps)
-                self._sources[key] = f"{METHOD_DEFAULT} x {ratio:.3g} (steps={config.steps})"
+                source = self._sources.get(key, METHOD_DEFAULT)
+                self._sources[key] = f"{source} x {ratio:.3g} (steps={config.steps})"
 
     def settings(self) -> Settings:
         """The result."""
@@ -298,18 +314,19 @@ class _Resolution:
         return tuple(key for key in sources if key in given)
 
 
-def _preset(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> Layer:
-    """The preset as a layer; without one, that named "default", where the method has it."""
+def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:
+    """The preset named "default", if the method has it, and the chosen one: the same without."""
     name, source = _last(layers, "preset")
-    if name is None:
-        return Layer("preset default", config.presets.get("default", {}))
-    if name not in config.presets:
+    if name is not None and name not in config.presets:
         raise ConfigError(
             f"{_where(source)}method {method.name!r} has no preset {name!r}."
             f"{did_you_mean(name, config.presets)}",
             f"Presets: {', '.join(config.presets) or 'none'}.",
         )
-    return Layer(f"preset {name}", config.presets[name])
+    return [
+        Layer(f"preset {key}", config.presets.get(key, {}))
+        for key in ("default", name or "default")
+    ]
 
 
 def _where(source: str) -> str:

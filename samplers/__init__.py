@@ -19,4 +19,21 @@ def gsfw_samplers() -> list[Spec]:
             "several views of one time per step",
             "gsfw.samplers.same_time:SameTimeConfig",
         ),
+        Spec(
+            "sequential",
+            "one time after the other, as an online method sees them",
+            "gsfw.samplers.sequential:SequentialConfig",
+            paper="Luiten et al. 2024",
+        ),
+        Spec(
+            "progressive",
+            "views of a window of times that grows until all are in",
+            "gsfw.samplers.progressive:ProgressiveConfig",
+            paper="Lee et al. 2024",
+        ),
+        Spec(
+            "error-weighted",
+            "views with a large loss more often",
+            "gsfw.samplers.error_weighted:ErrorWeightedConfig",
+        ),
     ]

@@ -11,6 +11,7 @@ from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
+from gsfw.samplers.view_times import check_views_per_step, views_by_time
 
 
 @dataclass
@@ -20,22 +21,14 @@ class SameTimeConfig(SamplerConfig):
     views_per_step: int = 2
     """Views drawn per step, fewer where a time has no more left in this epoch."""
 
-    def build(self, views: Views, seed: int) -> Sampler:
+    def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """The sampler.
 
         Raises:
             ConfigError: the views have no times, or no two share one.
         """
-        if self.views_per_step < 1:
-            raise ConfigError(f"sampler.views_per_step={self.views_per_step}: expected at least 1.")
-        if views.times is None:
-            raise ConfigError(
-                "sampler 'same-time': the views of this capture have no times.",
-                "Use sampler=uniform.",
-            )
-        by_time: dict[float, list[int]] = {}
-        for view, time in enumerate(views.times):
-            by_time.setdefault(time, []).append(view)
+        check_views_per_step(self.views_per_step)
+        by_time = views_by_time(views, "same-time")
         if len(by_time) == len(views):
             raise ConfigError(
                 "sampler 'same-time': no two of the training views have the same time.",

@@ -8,9 +8,9 @@ from typing import Any
 
 from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
-from gsfw.core.errors import ConfigError
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
+from gsfw.samplers.view_times import check_views_per_step
 
 
 @dataclass
@@ -20,14 +20,13 @@ class UniformConfig(SamplerConfig):
     views_per_step: int = 1
     """Views drawn per step; their gradients are averaged."""
 
-    def build(self, views: Views, seed: int) -> Sampler:
+    def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """The sampler.
 
         Raises:
             ConfigError: views_per_step is below 1.
         """
-        if self.views_per_step < 1:
-            raise ConfigError(f"sampler.views_per_step={self.views_per_step}: expected at least 1.")
+        check_views_per_step(self.views_per_step)
         return UniformSampler(len(views), self.views_per_step, seed)
 
 

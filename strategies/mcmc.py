@@ -3,6 +3,11 @@
 Rows move by noise shaped by their covariance (equation 8), dead rows are relocated to live ones
 drawn by opacity so that the picture stays as it is (equation 9), the number of rows grows to a
 fixed limit, and opacities and scales are pulled towards zero (section 3.4).
+
+Rows can be drawn by the mean gradient of their screen position besides (FreeTimeGS, Wang et al.
+2025), so that copies go where the picture is still wrong; this is off by default. There the two are
+added as they are; here each is divided by its sum first, so that neither depends on how many pixels
+a picture has.
 """
 
 from __future__ import annotations
@@ -16,15 +21,18 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import StrategyConfig, steps_field
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import Children, PrimitiveModel
 from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.strategy import DensityStrategy, Refinement
 from gsfw.core.table import SplatTable
+from gsfw.strategies.row_statistics import RowStatistics
 
 POSITIONS = "means"
 """The column whose learning rate the noise follows."""
@@ -43,6 +51,8 @@ class McmcConfig(StrategyConfig):
     """Splats added by each refinement, relative to those there are."""
     min_opacity: float = 0.005
     """Rows up to this opacity are dead, and are relocated."""
+    gradient_share: float = 0.0
+    """Part of the copies drawn by screen gradient instead of opacity (FreeTimeGS: 0.5); 0: none."""
     noise_lr: float = 5e5
     """Strength of the noise, times the learning rate of positions."""
     opacity_reg: float = 0.01
@@ -56,23 +66,37 @@ class McmcConfig(StrategyConfig):
     refine_every: int = steps_field(100, at_least=20)
     """Steps between refinements; short runs refine, and so grow, in fewer rounds."""
 
+    def needs(self) -> Needs:
+        """The gradient that some of the copies are drawn by."""
+        return Needs(features=frozenset({Feature.SCREEN_GRADIENT} if self.gradient_share else ()))
+
     def build(self, scene: Scene) -> DensityStrategy:
         """The strategy.
 
         Raises:
-            ConfigError: an interval or a limit is out of range.
+            ConfigError: an interval, a limit or a share is out of range.
         """
         for key, value in (("refine_every", self.refine_every), ("cap_max", self.cap_max)):
             if value < 1:
                 raise ConfigError(f"strategy.{key}={value}: expected at least 1.")
+        if not 0 <= self.gradient_share <= 1:
+            raise ConfigError(
+                f"strategy.gradient_share={self.gradient_share:g}: expected a number from 0 to 1."
+            )
         return MarkovChainMonteCarlo(self)
 
 
 class MarkovChainMonteCarlo(DensityStrategy):
-    """Relocates, grows and perturbs; has no state besides the generator it is given."""
+    """Relocates, grows and perturbs."""
 
     def __init__(self, config: McmcConfig) -> None:
         self._config = config
+        self._seen: RowStatistics | None = None
+
+    def statistics(self, step: int) -> frozenset[Statistic]:
+        """The screen gradient where rows are drawn by it, as long as any are to be drawn."""
+        gathers = self._config.gradient_share > 0 and step + 1 < self._config.refine_stop
+        return frozenset({Statistic.SCREEN_GRADIENT} if gathers else ())
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Mean opacity and mean scale of the splats drawn, weighted."""
@@ -84,7 +108,16 @@ class MarkovChainMonteCarlo(DensityStrategy):
     def observe(
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
-        """Nothing to note: opacities say what is dead."""
+        """Gather gradients where rows are drawn by them: opacities say what is dead."""
+        gradient = statistics.screen_gradient
+        if gradient is None or not self.statistics(context.step):
+            return
+        if self._seen is None:
+            self._seen = RowStatistics(context.num_rows, gradient.device)
+        views_in_step = len(context.batch.views) / context.share
+        self._seen.add(
+            gradient * views_in_step, statistics.radii, statistics.visible, context.splats.rows
+        )
 
     def refine(
         self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
@@ -97,6 +130,9 @@ class MarkovChainMonteCarlo(DensityStrategy):
                 "relocated": self._relocate(table, model, generator),
                 "added": self._grow(table, model, generator),
             }
+            self._seen = None
+        if done >= config.refine_stop:
+            self._seen = None
         model.perturb_(config.noise_lr * table.learning_rate(POSITIONS, step), generator)
         return counts
 
@@ -109,8 +145,11 @@ class MarkovChainMonteCarlo(DensityStrategy):
         num_dead = len(alive) - int(alive.sum())
         if num_dead == 0 or num_dead == len(alive):
             return 0
-        chosen = draw_rows(torch.where(alive, opacities, 0.0), num_dead, generator)
+        weights = self._weights(torch.where(alive, opacities, 0.0))
+        chosen = draw_rows(weights, num_dead, generator)
         table.edit(alive, self._shared_out(chosen, table, model))
+        if self._seen is not None:
+            self._seen = self._seen.taken(torch.cat([alive.nonzero()[:, 0], chosen]))
         return num_dead
 
     def _grow(self, table: SplatTable, model: PrimitiveModel, generator: torch.Generator) -> int:
@@ -120,9 +159,19 @@ class MarkovChainMonteCarlo(DensityStrategy):
         opacities = model.opacities()
         if number <= 0 or not bool(opacities.sum() > 0):
             return 0
-        chosen = draw_rows(opacities, number, generator)
+        chosen = draw_rows(self._weights(opacities), number, generator)
         table.append(self._shared_out(chosen, table, model))
         return number
+
+    def _weights(self, opacities: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+        """How often rows are drawn, relative to each other; never where the opacity is zero."""
+        share = self._config.gradient_share
+        if self._seen is None or share == 0:
+            return opacities
+        gradient = torch.where(opacities > 0, self._seen.mean_gradient, 0.0)
+        if not bool(gradient.sum() > 0):
+            return opacities
+        return share * gradient / gradient.sum() + (1.0 - share) * opacities / opacities.sum()
 
     @staticmethod
     def _shared_out(
@@ -134,11 +183,13 @@ class MarkovChainMonteCarlo(DensityStrategy):
         return model.clone_rows(chosen)
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing to keep."""
-        return {}
+        """Gradients since the last refinement, where they are gathered."""
+        return {} if self._seen is None else self._seen.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Nothing to restore."""
+        """Go on gathering."""
+        device = state["views"].device if state else None
+        self._seen = None if device is None else RowStatistics.restored(state, device)
 
 
 def draw_rows(

@@ -16,6 +16,7 @@ class RowStatistics:
         self._gradient = torch.zeros(num_rows, device=device)
         self._views = torch.zeros(num_rows, device=device)
         self._radius = torch.zeros(num_rows, device=device)
+        self._time_gradient: Tensor | None = None
 
     def add(
         self,
@@ -44,25 +45,62 @@ class RowStatistics:
         self._views.index_add_(0, rows, views)
         self._radius[rows] = torch.maximum(self._radius[rows], largest)
 
+    def add_time_gradient(
+        self,
+        gradient: Float[Tensor, " n"],
+        views: int,
+        observed: Bool[Tensor, ""],
+    ) -> None:
+        """Take in how strongly a step pulls at temporal centres; no synchronisation.
+
+        The gradient is that of the whole step, whose loss is the mean over its views, and is not
+        known for each view. Each of the step's batches adds its part, whichever rows it has seen:
+        together they add the gradient times the views of the step, which ``mean_time_gradient``
+        divides by those that saw the row.
+
+        Args:
+            gradient: of the step's loss, for every row of the model.
+            views: of the batch.
+            observed: false when nothing is to be added, as of a step that was not finite.
+        """
+        added = torch.where(observed, gradient * views, 0.0).to(self._gradient)
+        self._time_gradient = added if self._time_gradient is None else self._time_gradient + added
+
     @property
     def mean_gradient(self) -> Float[Tensor, " n"]:
         """Mean over the views that saw the row; 0 where none did."""
         return self._gradient / self._views.clamp_min(1.0)
 
     @property
+    def mean_time_gradient(self) -> Float[Tensor, " n"] | None:
+        """Mean over the views that saw the row; ``None`` where none was gathered."""
+        if self._time_gradient is None:
+            return None
+        return self._time_gradient / self._views.clamp_min(1.0)
+
+    @property
     def largest_radius(self) -> Float[Tensor, " n"]:
         """In pixels; 0 where no view saw the row."""
         return self._radius
 
+    def taken(self, rows: Int[Tensor, " r"]) -> RowStatistics:
+        """What was seen of some rows, for a model whose rows are now copies of these."""
+        state = {name: values.index_select(0, rows) for name, values in self.state_dict().items()}
+        return RowStatistics.restored(state, rows.device)
+
     def state_dict(self) -> dict[str, Tensor]:
-        """The sums."""
-        return {"gradient": self._gradient, "views": self._views, "radius": self._radius}
+        """The sums; that of time gradients only where there is one."""
+        sums = {"gradient": self._gradient, "views": self._views, "radius": self._radius}
+        if self._time_gradient is not None:
+            sums["time_gradient"] = self._time_gradient
+        return sums
 
     @staticmethod
     def restored(state: Mapping[str, Tensor], device: torch.device) -> RowStatistics:
         """What ``state_dict`` described."""
+        sums = {name: values.to(device).clone() for name, values in state.items()}
         statistics = RowStatistics(0, device)
-        statistics._gradient = state["gradient"].to(device).clone()
-        statistics._views = state["views"].to(device).clone()
-        statistics._radius = state["radius"].to(device).clone()
+        statistics._gradient, statistics._views = sums["gradient"], sums["views"]
+        statistics._radius = sums["radius"]
+        statistics._time_gradient = sums.get("time_gradient")
         return statistics

@@ -96,7 +96,7 @@ class Gone(Base):
 
 @dataclass
 class Uniform(SamplerConfig):
-    def build(self, views, seed):
+    def build(self, views, seed, steps):
         raise NotImplementedError
 
 

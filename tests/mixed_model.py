@@ -71,6 +71,9 @@ class MixedModel(PrimitiveModel):
     def split_rows(self, rows, copies, generator):
         return self.clone_rows(rows.repeat(copies))
 
+    def rows_at(self, points, colors, sizes, time):
+        return self.clone_rows(torch.arange(len(points)) % self.num_rows)
+
     def relocated(self, rows, counts):
         return self.clone_rows(rows)
 

@@ -7,7 +7,7 @@ from scenes import front_camera
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
-from gsfw.core.column import Column
+from gsfw.core.column import Column, Rows
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.evaluation import draw
 from gsfw.core.learning_rate import LearningRate
@@ -38,6 +38,10 @@ class DriftingGaussians(StaticGaussians):
         if time is None:
             return splats
         return replace(splats, means=splats.means + time * self.velocities.values)
+
+    def rows_at(self, points, colors, sizes, time):
+        fresh = super().rows_at(points, colors, sizes, time)
+        return {**fresh, "velocities": Rows(torch.zeros_like(points))}
 
 
 class DriftingMethod(StaticGaussiansMethod):

@@ -10,11 +10,12 @@ import torch
 from PIL import Image
 
 from gsfw.core.datamanager import DataManager, DataRequest, Split
+from gsfw.datamanagers.colmap.model import CAMERA_MODELS
 
 WIDTH, HEIGHT = 64, 48
 FOCAL = (70.0, 72.0)
 CENTER = (31.0, 25.5)
-MODEL_NUMBERS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2, "OPENCV": 4}
+MODEL_NUMBERS = {name: number for number, (name, _) in enumerate(CAMERA_MODELS)}
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "samplers": {"gsfw.core", "gsfw.samplers", SPECS},
     "callbacks": {"gsfw.core", "gsfw.callbacks", SPECS},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
+    "studies": {"gsfw.core", "gsfw.plugins", "gsfw.formats", "gsfw.studies"},
     "commands": {"gsfw"},
 }
 

@@ -22,6 +22,7 @@ from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import Depth
 from gsfw.core.resolution import ResolutionSchedule
 from gsfw.core.run_folder import RunFolder
 from gsfw.core.table import SplatTable
@@ -54,7 +55,9 @@ class Smear(Rasterizer):
         color = splats.colors.dense().mean((0, 1)) + splats.means.mean(0)
         alpha = splats.opacities.mean() * splats.scales.mean() * splats.quats.mean()
         shape = (len(cameras), cameras.height, cameras.width)
-        return RenderOutput((color * alpha).expand(*shape, 3), alpha.expand(*shape, 1), statistics)
+        alpha = alpha.expand(*shape, 1)
+        depth = None if settings.depth is Depth.NONE else alpha.detach()
+        return RenderOutput(color * alpha, alpha, statistics, depth)
 
 
 def place() -> str:
@@ -157,6 +160,9 @@ RUNS = {
     "adc": ("strategy=adc", "strategy.reset_every=4", *REFINING),
     "absgrad": ("strategy=adc", "strategy.absgrad=true", "random_background=true"),
     "mcmc": ("strategy=mcmc", "sampler.views_per_step=2", *REFINING),
+    "mcmc by gradient": ("strategy=mcmc", "strategy.gradient_share=0.5"),
+    "guided": ("strategy=adc", "strategy.guided.rounds=2", "strategy.guided.start=0", *REFINING),
+    "error-weighted": ("strategy=none", "sampler=error-weighted"),
     "none": ("strategy=none", "sh_degree_interval=3"),
 }
 

@@ -1,4 +1,4 @@
-"""The ``colmap`` format: a sparse model and the undistorted pictures it was computed from."""
+"""The ``colmap`` format: a sparse model and the pictures it was computed from."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from pathlib import Path
 
 import torch
 
-from gsfw.core.config import DataManagerConfig, Detection
+from gsfw.core.config import Detection
 from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders, model_suffix
-from gsfw.datamanagers.colmap.reader import pinhole, read_model
+from gsfw.datamanagers.colmap.reader import lens_of, read_model
 from gsfw.datamanagers.detection import describe_unrecognised
 from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
 from gsfw.datamanagers.pictures import read_header
@@ -22,7 +23,7 @@ LOOKED_FOR = "cameras, images and points3D (.bin or .txt) in sparse/0, in sparse
 
 
 @dataclass
-class ColmapConfig(DataManagerConfig):
+class ColmapConfig(CaptureConfig):
     """Settings of the ``colmap`` format."""
 
     images: str = ""
@@ -41,9 +42,11 @@ class ColmapConfig(DataManagerConfig):
         """Read the model, check the pictures' headers.
 
         Raises:
-            DataError: the model is damaged, its cameras are distorted, or the pictures do not fit.
+            ConfigError: a setting is out of range.
+            DataError: the model is damaged, or the pictures do not fit.
         """
-        return Capture(self._recording(data_folder(request.path, "colmap")), request)
+        rule = self.lens_rule()
+        return Capture(self._recording(data_folder(request.path, "colmap")), request, rule)
 
     def _recording(self, path: Path) -> Recording:
         folders = model_folders(path)
@@ -59,7 +62,7 @@ class ColmapConfig(DataManagerConfig):
         folder = root / (self.images or ("images" if (root / "images").is_dir() else ""))
         if not folder.is_dir():
             raise DataError(f"datamanager.images={self.images}: there is no folder {folder}.")
-        frames, missing = _frames(model, folder)
+        frames, missing = frames_of(model, folder)
         notes = [f"{model.cameras_file}: {len(model.images)} images, {len(model.points)} points"]
         if len(folders) > 1:
             others = ", ".join(str(other) for other in folders[1:])
@@ -83,10 +86,10 @@ def _capture_root(path: Path) -> Path:
     return next((folder for folder in around if (folder / "images").is_dir()), path)
 
 
-def _frames(model: ColmapModel, folder: Path) -> tuple[tuple[Frame, ...], list[str]]:
+def frames_of(model: ColmapModel, folder: Path) -> tuple[tuple[Frame, ...], list[str]]:
     """The images that are on disk, and the names of those that are not."""
     used = sorted({image.camera for image in model.images})
-    lenses = {number: pinhole(model.cameras[number], number, model.cameras_file) for number in used}
+    lenses = {number: lens_of(model.cameras[number], number, model.cameras_file) for number in used}
     frames, missing = [], []
     for image in model.images:
         path = folder / image.name

@@ -14,17 +14,7 @@ from gsfw.datamanagers.colmap.model import (
     damaged,
     model_suffix,
 )
-from gsfw.datamanagers.frames import Lens
-
-FOCAL_LENGTHS = {
-    "SIMPLE_PINHOLE": 1,
-    "PINHOLE": 2,
-    "SIMPLE_RADIAL": 1,
-    "RADIAL": 1,
-    "OPENCV": 2,
-    "FULL_OPENCV": 2,
-}
-"""Of the models that are pinholes where all parameters after cx and cy are 0."""
+from gsfw.datamanagers.lens import COEFFICIENTS, ONE_FOCAL_LENGTH, Lens
 
 
 def read_model(folder: Path) -> ColmapModel:
@@ -65,23 +55,19 @@ def read_model(folder: Path) -> ColmapModel:
     return ColmapModel(cameras, known, registered, positions, colors)
 
 
-def pinhole(camera: ColmapCamera, number: int, file: Path) -> Lens:
-    """The camera as a pinhole.
+def lens_of(camera: ColmapCamera, number: int, file: Path) -> Lens:
+    """The camera as a lens.
 
     Raises:
-        DataError: it is distorted, or its numbers are not those of a camera.
+        DataError: its model is none of a lens, or its numbers are not those of a camera.
     """
-    focals = FOCAL_LENGTHS.get(camera.model)
+    source = f"camera {number} of {file}"
+    focals = 1 if camera.model in ONE_FOCAL_LENGTH else 2
     values = camera.parameters
-    if focals is None or any(values[focals + 2 :]):
-        numbers = ", ".join(f"{value:g}" for value in values)
+    if camera.model not in COEFFICIENTS:
         raise DataError(
-            f"{file}: camera {number} is distorted, model {camera.model} ({numbers}); "
-            "expected PINHOLE or SIMPLE_PINHOLE.",
-            "Undistort the pictures: colmap image_undistorter --image_path IMAGES "
-            "--input_path MODEL --output_path NEW, or without COLMAP: python -c "
-            "\"import pycolmap; pycolmap.undistort_images('NEW', 'MODEL', 'IMAGES')\". "
-            "Then use data=NEW. A later version of gsfw will do so itself.",
+            f"{source}: pictures of the model {camera.model} cannot be trained on.",
+            "Cut them into pictures of pinhole cameras first: a panorama has no image plane.",
         )
     lens = Lens(
         fx=values[0],
@@ -90,7 +76,9 @@ def pinhole(camera: ColmapCamera, number: int, file: Path) -> Lens:
         cy=values[focals + 1],
         width=camera.width,
         height=camera.height,
-        source=f"camera {number} of {file}",
+        source=source,
+        model=camera.model,
+        distortion=values[focals + 2 :],
     )
     lens.check()
     return lens

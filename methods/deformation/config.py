@@ -11,17 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from gsfw.core.config import steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
-from gsfw.methods.static_gaussians.config import GaussiansConfig, StaticGaussiansOptim
+from gsfw.methods.moving_config import MovingConfig
+from gsfw.methods.static_gaussians.config import StaticGaussiansOptim
 
 if TYPE_CHECKING:
     from gsfw.core.method import Method
 
 MAX_LOG2_ROWS = 24
 """Rows of a hash table are counted by 32-bit numbers; Mueller et al. 2022 go up to 2^24."""
-
-
-DENSITY: Mapping[str, Any] = {"strategy.reset_every": 0, "strategy.max_gaussians": 360_000}
-"""Every preset has it: resets hurt scenes that move, and the limit is that of the released code."""
 COUNTS = (
     *("hexplane.channels", "hexplane.width", "hexplane.depth", "mlp.width", "mlp.depth"),
     *("hash.levels", "hash.features", "hash.coarsest", "hash.width", "hash.depth"),
@@ -120,26 +117,25 @@ class HashConfig:
 
 
 @dataclass
-class DeformationConfig(GaussiansConfig):
+class DeformationConfig(MovingConfig):
     """Canonical Gaussians and a deformation field (Wu et al. 2024; Yang et al. 2024)."""
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "default": DENSITY,
+        "default": {"strategy.reset_every": 0, "strategy.max_gaussians": 360_000},
         "fast": {
-            **DENSITY,
             "steps": 7_000,
             "sh_degree": 2,
             "hexplane.channels": 16,
         },
         "mlp": {
-            **DENSITY,
             "encoder": "mlp",
             "ssim_weight": 0.2,
             "strategy.grow_gradient": 7e-4,
         },
     }
-    """default: Wu et al. 2024, without opacity resets, which hurt scenes that move; fast: a third
-    of the steps, half the features; mlp: Yang et al. 2024, whose network is slow on a CPU."""
+    """default: Wu et al. 2024, with the released code's limit on the number of splats, and without
+    opacity resets, which hurt scenes that move; fast: a third of the steps, half the features; mlp:
+    Yang et al. 2024, whose network is slow on a CPU."""
 
     steps: int = 23_000
     """Training steps. Schedules follow in proportion, unless rescale=false."""

@@ -11,14 +11,11 @@ rates of Gaussians and optimizer state go on through the change of phase; opacit
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import torch
-from torch import Tensor
 
-from gsfw.core.context import StepContext
-from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
@@ -32,8 +29,7 @@ from gsfw.methods.deformation.frequency import FrequencyMlp
 from gsfw.methods.deformation.hash_grid import HashGrid
 from gsfw.methods.deformation.hexplane import HexPlane
 from gsfw.methods.deformation.model import DeformedGaussians
-from gsfw.methods.moving_scene import as_static, check_times
-from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
+from gsfw.methods.moving_method import MovingMethod
 from gsfw.methods.static_gaussians.model import StaticGaussians
 
 if TYPE_CHECKING:
@@ -44,25 +40,14 @@ MAX_TIMES = 100
 COARSE, FINE = "coarse", "fine"
 
 
-class DeformationMethod(Method):
+class DeformationMethod(MovingMethod):
     """Static Gaussians for the coarse steps; then these and the field, together."""
 
+    name = "4dgs"
+
     def __init__(self, config: DeformationConfig) -> None:
+        super().__init__(config, config)
         self._config = config
-        self._static = StaticGaussiansMethod(config)
-
-    def check_scene(self, scene: Scene) -> None:
-        """Refuse captures of one time, and init=points where there are none.
-
-        Raises:
-            ConfigError: saying what to do instead.
-        """
-        check_times(scene, "4dgs")
-        self._static.check_scene(as_static(scene))
-
-    def notes(self, scene: Scene) -> tuple[str, ...]:
-        """How the start differs from what one may expect."""
-        return self._static.notes(as_static(scene))
 
     def build_model(
         self,
@@ -77,11 +62,13 @@ class DeformationMethod(Method):
         box = SpaceBox(canonical.means.values.detach(), scene.extent)
         encoder = _encoder(config, scene.num_times, generator)
         field = DeformationField(box, encoder, _decoder(config, encoder, canonical, generator))
-        return DeformedGaussians(canonical, field, config.optim.field_rates(config.coarse_steps))
-
-    def losses(self, context: StepContext) -> Mapping[str, Tensor]:
-        """The mean absolute difference, and 1 - SSIM by the weight that it is given."""
-        return self._static.losses(context)
+        return DeformedGaussians(
+            canonical,
+            field,
+            config.optim.field_rates(config.coarse_steps),
+            # Canonical rows have no time of their own, even where points know theirs.
+            self.still_rows(replace(scene, point_times=None), canonical.num_rows, initial),
+        )
 
     def phase(self, step: int) -> str:
         """Coarse for the first ``coarse_steps``, then fine."""
@@ -93,15 +80,7 @@ class DeformationMethod(Method):
         """Let the field and the SH degree follow the step."""
         assert isinstance(model, DeformedGaussians)
         model.deforming = self.phase(step) == FINE
-        self._static.prepare(step, model.canonical, optimizer, time)
-
-    def state_dict(self) -> dict[str, Any]:
-        """That of method 3dgs; the phase follows from the step."""
-        return self._static.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on with it."""
-        self._static.load_state_dict(state)
+        super().prepare(step, model, optimizer, time)
 
 
 def _encoder(config: DeformationConfig, num_times: int, generator: torch.Generator) -> Encoder:

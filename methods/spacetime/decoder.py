@@ -17,8 +17,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.rays import pixel_rays
 from gsfw.core.render_output import RenderOutput
-from gsfw.methods.spacetime.rays import pixel_rays
 
 CHANNELS = 6
 """Three for what depends on the direction, and three for what changes with time."""

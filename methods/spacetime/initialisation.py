@@ -9,7 +9,6 @@ from torch import Tensor
 from gsfw.core.scene import Scene
 from gsfw.core.spherical_harmonics import dc_to_rgb
 from gsfw.methods.spacetime.model import MAX_DURATION, TemporalParameters
-from gsfw.methods.static_gaussians.initialisation import usable_rows
 from gsfw.methods.static_gaussians.model import StaticGaussians
 
 FRAMES_PER_DURATION = 4
@@ -20,16 +19,6 @@ pictures by heart, and nothing holds them between."""
 def min_duration(scene: Scene) -> float:
     """Shortest standard deviation in time, in sequences."""
     return 1.0 / (FRAMES_PER_DURATION * max(scene.num_times - 1, 1))
-
-
-def random_centers(count: int, generator: torch.Generator) -> Float[Tensor, " n"]:
-    """Temporal centres spread over the sequence."""
-    return torch.rand(count, generator=generator)
-
-
-def point_centers(scene: Scene) -> Float[Tensor, " n"] | None:
-    """When each point that a model starts from was seen; ``None`` where that is not known."""
-    return None if scene.point_times is None else scene.point_times[usable_rows(scene)[0]]
 
 
 def at_rest(

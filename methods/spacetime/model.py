@@ -28,18 +28,23 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Rows
 from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
-from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.model import Children
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
+from gsfw.methods.center_gradient import center_gradients
+from gsfw.methods.moving_gaussians import MovingGaussians, added
 from gsfw.methods.presence import Presence
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.methods.spacetime.polynomial import displacement, recentered
 from gsfw.methods.static_gaussians.model import StaticGaussians
+from gsfw.methods.still_rows import StillRows
 
 MAX_DURATION = 10.0
 """Longest standard deviation in time, in sequences: the opacity then changes by 0.5 % at most."""
+NEW_DURATION = 0.2
+"""Standard deviation in time of rows that are tried where the picture lacks something."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class TemporalParameters:
     """Features to decode; ``None`` when colours are drawn as they are."""
 
 
-class SpacetimeGaussians(PrimitiveModel):
+class SpacetimeGaussians(MovingGaussians):
     """Canonical Gaussians, which are static ones, with a path and a duration each."""
 
     def __init__(
@@ -70,6 +75,7 @@ class SpacetimeGaussians(PrimitiveModel):
         min_duration: float,
         lifetime_reg: float,
         decoder: FeatureDecoder | None,
+        still: StillRows | None = None,
     ) -> None:
         """Take the parameters as they are.
 
@@ -80,9 +86,9 @@ class SpacetimeGaussians(PrimitiveModel):
             min_duration: shortest standard deviation in time, in sequences.
             lifetime_reg: weight of the mean opacity at the time of a step.
             decoder: given exactly when ``start`` has features.
+            still: which rows have no path and are always there; ``None``: none of them.
         """
-        super().__init__()
-        self.canonical = canonical
+        super().__init__(canonical, still)
         self.decoder = decoder
         self._decoder_rate = rates["decoder"]
         self._log_limits = (math.log(min_duration), math.log(MAX_DURATION))
@@ -95,17 +101,23 @@ class SpacetimeGaussians(PrimitiveModel):
         if start.spins is not None:
             values["spins"] = start.spins
         if start.features is not None:
-            values["features"] = start.features
             values["feature_rates"] = torch.zeros_like(start.features)
         self.temporal = torch.nn.ModuleDict(
-            {name: Column(tensor, rates[name]) for name, tensor in values.items()}
+            {name: self.temporal_column(tensor, rates[name]) for name, tensor in values.items()}
+        )
+        self.features = (
+            None if start.features is None else Column(start.features, rates["features"])
         )
         self.project_()
 
     def columns(self) -> Mapping[str, Column]:
-        """Those of static Gaussians; time_centers, log_durations, motion; spins and features."""
-        temporal = {name: self._column(name) for name in self.temporal}
-        return {**self.canonical.columns(), **temporal}
+        """Those of canonical Gaussians and of their paths; features to decode."""
+        features = {} if self.features is None else {"features": self.features}
+        return {**super().columns(), **features}
+
+    def temporal_columns(self) -> Mapping[str, Column]:
+        """Those of time_centers, log_durations and motion; spins and feature_rates."""
+        return {name: self._column(name) for name in self.temporal}
 
     def _column(self, name: str) -> Column:
         column = self.temporal[name]
@@ -119,10 +131,6 @@ class SpacetimeGaussians(PrimitiveModel):
         weights = tuple(self.decoder.parameters())
         return (ParameterGroup("decoder", weights, self._decoder_rate),)
 
-    def active_bands(self) -> int:
-        """Those of the canonical Gaussians."""
-        return self.canonical.active_bands()
-
     # Drawing.
 
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
@@ -130,7 +138,8 @@ class SpacetimeGaussians(PrimitiveModel):
         centers = self._column("time_centers").values
         time = centers.new_zeros(()) if time is None else time.to(centers)
         still = self.canonical.splats()
-        splats = replace(still, opacities=still.opacities * self._weights(time))
+        weights = self.everywhere(self._weights(time), otherwise=1.0)
+        splats = replace(still, opacities=still.opacities * weights)
         elapsed = time - centers.detach()
         rows = self._visible(splats.opacities)
         if rows is not None:
@@ -139,27 +148,32 @@ class SpacetimeGaussians(PrimitiveModel):
         assert splats.quats is not None
         quats, extra = splats.quats, None
         if "spins" in self.temporal:
-            quats = quats + self._values("spins", rows) * elapsed[:, None]
-        if self.decoder is not None:
+            quats = self.moved(quats, self._values("spins", rows) * elapsed[:, None])
+        if self.features is not None:
+            features = _taken(self.features.values, rows)
             changing = self._values("feature_rates", rows) * elapsed[:, None]
-            extra = torch.cat([self._values("features", rows), changing], dim=1)
-        means = splats.means + displacement(self._values("motion", rows), elapsed)
+            extra = torch.cat([features, self.moved(torch.zeros_like(features), changing)], dim=1)
+        means = self.moved(splats.means, displacement(self._values("motion", rows), elapsed))
         return replace(splats, means=means, quats=quats, extra=extra)
 
-    def _weights(self, time: Float[Tensor, ""]) -> Float[Tensor, " n"]:
-        """What opacities are multiplied by at ``time``."""
+    def _weights(self, time: Float[Tensor, ""]) -> Float[Tensor, " m"]:
+        """What opacities of rows that change are multiplied by at ``time``."""
         durations = self._column("log_durations").values.exp()
         return torch.exp(-0.5 * ((time - self._column("time_centers").values) / durations) ** 2)
 
     @torch.no_grad()
     def _visible(self, opacities: Float[Tensor, " n"]) -> Int[Tensor, " m"] | None:
-        """Rows that are opaque enough for any pixel to show them; ``None`` when all are."""
+        """Rows that are opaque enough for any pixel to show them; ``None`` when all are.
+
+        Where some rows stand still, all are drawn: leaving the others out would copy those.
+        """
+        if self.still is not None:
+            return None
         rows = (opacities >= DEFAULT.alpha_min).nonzero()[:, 0]
         return None if len(rows) == len(opacities) else rows
 
     def _values(self, name: str, rows: Int[Tensor, " m"] | None) -> Tensor:
-        values = self._column(name).values
-        return values if rows is None else values.index_select(0, rows)
+        return _taken(self._column(name).values, rows)
 
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
         """Colours of the features that were drawn, where there are features."""
@@ -167,7 +181,7 @@ class SpacetimeGaussians(PrimitiveModel):
 
     # Training.
 
-    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+    def penalties(self, context: StepContext) -> Mapping[str, Tensor]:
         """Mean opacity of all rows at this time; durations have no gradient from it.
 
         FreeTimeGS: opaque splats pay for being there, and fading in time must not be a way out.
@@ -176,7 +190,8 @@ class SpacetimeGaussians(PrimitiveModel):
         if self._lifetime_reg == 0 or time is None:
             return {}
         opacities = self.canonical.opacity_logits.values.sigmoid()
-        mean = (opacities * self._weights(time).detach()).mean()
+        weights = self.everywhere(self._weights(time).detach(), otherwise=1.0)
+        mean = (opacities * weights).mean()
         return {"lifetime_reg": self._lifetime_reg * mean}
 
     @torch.no_grad()
@@ -199,12 +214,13 @@ class SpacetimeGaussians(PrimitiveModel):
     @torch.no_grad()
     def lifetimes(self) -> Float[Tensor, " n"]:
         """Mean temporal weight of each row over the sequence: 1 for what is always there."""
-        return self._presence().means()
+        columns = self.temporal_columns()
+        presence = _presence(columns["time_centers"].values, columns["log_durations"].values)
+        return self.everywhere(presence.means(), otherwise=1.0)
 
-    def _presence(self, rows: Int[Tensor, " r"] | None = None) -> Presence:
-        """When some rows, or all, are there."""
-        durations = self._values("log_durations", rows).exp()
-        return Presence(self._values("time_centers", rows), durations.square())
+    def time_gradients(self) -> Float[Tensor, " n"] | None:
+        """|dL / d temporal centre| of each row, which is that through its opacity."""
+        return center_gradients(self._column("time_centers"))
 
     @torch.no_grad()
     def clone_rows(
@@ -212,7 +228,7 @@ class SpacetimeGaussians(PrimitiveModel):
     ) -> Children:
         """Copies of ``rows``; with a ``generator``, each at a temporal centre of its own."""
         children = super().clone_rows(rows)
-        return children if generator is None else self._spread_in_time(rows, children, generator)
+        return children if generator is None else _spread_in_time(children, generator)
 
     @torch.no_grad()
     def split_rows(
@@ -220,25 +236,27 @@ class SpacetimeGaussians(PrimitiveModel):
     ) -> Children:
         """Smaller children around each row's path, at temporal centres of their own."""
         smaller = self.canonical.split_rows(rows, copies, generator)
-        rows = rows.repeat(copies)
-        return self._spread_in_time(rows, {**super().clone_rows(rows), **smaller}, generator)
+        children = super().clone_rows(rows.repeat(copies))
+        return _spread_in_time({**children, **smaller}, generator)
 
-    def _spread_in_time(
-        self, rows: Int[Tensor, " r"], children: Children, generator: torch.Generator
+    @torch.no_grad()
+    def rows_at(
+        self,
+        points: Float[Tensor, "r 3"],
+        colors: Float[Tensor, "r 3"],
+        sizes: Float[Tensor, " r"],
+        time: float | None,
     ) -> Children:
-        """Children on the same paths, centred at times drawn from the parents' weights."""
-        centers = children["time_centers"].values
-        times = self._presence(rows).draw(generator)
-        shifts, motion = times - centers, children["motion"].values
-        moved = {
-            "time_centers": times,
-            "means": children["means"].values + displacement(motion, shifts),
-            "motion": recentered(motion, shifts),
+        """Round and faint rows at rest, there for a fifth of the sequence to either side."""
+        count, fresh = len(points), self.canonical.rows_at(points, colors, sizes, time)
+        values = {
+            name: column.values.new_zeros(count, *column.values.shape[1:])
+            for name, column in self.temporal_columns().items()
         }
-        if "spins" in children:
-            turned = children["spins"].values * shifts[:, None]
-            moved["quats"] = children["quats"].values + turned
-        return {**children, **{name: Rows(values) for name, values in moved.items()}}
+        values["time_centers"].fill_(0.5 if time is None else time)
+        values["log_durations"].fill_(math.log(NEW_DURATION)).clamp_(*self._log_limits)
+        features = {} if self.features is None else {"features": Rows(colors.to(points))}
+        return {**fresh, **features, **self.temporal_rows(values, count)}
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
@@ -249,6 +267,31 @@ class SpacetimeGaussians(PrimitiveModel):
         """Move paths by noise shaped by each row's covariance at its centre."""
         self.canonical.perturb_(rate, generator)
 
-    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
-        """Cap every opacity at ``limit``, in place."""
-        return self.canonical.lower_opacities_(limit)
+    def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
+        """Rows at rest that are there for as long as rows can be."""
+        self.write_temporal_("time_centers", rows, times)
+        self.write_temporal_("log_durations", rows, torch.full_like(times, self._log_limits[1]))
+
+
+def _taken(values: Tensor, rows: Int[Tensor, " m"] | None) -> Tensor:
+    return values if rows is None else values.index_select(0, rows)
+
+
+def _presence(centers: Float[Tensor, " m"], log_durations: Float[Tensor, " m"]) -> Presence:
+    return Presence(centers, log_durations.exp().square())
+
+
+def _spread_in_time(children: Children, generator: torch.Generator) -> Children:
+    """Children on the same paths, centred at times drawn from the parents' weights."""
+    centers, motion = children["time_centers"].values, children["motion"].values
+    times = _presence(centers, children["log_durations"].values).draw(generator)
+    shifts = times - centers
+    moved = {
+        "time_centers": times,
+        "motion": recentered(motion, shifts),
+        "means": added(children, "means", displacement(motion, shifts)),
+    }
+    if "spins" in children:
+        turned = children["spins"].values * shifts[:, None]
+        moved["quats"] = added(children, "quats", turned)
+    return {**children, **{name: replace(children[name], values=v) for name, v in moved.items()}}

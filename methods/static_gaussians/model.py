@@ -17,7 +17,7 @@ from torch import Tensor
 from gsfw.core.column import Column, Rows
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import Children, PrimitiveModel
-from gsfw.core.spherical_harmonics import degree_of, num_coefficients
+from gsfw.core.spherical_harmonics import degree_of, num_coefficients, rgb_to_dc
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.static_gaussians.relocation import coincident_copies
 
@@ -25,6 +25,8 @@ MIN_NORM = 1e-12
 """A shorter quaternion counts as the identity, as rasterizers have it."""
 MIN_LOG_SCALE, MAX_LOG_SCALE = math.log(1e-10), math.log(1e6)
 """In scene units, whose cameras span about 1: beyond them exp would soon leave float32."""
+NEW_OPACITY = 0.1
+"""Of rows that are tried where the picture lacks something, as at the start (Kerbl et al. 2023)."""
 SPLIT_SHRINK = 0.8
 """Children of a split are smaller by 1 / (0.8 * copies): 1.6 for two (Kerbl et al. 2023, 5.2)."""
 NOISE_SHARPNESS, NOISE_OPACITY = 100.0, 0.005
@@ -119,10 +121,33 @@ class StaticGaussians(PrimitiveModel):
         means, log_scales = children["means"].values, children["log_scales"].values
         noise = torch.randn(means.shape, generator=generator, device=means.device)
         along_axes = (log_scales.exp() * noise.to(means)).T
-        offsets = (_rotations(children["quats"].values) * along_axes).sum(1)
+        offsets = (rotations(children["quats"].values) * along_axes).sum(1)
         children["means"] = Rows(means + offsets.T)
         children["log_scales"] = Rows(log_scales - math.log(SPLIT_SHRINK * copies))
         return children
+
+    @torch.no_grad()
+    def rows_at(
+        self,
+        points: Float[Tensor, "r 3"],
+        colors: Float[Tensor, "r 3"],
+        sizes: Float[Tensor, " r"],
+        time: float | None,
+    ) -> Children:
+        """Round and faint rows, of one colour from everywhere."""
+        count, means = len(points), self.means.values
+        log_scales = sizes.to(means).log().clamp(MIN_LOG_SCALE, MAX_LOG_SCALE)
+        identity = torch.eye(1, 4, dtype=means.dtype, device=means.device)
+        values = {
+            "means": points.to(means),
+            "quats": identity.repeat(count, 1),
+            "log_scales": log_scales[:, None].repeat(1, 3),
+            "opacity_logits": means.new_full((count,), NEW_OPACITY).logit(),
+            "sh_dc": rgb_to_dc(colors.to(means))[:, None],
+        }
+        if self.sh_rest is not None:
+            values["sh_rest"] = means.new_zeros(count, *self.sh_rest.values.shape[1:])
+        return {name: Rows(rows) for name, rows in values.items()}
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
@@ -141,9 +166,9 @@ class StaticGaussians(PrimitiveModel):
         noise = torch.randn(means.shape, generator=generator, device=means.device).to(means)
         strength = torch.sigmoid(NOISE_SHARPNESS * (NOISE_OPACITY - self.opacities()))
         variances = (2.0 * self.log_scales.values).exp()
-        rotations = _rotations(quats)
-        along_axes = (rotations * noise.T[:, None]).sum(0) * variances.T
-        shaped = (rotations * along_axes).sum(1)
+        turned = rotations(quats)
+        along_axes = (turned * noise.T[:, None]).sum(0) * variances.T
+        shaped = (turned * along_axes).sum(1)
         means.add_((shaped * (rate * strength)).T)
 
     @torch.no_grad()
@@ -153,7 +178,7 @@ class StaticGaussians(PrimitiveModel):
         return ("opacity_logits",)
 
 
-def _rotations(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "3 3 n"]:
+def rotations(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "3 3 n"]:
     """Rotation matrices of quaternions of any norm, rows last: many times faster than first."""
     w, x, y, z = (quats / quats.norm(dim=1, keepdim=True).clamp_min(MIN_NORM)).T.contiguous()
     entries = [

@@ -95,7 +95,7 @@ def test_an_unknown_format_names_those_there_are(run, capsys):
     assert main(["export", str(run), "format=plx"]) == 2
     assert (
         capsys.readouterr().err
-        == "error: no exporter 'plx'. Did you mean 'ply'?\nInstalled: ply.\n"
+        == "error: no exporter 'plx'. Did you mean 'ply'?\nInstalled: gsfw, ply, tracks.\n"
     )
     assert not RunFolder(run).splats.exists()
 
@@ -125,3 +125,32 @@ def test_coordinates_too_far_from_the_origin_for_float32_are_noted():
         "0.01 in size: the file looks coarser than the model. Move the data set nearer to its "
         "origin."
     ]
+
+
+def test_a_sequence_of_a_static_run_is_refused_with_advice(run, capsys):
+    for times in ("5", "all"):
+        assert main(["export", str(run), f"times={times}"]) == 2
+        assert capsys.readouterr().err == (
+            f"error: times={times}: synthetic has no times, so all files would be the same.\n"
+            "Leave times out for one file.\n"
+        )
+    assert main(["export", str(run), "times=1"]) == 0
+    assert [path.name for path in sorted((run / "splats").iterdir())] == [
+        "splats_0000.ply", "times.json",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("times", ["0", "-2", "many", "2.5", "٣"])
+def test_times_are_a_number_of_files_or_all(run, capsys, times):
+    assert main(["export", str(run), f"times={times}"]) == 2
+    assert capsys.readouterr().err == (
+        f"error: times={times}: expected a whole number of at least 1, or all.\n"
+    )
+
+
+def test_one_time_and_many_contradict_each_other(run, capsys):
+    assert main(["export", str(run), "times=3", "time=0.5"]) == 2
+    assert capsys.readouterr().err == (
+        "error: time=0.5 and times=3 are both given.\n"
+        "Give time for one file, or times for a sequence.\n"
+    )

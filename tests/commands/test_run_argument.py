@@ -58,8 +58,8 @@ def test_a_missing_run_suggests_the_nearest_and_lists_the_newest(tmp_path):
     make_run(tmp_path / "runs" / "first")
     assert refusal("runs/frist") == (
         "there is no run runs/frist. Did you mean 'first'?\n"
-        "RUN is the folder that gsfw train made, a checkpoint in it, or latest. "
-        "Newest runs: runs/first."
+        "RUN is the folder that gsfw train made, a checkpoint in it, a model file (.gsfw), or "
+        "latest. Newest runs: runs/first."
     )
 
 

@@ -66,3 +66,8 @@ def test_a_name_that_does_not_exist_suggests_the_nearest():
         "holdout=imag_002.png: no image has this name. Did you mean 'image_002.png'?\n"
         "The 2 images are image_001.png to image_002.png."
     )
+
+
+def test_a_format_may_say_how_its_split_came_about():
+    _, how = hold_out(frames("a", split=Split.EVAL), DataRequest(None), "camera cam00")
+    assert how == "camera cam00"

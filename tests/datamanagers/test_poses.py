@@ -5,7 +5,7 @@ import torch
 from small_captures import opengl, ring
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.poses import from_opengl, from_quaternion
+from gsfw.datamanagers.poses import from_center, from_opencv, from_opengl, from_quaternion
 
 
 def matrix(values) -> torch.Tensor:
@@ -65,3 +65,23 @@ def test_a_mirrored_pose_is_refused():
 def test_a_quaternion_pose_that_is_none_names_its_image(quaternion, translation):
     with pytest.raises(DataError, match=r"a\.png: the pose is not finite or not rigid"):
         from_quaternion(quaternion, translation, "a.png")
+
+
+def test_opencv_poses_are_kept_and_made_exact():
+    for pose in map(torch.from_numpy, ring(5).poses):
+        torch.testing.assert_close(from_opencv(pose, "a"), pose)
+        torch.testing.assert_close(from_opencv(pose[:3] + 1e-5, "a")[:3, :3].det().item(), 1.0)
+
+
+def test_a_rotation_and_a_centre_make_a_pose():
+    for pose in map(torch.from_numpy, ring(5).poses):
+        center = -pose[:3, :3].T @ pose[:3, 3]
+        torch.testing.assert_close(from_center(pose[:3, :3], center, "a"), pose)
+
+
+def test_an_opencv_pose_that_is_none_is_refused():
+    pose = torch.from_numpy(ring().poses[0])
+    with pytest.raises(DataError, match=r"camera a: the pose is not rigid: .*\nExpected world-to-"):
+        from_opencv(2 * pose, "camera a")
+    with pytest.raises(DataError, match=r"camera a: the pose has numbers that are not finite"):
+        from_opencv(pose * float("nan"), "camera a")

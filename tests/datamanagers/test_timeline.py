@@ -40,3 +40,11 @@ def test_times_for_some_frames_only_are_refused():
     assert str(error.value) == (
         "1.png has no time, but 2 of 3 frames have one.\nGive every frame its time, or none."
     )
+
+
+def test_times_of_points_are_normalised_and_kept_within():
+    timeline = Timeline.of(frames(10.0, 20.0))
+    times = timeline.all_at(torch.tensor([10.0, 15.0, 30.0], dtype=torch.float64))
+    assert times.tolist() == [0.0, 0.5, 1.0]
+    assert timeline.all_at(None) is None
+    assert Timeline.of(frames(3.0)).all_at(torch.zeros(2, dtype=torch.float64)) is None

@@ -18,6 +18,7 @@ from small_captures import (
     projection_error,
     request,
     ring,
+    write_picture,
     write_pictures,
     write_transforms,
 )
@@ -25,6 +26,7 @@ from small_captures import (
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.transforms import TransformsConfig
+from gsfw.datamanagers.transforms_file import TransformsFile
 
 CPU = torch.device("cpu")
 
@@ -227,21 +229,85 @@ def test_a_frame_without_a_pose_is_named(folder, pose):
     )
 
 
+FISHEYE = {"camera_model": "OPENCV_FISHEYE", "k1": 0.02, "k2": -0.01}
+
+
 @pytest.mark.parametrize(
-    ("settings", "found"),
+    ("settings", "model", "distortion"),
     [
-        ({"k1": 0.1, "p2": -0.02}, "k1=0.1, p2=-0.02"),
-        ({"is_fisheye": True}, "is_fisheye"),
-        ({"camera_model": "OPENCV_FISHEYE", "k1": 0.0}, "camera_model=OPENCV_FISHEYE"),
+        ({"k1": 0.1, "p2": -0.02}, "OPENCV", (0.1, 0.0, 0.0, -0.02)),
+        ({"camera_model": "SIMPLE_RADIAL", "k1": 0.1}, "OPENCV", (0.1, 0.0, 0.0, 0.0)),
+        ({"camera_model": "OPENCV", "k1": 0.1, "k3": 0.2}, "FULL_OPENCV", (0.1, 0, 0, 0, 0.2)),
+        ({"k4": 0.3, "k6": 0.1}, "FULL_OPENCV", (0, 0, 0, 0, 0, 0.3, 0, 0.1)),
+        ({"camera_model": "FULL_OPENCV", "k4": 0.3}, "FULL_OPENCV", (0, 0, 0, 0, 0, 0.3)),
+        (FISHEYE, "OPENCV_FISHEYE", (0.02, -0.01)),
+        ({"is_fisheye": True, "k4": 0.01}, "OPENCV_FISHEYE", (0, 0, 0, 0.01)),
+        ({"camera_model": "RADIAL_FISHEYE", "k2": 0.1}, "OPENCV_FISHEYE", (0, 0.1)),
+        ({"camera_model": "FOV", "omega": 0.9}, "FOV", (0.9,)),
+        ({"k1": 0.0, "k4": 0, "camera_model": "SIMPLE_PINHOLE"}, "PINHOLE", ()),
     ],
 )
-def test_distorted_cameras_are_refused_with_the_way_out(folder, settings, found):
+def test_coefficients_are_read_as_their_model_has_them(folder, settings, model, distortion):
     path = write(folder, **settings)
+    frames, _ = TransformsFile.read(path).frames()
+    lens = frames[0].lens
+    assert lens.model == model
+    missing = len(lens.distortion) - len(distortion)
+    assert lens.distortion == (*distortion, *[0.0] * missing)
+
+
+def test_distorted_pictures_come_undistorted_and_cameras_follow(folder):
+    write(folder, [{}, {"k1": -0.1}, FISHEYE, {"fl_x": 60.0, "fl_y": 60.0, "k1": 0.1}])
+    data = build(folder)
+    cameras = data.views(Split.TRAIN).cameras
+    sizes = [(camera.width, camera.height) for camera in cameras]
+    assert sizes[0] == (WIDTH, HEIGHT)
+    assert len(set(sizes)) == 4
+    assert cameras[3].intrinsics[0, 0, 0] == 60.0
+    for index, size in enumerate(sizes):
+        (batch,) = data.load(Split.TRAIN, [index], CPU)
+        assert batch.images.shape[1:3] == size[::-1]
+        assert batch.mask is None
+    assert [note for note in data.notes() if "undistorted from OPENCV_FISHEYE to PINHOLE" in note]
+
+
+def test_masks_and_alpha_of_distorted_pictures_come_along(folder):
+    values = np.zeros((HEIGHT, WIDTH), np.uint8)
+    values[:, : WIDTH // 2] = 255
+    Image.fromarray(values).save(folder / "mask.png")
+    write_picture(folder / "view_000.png", mode="RGBA")
+    masks = {"mask_path": "mask.png", "motion_mask_path": "mask.png"}
+    write(folder, [masks, {}, {}, {}], k1=-0.1)
+    data = build(folder)
+    (batch,) = data.load(Split.TRAIN, [0, 1], CPU)
+    height, width = batch.images.shape[1:3]
+    assert batch.alpha is not None
+    assert batch.mask is not None
+    assert batch.mask[0, :, : width // 2 - 4].all()
+    assert not batch.mask[0, :, width // 2 + 4 :].any()
+    assert batch.mask[1].all()
+    moving = data.moving_mask(Split.TRAIN, 0)
+    assert moving is not None
+    assert moving.shape == (height, width, 1)
+    assert moving[:, : width // 2 - 4].all()
+    assert not moving[:, width // 2 + 4 :].any()
+
+
+def test_a_coefficient_that_its_model_lacks_is_named(folder):
+    path = write(folder, k1=0.1, k4=0.2)
     assert str(failure(folder)) == (
-        f"{path}: frame view_000.png: its camera is distorted ({found}); expected a pinhole "
-        "camera.\nUndistort the pictures first: run colmap image_undistorter on the COLMAP model "
-        "that this file was made from, and train on its result (data=DIR). A later version of gsfw "
-        "will do so itself."
+        f"{path}: frame view_000.png: k4=0.2 has no meaning for camera_model=OPENCV, which has "
+        "k1, k2, p1, p2.\n"
+        "Remove it, or name the model it belongs to (FULL_OPENCV has k1 to k6, p1 and p2)."
+    )
+
+
+@pytest.mark.parametrize("model", ["EQUIRECTANGULAR", 3, ["OPENCV"]])
+def test_a_camera_model_that_is_none_is_refused(folder, model):
+    path = write(folder, [{"camera_model": model}, {}, {}, {}])
+    assert str(failure(folder)).startswith(
+        f"{path}: frame view_000.png: cameras of camera_model={model} cannot be used.\n"
+        "Expected one of SIMPLE_PINHOLE, PINHOLE, "
     )
 
 

@@ -1,9 +1,9 @@
 """Tests of gsfw.plugins.settings."""
 
 import pytest
-from fake_parts import FakePlugin, fake_registry, registry_of
+from fake_parts import Demo, FakePlugin, fake_registry, registry_of
 
-from gsfw.core.config import MethodConfig
+from gsfw.core.config import MethodConfig, Rescaled
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
@@ -98,6 +98,30 @@ def test_a_presets_strategy_settings_are_for_the_strategy_it_was_made_for():
     found = settings(preset="fast", strategy="mcmc")
     assert found.sources["strategy.every"] == "method default x 0.2 (steps=6000)"
     assert settings(preset="fast", strategy="adc").flat()["strategy.every"] == 10
+
+
+def test_a_preset_builds_on_the_default_one_whose_strategy_settings_stay_with_their_strategy():
+    class Layered(FakePlugin):
+        @hookimpl
+        def gsfw_methods(self):
+            return [self.spec("demo", Demo)]
+
+    def flat(**typed: str) -> dict[str, object]:
+        line = Layer(COMMAND_LINE, {"method": "demo", **typed})
+        return resolve(registry_of(Layered()), [line]).flat()
+
+    presets = {
+        "default": {"strategy.every": 7, "limit": 0.5},
+        "moved": {"strategy": "mcmc", "mode": "hard"},
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Demo, "presets", presets)
+        assert (flat()["strategy.every"], flat()["limit"]) == (7, 0.5)
+        moved = flat(preset="moved")
+        assert (moved["strategy"], moved["limit"], moved["mode"]) == ("mcmc", 0.5, "hard")
+        assert moved["strategy.every"] != 7
+        for preset in presets:
+            assert flat(preset=preset, strategy="adc")["strategy.every"] == 7
 
 
 def test_a_files_settings_of_a_strategy_go_when_the_command_line_chooses_another():
@@ -208,3 +232,25 @@ def test_a_method_with_a_strategy_that_nobody_registered_is_told_to_its_author()
         "method 'moving' has fake_parts:Move as its strategy, which is not registered.\n"
         "Its package (pkg0) has to register it through a hook."
     )
+
+
+def test_rescaled_steps_of_a_preset_follow_the_length_and_plain_ones_do_not():
+    class Stretched(FakePlugin):
+        @hookimpl
+        def gsfw_methods(self):
+            return [self.spec("demo", Demo)]
+
+    def found(**typed: str) -> Settings:
+        line = Layer(COMMAND_LINE, {"method": "demo", **typed})
+        return resolve(registry_of(Stretched()), [line])
+
+    presets = {"default": {"strategy.until": Rescaled(5000), "strategy.every": 70}}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Demo, "presets", presets)
+        assert found().flat()["strategy.until"] == 5000
+        short = found(steps="3000")
+        assert (short.flat()["strategy.until"], short.flat()["strategy.every"]) == (500, 70)
+        assert short.sources["strategy.until"] == "preset default x 0.1 (steps=3000)"
+        assert found(steps="3000", rescale="false").flat()["strategy.until"] == 5000
+        given = found(steps="3000", **{"strategy.until": "2000"})
+        assert given.flat()["strategy.until"] == 2000, "what is given is absolute"

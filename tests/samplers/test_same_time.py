@@ -1,28 +1,16 @@
 """Several views of one time."""
 
-from dataclasses import replace
-
 import pytest
-import torch
-from scenes import front_camera
+from timed_views import timed_views
 
-from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.samplers.same_time import SameTimeConfig
 
 TIMES = (0.0, 0.5, 0.0, 1.0, 0.5, 0.0, 1.0, 0.0, 0.0)
 
 
-def views(times=TIMES) -> Views:
-    cameras = tuple(
-        replace(front_camera(), time=None if time is None else torch.tensor([time]))
-        for time in times
-    )
-    return Views(tuple(f"{i}.png" for i in range(len(times))), cameras)
-
-
 def sampler(views_per_step=2, seed=0):
-    return SameTimeConfig(views_per_step).build(views(), seed)
+    return SameTimeConfig(views_per_step).build(timed_views(TIMES), seed, 100)
 
 
 def test_the_views_of_a_step_have_one_time():
@@ -75,11 +63,11 @@ def test_looking_ahead_is_exact_and_a_restored_sampler_continues():
 )
 def test_views_that_share_no_time_are_refused(times, message):
     with pytest.raises(ConfigError) as caught:
-        SameTimeConfig().build(views(times), 0)
+        SameTimeConfig().build(timed_views(times), 0, 100)
     assert str(caught.value) == message
 
 
 def test_settings_out_of_range_are_refused():
     with pytest.raises(ConfigError) as caught:
-        SameTimeConfig(views_per_step=0).build(views(), 0)
+        SameTimeConfig(views_per_step=0).build(timed_views(TIMES), 0, 100)
     assert caught.value.message == "sampler.views_per_step=0: expected at least 1."

@@ -59,7 +59,7 @@ def test_the_generators_of_torch_are_left_alone():
 
 
 def test_settings_out_of_range_are_refused():
-    assert len(UniformConfig(views_per_step=3).build(views(4), 0).next()) == 3
+    assert len(UniformConfig(views_per_step=3).build(views(4), 0, 100).next()) == 3
     with pytest.raises(ConfigError) as caught:
-        UniformConfig(views_per_step=0).build(views(4), 0)
+        UniformConfig(views_per_step=0).build(views(4), 0, 100)
     assert caught.value.message == "sampler.views_per_step=0: expected at least 1."

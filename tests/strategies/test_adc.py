@@ -13,6 +13,9 @@ from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
+from gsfw.methods.static_gaussians.config import StaticGaussiansOptim
+from gsfw.methods.static_gaussians.initialisation import from_splats
+from gsfw.methods.static_gaussians.model import StaticGaussians
 from gsfw.strategies.adc import AdcConfig
 
 SETTINGS = AdcConfig(refine_start=0, refine_every=10, refine_stop=100, reset_every=0)
@@ -201,6 +204,135 @@ def test_a_refinement_that_saw_no_view_still_prunes():
     assert counts == {"cloned": 0, "split": 0, "pruned": 1}
 
 
+class Fleeting(StaticGaussians):
+    """Rows that are there for a given part of the sequence, and pull at their centres."""
+
+    presence = torch.zeros(0)
+    pull: torch.Tensor | None = None
+
+    def lifetimes(self):
+        return self.presence
+
+    def time_gradients(self):
+        return self.pull
+
+
+def fleeting(presence, pull=None, sizes=None):
+    """Opaque rows with these lifetimes, and time gradients of the step just taken."""
+    count = len(presence)
+    start = from_splats(random_splats(count, degree=1), 1)
+    model = Fleeting(start, StaticGaussiansOptim().learning_rates(EXTENT))
+    set_rows(model, [0.5] * count, sizes or [SMALL] * count)
+    model.presence = torch.tensor(presence)
+    model.pull = None if pull is None else torch.tensor(pull)
+    return model
+
+
+def moved_in_time(**changes):
+    return strategy(grow_time_gradient=HIGH, **changes)
+
+
+def test_rows_grow_by_their_time_gradient_and_split_where_they_are_large_or_last():
+    presence, pull = [0.2, 0.9, 0.9, 0.2, 0.9, 0.2], [LOW, HIGH, LOW, HIGH, LOW, HIGH]
+    gradient = [HIGH, LOW, HIGH, LOW, LOW, HIGH]
+    sizes = [LARGE, SMALL, SMALL, LARGE, LARGE, SMALL]
+    model = fleeting(presence, pull, sizes)
+    before = model.sh_dc.values.detach().clone()
+    counts, _ = refined(moved_in_time(), model, gradient)
+    assert counts == {"cloned": 3, "split": 2, "pruned": 0}
+    # Split: 0, large and pulled on the screen; 1, lasting and pulled in time. Cloned: 2, which
+    # lasts but is pulled on the screen only; 3, large but pulled in time only; 5, neither.
+    assert torch.equal(model.sh_dc.values, before[[2, 3, 4, 5, 2, 3, 5, 0, 1, 0, 1]])
+
+
+def test_without_a_threshold_or_a_temporal_centre_nothing_grows_by_time():
+    for model, adc in (
+        (fleeting([0.9] * 3, [1.0] * 3), strategy()),
+        (fleeting([0.9] * 3), moved_in_time()),
+    ):
+        seen = statistics([LOW] * 3)
+        adc.observe(context_of(seen, 3), seen, model)
+        assert "time_gradient" not in adc.state_dict()
+        counts = adc.refine(9, table_of(model)[1], model, generator())
+        assert counts == {"cloned": 0, "split": 0, "pruned": 0}
+
+
+def test_two_batches_of_a_step_count_as_two_steps_of_one_in_time():
+    # Row 0 is in both views, which pull alike; row 1 in the first only, row 2 in the second.
+    pulls = torch.tensor([[HIGH, LOW, 0.0], [HIGH, 0.0, HIGH]])
+    batches, steps = moved_in_time(), moved_in_time()
+    for view, visible in enumerate(([True, True, False], [True, False, True])):
+        seen = statistics([LOW] * 3, visible=visible)
+        half = replace(seen, screen_gradient=seen.screen_gradient / 2)
+        both = fleeting([0.5] * 3, pulls.mean(0).tolist())
+        batches.observe(context_of(half, 3, share=0.5), half, both)
+        alone = fleeting([0.5] * 3, pulls[view].tolist())
+        steps.observe(context_of(seen, 3), seen, alone)
+    assert_same_bits(batches.state_dict(), steps.state_dict())
+
+
+def test_a_step_that_was_not_finite_leaves_time_gradients_as_they_were():
+    adc, nothing = moved_in_time(), statistics([0.0] * 2, visible=[False] * 2)
+    model = fleeting([0.5] * 2, [float("nan"), HIGH])
+    adc.observe(context_of(nothing, 2), nothing, model)
+    assert adc.state_dict()["time_gradient"].tolist() == [0.0, 0.0]
+
+
+def test_near_the_limit_rows_compete_by_how_far_they_exceed_either_threshold():
+    model = fleeting([0.2] * 3, [0.0, 4 * HIGH, 0.0])
+    before = model.means.values.detach().clone()
+    # The screen gradient has a threshold of 2e-4: row 0 exceeds it 3 times, row 2 1.5 times.
+    refined(moved_in_time(max_gaussians=5), model, [2 * HIGH, LOW, HIGH])
+    assert torch.equal(model.means.values[3:], before[[0, 1]])
+
+
+def test_growth_ends_after_some_rounds_and_pruning_goes_on():
+    adc, grown = strategy(max_rounds=2), []
+    for done in (10, 20, 30, 40):
+        model = gaussians(3)
+        set_rows(model, [0.5, 0.5, 0.001], [SMALL] * 3)
+        asked = bool(adc.statistics(done - 1))
+        counts, _ = refined(adc, model, [HIGH, LOW, LOW], step=done - 1)
+        assert counts["pruned"] == 1
+        grown.append((asked, counts["cloned"]))
+    assert grown == [(True, 1), (True, 1), (False, 0), (False, 0)]
+
+
+def test_rounds_are_counted_from_the_first_refinement():
+    adc = strategy(refine_start=35, max_rounds=1)
+    assert [done for done in range(1, 100) if adc.statistics(done - 1)] == list(range(1, 41))
+
+
+def test_radii_are_gathered_after_the_last_round_where_rows_are_pruned_by_them():
+    adc = strategy(max_rounds=1, prune_radius=20.0, reset_every=20)
+    model = gaussians(2)
+    set_rows(model, [0.5, 0.5], [SMALL, SMALL])
+    counts, _ = refined(adc, model, [HIGH, HIGH], step=29, radii=[1.0, 21.0])
+    assert counts == {"cloned": 0, "split": 0, "pruned": 1}
+
+
+def test_rows_that_are_there_for_less_than_some_times_of_the_capture_are_pruned():
+    scene = replace(toy_scene(), num_times=21)
+    model = fleeting([0.04, 0.05, 1.0])  # 0.84, 1.05 and 21 times.
+    adc = replace(SETTINGS, prune_lifetime=1.0).build(scene)
+    counts, _ = refined(adc, model, [LOW] * 3)
+    assert counts["pruned"] == 1
+    model = gaussians(3)
+    set_rows(model, [0.5] * 3)
+    counts, _ = refined(adc, model, [LOW] * 3)  # Always there.
+    assert counts["pruned"] == 0
+
+
+def test_a_restored_strategy_goes_on_gathering_time_gradients():
+    adc, again = moved_in_time(), moved_in_time()
+    seen, model = statistics([LOW] * 2), fleeting([0.5] * 2, [HIGH, LOW])
+    adc.observe(context_of(seen, 2), seen, model)
+    again.load_state_dict(adc.state_dict())
+    for strategy_ in (adc, again):
+        strategy_.observe(context_of(seen, 2), seen, model)
+    assert_same_bits(adc.state_dict(), again.state_dict())
+
+
 def test_a_restored_strategy_does_the_same():
     outcomes = []
     for restore in (False, True):
@@ -223,13 +355,27 @@ def test_the_defaults_are_those_of_the_paper():
         "refine_stop": (15_000, 0),
         "refine_every": (100, 50),
         "reset_every": (3000, 300),
+        "guided.start": (1600, 0),
+        "guided.every": (500, 50),
     }
+    config = AdcConfig()
+    assert (config.grow_time_gradient, config.prune_lifetime, config.max_rounds) == (0, 0, 0)
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"refine_every": 0}, "strategy.refine_every=0: expected at least 1."),
+        (
+            {"grow_time_gradient": -1.0},
+            "strategy.grow_time_gradient=-1: expected a number of at least 0.",
+        ),
+        (
+            {"split_lifetime": -0.1},
+            "strategy.split_lifetime=-0.1: expected a number of at least 0.",
+        ),
+        ({"prune_lifetime": -2.0}, "strategy.prune_lifetime=-2: expected a number of at least 0."),
+        ({"max_rounds": -1}, "strategy.max_rounds=-1: expected a number of at least 0."),
         ({"reset_opacity": 1.0}, "strategy.reset_opacity=1: expected a number between 0 and 1."),
     ],
 )

@@ -8,10 +8,11 @@ from gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_sce
 from scenes import random_splats
 from states import assert_same_bits
 
-from gsfw.core.capabilities import Needs
+from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
 from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import Statistic
 from gsfw.core.splats import Splats
 from gsfw.strategies.mcmc import McmcConfig, draw_rows
 
@@ -167,11 +168,98 @@ def test_it_refines_only_when_it_is_time_and_keeps_no_state():
     assert SETTINGS.needs() == Needs()
 
 
+def seen_by(gradient, visible=None):
+    values = torch.tensor([gradient])
+    shown = (
+        torch.ones_like(values, dtype=torch.bool) if visible is None else torch.tensor([visible])
+    )
+    return RenderStatistics(shown, torch.ones_like(values), screen_gradient=values)
+
+
+def observed(mcmc, model, gradient, **measured):
+    seen = seen_by(gradient, **measured)
+    mcmc.observe(context_of(seen, model.num_rows), seen, model)
+
+
+def test_gradients_are_gathered_only_where_rows_are_drawn_by_them():
+    by_gradient = strategy(gradient_share=0.5)
+    assert by_gradient.statistics(98) == {Statistic.SCREEN_GRADIENT}
+    assert by_gradient.statistics(99) == frozenset()
+    needs = replace(SETTINGS, gradient_share=0.5).needs()
+    assert needs.features == {Feature.SCREEN_GRADIENT}
+    usual = strategy()
+    for mcmc, keys in ((usual, set()), (by_gradient, {"gradient", "views", "radius"})):
+        observed(mcmc, gaussians(3), [1.0] * 3)
+        assert set(mcmc.state_dict()) == keys
+
+
+def test_dead_rows_move_to_where_the_gradient_is_large():
+    model = gaussians(400)
+    set_rows(model, [0.2, 0.8, 0.5, 0.001] + [0.001] * 396)
+    means = model.means.values.detach().clone()
+    mcmc = strategy(gradient_share=0.5)
+    observed(mcmc, model, [3.0, 1.0, 0.0, 100.0] + [0.0] * 396)  # Dead rows draw nothing.
+    mcmc.refine(9, table_of(model)[1], model, generator())
+    drawn = [(int(members_at(model, means[row]).sum()) - 1) / 397 for row in range(4)]
+    # Half of the share of each of the gradients 3 and 1 and of the opacities 0.2, 0.8 and 0.5.
+    expected = [0.5 * 3 / 4 + 0.5 * 0.2 / 1.5, 0.5 / 4 + 0.5 * 0.8 / 1.5, 0.5 * 0.5 / 1.5]
+    assert drawn[:3] == pytest.approx(expected, abs=0.06)
+    assert not members_at(model, means[3]).any()
+
+
+def test_growth_after_a_relocation_draws_copies_as_it_does_their_originals():
+    model = gaussians(4)
+    set_rows(model, [0.001, 0.5, 0.5, 0.5])
+    means = model.means.values.detach().clone()
+    mcmc = strategy(gradient_share=1.0, growth=2.0)
+    observed(mcmc, model, [0.0, 0.0, 0.0, 1.0])  # All that is new is a copy of the last row.
+    counts = mcmc.refine(9, table_of(model)[1], model, generator())
+    assert counts == {"relocated": 1, "added": 8}
+    assert int(members_at(model, means[3]).sum()) == 10
+    assert mcmc.state_dict() == {}
+
+
+def test_views_in_which_nothing_has_a_gradient_leave_the_drawing_to_opacity():
+    model = gaussians(3)
+    set_rows(model, [0.001, 0.5, 0.002])
+    mcmc = strategy(gradient_share=1.0)
+    observed(mcmc, model, [1.0, 0.0, 0.0])
+    assert mcmc.refine(9, table_of(model)[1], model, generator())["relocated"] == 2
+    model = gaussians(3)
+    set_rows(model, [0.001, 0.5, 0.002])
+    assert mcmc.refine(9, table_of(model)[1], model, generator())["relocated"] == 2
+
+
+def test_two_batches_of_a_step_count_as_two_steps_of_one():
+    apart, together = strategy(gradient_share=0.5), strategy(gradient_share=0.5)
+    for gradient in ([1.0, 3.0], [2.0, 0.0]):
+        observed(apart, gaussians(2), gradient)
+        half = seen_by([value / 2 for value in gradient])
+        together.observe(context_of(half, 2, share=0.5), half, gaussians(2))
+    assert_same_bits(apart.state_dict(), together.state_dict())
+
+
+def test_a_restored_strategy_draws_the_same():
+    outcomes = []
+    for restore in (False, True):
+        model, mcmc = gaussians(30), strategy(gradient_share=0.5, growth=0.2)
+        set_rows(model, [0.001, 0.5, 0.9] * 10)
+        observed(mcmc, model, [0.1, 0.2, 0.3] * 10)
+        if restore:
+            state = mcmc.state_dict()
+            mcmc = strategy(gradient_share=0.5, growth=0.2)
+            mcmc.load_state_dict(state)
+        mcmc.refine(9, table_of(model)[1], model, generator())
+        outcomes.append(dict(model.state_dict()))
+    assert_same_bits(outcomes[0], outcomes[1])
+
+
 def test_the_defaults_are_those_of_the_paper():
     config = McmcConfig()
     assert step_settings(config) == {
         "refine_start": (500, 100), "refine_stop": (25_000, 0), "refine_every": (100, 20),
     }  # fmt: skip
+    assert config.gradient_share == 0.0
     assert config.recommended == {"init_opacity": 0.5, "init_scale": 0.1}
 
 
@@ -180,3 +268,11 @@ def test_settings_out_of_range_are_refused(key):
     with pytest.raises(ConfigError) as caught:
         strategy(**{key: 0})
     assert caught.value.message == f"strategy.{key}=0: expected at least 1."
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.5])
+def test_shares_out_of_range_are_refused(share):
+    with pytest.raises(ConfigError) as caught:
+        strategy(gradient_share=share)
+    said = f"strategy.gradient_share={share:g}: expected a number from 0 to 1."
+    assert caught.value.message == said

@@ -47,10 +47,46 @@ def test_splats_are_counted_for_their_rows():
     assert_same_bits(partly.state_dict(), wholly.state_dict())
 
 
+def test_time_gradients_are_those_of_the_whole_step_shared_among_the_views_that_saw_the_row():
+    seen = RowStatistics(3, torch.device("cpu"))
+    assert seen.mean_time_gradient is None
+    # A step of three views in two batches: row 0 is in all of them, row 1 in the first only.
+    of_step, observed = torch.tensor([2.0, 1.0, 0.0]), torch.tensor(True)
+    for visible in ([[1, 1, 0]], [[1, 0, 0], [1, 0, 0]]):
+        flags = torch.tensor(visible).bool()
+        seen.add(torch.zeros(flags.shape), torch.zeros(flags.shape), flags)
+        seen.add_time_gradient(of_step, len(flags), observed)
+    assert seen.mean_time_gradient.tolist() == [2.0, 3.0, 0.0]
+
+
+def test_a_step_that_was_not_finite_adds_no_time_gradient():
+    seen = RowStatistics(2, torch.device("cpu"))
+    seen.add_time_gradient(torch.tensor([float("nan"), float("inf")]), 1, torch.tensor(False))
+    assert seen.mean_time_gradient.tolist() == [0.0, 0.0]
+
+
+def test_nothing_is_read_where_a_gpu_would_have_to_be_waited_for():
+    device = torch.device("meta")
+    seen = RowStatistics(2, device)
+    yes = torch.ones((), dtype=torch.bool, device=device)
+    seen.add_time_gradient(torch.zeros(2, device=device), 3, yes)
+    assert seen.mean_time_gradient.is_meta
+
+
+def test_rows_that_are_copies_take_along_what_was_seen_of_their_originals():
+    seen = RowStatistics(4, torch.device("cpu"))
+    seen.add(*measured())
+    rows = torch.tensor([2, 0, 2])
+    assert torch.equal(seen.taken(rows).mean_gradient, seen.mean_gradient[rows])
+    assert seen.taken(rows).state_dict().keys() == seen.state_dict().keys()
+
+
 def test_a_restored_state_goes_on_and_is_a_copy():
     seen = RowStatistics(4, torch.device("cpu"))
     seen.add(*measured())
+    seen.add_time_gradient(torch.ones(4), 3, torch.tensor(True))
     restored = RowStatistics.restored(seen.state_dict(), torch.device("cpu"))
-    seen.add(*measured(1))
-    restored.add(*measured(1))
+    for statistics in (seen, restored):
+        statistics.add(*measured(1))
+        statistics.add_time_gradient(torch.full((4,), 2.0), 3, torch.tensor(True))
     assert_same_bits(seen.state_dict(), restored.state_dict())

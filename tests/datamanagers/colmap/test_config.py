@@ -185,20 +185,6 @@ def test_an_image_of_an_unknown_camera_is_refused(tmp_path):
     )
 
 
-def test_a_distorted_camera_is_refused_with_the_way_out(tmp_path):
-    write_colmap(tmp_path, ring(), model="SIMPLE_RADIAL", params=(70.0, 32.0, 24.0, 0.05))
-    with pytest.raises(DataError) as error:
-        build(tmp_path)
-    assert str(error.value) == (
-        f"{tmp_path}/cameras.bin: camera 1 is distorted, model SIMPLE_RADIAL (70, 32, 24, 0.05); "
-        "expected PINHOLE or SIMPLE_PINHOLE.\n"
-        "Undistort the pictures: colmap image_undistorter --image_path IMAGES "
-        "--input_path MODEL --output_path NEW, or without COLMAP: python -c "
-        "\"import pycolmap; pycolmap.undistort_images('NEW', 'MODEL', 'IMAGES')\". "
-        "Then use data=NEW. A later version of gsfw will do so itself."
-    )
-
-
 def test_a_distortion_of_zero_is_a_pinhole(tmp_path):
     params = (*FOCAL, *CENTER, 0.0, 0.0, 0.0, 0.0)
     write_colmap(tmp_path, ring(), model="OPENCV", params=params)

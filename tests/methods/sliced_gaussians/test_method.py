@@ -108,7 +108,7 @@ def test_other_starts_are_spread_over_the_sequence(settings):
     assert float(centers.min()) < 0.2
     assert float(centers.max()) > 0.8
     torch.testing.assert_close(model.log_durations.values.exp().detach(), torch.full((30,), 0.3))
-    velocities = model._conditional(model.canonical.splats()).velocities
+    velocities = model._sliced().velocities
     assert float(velocities.detach().abs().max()) == 0.0
 
 

@@ -357,7 +357,7 @@ def test_children_of_a_split_are_smaller_and_otherwise_alike():
 def test_relocated_rows_look_as_before_at_their_centre_and_keep_their_path():
     model = gaussians(tilt=1.0)
     rows, counts = torch.tensor([3, 8]), torch.tensor([2, 5])
-    velocities = model._conditional(model._still(rows)).velocities
+    velocities = model._sliced(rows).velocities
     changed = model.relocated(rows, counts)
     one = 1 - changed["opacity_logits"].values.sigmoid()
     torch.testing.assert_close(1 - one**counts, model.canonical.opacities()[rows])
@@ -371,7 +371,7 @@ def test_relocated_rows_look_as_before_at_their_centre_and_keep_their_path():
         assert torch.equal(changed[name].values, model.columns()[name].values[rows])
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
     SplatTable(model, optimizer).replace(rows, changed)
-    torch.testing.assert_close(model._conditional(model._still(rows)).velocities, velocities)
+    torch.testing.assert_close(model._sliced(rows).velocities, velocities)
 
 
 def test_noise_has_the_squared_covariance_of_slices_and_spares_opaque_rows():

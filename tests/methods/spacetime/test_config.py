@@ -46,6 +46,12 @@ def test_freetime_is_straight_paths_relocation_and_a_price_for_lasting():
     flat = resolved(preset="freetime").flat()
     assert (flat["motion_order"], flat["spin"], flat["lifetime_reg"]) == (1, False, 0.01)
     assert (flat["strategy"], flat["strategy.opacity_reg"]) == ("mcmc", 0.0)
+    assert flat["strategy.gradient_share"] == 0.5
+
+
+def test_rows_grow_by_their_time_gradient_too_wherever_adc_is_used():
+    for values in ({}, {"preset": "features"}, {"preset": "freetime", "strategy": "adc"}):
+        assert resolved(**values).flat()["strategy.grow_time_gradient"] == 5e-5
 
 
 def test_features_ask_for_nine_channels():

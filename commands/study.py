@@ -1,0 +1,326 @@
+"""`gsfw study FILE`: makes the runs of a table that are not there yet, and shows the table."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gsfw.commands.arguments import Options, read, word
+
+if TYPE_CHECKING:
+    from gsfw.commands.console import Console
+    from gsfw.core.callback import Control
+    from gsfw.studies.comparison import SceneTable
+    from gsfw.studies.planned_run import PlannedRun
+    from gsfw.studies.result_store import ResultStore
+    from gsfw.studies.runner import Ended, Runner
+    from gsfw.studies.study import Study
+
+FAILED = 1
+"""Exit code where a run has failed."""
+
+
+@dataclass(kw_only=True)
+class Budget:
+    """What a study may cost."""
+
+    minutes: float | None = None
+    """Start no further run after so many minutes; the same command goes on another time."""
+
+
+@dataclass(kw_only=True)
+class StudyOptions(Options):
+    """Train a table of runs, keep what is finished, and compare: study.md, .csv, .png."""
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw study benchmarks/studies/dynamic.yaml root=DATA dry=true",
+        "gsfw study benchmarks/studies/dynamic.yaml root=DATA only=3dgs,4dgs,robot",
+        "gsfw study benchmarks/studies/dynamic.yaml table=true",
+    )
+
+    file: str = word("FILE")
+    """A .yaml file with rows, scenes and settings."""
+    root: str = "."
+    """Where the relative data paths of the file begin."""
+    out: str = ""
+    """Folder of the study. Empty: runs/studies/NAME."""
+    only: tuple[str, ...] = ()
+    """Names or patterns of rows and scenes to run, such as 4d*,robot; all others wait."""
+    jobs: int = 1
+    """Runs at a time, which share the cores."""
+    dry: bool = False
+    """Say what would be run and about how long it takes; run nothing."""
+    table: bool = False
+    """Make the tables again from results.json; run nothing."""
+    again: bool = False
+    """Make finished runs again (with only: those), for instance after a change of the code."""
+    keep_runs: bool = True
+    """Keep the checkpoints of finished runs."""
+    budget: Budget = field(default_factory=Budget)
+
+
+def run(arguments: list[str]) -> int:
+    """Make a study."""
+    options = read("study", StudyOptions, arguments)
+    _check(options)
+
+    from gsfw.commands.console import Console
+    from gsfw.commands.run_argument import RUNS
+    from gsfw.studies.result_store import ResultStore, only_one
+    from gsfw.studies.study_file import read_study
+    from gsfw.studies.writing import RESULTS
+
+    console = Console(options.json)
+    study = read_study(Path(options.file))
+    folder = Path(options.out) if options.out else RUNS / "studies" / study.name
+    if options.table:
+        return _table(console, study, ResultStore(folder / RESULTS, study.title), options)
+    plan, missing = _plan(console, study, folder, options)
+    if options.dry:
+        store = ResultStore(folder / RESULTS, study.title)
+        return _dry(console, plan, store, options, missing)
+    with only_one(folder) as lock:
+        store = ResultStore(folder / RESULTS, study.title)
+        store.write()  # Better found out now than after an hour that it cannot be.
+        return _make(console, study, plan, store, options, lock, missing)
+
+
+def _check(options: StudyOptions) -> None:
+    from gsfw.core.errors import ConfigError
+
+    if options.jobs < 1:
+        raise ConfigError(f"jobs={options.jobs}: expected at least 1.")
+    minutes = options.budget.minutes
+    if minutes is not None and minutes <= 0:
+        raise ConfigError(f"budget.minutes={minutes:g}: expected more than 0.")
+    if options.table and (options.dry or options.again):
+        raise ConfigError(
+            "table=true runs nothing, so dry and again mean nothing with it.", "Leave them out."
+        )
+
+
+def _plan(
+    console: Console, study: Study, folder: Path, options: StudyOptions
+) -> tuple[list[PlannedRun], list[str]]:
+    """The runs that were asked for, and scenes whose data is not there.
+
+    Raises:
+        DataError: none of them has its data.
+    """
+    from gsfw.core.errors import DataError
+    from gsfw.plugins.registry import installed
+    from gsfw.studies.planned_run import data_path, is_missing, plan_runs
+
+    root = Path(options.root)
+    cells = study.cells(options.only)
+    absent = {cell.scene: data_path(cell, root) for cell in cells if is_missing(cell, root)}
+    for scene, path in absent.items():
+        console.warn(f"scene {scene} is left out: {path} is not there; root=DIR says where it is")
+    there = [cell for cell in cells if not is_missing(cell, root)]
+    if cells and not there:
+        raise DataError(
+            f"{options.file}: the data of none of its scenes is in {root.absolute()}.",
+            "Give the folder that the paths in the file begin at with root=DIR.",
+        )
+    return plan_runs(there, installed(), root, folder), list(absent)
+
+
+def _make(
+    console: Console,
+    study: Study,
+    plan: Sequence[PlannedRun],
+    store: ResultStore,
+    options: StudyOptions,
+    lock: int | None,
+    missing: Sequence[str],
+) -> int:
+    """Run, tell, and write the report, however it ends."""
+    from gsfw.commands.failure import INTERRUPTED
+    from gsfw.commands.interrupt import stop_on_signal
+    from gsfw.core.callback import Control
+    from gsfw.studies.report import documents
+    from gsfw.studies.runner import Runner, RunnerSettings
+
+    control = Control()
+    settings = RunnerSettings(
+        options.jobs, options.budget.minutes, options.again, options.keep_runs
+    )
+    runner = Runner(plan, store, settings, control, lock)
+    about = f", about {_duration(runner.seconds_left())}" if runner.pending else ""
+    console.say(f"{study.title}: {_runs(runner.kept)} there, {len(runner.pending)} to make{about}")
+    ended: list[Ended] = []
+    try:
+        with stop_on_signal(control) as interrupt:
+            for item in runner.run():
+                ended.append(item)
+                _tell(console, item)
+                _write(study, store, options)  # To look at while the others are made.
+    finally:
+        tables = _report(console, study, store, options)
+    _tell_rest(console, runner, control, options)
+    failed = [item.run.cell.name for item in ended if item.failure]
+    console.result(
+        {
+            "results": str(store.path),
+            "made": sum(item.result is not None for item in ended),
+            "kept": runner.kept,
+            "failed": failed,
+            "left": [planned.cell.name for planned in runner.pending],
+            "missing": list(missing),
+            "tables": documents(tables),
+        }
+    )
+    if interrupt.received:
+        return INTERRUPTED
+    return FAILED if failed else 0
+
+
+def _tell(console: Console, ended: Ended) -> None:
+    """One line for a run that has ended."""
+    from gsfw.studies.columns import KNOWN
+
+    name = ended.run.cell.name
+    head = f"[{ended.number}/{ended.total}] {name}: "
+    if ended.failure is not None:
+        console.say(f"{head}failed: {ended.failure.error}")
+        return
+    if ended.result is None:
+        console.say(f"{name}: stopped; it goes on from its last checkpoint another time")
+        return
+    figures = ended.result.figures
+    shown = [
+        f"{KNOWN[name].heading} {KNOWN[name].text(float(figures[name]))}"
+        for name in ("psnr", "moving_psnr")
+        if name in figures
+    ]
+    left = f"; about {_duration(ended.seconds_left)} left" if ended.number < ended.total else ""
+    console.say(f"{head}{', '.join([*shown, _duration(ended.seconds)])}{left}")
+
+
+def _tell_rest(console: Console, runner: Runner, control: Control, options: StudyOptions) -> None:
+    """Why runs are left, and how to go on."""
+    if not runner.pending:
+        return
+    why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
+    console.say(f"{_runs(len(runner.pending))} left: {why}. The same command goes on.")
+
+
+def _dry(
+    console: Console,
+    plan: Sequence[PlannedRun],
+    store: ResultStore,
+    options: StudyOptions,
+    missing: Sequence[str],
+) -> int:
+    """List the runs, what would become of each, and an estimate."""
+    from gsfw.studies.estimate import Estimate
+
+    estimate = Estimate(store.results.values())
+    rows: list[list[str]] = []
+    listed: list[dict[str, Any]] = []
+    total = 0.0
+    for planned in plan:
+        what = _prospect(planned, store, options.again)
+        seconds = 0.0 if what == "is there" else estimate.seconds(planned)
+        total += seconds
+        cell = planned.cell
+        about = _duration(seconds) if seconds else ""
+        rows.append([cell.scene, cell.row, str(cell.seed), str(planned.steps), about, what])
+        head = {"scene": cell.scene, "row": cell.row, "seed": cell.seed}
+        listed.append({**head, "what": what, "seconds": seconds})
+    console.table(["scene", "row", "seed", "steps", "about", "what"], rows)
+    total /= options.jobs
+    guess = "" if estimate.is_measured else " (a guess: nothing is measured yet)"
+    console.say(f"about {_duration(total)} in all{guess}; without dry=true they are made")
+    console.result({"runs": listed, "seconds": total, "missing": list(missing)})
+    return 0
+
+
+def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
+    """What would become of a run."""
+    from gsfw.plugins.values import as_text
+
+    known = store.results.get(planned.cell.key)
+    same = known is not None and known.fingerprint == planned.fingerprint
+    if again and (same or planned.is_finished()):
+        return "is made again"
+    if same or planned.is_finished():
+        return "is there"
+    failure = store.failures.get(planned.cell.key)
+    if failure is not None and not failure.resumable:
+        return "has failed, is tried again"
+    steps = planned.steps_done()
+    if steps is not None:
+        return f"goes on after step {steps}"
+    if known is None:
+        return "is made"
+    changed = [
+        f"{key}={as_text(value)} (was {as_text(known.settings.get(key))})"
+        for key, value in planned.settings.items()
+        if known.settings.get(key) != value
+    ]
+    return f"is made again: {', '.join(changed[:3])}{', ...' if len(changed) > 3 else ''}"
+
+
+def _table(console: Console, study: Study, store: ResultStore, options: StudyOptions) -> int:
+    """The tables from what is kept."""
+    from gsfw.core.errors import DataError
+    from gsfw.studies.report import documents
+
+    tables = _report(console, study, store, options)
+    if not tables:
+        raise DataError(
+            f"{store.path}: there are no results of {options.file} yet.",
+            f"Make them with gsfw study {shlex.quote(options.file)}.",
+        )
+    console.result({"results": str(store.path), "tables": documents(tables)})
+    return 0
+
+
+def _report(
+    console: Console, study: Study, store: ResultStore, options: StudyOptions
+) -> list[SceneTable]:
+    """Write the files, and show the tables."""
+    from gsfw.studies.report import cell_text, heading
+
+    tables = _write(study, store, options)
+    for table in tables:
+        columns = ["", *(heading(column) for column in table.columns)]
+        rows = [
+            [line.row, *(cell_text(column, line) for column in table.columns)]
+            for line in table.lines
+            if line.figures
+        ]
+        console.say()
+        console.table(columns, rows, table.scene)
+        for line in table.lines:
+            if line.note:
+                console.say(f"{line.row}: {line.note}")
+    if tables:
+        folder = store.path.parent
+        console.say(f"\nwritten: {folder}/study.md, study.csv, study.png, results.json")
+    return tables
+
+
+def _write(study: Study, store: ResultStore, options: StudyOptions) -> list[SceneTable]:
+    """Write the files that are made of results; the tables in them."""
+    from gsfw.studies.writing import write_report
+
+    words = ["gsfw", "study", options.file]
+    words += ["root=DATA"] if any("data" in scene for scene in study.scenes.values()) else []
+    words += [f"out={options.out}"] if options.out else []
+    return write_report(study, store, store.path.parent, shlex.join(words))
+
+
+def _runs(number: int) -> str:
+    return f"{number} run{'' if number == 1 else 's'}"
+
+
+def _duration(seconds: float) -> str:
+    """As people say it: 40 s, 12 min, 3.5 h."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

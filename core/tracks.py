@@ -1,0 +1,105 @@
+"""Tracks: where every row of a model is at some times, and how far from the truth that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gsfw.core.model import PrimitiveModel
+
+OPAQUE = 0.5
+"""A row of at least this opacity can be what a surface point is seen by."""
+CHUNK = 1024
+"""Points whose distances to all rows are worked out at once."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """The paths of ``n`` rows over ``t`` times, in the frame that its maker says."""
+
+    times: tuple[float, ...]
+    """In [0, 1]."""
+    positions: Float[Tensor, "t n 3"]
+    """NaN where a row is not there."""
+    opacities: Float[Tensor, "t n"]
+    """In [0, 1]; 0 where a row is not there."""
+
+    @property
+    def present(self) -> Bool[Tensor, "t n"]:
+        """Whether a row is there."""
+        return self.opacities > 0
+
+
+@dataclass(frozen=True)
+class TrackErrors:
+    """How far tracks are from the truth, of points that are always there; lengths as theirs.
+
+    A point keeps its offset from its row, so that how finely a model is made of rows is left out.
+    """
+
+    moving: float
+    """Median distance over all points that move and all later times; NaN when none moves."""
+    moved: float
+    """Median distance of the same points from where they were at the first time."""
+    still: float
+    """Median distance over all points that do not move; NaN when all move."""
+
+    @property
+    def relative(self) -> float:
+        """The error of what moves, as a part of how far it has moved."""
+        return self.moving / self.moved
+
+
+@torch.no_grad()
+def follow(model: PrimitiveModel, times: Sequence[float]) -> Tracks:
+    """The paths of all rows of a model, in its scene frame and on its device."""
+    positions: list[Tensor] = []
+    opacities: list[Tensor] = []
+    for time in times:
+        device = next(iter(model.columns().values())).values.device
+        splats = model.splats(torch.tensor(time, device=device))
+        rows, means = splats.rows, splats.means
+        if rows is None:
+            rows = torch.arange(len(means), device=device)
+        absent = means.new_full((model.num_rows, 3), torch.nan)
+        positions.append(absent.index_copy(0, rows, means))
+        opacities.append(means.new_zeros(model.num_rows).index_copy(0, rows, splats.opacities))
+    return Tracks(tuple(times), torch.stack(positions), torch.stack(opacities))
+
+
+def compare(
+    tracks: Tracks,
+    truth: Float[Tensor, "t p 3"],
+    present: Bool[Tensor, "t p"],
+    still_below: float,
+) -> TrackErrors:
+    """How well true surface points move with the rows they are nearest to at the first time.
+
+    Args:
+        tracks: of a model; a row that is not there all the time follows nothing.
+        truth: the true paths of points, at the same times and in the same frame.
+        present: whether a point is there.
+        still_below: points that never move farther from where they were do not move.
+    """
+    truth = truth.to(tracks.positions)[:, present.all(0)]
+    followed = tracks.positions[:, (tracks.opacities >= OPAQUE).all(0)]
+    if followed.shape[1] == 0 or truth.shape[1] == 0:
+        return TrackErrors(torch.nan, torch.nan, torch.nan)
+    nearest = torch.cat(
+        [torch.cdist(part, followed[0]).argmin(1) for part in truth[0].split(CHUNK)]
+    )
+    shifts = truth[1:] - truth[0]
+    errors = (followed[1:, nearest] - followed[0, nearest] - shifts).norm(dim=2)
+    moved = shifts.norm(dim=2)
+    moves = moved.amax(0) > still_below
+    return TrackErrors(
+        _median(errors[:, moves]), _median(moved[:, moves]), _median(errors[:, ~moves])
+    )
+
+
+def _median(values: Tensor) -> float:
+    return float(values.median()) if values.numel() else torch.nan

@@ -1,0 +1,45 @@
+"""CaptureConfig: the settings of every format whose pictures were taken through a lens."""
+
+from __future__ import annotations
+
+from abc import ABC
+from dataclasses import dataclass
+
+from gsfw.core.config import DataManagerConfig
+from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.undistortion import LensRule
+
+WIDEST = 160.0
+"""Degrees; at the border of such a pinhole picture a degree is 33 times as wide as inside."""
+
+
+@dataclass(kw_only=True)
+class CaptureConfig(DataManagerConfig, ABC):
+    """Settings of distorted lenses; pictures of pinholes stay as they are."""
+
+    fisheye: str = "undistort"
+    """Pictures of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""
+    field_of_view: float = 120.0
+    """Most degrees, across and down, that a picture undistorted to a pinhole shows."""
+    blank_pixels: float = 0.0
+    """0: undistorted pictures are cut to what the lens saw; 1: all it saw, the rest masked."""
+
+    def lens_rule(self) -> LensRule:
+        """What becomes of pictures of distorted lenses.
+
+        Raises:
+            ConfigError: a setting is out of range.
+        """
+        if self.fisheye not in ("undistort", "keep"):
+            raise ConfigError(f"datamanager.fisheye={self.fisheye}: expected undistort or keep.")
+        if not 0 < self.field_of_view <= WIDEST:
+            raise ConfigError(
+                f"datamanager.field_of_view={self.field_of_view:g}: expected degrees up to "
+                f"{WIDEST:g}.",
+                "datamanager.fisheye=keep shows more of a fisheye lens.",
+            )
+        if not 0 <= self.blank_pixels <= 1:
+            raise ConfigError(
+                f"datamanager.blank_pixels={self.blank_pixels:g}: expected a number from 0 to 1."
+            )
+        return LensRule(self.fisheye == "keep", self.blank_pixels, self.field_of_view)

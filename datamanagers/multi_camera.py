@@ -1,0 +1,107 @@
+"""What formats of several cameras share: which times are used, and which cameras are held out."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from abc import ABC
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.datamanagers.capture_config import CaptureConfig
+from gsfw.datamanagers.frames import Frame
+
+NONE = "none"
+"""For ``eval_cameras``: hold out no camera."""
+
+
+@dataclass
+class MultiCameraConfig(CaptureConfig, ABC):
+    """Settings of formats whose pictures are those of several cameras at common times."""
+
+    eval_cameras: tuple[str, ...] = ()
+    """Cameras to hold out, by name. Empty: as papers do. none: none (see holdout_every)."""
+    first: int = 0
+    """Number of the first time that is used, counted from 0."""
+    frames: int = 0
+    """How many times are used; 0: all."""
+    stride: int = 1
+    """Every n-th time is used."""
+    fps: float = 0.0
+    """Times per second. 0: as the videos say, or what is usual for the format."""
+
+    def chosen_times(self, count: int, where: str) -> range:
+        """The numbers of the times that are used, of ``count`` that there are.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: none is left.
+        """
+        for key, lowest in (("first", 0), ("frames", 0), ("stride", 1)):
+            if getattr(self, key) < lowest:
+                raise ConfigError(
+                    f"datamanager.{key}={getattr(self, key)}: expected at least {lowest}."
+                )
+        if not 0 <= self.fps < math.inf:
+            raise ConfigError(f"datamanager.fps={self.fps:g}: expected 0 or a positive number.")
+        chosen = range(self.first, count, self.stride)
+        chosen = chosen[: self.frames] if self.frames else chosen
+        if not chosen:
+            raise DataError(
+                f"{where} has {count} times, and datamanager.first={self.first} is after them.",
+                "Begin earlier.",
+            )
+        return chosen
+
+    def times_note(self, chosen: range, count: int, rate: float, source: str) -> str:
+        """Which times are used, at which rate."""
+        if len(chosen) == count:
+            used = f"{count} times"
+        else:
+            step = "" if self.stride == 1 else f", every {self.stride}. of them"
+            used = f"{len(chosen)} of {count} times ({chosen[0]} to {chosen[-1]}{step})"
+        return f"{used}, {rate:.5g} per second ({source})"
+
+
+def hold_out_cameras(
+    frames: Sequence[Frame], names: Sequence[str], asked: Sequence[str], usual: Sequence[str] = ()
+) -> tuple[list[Frame], str]:
+    """The frames with their split by camera, and how it came about.
+
+    Args:
+        frames: ``Frame.camera`` is the number of a name.
+        names: of the cameras.
+        asked: cameras that the user wants held out; "none" for none, empty for ``usual``.
+        usual: cameras that the format's papers hold out.
+
+    Raises:
+        DataError: there is no camera of a name, or none would be left to train on.
+    """
+    if tuple(asked) == (NONE,) or not (asked or usual):
+        return [replace(frame, split=None) for frame in frames], ""
+    held = {_find(name, names) for name in asked or usual}
+    if len(held) == len(names):
+        raise DataError(
+            f"datamanager.eval_cameras={','.join(asked or usual)}: no camera is left to train on.",
+            "Hold out fewer of them; datamanager.eval_cameras=none holds out none.",
+        )
+    splits = [Split.EVAL if number in held else Split.TRAIN for number in range(len(names))]
+    noun = "camera" if len(held) == 1 else "cameras"
+    why = "" if asked else ", as papers do"
+    return (
+        [replace(frame, split=splits[frame.camera]) for frame in frames],
+        f"{noun} {', '.join(names[number] for number in sorted(held))}{why}",
+    )
+
+
+def _find(name: str, names: Sequence[str]) -> int:
+    if name in names:
+        return names.index(name)
+    near = difflib.get_close_matches(name, names, 1)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    raise DataError(
+        f"datamanager.eval_cameras={name}: there is no camera of this name.{hint}",
+        f"The cameras are {', '.join(names)}.",
+    )

@@ -1,0 +1,258 @@
+"""The ``nerfies`` format: the data sets of Nerfies (Park et al. 2021) and HyperNeRF (2021).
+
+Facts about the layout are those of the authors' documentation: a camera has an orientation (world
+to camera, OpenCV axes), a position in the world, a focal length in pixels of the pictures at full
+size, and radial distortion k1, k2, k3 and tangential p1, p2 with OpenCV's formulas. The centre and
+scale of scene.json are the authors' normalisation; gsfw finds its own, and keeps the world.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from gsfw.core.config import Detection
+from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.capture_config import CaptureConfig
+from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.pictures import EXTENSIONS, read_header
+from gsfw.datamanagers.point_file import Points, check_points
+from gsfw.datamanagers.poses import from_center
+
+FILES = ("dataset.json", "metadata.json")
+LOOKED_FOR = "dataset.json and metadata.json with camera/ and rgb/"
+
+
+@dataclass
+class NerfiesConfig(CaptureConfig):
+    """Settings of the ``nerfies`` format."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with both files and the cameras."""
+        if not all((path / name).is_file() for name in FILES) or not (path / "camera").is_dir():
+            return Detection(False, LOOKED_FOR)
+        return Detection(True, LOOKED_FOR, f"{' and '.join(FILES)} with camera/", priority=40)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the files, check the headers of the pictures that ``downscale`` asks for.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: a file is damaged, or the pictures do not fit.
+        """
+        rule = self.lens_rule()
+        folder = data_folder(request.path, "nerfies")
+        shrunk, pictures = _picture_folder(folder, request.downscale)
+        # What the folder's pictures were shrunk by is not done again.
+        request = replace(request, downscale=max(1.0, request.downscale / shrunk))
+        return Capture(_recording(folder, pictures, shrunk), request, rule)
+
+
+def _picture_folder(folder: Path, downscale: float) -> tuple[int, Path]:
+    """By what the pictures were shrunk, and where they are: rgb/1x, rgb/2x, ...
+
+    The smallest that are not smaller than asked for; else the largest that there are.
+    """
+    found = {
+        int(item.name[:-1]): item
+        for item in folder.glob("rgb/*x")
+        if item.is_dir() and item.name[:-1].isdecimal() and int(item.name[:-1]) > 0
+    }
+    if not found:
+        raise DataError(
+            f"{folder} holds no pictures: there is no rgb/1x, rgb/2x, ...",
+            "Copy the folder rgb, too.",
+        )
+    shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
+    return shrunk, found[shrunk]
+
+
+def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
+    splits, split_notes = _splits(folder / "dataset.json")
+    metadata = _read(folder / "metadata.json")
+    times = {
+        name: _whole(entry, ("time_id", "warp_id"), f"{folder / 'metadata.json'}: {name}")
+        for name, entry in metadata.items()
+    }
+    frames, missing = [], []
+    for name, split in splits.items():
+        picture = _picture(pictures, name)
+        if picture is None:
+            missing.append(name)
+            continue
+        if name not in metadata:
+            raise DataError(
+                f"{folder / 'metadata.json'} does not have {name}, which dataset.json lists.",
+                "Copy both files from the same data set.",
+            )
+        frame = _frame(folder / "camera" / f"{name}.json", name, picture)
+        camera = _whole(metadata[name], ("camera_id",), f"{folder / 'metadata.json'}: {name}", 0)
+        frames.append(replace(frame, split=split, time=float(times[name]), camera=camera))
+    missing_note = missing_pictures(missing, len(splits), pictures)
+    (points, colors), point_note = _points(folder / "points.npy")
+    return Recording(
+        name=folder.resolve().name,
+        path=folder,
+        frames=tuple(frames),
+        points=points,
+        point_colors=colors,
+        notes=(
+            f"{folder / 'dataset.json'}: {len(splits)} frames, pictures of {pictures}"
+            f" (1/{shrunk} of full size)",
+            *split_notes,
+            *missing_note,
+            point_note,
+        ),
+        unused_times=tuple(float(time) for time in times.values()),
+    )
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    """A JSON object.
+
+    Raises:
+        DataError: the file is missing, or is none.
+    """
+    try:
+        content = json.loads(path.read_text("utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(
+            f"{path} cannot be read as JSON: {error}",
+            "Copy the file again; it may be missing or cut off.",
+        ) from error
+    if not isinstance(content, dict):
+        raise DataError(f"{path} holds no JSON object.", "Copy the file again.")
+    return content
+
+
+def _splits(path: Path) -> tuple[dict[str, Split | None], tuple[str, ...]]:
+    """The split of each frame that is used, and notes; ``None`` where nothing is held out."""
+    content = _read(path)
+    lists = {}
+    for key in ("ids", "train_ids", "val_ids"):
+        names = content.get(key, [])
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise DataError(f"{path}: {key} is not a list of names.", "Copy the file again.")
+        lists[key] = names
+    train = lists["train_ids"] or lists["ids"]
+    held = frozenset(lists["val_ids"])
+    splits: dict[str, Split | None]
+    if held:
+        splits = {name: Split.TRAIN for name in train if name not in held}
+        splits |= dict.fromkeys(lists["val_ids"], Split.EVAL)
+    else:
+        splits = dict.fromkeys(train)
+    if not splits:
+        raise DataError(f"{path} lists no frames.", "Expected train_ids and val_ids, or ids.")
+    left_out = len(set(lists["ids"]) - set(splits))
+    note = f"{left_out} frames are neither in train_ids nor in val_ids: left out"
+    return splits, (note,) if left_out else ()
+
+
+def _whole(
+    settings: Mapping[str, Any], keys: tuple[str, ...], where: str, default: int | None = None
+) -> int:
+    """The first of some whole numbers that there is."""
+    found = next((settings[key] for key in keys if key in settings), default)
+    if not isinstance(found, int) or found < 0:
+        raise DataError(
+            f"{where}: {' or '.join(keys)} is {found!r}; expected a number.",
+            "Copy the file again.",
+        )
+    return found
+
+
+def _picture(folder: Path, name: str) -> Path | None:
+    candidates = (folder / f"{name}{end}" for end in EXTENSIONS)
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _frame(file: Path, name: str, picture: Path) -> Frame:
+    content = _read(file)
+    orientation = _numbers(content, ("orientation",), (3, 3), file)
+    position = _numbers(content, ("position",), (3,), file)
+    return Frame(
+        name=name,
+        path=picture,
+        header=read_header(picture),
+        lens=_lens(content, file),
+        world_to_camera=from_center(orientation, position, str(file)),
+    )
+
+
+def _lens(content: Mapping[str, Any], file: Path) -> Lens:
+    focal = float(_numbers(content, ("focal_length",), (), file))
+    aspect = float(_numbers(content, ("pixel_aspect_ratio",), (), file, 1.0))
+    skew = float(_numbers(content, ("skew",), (), file, 0.0))
+    center = _numbers(content, ("principal_point",), (2,), file)
+    size = _numbers(content, ("image_size",), (2,), file)
+    k1, k2, k3 = _numbers(content, ("radial_distortion",), (3,), file, 0.0).tolist()
+    p1, p2 = _numbers(content, ("tangential_distortion", "tangential"), (2,), file, 0.0).tolist()
+    if skew != 0:
+        raise DataError(
+            f"{file}: the camera is skewed (skew={skew:g}); expected 0.",
+            "Calibrate it again without skew.",
+        )
+    lens = Lens(
+        fx=focal,
+        fy=focal * aspect,
+        cx=float(center[0]),
+        cy=float(center[1]),
+        width=round(float(size[0])),
+        height=round(float(size[1])),
+        source=str(file),
+        model="FULL_OPENCV",
+        distortion=(k1, k2, p1, p2, k3, 0.0, 0.0, 0.0),
+    )
+    lens.check()
+    return lens
+
+
+def _numbers(
+    content: Mapping[str, Any],
+    keys: tuple[str, ...],
+    shape: tuple[int, ...],
+    file: Path,
+    default: float | None = None,
+) -> torch.Tensor:
+    """The first of some settings that there is, as float64 of this shape."""
+    value = next((content[key] for key in keys if content.get(key) is not None), None)
+    if value is None and default is not None:
+        return torch.full(shape, default, dtype=torch.float64)
+    try:
+        numbers = torch.tensor(value, dtype=torch.float64)
+    except (TypeError, ValueError, RuntimeError):
+        numbers = torch.empty(0)
+    if numbers.shape != shape:
+        expected = f"{'x'.join(map(str, shape))} numbers" if shape else "a number"
+        raise DataError(
+            f"{file}: {keys[0]} is {value!r}; expected {expected}.", "Copy the file again."
+        )
+    return numbers
+
+
+def _points(file: Path) -> tuple[Points, str]:
+    """The points, grey since they have no colours, and a note on them."""
+    if not file.is_file():
+        return no_points(), f"there are no points (looked for {file.name})"
+    try:
+        table = np.load(file, allow_pickle=False)
+        points = torch.from_numpy(table.astype(np.float64))
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ValueError(f"its shape is {list(points.shape)}")
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(
+            f"{file} does not hold points: {error}",
+            "Expected an array of the shape [points, 3]; remove it to train without points.",
+        ) from error
+    return check_points(points, torch.full(points.shape, 0.5), file), f"{len(points)} points"

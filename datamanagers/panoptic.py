@@ -1,0 +1,233 @@
+"""The ``panoptic`` format: train_meta.json and test_meta.json of Dynamic 3D Gaussians.
+
+The layout of Luiten et al. 2024: for each time lists over cameras of intrinsics k, world-to-camera
+matrices w2c, picture names fn under ims/ and camera numbers cam_id; seg/ marks what moves, and
+init_pt_cld.npz holds a point cloud.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from gsfw.core.config import Detection
+from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
+from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.point_file import Points, check_points
+from gsfw.datamanagers.poses import from_opencv
+
+FILES = {Split.TRAIN: "train_meta.json", Split.EVAL: "test_meta.json"}
+POINTS = "init_pt_cld.npz"
+LISTS = ("k", "w2c", "fn", "cam_id")
+USUAL_RATE = 30.0
+"""Pictures per second of the sequences of CMU Panoptic that Luiten et al. use."""
+
+
+@dataclass
+class PanopticConfig(MultiCameraConfig):
+    """Settings of the ``panoptic`` format. By default those of test_meta.json are held out."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with a train_meta.json, or such a file itself."""
+        found = [name for name in FILES.values() if (_folder(path) / name).is_file()]
+        recognised = FILES[Split.TRAIN] in found
+        return Detection(recognised, FILES[Split.TRAIN], ", ".join(found), priority=40)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read both files, check the pictures' headers.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: a file is damaged, or the pictures do not fit.
+        """
+        rule = self.lens_rule()
+        path = data_folder(request.path, "panoptic")
+        return Capture(self._recording(_folder(path)), request, rule)
+
+    def _recording(self, folder: Path) -> Recording:
+        files = {
+            split: _MetaFile.read(folder / name)
+            for split, name in FILES.items()
+            if (folder / name).is_file()
+        }
+        if Split.TRAIN not in files:
+            raise DataError(
+                f"{folder} holds no {FILES[Split.TRAIN]}.", "Give the folder that does."
+            )
+        count = min(len(file) for file in files.values())
+        rate = self.fps or USUAL_RATE
+        source = "datamanager.fps" if self.fps else "the usual one; datamanager.fps=N gives another"
+        chosen = self.chosen_times(count, str(folder))
+        # The same number in both files is the same camera.
+        names = sorted({name for file in files.values() for name in file.cameras(chosen)}, key=int)
+        frames: list[Frame] = []
+        missing: list[str] = []
+        for split, file in files.items():
+            there, lacking = file.frames(chosen, rate, names, split if len(files) > 1 else None)
+            frames, missing = frames + there, missing + lacking
+        missing_note = missing_pictures(missing, len(frames) + len(missing), folder / "ims")
+        origin = f"the data set's own split, {FILES[Split.EVAL]}"
+        if self.eval_cameras:
+            frames, origin = hold_out_cameras(frames, names, self.eval_cameras)
+        (points, colors), point_note = _points(folder / POINTS)
+        return Recording(
+            name=folder.resolve().name,
+            path=folder,
+            frames=tuple(frames),
+            points=points,
+            point_colors=colors,
+            notes=(
+                *(file.note(chosen) for file in files.values()),
+                self.times_note(chosen, count, rate, source),
+                *missing_note,
+                point_note,
+            ),
+            split_origin=origin,
+        )
+
+
+@dataclass(frozen=True)
+class _MetaFile:
+    """One of the two files."""
+
+    path: Path
+    content: Mapping[str, Any]
+
+    @staticmethod
+    def read(path: Path) -> _MetaFile:
+        """Read the file.
+
+        Raises:
+            DataError: it is not JSON, or its lists do not go together.
+        """
+        try:
+            content = json.loads(path.read_text("utf-8-sig"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise DataError(
+                f"{path} cannot be read as JSON: {error}",
+                "Write the file again; it may have been cut off.",
+            ) from error
+        lists = [content.get(key) if isinstance(content, dict) else None for key in LISTS]
+        shapes = [
+            [len(inner) for inner in item]
+            if isinstance(item, list) and all(isinstance(inner, list) for inner in item)
+            else None
+            for item in lists
+        ]
+        if not shapes[0] or shapes[0][0] == 0 or any(shape != shapes[0] for shape in shapes):
+            raise DataError(
+                f"{path}: its lists {', '.join(LISTS)} are missing, empty or of different lengths.",
+                "Expected, for each of them, a list over times of lists over cameras.",
+            )
+        return _MetaFile(path, content)
+
+    def __len__(self) -> int:
+        return len(self.content["fn"])
+
+    def cameras(self, times: range) -> set[str]:
+        """Numbers of the cameras at these times, as names."""
+        return {str(name) for time in times for name in self.content["cam_id"][time]}
+
+    def note(self, times: range) -> str:
+        """What the file holds."""
+        return f"{self.path}: {len(self.cameras(times))} cameras at {len(self)} times"
+
+    def frames(
+        self, times: range, rate: float, names: list[str], split: Split | None
+    ) -> tuple[list[Frame], list[str]]:
+        """The frames whose pictures are on disk, and the names of those that are not.
+
+        Raises:
+            DataError: a camera cannot be used; it is named.
+        """
+        frames, missing = [], []
+        for time in times:
+            for position, name in enumerate(self.content["fn"][time]):
+                picture = self.path.parent / "ims" / str(name)
+                if not picture.is_file():
+                    missing.append(str(name))
+                    continue
+                camera = names.index(str(self.content["cam_id"][time][position]))
+                frames.append(
+                    replace(
+                        self._frame(time, position, picture),
+                        time=time / rate,
+                        camera=camera,
+                        split=split,
+                    )
+                )
+        return frames, missing
+
+    def _frame(self, time: int, position: int, picture: Path) -> Frame:
+        name = str(self.content["fn"][time][position])
+        where = f"{self.path}: {name}"
+        header = read_header(picture)
+        try:
+            k, w2c = (
+                torch.tensor(self.content[key][time][position], dtype=torch.float64)
+                for key in ("k", "w2c")
+            )
+            width, height = int(self.content["w"]), int(self.content["h"])
+            right_shapes = k.shape == (3, 3) and w2c.shape in ((3, 4), (4, 4))
+        except (KeyError, TypeError, ValueError):
+            right_shapes = False
+        if not right_shapes:
+            raise DataError(
+                f"{where}: its camera cannot be read.",
+                "Expected w and h, and for each picture k (3x3) and w2c (4x4).",
+            )
+        lens = Lens(
+            fx=float(k[0, 0]),
+            fy=float(k[1, 1]),
+            cx=float(k[0, 2]),
+            cy=float(k[1, 2]),
+            width=width,
+            height=height,
+            source=where,
+        )
+        lens.check()
+        moving = (self.path.parent / "seg" / name).with_suffix(".png")
+        return Frame(
+            name=name,
+            path=picture,
+            header=header,
+            lens=lens,
+            world_to_camera=from_opencv(w2c, where),
+            moving=moving if moving.is_file() else None,
+        )
+
+
+def _folder(path: Path) -> Path:
+    return path.parent if path.name in FILES.values() else path
+
+
+def _points(file: Path) -> tuple[Points, str]:
+    """The cloud's points and colours (what is foreground is not used), and a note on them."""
+    if not file.is_file():
+        return no_points(), f"there are no points (looked for {file.name})"
+    try:
+        # Opened here, as numpy leaves a broken archive open.
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
+            cloud = torch.from_numpy(arrays["data"].astype(np.float64))
+        if cloud.ndim != 2 or cloud.shape[1] < 6:
+            raise ValueError(f"its data has the shape {list(cloud.shape)}")
+    except Exception as error:  # numpy and zipfile raise whatever a broken file makes them.
+        raise DataError(
+            f"{file} does not hold points: {error}",
+            "Expected data of the shape [points, 7]: position, colour, foreground; remove the file "
+            "to train without points.",
+        ) from error
+    points = check_points(cloud[:, :3], cloud[:, 3:6].clamp(0, 1).float(), file)
+    return points, f"{file}: {len(cloud)} points"

@@ -1,0 +1,295 @@
+"""Video files: what their packets tell without decoding, and their pictures in order.
+
+Decoding begins at key frames only, so pictures come in segments: from one key frame to the next.
+"""
+
+from __future__ import annotations
+
+import statistics
+from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from gsfw.core.errors import DataError, UnavailableError
+from gsfw.datamanagers.detection import VIDEOS
+from gsfw.datamanagers.pictures import Header
+
+UNEVEN = 0.5
+"""An interval that differs from the median by more than this part of it: a picture is missing."""
+
+Box = tuple[int, int, int, int]
+"""Left, top, right and bottom edge in pixels; the right and bottom ones are just outside."""
+
+
+@dataclass(frozen=True)
+class Video:
+    """A video file; nothing of it is held open."""
+
+    path: Path
+    header: Header
+    """Of its pictures as they are shown: turned as the file asks for, and cropped to ``box``."""
+    stamps: tuple[int, ...]
+    """When each picture is shown, ascending, in units of ``unit``."""
+    unit: float
+    """Seconds."""
+    keys: tuple[int, ...]
+    """Numbers of the pictures that decoding can begin at; the first is 0."""
+    turns: int = 0
+    """Quarter turns, counter-clockwise, that make a picture upright."""
+    box: Box | None = None
+    """The part of the upright pictures that is used; ``None`` for all."""
+
+    @staticmethod
+    def read(path: Path) -> Video:
+        """Go through the packets, and decode the first picture only.
+
+        Raises:
+            DataError: it is no video, or it is cut off or damaged, as far as packets tell.
+            UnavailableError: PyAV is not installed.
+        """
+        with _opened(path) as (container, stream):
+            stamps, keys = _packets(path, container, stream)
+            unit = float(stream.time_base)
+        order = sorted(stamps)
+        numbers = {stamp: number for number, stamp in enumerate(order)}
+        video = Video(
+            path=path,
+            header=Header(0, 0, has_alpha=False),
+            stamps=tuple(order),
+            unit=unit,
+            keys=tuple(sorted({0, *(numbers[stamp] for stamp in keys)})),
+        )
+        with _opened(path) as (container, stream):
+            first = next(video._decoded(container, stream), None)
+            if first is None:
+                raise DataError(f"{path}: none of its {len(order)} pictures decodes.", ADVICE)
+            # FFmpeg gives the counter-clockwise angle by which the picture is to be turned.
+            turns = round(first[1].rotation / 90) % 4
+            width, height = first[1].width, first[1].height
+        if turns % 2:
+            width, height = height, width
+        return replace(video, header=Header(width, height, has_alpha=False), turns=turns)
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @cached_property
+    def times(self) -> tuple[float, ...]:
+        """Seconds from the first picture to each."""
+        return tuple((stamp - self.stamps[0]) * self.unit for stamp in self.stamps)
+
+    @property
+    def rate(self) -> float:
+        """Pictures per second, over the whole video; 0 for a single picture."""
+        return (len(self) - 1) / self.times[-1] if len(self) > 1 else 0.0
+
+    def check_even(self) -> None:
+        """Check that pictures follow each other at one rate, so that their number tells the time.
+
+        Raises:
+            DataError: they do not; says where.
+        """
+        intervals = np.diff(self.times)
+        if len(intervals) == 0:
+            return
+        usual = statistics.median(intervals)
+        worst = int(np.abs(intervals - usual).argmax())
+        if abs(intervals[worst] - usual) > UNEVEN * usual:
+            raise DataError(
+                f"{self.path}: the frame rate varies: picture {worst + 1} comes "
+                f"{1000 * intervals[worst]:.1f} ms after the one before, where "
+                f"{1000 * usual:.1f} ms are usual.",
+                "Cameras are matched by picture numbers, which needs one constant rate. Write the "
+                f"video anew: ffmpeg -i {self.path.name} -vf fps={1 / usual:.5g} NEW.mp4.",
+            )
+
+    def cropped(self, box: Box) -> Video:
+        """The same video with a part of each picture only."""
+        left, top, right, bottom = box
+        return replace(self, box=box, header=Header(right - left, bottom - top, has_alpha=False))
+
+    def segment(self, number: int) -> range:
+        """The numbers of the pictures that are decoded together with this one."""
+        after = bisect_right(self.keys, number)
+        return range(self.keys[after - 1], (*self.keys, len(self))[after])
+
+    def pictures(self, numbers: range) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
+        """Decode consecutive pictures, upright and cropped; in order, each with its number.
+
+        Raises:
+            DataError: one of them does not decode.
+        """
+        start = self.segment(numbers.start).start
+        with _opened(self.path) as (container, stream):
+            if start > 0:
+                container.seek(self.stamps[start], stream=stream)
+            expected = numbers.start
+            for number, frame in self._decoded(container, stream):
+                if number < expected:
+                    continue
+                if number > expected or expected >= numbers.stop:
+                    break
+                yield number, self._upright(frame.to_ndarray(format="rgb24"))
+                expected += 1
+                if expected == numbers.stop:
+                    return
+        raise DataError(f"{self.path}: picture {expected} of {len(self)} does not decode.", ADVICE)
+
+    def picture(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Decode one picture, and those between the key frame before and it.
+
+        Raises:
+            DataError: it does not decode.
+        """
+        return next(self.pictures(range(number, number + 1)))[1]
+
+    def _decoded(self, container: Any, stream: Any) -> Iterator[tuple[int, Any]]:  # noqa: ANN401
+        """Pictures from wherever the container stands, as FFmpeg has them, with their numbers."""
+        import av
+
+        numbers = {stamp: number for number, stamp in enumerate(self.stamps)}
+        latest = -1
+        try:
+            for frame in container.decode(stream):
+                number = numbers.get(frame.pts)
+                if number is None:
+                    continue
+                if frame.is_corrupt:
+                    raise DataError(
+                        f"{self.path}: picture {number} of {len(self)} "
+                        f"(at {self.times[number]:.3f} s) is damaged.",
+                        ADVICE,
+                    )
+                latest = number
+                yield number, frame
+        except (av.FFmpegError, OSError) as error:
+            after = f"after picture {latest}" if latest >= 0 else "its first picture"
+            raise DataError(
+                f"{self.path}: {after} of {len(self)}, the video does not decode: {_text(error)}",
+                ADVICE,
+            ) from error
+
+    def _upright(self, pixels: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h2 w2 3"]:
+        upright = np.rot90(pixels, self.turns)
+        if self.box is not None:
+            left, top, right, bottom = self.box
+            upright = upright[top:bottom, left:right]
+        return np.ascontiguousarray(upright)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture of a video."""
+
+    video: Video
+    number: int
+    """Counted from 0."""
+
+
+ADVICE = "Copy the video again; if it was recorded so, write it anew with ffmpeg -i OLD NEW.mp4."
+
+
+def is_video(path: Path) -> bool:
+    """Whether a file's name says that it is a video."""
+    return path.suffix.lower() in VIDEOS and path.is_file()
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """The container and its video stream, for PyAV."""
+    try:
+        import av
+    except ImportError:
+        raise UnavailableError(
+            f"{path} is a video, and PyAV, which decodes videos, is not installed.",
+            "Install it with: pip install 'gsfw[video]' (or: pip install av). Or cut the video "
+            "into pictures.",
+        ) from None
+    try:
+        container = av.open(str(path))
+    except (av.FFmpegError, OSError) as error:
+        raise DataError(f"{path}: {_reason(path, error)}", ADVICE) from error
+    with container:
+        if not container.streams.video or container.format.name.endswith(("_pipe", "image2")):
+            raise DataError(
+                f"{path}: the file ({container.format.long_name}) is no video.",
+                f"Expected a file such as {', '.join(VIDEOS)} with a video in it.",
+            )
+        stream = container.streams.video[0]
+        # One thread for each video: several videos are decoded at once, and seeking stays quick.
+        stream.thread_type = "NONE"
+        yield container, stream
+
+
+def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[int]]:  # noqa: ANN401
+    """Time stamps of all pictures, and of the key frames among them."""
+    import av
+
+    stamps, keys, corrupt = [], [], 0
+    try:
+        for packet in container.demux(stream):
+            if packet.size == 0 or packet.is_discard:
+                continue
+            corrupt += packet.is_corrupt
+            stamp = packet.dts if packet.pts is None else packet.pts
+            if stamp is None:
+                raise DataError(
+                    f"{path}: its pictures have no time stamps.",
+                    "Put it into a container that has them: ffmpeg -i OLD -c copy NEW.mp4.",
+                )
+            stamps.append(stamp)
+            if packet.is_keyframe:
+                keys.append(stamp)
+    except (av.FFmpegError, OSError) as error:
+        raise DataError(f"{path}: the video cannot be read: {_text(error)}", ADVICE) from error
+    announced = stream.frames or len(stamps)
+    if corrupt or len(stamps) < announced:
+        there = len(stamps) - corrupt
+        raise DataError(
+            f"{path} is cut off: its header announces {announced} pictures, {there} are there.",
+            "Copy the video again.",
+        )
+    if not stamps:
+        raise DataError(f"{path}: the video holds no pictures.", "Record or copy it again.")
+    return stamps, keys
+
+
+def _reason(path: Path, error: Exception) -> str:
+    if not path.exists():
+        return "there is no such file."
+    size = path.stat().st_size
+    if size == 0:
+        return "the file is empty (0 bytes)."
+    boxes = _boxes(path)
+    if "ftyp" in boxes and "moov" not in boxes:
+        return f"the video is cut off after {size} bytes: its index (the moov box) is missing."
+    return f"these {size} bytes are no video ({_text(error)})."
+
+
+def _boxes(path: Path) -> list[str]:
+    """Names of the outermost boxes of an MP4 or MOV file (ISO/IEC 14496-12, 4.2)."""
+    names: list[str] = []
+    position, size = 0, path.stat().st_size
+    with path.open("rb") as file:
+        while position + 8 <= size and len(names) < 64:
+            file.seek(position)
+            head = file.read(16)
+            length = int.from_bytes(head[:4], "big")
+            if length == 1:
+                length = int.from_bytes(head[8:16], "big")
+            names.append(head[4:8].decode("latin-1"))
+            if length < 8:
+                break
+            position += length
+    return names
+
+
+def _text(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

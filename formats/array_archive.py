@@ -1,0 +1,157 @@
+"""ArrayArchive: a JSON header and named arrays in one file, which numpy.load reads as it is.
+
+A ZIP archive whose entries are not compressed: ``header.json``, then one ``.npy`` file of version
+1.0 per array. Reading takes no more memory than the file has bytes, whatever the file says of
+itself, and runs nothing: pickled objects are refused.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import struct
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsfw.core.errors import DataError, UserError
+from gsfw.core.run_folder import write_atomically
+
+HEADER = "header.json"
+SUFFIX = ".npy"
+DTYPES = ("<f2", "<f4", "<f8", "|i1", "<i2", "<i4", "<i8", "|u1", "|b1")
+"""Types of numbers that are written and read: little-endian, as numpy spells them."""
+NAME = re.compile(r"[\w\-]+([./][\w\-]+)*", re.ASCII)
+"""Names of arrays: words joined by dots and slashes, which lead nowhere outside of a folder."""
+NPY = re.compile(
+    rb"\x93NUMPY\x01\x00(..)"
+    rb"\{'descr': '([<|>][a-zA-Z]\d{0,2})', 'fortran_order': False, 'shape': \(([\d, ]*)\), \} *\n",
+    re.DOTALL,
+)
+"""The beginning of an array as numpy.save writes it: the length of the header after ``PREFIX``
+bytes, type and shape. Parsing it as numpy does would mean to evaluate literals of Python."""
+PREFIX = 10
+DATE = (1980, 1, 1, 0, 0, 0)
+"""Of every entry, so that the same content makes the same bytes."""
+ENCRYPTED = 0x1
+
+MALFORMED = (
+    zipfile.BadZipFile,
+    ValueError,
+    KeyError,
+    EOFError,
+    struct.error,
+    OverflowError,
+    RuntimeError,
+    NotImplementedError,
+)
+"""What zipfile, numpy and json raise on files that are not what they seem."""
+
+COPY_AGAIN = "It may have been cut short or changed in copying; get it again."
+
+
+@dataclass(frozen=True)
+class ArrayArchive:
+    """What such a file holds."""
+
+    header: Mapping[str, Any]
+    """Plain data."""
+    arrays: Mapping[str, np.ndarray]
+    """By name, in the order of the file; read-only."""
+
+
+def write_archive(path: Path, content: ArrayArchive) -> None:
+    """Write the file, whole or not at all.
+
+    Raises:
+        OutputError: it cannot be written.
+        ValueError: an array has a type or a name that the format does not have.
+    """
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as file:
+        text = json.dumps(content.header, indent=1, allow_nan=False)
+        file.writestr(_entry(HEADER), text.encode())
+        for name, array in content.arrays.items():
+            if not NAME.fullmatch(name):
+                raise ValueError(f"{name!r} cannot be the name of an array")
+            if array.dtype.str not in DTYPES:
+                raise ValueError(f"{name} is of type {array.dtype}")
+            stored = io.BytesIO()
+            np.lib.format.write_array(stored, array, version=(1, 0), allow_pickle=False)
+            file.writestr(_entry(name + SUFFIX), stored.getbuffer())
+    write_atomically(path, buffer.getvalue())
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, DATE)
+    entry.external_attr = 0o644 << 16
+    return entry
+
+
+def read_archive(path: Path, header_only: bool = False) -> ArrayArchive:
+    """Read the file; with ``header_only`` without its arrays.
+
+    Raises:
+        DataError: it is missing, damaged, or no such archive; says where and why.
+    """
+    try:
+        with zipfile.ZipFile(path) as file:
+            return _read(path, file, header_only)
+    except UserError:
+        raise
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except MALFORMED as error:
+        problem = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+        raise DataError(f"{path} is damaged: {problem}.", COPY_AGAIN) from error
+
+
+def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:
+    entries = file.infolist()
+    _check_entries(entries, path.stat().st_size)
+    if HEADER not in {entry.filename for entry in entries}:
+        raise DataError(
+            f"{path} is no archive of arrays: it holds no {HEADER}.",
+            "Give a file that gsfw export RUN format=gsfw has written.",
+        )
+    header = json.loads(file.read(HEADER))
+    if not isinstance(header, dict):
+        raise ValueError(f"{HEADER} holds a {type(header).__name__}, not an object")
+    arrays: dict[str, np.ndarray] = {}
+    for entry in [] if header_only else entries:
+        name = entry.filename.removesuffix(SUFFIX)
+        if name != entry.filename:
+            arrays[name] = _array(name, file.read(entry))
+    return ArrayArchive(header, arrays)
+
+
+def _check_entries(entries: list[zipfile.ZipInfo], size: int) -> None:
+    """Refuse entries that would become larger than the file they come from."""
+    names = [entry.filename for entry in entries]
+    if len(set(names)) < len(names):
+        raise ValueError("two of its entries have the same name")
+    for entry in entries:
+        if entry.compress_type != zipfile.ZIP_STORED or entry.flag_bits & ENCRYPTED:
+            raise ValueError(f"{entry.filename} is compressed or encrypted, which none should be")
+    if sum(entry.file_size for entry in entries) > size:
+        raise ValueError("its entries announce more bytes than the file has")
+
+
+def _array(name: str, stored: bytes) -> np.ndarray:
+    """An array on the bytes of its ``.npy`` file; its shape is believed once they fit it."""
+    start = NPY.match(stored)
+    if start is None or int.from_bytes(start[1], "little") != start.end() - PREFIX:
+        raise ValueError(f"{name} does not begin as a .npy file of version 1.0 in C order does")
+    dtype, shape = np.dtype(start[2].decode()), tuple(map(int, re.findall(rb"\d+", start[3])))
+    if dtype.str not in DTYPES:
+        raise ValueError(f"{name} is of type {dtype}, expected one of {', '.join(DTYPES)}")
+    expected, found = math.prod(shape) * dtype.itemsize, len(stored) - start.end()
+    if expected != found:
+        raise ValueError(f"{name} of shape {shape} should have {expected} bytes, found {found}")
+    return np.frombuffer(stored, dtype, offset=start.end()).reshape(shape)

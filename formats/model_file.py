@@ -1,0 +1,81 @@
+"""The model file of gsfw: a whole model, static or moving, that is drawn without its data set.
+
+An archive of arrays with a header; docs/model-file.md describes both. Reading one runs none of its
+content: it is numbers and names, and the method that is named has to be installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gsfw.core.errors import DataError
+from gsfw.core.exchange import ModelExporter
+from gsfw.core.run_folder import check_finite
+from gsfw.core.stored_model import StoredModel
+from gsfw.formats.array_archive import ArrayArchive, read_archive, write_archive
+from gsfw.formats.header_fields import BROKEN
+from gsfw.formats.model_header import STATE, read_header, write_header
+
+
+class ModelFileExporter(ModelExporter):
+    """Writes a model file."""
+
+    suffix = ".gsfw"
+
+    def write(self, path: Path, model: StoredModel) -> None:
+        """Write the file, whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written.
+            ValueError: the model has state of a type that numpy lacks, or that is not finite.
+        """
+        arrays: dict[str, np.ndarray] = {}
+        for name, tensor in model.state.items():
+            if tensor.dtype == torch.bfloat16 or tensor.is_complex():
+                raise ValueError(f"its {name} is of type {tensor.dtype}")
+            arrays[STATE + name] = tensor.detach().cpu().contiguous().numpy()
+        check_finite(model.state)
+        write_archive(path, ArrayArchive(write_header(model), arrays))
+
+
+def read_model_file(path: Path) -> StoredModel:
+    """A model as a file holds it.
+
+    Raises:
+        DataError: the file is missing, damaged, of a newer gsfw, or no model file.
+    """
+    archive = read_archive(path)
+    state = {
+        name.removeprefix(STATE): _tensor(path, name, array)
+        for name, array in archive.arrays.items()
+        if name.startswith(STATE)
+    }
+    model = read_header(path, archive.header, state)
+    for name, column in model.columns.items():
+        for part in (column.values, column.offsets):
+            if part is not None and part not in state:
+                raise DataError(f"{path}: it has no {STATE}{part}, of column {name}.", BROKEN)
+    return model
+
+
+def _tensor(path: Path, name: str, array: np.ndarray) -> Tensor:
+    tensor = torch.from_numpy(array.copy())
+    if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
+        raise DataError(f"{path}: {name} holds values that are not finite.", BROKEN)
+    return tensor
+
+
+def read_model_header(path: Path) -> tuple[StoredModel, Mapping[str, Any]]:
+    """A model without its state, and the header as it is written, whatever the number of rows.
+
+    Raises:
+        DataError: as ``read_model_file``.
+    """
+    header = read_archive(path, header_only=True).header
+    return read_header(path, header, {}), header

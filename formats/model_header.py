@@ -1,0 +1,254 @@
+"""ModelHeader: what a model file says of itself, as plain data; docs/model-file.md describes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.column import Layout
+from gsfw.core.datamanager import Split, Views
+from gsfw.core.errors import DataError
+from gsfw.core.numerics import PROFILES
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.scene import Scene
+from gsfw.core.similarity import Similarity
+from gsfw.core.stored_model import StoredColumn, StoredModel
+from gsfw.formats.header_fields import BROKEN, HeaderFields
+
+FORMAT = "gsfw model"
+VERSION = 1
+"""Of the layout; raised when an older gsfw could not read a newer file."""
+STATE = "state/"
+"""Folder of the arrays of the model's state."""
+
+
+def write_header(model: StoredModel) -> dict[str, Any]:
+    """The header of a model file."""
+    render, scene = model.render, model.scene
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "gsfw": version("gsfw"),
+        "method": {
+            "name": model.method,
+            "distribution": model.distribution,
+            "version": model.distribution_version,
+        },
+        "step": model.step,
+        "rows": model.rows,
+        "columns": {
+            name: {
+                "layout": column.layout.value,
+                "values": STATE + column.values,
+                "offsets": None if column.offsets is None else STATE + column.offsets,
+            }
+            for name, column in model.columns.items()
+        },
+        "scene": _scene_document(scene),
+        "render": {
+            "background": [0.0] * 3 if render.background is None else render.background.tolist(),
+            "antialias": render.antialias,
+            "near": render.near,
+            "far": render.far,
+            "profile": render.profile.name,
+        },
+        "settings": dict(model.settings),
+        "splits": {split.value: views.origin for split, views in model.views.items()},
+        "cameras": [
+            _camera_document(split, name, camera)
+            for split, views in model.views.items()
+            for name, camera in zip(views.names, views.cameras, strict=True)
+        ],
+    }
+
+
+def _scene_document(scene: Scene) -> dict[str, Any]:
+    frame = scene.world_from_scene
+    return {
+        "name": scene.name,
+        "extent": scene.extent,
+        "world_from_scene": {
+            "scale": frame.scale,
+            "rotation": frame.rotation.tolist(),
+            "translation": frame.translation.tolist(),
+        },
+        "time_range": None if scene.time_range is None else list(scene.time_range),
+        "num_times": scene.num_times,
+        "has_alpha": scene.has_alpha,
+        "up": scene.up,
+    }
+
+
+def _camera_document(split: Split, name: str, camera: Cameras) -> dict[str, Any]:
+    def first(values: torch.Tensor | None) -> Any:  # noqa: ANN401 - a number, or a list
+        return None if values is None else values[0].tolist()
+
+    return {
+        "name": name,
+        "split": split.value,
+        "width": camera.width,
+        "height": camera.height,
+        "model": camera.model.value,
+        "world_to_camera": first(camera.world_to_camera),
+        "intrinsics": first(camera.intrinsics),
+        "distortion": first(camera.distortion),
+        "time": first(camera.time),
+        "image_index": first(camera.image_index),
+        "camera_index": first(camera.camera_index),
+    }
+
+
+def read_header(
+    path: Path, document: Mapping[str, Any], state: Mapping[str, torch.Tensor]
+) -> StoredModel:
+    """The model that a header and the tensors beside it make.
+
+    Raises:
+        DataError: this is no header of a model file, or one of a newer gsfw; says where and why.
+    """
+    fields = HeaderFields(path, "", document)
+    _check_version(fields)
+    views = _views(fields)
+    method, render = fields.fields("method"), fields.fields("render")
+    return StoredModel(
+        method=method.text("name"),
+        distribution=method.text("distribution"),
+        distribution_version=method.text("version"),
+        settings=_settings(fields.fields("settings")),
+        step=fields.count("step"),
+        rows=fields.count("rows"),
+        scene=_scene(fields.fields("scene"), views),
+        views=views,
+        render=_render(render),
+        columns=_columns(fields.fields("columns")),
+        state=state,
+    )
+
+
+def _check_version(fields: HeaderFields) -> None:
+    if fields.values.get("format") != FORMAT:
+        raise DataError(
+            f"{fields.path} is no model file: expected format {FORMAT!r}, "
+            f"found {fields.values.get('format')!r}.",
+            "Give a file that gsfw export RUN format=gsfw has written.",
+        )
+    found = fields.count("version", least=1)
+    if found > VERSION:
+        raise DataError(
+            f"{fields.path} is in version {found} of the format; this gsfw reads {VERSION}.",
+            f"It was written by gsfw {fields.text('gsfw')}; this is {version('gsfw')}. "
+            "Use that version to read it.",
+        )
+
+
+def _settings(fields: HeaderFields) -> dict[str, Any]:
+    """What may stand for a setting: text, a number, true, false, nothing, or a list of these."""
+    simple = str | int | float | bool | None
+    for name, value in fields.values.items():
+        if not all(
+            isinstance(item, simple) for item in (value if isinstance(value, list) else [value])
+        ):
+            raise DataError(f"{fields.path}: setting {name} is a nested value.", BROKEN)
+    return dict(fields.values)
+
+
+def _scene(fields: HeaderFields, views: Mapping[Split, Views]) -> Scene:
+    frame = fields.fields("world_from_scene")
+    times = None if fields.is_null("time_range") else fields.numbers("time_range", 2)
+    centers = [camera.centers for camera in views[Split.TRAIN].cameras]
+    return Scene(
+        name=fields.text("name"),
+        points=torch.zeros(0, 3),
+        point_colors=torch.zeros(0, 3),
+        camera_centers=torch.cat(centers) if centers else torch.zeros(0, 3),
+        extent=fields.positive("extent"),
+        world_from_scene=Similarity(
+            frame.positive("scale"),
+            torch.from_numpy(frame.numbers("rotation", 3, 3)),
+            torch.from_numpy(frame.numbers("translation", 3)),
+        ),
+        time_range=None if times is None else (float(times[0]), float(times[1])),
+        num_times=fields.count("num_times"),
+        has_alpha=fields.flag("has_alpha"),
+        up=fields.text("up"),
+    )
+
+
+def _render(fields: HeaderFields) -> RenderSettings:
+    profile = fields.text("profile")
+    if profile not in PROFILES:
+        raise DataError(
+            f"{fields.path}: render.profile of its header: expected {', '.join(PROFILES)}, "
+            f"found {profile!r}.",
+            BROKEN,
+        )
+    return RenderSettings(
+        background=torch.from_numpy(fields.numbers("background", 3)).float(),
+        near=fields.positive("near"),
+        far=fields.positive("far"),
+        antialias=fields.flag("antialias"),
+        profile=PROFILES[profile],
+    )
+
+
+def _columns(fields: HeaderFields) -> dict[str, StoredColumn]:
+    columns: dict[str, StoredColumn] = {}
+    for name in fields.values:
+        item = fields.fields(name)
+        layout = item.text("layout")
+        if layout not in {known.value for known in Layout}:
+            raise DataError(f"{fields.path}: column {name} has the layout {layout!r}.", BROKEN)
+        offsets = None if item.is_null("offsets") else item.text("offsets").removeprefix(STATE)
+        columns[name] = StoredColumn(
+            Layout(layout), item.text("values").removeprefix(STATE), offsets
+        )
+    return columns
+
+
+def _views(fields: HeaderFields) -> dict[Split, Views]:
+    found: dict[Split, list[tuple[str, Cameras]]] = {split: [] for split in Split}
+    for item in fields.objects("cameras"):
+        named = item.text("split")
+        if named not in {split.value for split in Split}:
+            raise DataError(f"{fields.path}: {item.where} is of the split {named!r}.", BROKEN)
+        found[Split(named)].append((item.text("name"), _camera(item)))
+    if not found[Split.TRAIN]:
+        raise DataError(f"{fields.path}: its header has no cameras that it was trained on.", BROKEN)
+    origins = fields.fields("splits")
+    return {
+        split: Views(
+            tuple(name for name, _ in members),
+            tuple(camera for _, camera in members),
+            origins.text(split.value),
+        )
+        for split, members in found.items()
+    }
+
+
+def _camera(fields: HeaderFields) -> Cameras:
+    model = fields.text("model")
+    if model not in {known.value for known in CameraModel}:
+        raise DataError(f"{fields.path}: {fields.where} has the model {model!r}.", BROKEN)
+
+    def tensor(name: str, *shape: int) -> torch.Tensor:
+        return torch.from_numpy(fields.numbers(name, *shape))[None].float()
+
+    def index(name: str) -> torch.Tensor | None:
+        return None if fields.is_null(name) else torch.tensor([fields.count(name)])
+
+    return Cameras(
+        world_to_camera=tensor("world_to_camera", 4, 4),
+        intrinsics=tensor("intrinsics", 3, 3),
+        width=fields.count("width", least=1),
+        height=fields.count("height", least=1),
+        model=CameraModel(model),
+        distortion=None if fields.is_null("distortion") else tensor("distortion", -1),
+        time=None if fields.is_null("time") else tensor("time"),
+        image_index=index("image_index"),
+        camera_index=index("camera_index"),
+    )

@@ -1,0 +1,50 @@
+"""Tracks: the paths of a model's Gaussians as a NumPy archive.
+
+``numpy.load("tracks.npz")`` gives, for t times and n Gaussians:
+
+    positions   float32 [t, n, 3]  from ``origin``, in the world of the data; NaN when not there
+    origin      float64 [3]        add it to positions (coordinates of maps need float64)
+    opacities   float32 [t, n]     in [0, 1]; 0 when not there
+    present     bool    [t, n]     whether a Gaussian is there
+    colors      uint8   [n, 3]     what it looks like when it is there for the first time
+    times       float64 [t]        in [0, 1]
+    data_times  float64 [t]        the same in the data's own unit
+
+Gaussian i is row i at all times, as it is in the model.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from gsfw.core.exchange import TrackExporter, TrackFile
+from gsfw.core.run_folder import write_atomically
+
+
+class TracksExporter(TrackExporter):
+    """Writes ``.npz``."""
+
+    suffix = ".npz"
+
+    def write(self, path: Path, content: TrackFile) -> None:
+        """Write the file, whole or not at all.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        tracks, origin = content.tracks, content.origin
+        buffer = io.BytesIO()
+        np.savez(
+            buffer,
+            positions=(tracks.positions - origin).float().numpy(),
+            origin=origin.double().numpy(),
+            opacities=tracks.opacities.float().numpy(),
+            present=tracks.present.numpy(),
+            colors=(content.colors.clamp(0, 1) * 255).round().byte().numpy(),
+            times=np.array(tracks.times),
+            data_times=np.array(content.data_times),
+        )
+        write_atomically(path, buffer.getvalue())

@@ -1,0 +1,113 @@
+"""MovingMethod: what every method for scenes that move takes over from method 3dgs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.context import StepContext
+from gsfw.core.method import Method
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.optimizer import Optimizer
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
+from gsfw.core.strategy import Refinement
+from gsfw.core.table import SplatTable
+from gsfw.methods.moving_config import MovingConfig
+from gsfw.methods.moving_gaussians import MovingGaussians
+from gsfw.methods.moving_scene import as_static, check_times
+from gsfw.methods.settling import settle
+from gsfw.methods.static_gaussians.config import GaussiansConfig
+from gsfw.methods.static_gaussians.initialisation import usable_rows
+from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
+from gsfw.methods.still_rows import StillRows
+
+
+class MovingMethod(Method):
+    """Losses, the SH degree and where Gaussians start are those of method 3dgs.
+
+    It holds an instance of that method, ``_static``, for the canonical Gaussians. How they change
+    with time is up to each method.
+    """
+
+    name: ClassVar[str]
+    """As ``method=NAME`` has it."""
+
+    def __init__(self, canonical: GaussiansConfig, settling: MovingConfig | None = None) -> None:
+        """Take the settings of the canonical Gaussians, and of which of them stand still.
+
+        Without the latter none do, and the model need not be one of ``MovingGaussians``.
+        """
+        self._static = StaticGaussiansMethod(canonical)
+        self._settling = settling
+
+    def check_scene(self, scene: Scene) -> None:
+        """Refuse captures of a single time, and init=points where there are none.
+
+        Raises:
+            ConfigError: saying what to do instead.
+        """
+        check_times(scene, self.name)
+        self._static.check_scene(as_static(scene))
+
+    def notes(self, scene: Scene) -> tuple[str, ...]:
+        """How the start differs from what one may expect."""
+        return self._static.notes(as_static(scene))
+
+    def losses(self, context: StepContext) -> Mapping[str, Tensor]:
+        """L1 and SSIM, by the weight that SSIM is given."""
+        return self._static.losses(context)
+
+    def still_rows(self, scene: Scene, count: int, initial: Splats | None) -> StillRows | None:
+        """Which rows stand still: all, until something says that they move; ``None``: none can.
+
+        Points that know when they were seen begin as things that come and go, where a model's rows
+        have a time of their own.
+        """
+        if self._settling is None or self._settling.static == "none":
+            return None
+        timed = initial is None and scene.point_times is not None
+        return StillRows(count, all_still=not timed or self._static.starts_at_random(scene.points))
+
+    def start_times(
+        self, scene: Scene, count: int, generator: torch.Generator
+    ) -> Float[Tensor, " n"]:
+        """When the points that a model starts from were seen; else spread over the sequence."""
+        if scene.point_times is not None and not self._static.starts_at_random(scene.points):
+            times = scene.point_times[usable_rows(scene)[0]]
+            if len(times) == count:
+                return times
+        return torch.rand(count, generator=generator)
+
+    def prepare(
+        self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
+    ) -> None:
+        """Let the SH degree follow the step."""
+        assert isinstance(model, MovingGaussians)
+        self._static.prepare(step, model.canonical, optimizer, time)
+
+    def adapt(
+        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
+    ) -> Refinement:
+        """With static=auto, look now and then at which rows are to stand still, and which not."""
+        config, done = self._settling, step + 1
+        if config is None or config.static == "none":
+            return {}
+        if done <= config.static_start or done % config.static_every:
+            return {}
+        assert isinstance(model, MovingGaussians)
+        if not model.changing:
+            return {}
+        return settle(model, table, tolerance=config.static_tolerance, signal=config.static_signal)
+
+    def state_dict(self) -> dict[str, Any]:
+        """That of method 3dgs."""
+        return self._static.state_dict()
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on with it."""
+        self._static.load_state_dict(state)

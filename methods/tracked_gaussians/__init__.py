@@ -1,0 +1,1 @@
+"""Method dynamic3dgs: Gaussians that persist and are tracked from one time to the next."""

@@ -1,0 +1,142 @@
+"""Sampler error-weighted: views with a large loss come more often.
+
+A view's share of an epoch is its running mean loss over the sum of all, mixed with a uniform share
+so that no view starves. Losses stay on the device and are read once per epoch, so that no step
+waits for a GPU; the epoch's draws are fixed then. They are drawn by systematic sampling: a view
+that is due x times comes floor(x) or ceil(x) times, and equal losses give an ordinary epoch.
+
+Draws are not weighted back (``Batch.weight`` stays 1): what is minimised is the mean loss in which
+a view counts by how wrong it is, as in mining hard examples. Weights of 1 / probability would make
+it the plain mean again, of lower variance, and no view would be fitted any better for being drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.config import SamplerConfig
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+from gsfw.core.sampler import Sampler
+from gsfw.samplers.order import epoch_generator
+from gsfw.samplers.view_times import check_views_per_step
+
+
+@dataclass
+class ErrorWeightedConfig(SamplerConfig):
+    """Views in proportion to their loss."""
+
+    uniform_share: float = 0.3
+    """Part of the draws that is shared evenly among all views, in [0, 1]; 1: uniform sampling."""
+    memory: float = 0.7
+    """How much of a view's mean loss stays when it is seen again, in [0, 1)."""
+    views_per_step: int = 1
+    """Views drawn per step; their gradients are averaged."""
+
+    def build(self, views: Views, seed: int, steps: int) -> Sampler:
+        """The sampler.
+
+        Raises:
+            ConfigError: a setting is out of range.
+        """
+        check_views_per_step(self.views_per_step)
+        if not 0 <= self.uniform_share <= 1:
+            raise ConfigError(
+                f"sampler.uniform_share={self.uniform_share:g}: expected a number from 0 to 1."
+            )
+        if not 0 <= self.memory < 1:
+            raise ConfigError(
+                f"sampler.memory={self.memory:g}: expected a number from 0 to below 1."
+            )
+        return ErrorWeightedSampler(len(views), self, seed)
+
+
+class ErrorWeightedSampler(Sampler):
+    """Epochs of about as many draws as there are views, made of the losses known at their start."""
+
+    def __init__(self, num_views: int, config: ErrorWeightedConfig, seed: int) -> None:
+        self._config = config
+        self._num_views = num_views
+        self._seed = seed
+        self._steps_per_epoch = -(-num_views // config.views_per_step)
+        self._position = 0
+        self._losses: Float[Tensor, " n"] | None = None
+        """Running means on the device; 0 for a view that has not been seen."""
+        self._shares = torch.full((num_views,), 1.0 / num_views, dtype=torch.float64)
+        """Of each view, in the current epoch; on the host."""
+        self._order: tuple[int, ...] = ()
+        """The current epoch's draws."""
+
+    def next(self) -> tuple[int, ...]:
+        """The next ``views_per_step`` views; each epoch begins by reading the losses."""
+        epoch, within = divmod(self._position, self._steps_per_epoch)
+        if within == 0:
+            self._shares = self._known_shares()
+            self._order = self._draws(epoch)
+        self._position += 1
+        start = within * self._config.views_per_step
+        return self._order[start : start + self._config.views_per_step]
+
+    def peek(self, count: int) -> tuple[int, ...]:
+        """The next views: exact within the epoch, and as if losses stayed as they are beyond."""
+        epoch, within = divmod(self._position, self._steps_per_epoch)
+        found = self._order[within * self._config.views_per_step :] if within else ()
+        epoch += within > 0
+        while len(found) < count:
+            found += self._draws(epoch)
+            epoch += 1
+        return found[:count]
+
+    def observe(self, views: tuple[int, ...], losses: Float[Tensor, " c"]) -> None:
+        """Note losses on their device; a loss of 0 is that of a step that was not finite."""
+        if self._losses is None:
+            self._losses = losses.new_zeros(self._num_views)
+        for view, loss in zip(views, losses, strict=True):
+            known = self._losses[view]
+            mean = torch.where(known > 0, loss.lerp(known, self._config.memory), loss)
+            known.copy_(torch.where(loss > 0, mean, known))
+
+    def _known_shares(self) -> Float[Tensor, " n"]:
+        """Each view's share of the draws; views not seen yet count as the mean of the others."""
+        uniform = torch.full((self._num_views,), 1.0 / self._num_views, dtype=torch.float64)
+        if self._losses is None:
+            return uniform
+        losses = self._losses.cpu().double()
+        seen = losses > 0
+        if not bool(seen.any()):
+            return uniform
+        losses = torch.where(seen, losses, losses[seen].mean())
+        share = self._config.uniform_share
+        return share * uniform + (1.0 - share) * losses / losses.sum()
+
+    def _draws(self, epoch: int) -> tuple[int, ...]:
+        """An epoch's views in random order, from the shares as they are; changes nothing."""
+        generator = epoch_generator(self._seed, epoch)
+        number = self._steps_per_epoch * self._config.views_per_step
+        # Views stand in random order on a line, each as long as its share; the points that pick
+        # them are evenly spaced, so that who is rounded up is chance.
+        line = torch.randperm(self._num_views, generator=generator)
+        ends = self._shares[line].cumsum(0)
+        offset = torch.rand((), generator=generator, dtype=torch.float64)
+        points = (torch.arange(number, dtype=torch.float64) + offset) / number * ends[-1]
+        picked = torch.searchsorted(ends, points, right=True).clamp_max(self._num_views - 1)
+        return tuple(line[picked][torch.randperm(number, generator=generator)].tolist())
+
+    def state_dict(self) -> dict[str, Any]:
+        """Steps consumed, losses, and what the current epoch was drawn from."""
+        return {"position": self._position, "losses": self._losses, "shares": self._shares}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue in the middle of an epoch, with the losses known then."""
+        self._position = state["position"]
+        losses = state["losses"]
+        self._losses = None if losses is None else losses.clone()
+        self._shares = state["shares"].cpu().clone()
+        epoch, within = divmod(self._position, self._steps_per_epoch)
+        self._order = self._draws(epoch) if within else ()

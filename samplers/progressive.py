@@ -1,0 +1,116 @@
+"""Sampler progressive: a window of times that grows until all are in (Lee et al. 2024, Ex4DGS).
+
+Motion is learned where little of it is in view first, and followed from there. The paper starts
+with 10 of 300 frames and adds 10 more every 400 of 40,000 steps, so that all are in after 30 % of
+the run; so do we, in fewer and larger stages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gsfw.core.config import SamplerConfig, steps_field
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+from gsfw.core.sampler import Sampler
+from gsfw.samplers.order import epoch_order
+from gsfw.samplers.view_times import check_views_per_step, views_by_time
+
+
+@dataclass
+class ProgressiveConfig(SamplerConfig):
+    """Views of the first times, then of more and more times."""
+
+    window: float = 0.1
+    """Share of the times that training starts with, in (0, 1]; at least one time."""
+    growth: float = 0.1
+    """Share of the times that is added every grow_every steps, in (0, 1]."""
+    grow_every: int = steps_field(1000, at_least=1)
+    """Steps between two growths of the window."""
+    views_per_step: int = 1
+    """Views drawn per step; their gradients are averaged."""
+
+    def build(self, views: Views, seed: int, steps: int) -> Sampler:
+        """The sampler.
+
+        Raises:
+            ConfigError: the views have no times, or the run ends before all times are in.
+        """
+        check_views_per_step(self.views_per_step)
+        for key in ("window", "growth"):
+            if not 0 < getattr(self, key) <= 1:
+                raise ConfigError(
+                    f"sampler.{key}={getattr(self, key):g}: expected a share of the times, "
+                    "above 0 and at most 1."
+                )
+        if self.grow_every < 1:
+            raise ConfigError(f"sampler.grow_every={self.grow_every}: expected at least 1.")
+        times = list(views_by_time(views, "progressive").values())
+        sizes = window_sizes(len(times), self.window, self.growth)
+        full_at = (len(sizes) - 1) * self.grow_every
+        if full_at >= steps:
+            raise ConfigError(
+                f"sampler 'progressive': all {len(times)} times are in after {full_at} steps, and "
+                f"the run has steps={steps}.",
+                "Give a smaller sampler.grow_every, or a larger sampler.window or sampler.growth.",
+            )
+        stages = [[view for group in times[:size] for view in group] for size in sizes]
+        return ProgressiveSampler(stages, self.grow_every, self.views_per_step, seed)
+
+
+def window_sizes(times: int, window: float, growth: float) -> list[int]:
+    """How many times are in, stage by stage, until all are; each stage has more than the last."""
+    stages = math.ceil((1.0 - window) / growth - 1e-9) + 1
+    shares = (min(window + stage * growth, 1.0) for stage in range(stages))
+    return sorted({max(math.floor(share * times + 1e-6), 1) for share in shares} | {times})
+
+
+class ProgressiveSampler(Sampler):
+    """Within a stage, every view of the window once per epoch in random order."""
+
+    def __init__(
+        self,
+        stages: Sequence[Sequence[int]],
+        grow_every: int,
+        views_per_step: int,
+        seed: int,
+    ) -> None:
+        self._stages = stages
+        self._grow_every = grow_every
+        self._views_per_step = views_per_step
+        self._seed = seed
+        self._position = 0
+
+    def next(self) -> tuple[int, ...]:
+        """``views_per_step`` views of the window; a step may reach into the stage's next epoch."""
+        views = self._step(self._position)
+        self._position += 1
+        return views
+
+    def peek(self, count: int) -> tuple[int, ...]:
+        """The next ``count`` views, exactly."""
+        steps = math.ceil(count / self._views_per_step)
+        following = range(self._position, self._position + steps)
+        return tuple(view for position in following for view in self._step(position))[:count]
+
+    def _step(self, position: int) -> tuple[int, ...]:
+        stage = min(position // self._grow_every, len(self._stages) - 1)
+        first = (position - stage * self._grow_every) * self._views_per_step
+        return tuple(self._drawn(stage, first + more) for more in range(self._views_per_step))
+
+    def _drawn(self, stage: int, position: int) -> int:
+        """The view that is drawn at a position of a stage's own epochs."""
+        views = self._stages[stage]
+        epoch, within = divmod(position, len(views))
+        return views[epoch_order(len(views), self._seed, epoch, part=stage)[within]]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Steps consumed."""
+        return {"position": self._position}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue after the steps consumed."""
+        self._position = state["position"]

@@ -1,0 +1,115 @@
+"""Sampler sequential: one time after the other, as an online method sees them (Luiten et al. 2024).
+
+The first time gets ``first_steps`` steps, in which the scene is built; the rest of the run is
+shared evenly between the other times, which only follow it. The paper gives 10,000 and 2,000 each.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gsfw.core.config import SamplerConfig, steps_field
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+from gsfw.core.sampler import Sampler
+from gsfw.samplers.order import epoch_order
+from gsfw.samplers.view_times import check_views_per_step, views_by_time
+
+
+@dataclass
+class SequentialConfig(SamplerConfig):
+    """Times in order, each for a while, and never again."""
+
+    first_steps: int = steps_field(10_000, at_least=1)
+    """Steps on the first time; the other times share the rest of the run evenly."""
+    views_per_step: int = 1
+    """Views of the current time drawn per step, no more than the time has."""
+
+    def build(self, views: Views, seed: int, steps: int) -> Sampler:
+        """The sampler.
+
+        Raises:
+            ConfigError: the views have no times, or some time would get no step.
+        """
+        check_views_per_step(self.views_per_step)
+        if self.first_steps < 1:
+            raise ConfigError(f"sampler.first_steps={self.first_steps}: expected at least 1.")
+        times = list(views_by_time(views, "sequential").values())
+        starts = time_starts(len(times), self.first_steps, steps)
+        return SequentialSampler(times, starts, self.views_per_step, seed)
+
+
+def time_starts(times: int, first_steps: int, steps: int) -> tuple[int, ...]:
+    """The step each time starts at, counted from 0; later times get what does not divide evenly.
+
+    Raises:
+        ConfigError: ``steps`` are too few to give every time at least one.
+    """
+    others, rest = times - 1, steps - first_steps
+    if others == 0:
+        return (0,)
+    if rest < others:
+        raise ConfigError(
+            f"sampler 'sequential': steps={steps} less sampler.first_steps={first_steps} leaves "
+            f"{max(rest, 0)} steps for {others} further times, and each needs one.",
+            f"Give steps={first_steps + others} or more, or a smaller sampler.first_steps.",
+        )
+    share, longer = divmod(rest, others)
+    extra = (max(time - (others - longer), 0) for time in range(others))
+    return (0, *(first_steps + time * share + more for time, more in enumerate(extra)))
+
+
+class SequentialSampler(Sampler):
+    """Within a time, every view once per epoch in random order; the last time has no end."""
+
+    def __init__(
+        self,
+        times: Sequence[Sequence[int]],
+        starts: Sequence[int],
+        views_per_step: int,
+        seed: int,
+    ) -> None:
+        self._times = times
+        self._starts = starts
+        self._views_per_step = views_per_step
+        self._seed = seed
+        self._position = 0
+
+    def next(self) -> tuple[int, ...]:
+        """Up to ``views_per_step`` views of the current time."""
+        views = self._step(self._position)
+        self._position += 1
+        return views
+
+    def peek(self, count: int) -> tuple[int, ...]:
+        """The next ``count`` views, exactly."""
+        found: list[int] = []
+        position = self._position
+        while len(found) < count:
+            found += self._step(position)
+            position += 1
+        return tuple(found[:count])
+
+    def _step(self, position: int) -> tuple[int, ...]:
+        time = bisect_right(self._starts, position) - 1
+        views = self._times[time]
+        number = min(self._views_per_step, len(views))
+        first = (position - self._starts[time]) * number
+        return tuple(self._drawn(time, first + more) for more in range(number))
+
+    def _drawn(self, time: int, position: int) -> int:
+        """The view that is drawn at a position of a time's own epochs."""
+        views = self._times[time]
+        epoch, within = divmod(position, len(views))
+        return views[epoch_order(len(views), self._seed, epoch, part=1 + time)[within]]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Steps consumed."""
+        return {"position": self._position}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue after the steps consumed."""
+        self._position = state["position"]

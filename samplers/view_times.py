@@ -1,0 +1,37 @@
+"""What samplers that care about time share: which views were taken when."""
+
+from __future__ import annotations
+
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+
+
+def views_by_time(views: Views, sampler: str) -> dict[float, list[int]]:
+    """The views of every time, in the order of time.
+
+    Args:
+        views: of the training split.
+        sampler: the name under which it was chosen, for messages.
+
+    Raises:
+        ConfigError: the views have no times.
+    """
+    if views.times is None:
+        raise ConfigError(
+            f"sampler {sampler!r}: the views of this capture have no times.",
+            "Use sampler=uniform.",
+        )
+    found: dict[float, list[int]] = {}
+    for view, time in enumerate(views.times):
+        found.setdefault(time, []).append(view)
+    return dict(sorted(found.items()))
+
+
+def check_views_per_step(views_per_step: int) -> None:
+    """Refuse steps without a view.
+
+    Raises:
+        ConfigError: ``views_per_step`` is below 1.
+    """
+    if views_per_step < 1:
+        raise ConfigError(f"sampler.views_per_step={views_per_step}: expected at least 1.")

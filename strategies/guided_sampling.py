@@ -1,0 +1,285 @@
+"""Guided sampling: new rows along the rays of what is drawn worst (Li et al. 2024, section 4.4).
+
+Rows grow from rows, so that where none is near, none will be: at something that nothing has yet
+drawn, or that is there for a moment. Of the training views with the largest error, as last drawn,
+the worst patches of 16 x 16 pixels get rows along the ray through their centre, with the colour
+the picture has there, at the view's time. Those in the wrong place stay faint and are pruned.
+
+Where we differ from the released code: views and patches are ranked by their mean absolute error
+(there: views by SSIM, and patches are bad when 85 % of their pixels are above the quantile of 0.6);
+a view is not used again until it has been drawn again; a row is about as large as its patch, of
+which each gets a few (there: one per pixel); and depths are spread around the surface drawn there,
+or from the camera to the far side of a box around the scene where none is. There, they are 0.7 and
+7.5 times the largest depth drawn, which suits a far background that was never reconstructed.
+
+Measured from 500 random points (built-in moving scene, 120 x 90, 800 steps, two seeds each), method
+spacetime without growth by time gradients: 22.1 dB without, and with rows within 5, 10, 20 and 40 %
+of the surface's depth 22.6, 23.1, 22.8 and 22.6 dB, from the surface to the far side of the box
+22.5 dB, anywhere in the box 22.1 dB. From 10,000 surface points nothing was gained (30.2 dB).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.area import area_means
+from gsfw.core.config import steps_field
+from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.rays import pixel_rays
+from gsfw.core.render_settings import Depth
+from gsfw.core.scene import Scene
+from gsfw.core.strategy import Refinement
+from gsfw.core.table import SplatTable
+
+PATCH = 16
+"""Pixels of a patch's side, about: patches divide a picture evenly (section 4.4)."""
+WORST_VIEWS = 2
+"""Views that a round takes patches from (the released code)."""
+DEPTHS = 4
+"""Rows along each ray: with two the gain was half as large."""
+SPREAD = 0.1
+"""How far from the drawn surface rows are, relative to its depth."""
+SIZE = 0.3
+"""Standard deviation of a new row, in widths of its patch there."""
+NEAREST = 0.05
+"""Where no surface is drawn, rows begin at this part of the way to the far side of the box."""
+OPAQUE = 0.5
+"""Where less than this is drawn there is no surface."""
+OUTLIERS = 0.01
+"""Share of the points on each side that may lie outside of the box."""
+MIN_COSINE = 1e-3
+"""Rays are no longer than a thousand depths, as at the rim of a fisheye."""
+PARALLEL = 1e-9
+"""Rays with a smaller direction along an axis never leave the box along it."""
+
+
+@dataclass
+class GuidedSamplingConfig:
+    """New rows where pictures are drawn worst; steps are those of a run of 30,000."""
+
+    rounds: int = 0
+    """How often rows are added where pictures are drawn worst (6 are enough); 0: never."""
+    start: int = steps_field(1600)
+    """The first round goes with the first refinement at this step or later."""
+    every: int = steps_field(500, at_least=50)
+    """Steps between rounds, in which views are drawn again."""
+    share: float = 0.1
+    """Share of a picture's patches that get rows, the worst ones, in (0, 1]."""
+
+    def check(self) -> None:
+        """Check the values.
+
+        Raises:
+            ConfigError: one is out of range.
+        """
+        for key, least in (("rounds", 0), ("start", 0), ("every", 1)):
+            if getattr(self, key) < least:
+                raise ConfigError(
+                    f"strategy.guided.{key}={getattr(self, key)}: expected at least {least}."
+                )
+        if not 0 < self.share <= 1:
+            raise ConfigError(
+                f"strategy.guided.share={self.share:g}: expected a number above 0, at most 1."
+            )
+
+
+@dataclass(frozen=True)
+class SeenView:
+    """What is kept of a view's last picture: ``p`` rows of ``q`` patches, on the device."""
+
+    errors: Float[Tensor, "p q"]
+    """Mean absolute difference over what is valid and not background."""
+    colors: Float[Tensor, "p q 3"]
+    """Mean colours, as they should be."""
+    depths: Float[Tensor, "p q"]
+    """View depth of the drawn surface, in scene units; 0 where there is none."""
+    rays: Float[Tensor, "p q 6"]
+    """Origin and direction through the centre of each patch, in scene units."""
+    forward: Float[Tensor, " 3"]
+    """Direction of the camera's axis."""
+    time: Float[Tensor, ""] | None
+    """In [0, 1]; ``None`` for a static capture."""
+
+    def state_dict(self) -> dict[str, Tensor | None]:
+        """Every field."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+
+class GuidedSampling:
+    """A part of a strategy: looks at pictures, and adds rows now and then."""
+
+    def __init__(self, config: GuidedSamplingConfig, scene: Scene, stop: int) -> None:
+        """Nothing seen yet.
+
+        Args:
+            config: when, and how much.
+            scene: whose box new rows are put into where nothing is drawn.
+            stop: no rounds from this step on.
+        """
+        self._config, self._stop = config, stop
+        self._box = bounding_box(scene)
+        self._rounds = 0
+        self._seen: dict[int, SeenView] = {}
+
+    def depth(self, step: int) -> Depth:
+        """Where surfaces are, while there are rounds to come soon."""
+        return Depth.EXPECTED if self._looks(step) else Depth.NONE
+
+    def _looks(self, step: int) -> bool:
+        """Whether pictures of ``step`` are looked at: from one interval before the first round."""
+        config = self._config
+        more = self._rounds < config.rounds and step + 1 < self._stop
+        return more and step >= config.start - config.every
+
+    @torch.no_grad()
+    def observe(self, context: StepContext) -> None:
+        """Keep how wrong each patch is; no synchronisation."""
+        if not self._looks(context.step):
+            return
+        batch, rendered, target = context.batch, context.rendered, context.target
+        assert rendered.depth is not None
+        errors = (rendered.color - target).abs().mean(dim=-1, keepdim=True)
+        if batch.valid is not None:
+            errors = torch.where(batch.valid, errors, 0.0)
+        if batch.coverage is not None:  # What is too much in the background needs no new rows.
+            errors = errors * batch.coverage
+        surface = (rendered.alpha > OPAQUE).to(errors)
+        maps = torch.cat([errors, target, rendered.depth * surface, surface], dim=-1)
+        width, height = _patches(batch.cameras.width), _patches(batch.cameras.height)
+        patches = area_means(maps.nan_to_num(0.0, 0.0, 0.0), width, height)
+        depths = patches[..., 4] / torch.where(patches[..., 5] > 0, patches[..., 5], 1.0)
+        rays = pixel_rays(batch.cameras.resized(width, height))
+        for index, view in enumerate(batch.views):
+            self._seen[view] = SeenView(
+                errors=patches[index, ..., 0],
+                colors=patches[index, ..., 1:4],
+                depths=depths[index],
+                rays=rays[index],
+                forward=batch.cameras.world_to_camera[index, 2, :3],
+                time=batch.time,
+            )
+
+    @torch.no_grad()
+    def refine(
+        self,
+        done: int,
+        table: SplatTable,
+        model: PrimitiveModel,
+        generator: torch.Generator,
+        max_rows: int,
+    ) -> Refinement:
+        """Add rows if a round is due.
+
+        Args:
+            done: steps done.
+            table: of the model's rows.
+            model: says what a new row is.
+            generator: draws depths.
+            max_rows: no rows beyond this number; 0: no limit.
+        """
+        config = self._config
+        if self._rounds >= config.rounds or done < config.start + self._rounds * config.every:
+            return {}
+        self._rounds += 1
+        before = len(table)
+        for view in self._worst_views():
+            seen = self._seen.pop(view)
+            number = max(round(config.share * seen.errors.numel()), 1)
+            if max_rows > 0:
+                number = min(number, max(max_rows - len(table), 0) // DEPTHS)
+            # Patches without an error have none to correct, however few the others are.
+            chosen = seen.errors.flatten().argsort(descending=True, stable=True)[:number]
+            chosen = chosen[seen.errors.flatten()[chosen] > 0]
+            points, sizes = _along_rays(seen, chosen, self._box, generator)
+            colors = seen.colors.flatten(0, 1)[chosen].repeat(DEPTHS, 1).clamp(0.0, 1.0)
+            time = None if seen.time is None else float(seen.time)
+            table.append(model.rows_at(points, colors, sizes, time))
+        if self._rounds >= config.rounds:
+            self._seen = {}
+        return {"guided": len(table) - before}
+
+    def _worst_views(self) -> Sequence[int]:
+        """The views with the largest mean errors, of those drawn since they were last used."""
+        if not self._seen:
+            return ()
+        errors = torch.stack([seen.errors.mean() for seen in self._seen.values()])
+        views, order = list(self._seen), errors.argsort(descending=True, stable=True)
+        return [views[index] for index in order[:WORST_VIEWS].tolist()]
+
+    def state_dict(self) -> dict[str, Any]:
+        """Rounds done, and what is kept of each view; empty where there are no rounds."""
+        if self._config.rounds == 0:
+            return {}
+        seen = {view: kept.state_dict() for view, kept in self._seen.items()}
+        return {"rounds": self._rounds, "seen": seen}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from there."""
+        self._rounds = state.get("rounds", 0)
+        self._seen = {view: SeenView(**kept) for view, kept in state.get("seen", {}).items()}
+
+
+def bounding_box(scene: Scene) -> tuple[Float[Tensor, " 3"], Float[Tensor, " 3"]]:
+    """Opposite corners of a box that holds the cameras, and all points but a few outliers.
+
+    A scene without points is taken to reach an extent beyond its cameras.
+    """
+    low, high = scene.camera_centers.amin(dim=0), scene.camera_centers.amax(dim=0)
+    points = scene.points[scene.points.isfinite().all(dim=1)].sort(dim=0).values
+    if len(points) == 0:
+        return low - scene.extent, high + scene.extent
+    outside = int(OUTLIERS * len(points))
+    return low.minimum(points[outside]), high.maximum(points[len(points) - 1 - outside])
+
+
+def _patches(pixels: int) -> int:
+    """Patches along a side: at least two, as their distance is their width."""
+    return max(-(-pixels // PATCH), 2)
+
+
+def _along_rays(
+    seen: SeenView,
+    chosen: Int[Tensor, " k"],
+    box: tuple[Tensor, Tensor],
+    generator: torch.Generator,
+) -> tuple[Float[Tensor, "r 3"], Float[Tensor, " r"]]:
+    """``DEPTHS`` points on the ray of each chosen patch, and how large rows are there."""
+    rays = seen.rays.flatten(0, 1)[chosen]
+    nearest, farthest = _stretch(rays, seen, chosen, box)
+    shape = (DEPTHS, len(chosen))
+    random = torch.rand(shape, generator=generator, device=rays.device).to(rays)
+    layers = torch.arange(DEPTHS, device=rays.device)[:, None]
+    along = nearest + (farthest - nearest) * (layers + random) / DEPTHS
+
+    def at(lines: Float[Tensor, "k 6"]) -> Float[Tensor, "r 3"]:
+        return (lines[:, :3] + along[..., None] * lines[:, 3:]).flatten(0, 1)
+
+    steps = seen.rays.diff(dim=1)
+    to_the_next = torch.cat([steps, steps[:, -1:]], dim=1).flatten(0, 1)[chosen]
+    return at(rays), SIZE * at(to_the_next).norm(dim=1)
+
+
+def _stretch(
+    rays: Float[Tensor, "k 6"],
+    seen: SeenView,
+    chosen: Int[Tensor, " k"],
+    box: tuple[Tensor, Tensor],
+) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"]]:
+    """Between which distances along each ray something may be missing."""
+    origins, directions = rays[:, :3], rays[:, 3:]
+    low, high = (corner.to(rays) for corner in box)
+    exits = (torch.where(directions > 0, high, low) - origins) / directions
+    exits = torch.where(directions.abs() > PARALLEL, exits, torch.inf)
+    far = exits.amin(dim=1).clamp_min(0.0)
+    surface = seen.depths.flatten()[chosen] / (directions @ seen.forward).clamp_min(MIN_COSINE)
+    drawn = surface > 0
+    nearest = torch.where(drawn, (1.0 - SPREAD) * surface, NEAREST * far)
+    return nearest, torch.where(drawn, (1.0 + SPREAD) * surface, far)

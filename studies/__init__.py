@@ -1,0 +1,1 @@
+"""Studies: tables of training runs that are made once, kept, and shown again."""

@@ -1,0 +1,55 @@
+"""Origin: which machine and which versions made a result."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+from gsfw.plugins.specs import PROJECT
+
+SOURCE = Path(__file__).resolve().parents[1]
+"""The repository, where gsfw runs from one; else the installed package."""
+
+
+def origin() -> dict[str, str | int | None]:
+    """What the time and the last bits of a result depend on besides its settings."""
+    return {
+        "gsfw": metadata.version(PROJECT),
+        "commit": _commit(),
+        "torch": metadata.version("torch"),
+        "python": platform.python_version(),
+        "cpu": _cpu(),
+        "cores": cores(),
+    }
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _commit() -> str | None:
+    """The commit of the source, with "-dirty" where files were edited; ``None`` without git."""
+    if not (SOURCE / ".git").exists():  # Another project's repository may lie further up.
+        return None
+    command = ["git", "-C", str(SOURCE), "describe", "--always", "--dirty", "--exclude=*"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+def _cpu() -> str:
+    """Model of the processor, as the system calls it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return next(iter(named), "") or platform.processor() or platform.machine()

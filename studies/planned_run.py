@@ -1,0 +1,118 @@
+"""PlannedRun: a cell of a study with its settings resolved, its folder, and how far it has come."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gsfw.core.errors import ConfigError, UserError
+from gsfw.core.json_text import json_text
+from gsfw.core.run_folder import RunFolder
+from gsfw.plugins.compose import check
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.settings import Layer, resolve
+from gsfw.plugins.values import as_text
+from gsfw.studies.study import NEUTRAL, Cell, slug
+
+DIGITS = 10
+"""Of a fingerprint: enough to tell the runs of any study apart."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run of a study, ready to be made."""
+
+    cell: Cell
+    data: Path | None
+    """Where its data is; ``None`` for the built-in scene."""
+    settings: Mapping[str, Any]
+    """Every value that its result depends on, by dotted key; ``data`` as the study has it."""
+    folder: RunFolder
+
+    @property
+    def fingerprint(self) -> str:
+        """The same for the same settings."""
+        return fingerprint(self.settings)
+
+    @property
+    def steps(self) -> int:
+        """How long it trains."""
+        return int(self.settings["steps"])
+
+    def arguments(self) -> list[str]:
+        """What one would type after ``gsfw train``."""
+        given = dict(self.cell.settings)
+        if self.data is not None:
+            given["data"] = self.data
+        return [
+            *(f"{key}={as_text(value)}" for key, value in given.items()),
+            f"out={self.folder.path}",
+        ]
+
+    def is_finished(self) -> bool:
+        """Whether its folder holds a whole result."""
+        return self.folder.summary.is_file()
+
+    def steps_done(self) -> int | None:
+        """Steps of its last checkpoint; ``None`` where it has none to go on from."""
+        checkpoint = self.folder.latest_checkpoint()
+        if checkpoint is None or not self.folder.config.is_file():
+            return None
+        return int(checkpoint.stem.rpartition("_")[2])
+
+
+def fingerprint(settings: Mapping[str, Any]) -> str:
+    """A short name for settings."""
+    text = json_text(dict(sorted(settings.items())))
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+
+
+def data_path(cell: Cell, root: Path) -> Path | None:
+    """Where a cell's data should be; ``None`` for the built-in scene."""
+    written = cell.settings.get("data")
+    return (root / Path(str(written)).expanduser()).absolute() if written else None
+
+
+def is_missing(cell: Cell, root: Path) -> bool:
+    """Whether a cell's data is not there."""
+    path = data_path(cell, root)
+    return path is not None and not path.exists()
+
+
+def plan_runs(
+    cells: Sequence[Cell], registry: Registry, root: Path, folder: Path
+) -> list[PlannedRun]:
+    """Resolve and check the settings of runs whose data is there.
+
+    Args:
+        cells: of the study.
+        registry: what is installed.
+        root: where relative data paths begin.
+        folder: of the study.
+
+    Raises:
+        ConfigError: a setting of any of them is wrong; names the row and the scene.
+    """
+    return [_planned(cell, registry, root, folder) for cell in cells]
+
+
+def _planned(cell: Cell, registry: Registry, root: Path, folder: Path) -> PlannedRun:
+    data = data_path(cell, root)
+    given = dict(cell.settings)
+    if data is not None:
+        given["data"] = str(data)
+    source = f"row {cell.row!r} on scene {cell.scene!r}"
+    try:
+        resolved = resolve(registry, [Layer(source, given)])
+        check(resolved, registry)
+    except UserError as error:
+        message = error.message.removeprefix(f"{source}: ")
+        raise ConfigError(f"{source}: {message}", error.advice) from None
+    settings = {key: value for key, value in resolved.flat().items() if key not in NEUTRAL}
+    settings["data"] = str(cell.settings.get("data", ""))
+    name = f"seed-{cell.seed}-{fingerprint(settings)}"
+    path = folder / "runs" / slug(cell.scene) / slug(cell.row) / name
+    return PlannedRun(cell, data, settings, RunFolder(path))

@@ -1,0 +1,172 @@
+"""Report: a study as Markdown for documents, as CSV for programs, and as cells for a terminal."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from gsfw.plugins.values import as_text
+from gsfw.studies.columns import Column
+from gsfw.studies.comparison import Line, SceneTable
+from gsfw.studies.result import Result
+from gsfw.studies.study import Study
+
+ABSENT = "-"
+"""Where a figure was not measured."""
+
+TIE = " ≈"
+"""After a figure that cannot be told from the best."""
+
+LEGEND = "The best is bold."
+LEGEND_SEEDS = (
+    "± is the standard deviation over seeds; ≈ is a tie with the best: the two differ by no more "
+    "than both spreads (a row with one seed is given the largest spread of the scene)."
+)
+
+
+def cell_text(column: Column, line: Line, bold: bool = False) -> str:
+    """A figure as it is shown.
+
+    Args:
+        column: of the figure.
+        line: of the table.
+        bold: whether the best is bold, as in Markdown; else a star follows it.
+    """
+    figure = line.figures.get(column.name)
+    if figure is None:
+        return ABSENT
+    text = column.text(figure.mean)
+    if figure.spread:
+        text += f" ± {column.text(figure.spread)}"
+    if figure.is_best:
+        return f"**{text}**" if bold else f"{text} *"
+    return text + (TIE if figure.is_tie else "")
+
+
+def heading(column: Column) -> str:
+    """Above a column."""
+    return f"{column.heading} ({column.unit})" if column.unit else column.heading
+
+
+def markdown(
+    study: Study, tables: Sequence[SceneTable], protocol: Sequence[str], plot: str | None
+) -> str:
+    """The whole report.
+
+    Args:
+        study: that was made.
+        tables: one per scene.
+        protocol: how the figures were made, a line each.
+        plot: file name of the plot, where there is one.
+    """
+    blocks = [f"# {study.title}"]
+    blocks += [study.about] if study.about else []
+    blocks.append("\n".join(f"- {line}" for line in protocol))
+    with_seeds = any(
+        figure.spread is not None
+        for table in tables
+        for line in table.lines
+        for figure in line.figures.values()
+    )
+    blocks.append(f"{LEGEND} {LEGEND_SEEDS}" if with_seeds else LEGEND)
+    for table in tables:
+        blocks += [f"## {table.scene}", _markdown_table(table)]
+        notes = [f"- {line.row}: {line.note}" for line in table.lines if line.note]
+        blocks += ["\n".join(notes)] if notes else []
+    if plot:
+        blocks.append(f"![{study.title}]({plot})")
+    return "\n\n".join(blocks) + "\n"
+
+
+def _markdown_table(table: SceneTable) -> str:
+    rows = [["", *(heading(column) for column in table.columns)]]
+    rows += [
+        [line.row, *(cell_text(column, line, bold=True) for column in table.columns)]
+        for line in table.lines
+        if line.figures
+    ]
+    marks = ["---", *("---:" for _ in table.columns)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], marks, *rows[1:]))
+
+
+def documents(tables: Iterable[SceneTable]) -> list[dict[str, Any]]:
+    """The tables as plain data."""
+    return [
+        {
+            "scene": table.scene,
+            "rows": [
+                {
+                    "row": line.row,
+                    "figures": {name: asdict(figure) for name, figure in line.figures.items()},
+                    "note": line.note,
+                }
+                for line in table.lines
+            ],
+        }
+        for table in tables
+    ]
+
+
+def csv_text(study: Study, results: Iterable[Result]) -> str:
+    """One line per run, with every figure: the study's columns first."""
+    found = list(results)
+    named = dict.fromkeys(study.columns)
+    named |= dict.fromkeys(key for result in found for key in sorted(result.figures))
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["scene", "row", "seed", *named, "settings", "commit", "date"])
+    for result in found:
+        figures = [result.figures.get(name, "") for name in named]
+        commit = result.origin.get("commit") or result.origin.get("gsfw", "")
+        head = [result.scene, result.row, result.seed]
+        writer.writerow([*head, *figures, result.fingerprint, commit, result.date])
+    return buffer.getvalue()
+
+
+def protocol_lines(study: Study, results: Sequence[Result], command: str) -> list[str]:
+    """How the figures were made: data, lengths, seeds, machine, versions, command."""
+    settings = [result.settings for result in results]
+    protocols = [result.protocol for result in results]
+    origins = [result.origin for result in results]
+    return [
+        f"steps {_values(settings, 'steps')}; downscale {_values(settings, 'downscale')} "
+        f"({_values(protocols, 'downscale_filter')} filter); "
+        f"seeds {', '.join(str(seed) for seed in sorted({r.seed for r in results}))}",
+        f"rows: {'; '.join(_row_text(name, given) for name, given in study.rows.items())}",
+        f"held-out views, {_values(protocols, 'checkpoint')} checkpoint; "
+        f"PSNR {_values(protocols, 'psnr')}; SSIM {_values(protocols, 'ssim')}",
+        f"held out: {'; '.join(_pictures(study, results)) or 'unknown'}",
+        f"machine: {_values(origins, 'cpu')}, {_values(origins, 'cores')} cores, threads per run "
+        f"{_values(origins, 'threads')}; rasterizer {_values(settings, 'rasterizer')}; "
+        f"torch {_values(origins, 'torch')}",
+        f"gsfw {_values(origins, 'gsfw')}, commit {_values(origins, 'commit')}; "
+        f"made {_values([{'date': result.date} for result in results], 'date')}",
+        f"command: `{command}`",
+    ]
+
+
+def _row_text(name: str, given: Mapping[str, Any]) -> str:
+    """A row and what distinguishes it, as it is typed."""
+    typed = " ".join(f"{key}={as_text(value)}" for key, value in given.items())
+    return f"{name} (`{typed}`)" if typed else name
+
+
+def _pictures(study: Study, results: Sequence[Result]) -> Iterator[str]:
+    """How many of which size each scene has."""
+    for scene in study.scenes:
+        protocols = [result.protocol for result in results if result.scene == scene]
+        sizes = {(w, h) for protocol in protocols for w, h in protocol.get("image_sizes", [])}
+        if sizes:
+            listed = ", ".join(f"{w}x{h}" for w, h in sorted(sizes))
+            yield f"{scene} {_values(protocols, 'views')} pictures of {listed}"
+
+
+def _values(documents: Iterable[Mapping[str, Any]], key: str) -> str:
+    """What documents have under a key, each once; such as "1000, 1500"."""
+    values = {document[key] for document in documents if document.get(key) is not None}
+    numbers = all(isinstance(value, int | float) for value in values)
+    listed = sorted(values) if numbers else sorted(values, key=str)
+    return ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in listed) or "unknown"

@@ -1,0 +1,147 @@
+"""ResultStore: the results of a study in one file, and the lock that keeps others from it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
+
+from gsfw.core.errors import DataError, OutputError
+from gsfw.core.json_text import json_text
+from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.studies.result import Failure, Result
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # Windows: nothing keeps two studies from one folder there.
+    fcntl = None
+
+SCHEMA = 1
+"""Number of the layout; raised when an older gsfw could not read a newer file."""
+
+Key = tuple[str, str, int]
+Record = TypeVar("Record", Result, Failure)
+
+
+class ResultStore:
+    """Results and failures by scene, row and seed; each change is on disk before it returns."""
+
+    def __init__(self, path: Path, title: str) -> None:
+        """Read what is there.
+
+        Raises:
+            DataError: the file is damaged, or was written by a newer gsfw.
+        """
+        self.path, self.title = path, title
+        self.results: dict[Key, Result] = {}
+        self.failures: dict[Key, Failure] = {}
+        if path.exists():
+            document = _read(path)
+            self.results = _records(path, document, "results", Result)
+            self.failures = _records(path, document, "failures", Failure)
+
+    def keep(self, result: Result) -> None:
+        """Add a result, in place of an earlier one or of a failure.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        self.results[result.key] = result
+        self.failures.pop(result.key, None)
+        self.write()
+
+    def keep_failure(self, failure: Failure) -> None:
+        """Add a failure; an earlier result with other settings goes.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        self.failures[failure.key] = failure
+        self.results.pop(failure.key, None)
+        self.write()
+
+    def forget(self, key: Key) -> None:
+        """Drop what is known of a run.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        if key in self.results or key in self.failures:
+            self.results.pop(key, None)
+            self.failures.pop(key, None)
+            self.write()
+
+    def write(self) -> None:
+        """Write everything, whole or not at all.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        document = {
+            "schema": SCHEMA,
+            "title": self.title,
+            "results": [self.results[key].document() for key in sorted(self.results)],
+            "failures": [self.failures[key].document() for key in sorted(self.failures)],
+        }
+        write_atomically(self.path, (json_text(document, indent=1) + "\n").encode())
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    advice = "Move it away to begin anew: runs that are finished are found again in their folders."
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} cannot be read: {error}.", advice) from None
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
+        raise DataError(f"{path}: expected schema {SCHEMA}, found {found}.", advice)
+    return document
+
+
+def _records(
+    path: Path, document: Mapping[str, Any], name: str, kind: type[Record]
+) -> dict[Key, Record]:
+    known = {item.name for item in fields(kind)}
+    try:
+        records = [
+            kind(**{key: value for key, value in item.items() if key in known})
+            for item in document.get(name, [])
+        ]
+    except (AttributeError, TypeError):
+        raise DataError(
+            f"{path}: {name} are not as gsfw writes them.", "Move the file away to begin anew."
+        ) from None
+    return {record.key: record for record in records}
+
+
+@contextlib.contextmanager
+def only_one(folder: Path) -> Iterator[int | None]:
+    """Keep other studies from a folder; yields the open lock for processes to inherit.
+
+    A run that outlives its study (which was killed) still holds the lock, so that no second
+    process is let into the same run.
+
+    Raises:
+        OutputError: another study works there, or the folder cannot be written to.
+    """
+    with readable_write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        if fcntl is not None:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise OutputError(
+                    f"{folder}: another study, or a run that one left behind, is at work there.",
+                    "Wait for it, end it, or choose another folder with out=DIR.",
+                ) from None
+        yield handle
+    finally:
+        os.close(handle)

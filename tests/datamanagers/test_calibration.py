@@ -1,0 +1,178 @@
+"""Calibration files of several cameras."""
+
+import json
+
+import numpy as np
+import pytest
+from small_captures import CENTER, FOCAL, HEIGHT, WIDTH
+from small_videos import cameras
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.calibration import read_calibration
+
+K = [[FOCAL[0], 0.0, CENTER[0] - 0.5], [0.0, FOCAL[1], CENTER[1] - 0.5], [0.0, 0.0, 1.0]]
+
+
+def entry(number=0, **settings):
+    """A camera's settings with OpenCV's pixels; ``None`` removes one."""
+    content = {"name": f"cam{number:02d}", "w": WIDTH, "h": HEIGHT, "K": K}
+    content["w2c"] = cameras().poses[number].tolist()
+    return {key: value for key, value in (content | settings).items() if value is not None}
+
+
+def write(path, *entries):
+    path.write_text(json.dumps({"cameras": list(entries)}))
+    return path
+
+
+def rodrigues(rotation):
+    """The vector of a rotation matrix."""
+    angle = np.arccos((np.trace(rotation) - 1) / 2)
+    axis = [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0]]
+    axis = np.array([*axis, rotation[1, 0] - rotation[0, 1]])
+    return angle * axis / (2 * np.sin(angle))
+
+
+def check(camera, number=0):
+    assert camera.name == f"cam{number:02d}"
+    lens = camera.lens
+    assert (lens.fx, lens.fy, lens.cx, lens.cy) == pytest.approx((*FOCAL, *CENTER))
+    assert (lens.width, lens.height) == (WIDTH, HEIGHT)
+    assert np.allclose(camera.world_to_camera, cameras().poses[number], atol=1e-12)
+
+
+def test_cameras_are_read_with_pixels_counted_from_the_corner(tmp_path):
+    found = read_calibration(write(tmp_path / "cameras.json", entry(1), entry(0)))
+    check(found[0], 0)
+    check(found[1], 1)
+    assert found[0].lens.is_pinhole
+
+
+def test_an_object_with_cameras_as_keys_is_read(tmp_path):
+    content = {"a": entry(0, name=None), "metadata": {"error": 0.1}}
+    (tmp_path / "calib.json").write_text(json.dumps(content))
+    (camera,) = read_calibration(tmp_path / "calib.json")
+    assert camera.name == "a"
+
+
+def test_pose2sims_toml_is_read(tmp_path):
+    pytest.importorskip("tomllib", reason="Python 3.10 cannot read TOML")
+    pose = cameras().poses[0]
+    (tmp_path / "Calib.toml").write_text(
+        f'[cam_00]\nname = "cam00"\nsize = [ {WIDTH}.0, {HEIGHT}.0]\nmatrix = {K}\n'
+        f"distortions = [ 0.0, 0.0, 0.0, 0.0]\nrotation = {rodrigues(pose[:3, :3]).tolist()}\n"
+        f"translation = {pose[:3, 3].tolist()}\nfisheye = false\n\n"
+        "[metadata]\nadjusted = false\nerror = 0.0\n"
+    )
+    (camera,) = read_calibration(tmp_path / "Calib.toml")
+    check(camera)
+
+
+@pytest.mark.parametrize(
+    ("given", "model", "expected"),
+    [
+        ({"dist": [0.1, 0.2, 0.3, 0.4]}, "OPENCV", (0.1, 0.2, 0.3, 0.4)),
+        ({"D": [0.1, 0.2, 0.3, 0.4, 0.5]}, "FULL_OPENCV", (0.1, 0.2, 0.3, 0.4, 0.5, 0, 0, 0)),
+        ({"D": [0.1, 0.2, 0.3, 0.4], "fisheye": True}, "OPENCV_FISHEYE", (0.1, 0.2, 0.3, 0.4)),
+        ({"dist": [0.0, 0.0, 0.0, 0.0]}, "PINHOLE", ()),
+        ({"dist": []}, "PINHOLE", ()),
+    ],
+)  # fmt: skip
+def test_opencvs_distortion_becomes_colmaps(tmp_path, given, model, expected):
+    (camera,) = read_calibration(write(tmp_path / "cameras.json", entry(**given)))
+    assert (camera.lens.model, camera.lens.distortion) == (model, expected)
+
+
+def test_rotation_and_translation_may_be_apart(tmp_path):
+    pose = cameras().poses[0]
+    for rotation in (pose[:3, :3], rodrigues(pose[:3, :3])):
+        parts = {"R": rotation.tolist(), "T": pose[:3, 3:].tolist(), "w2c": None}
+        (camera,) = read_calibration(write(tmp_path / "cameras.json", entry(**parts)))
+        check(camera)
+
+
+def write_qualisys(path, **settings):
+    """What Qualisys Track Manager exports: 64ths of a pixel, millimetres, cameras along -z."""
+    pose = cameras().poses[0]
+    rotation = np.diag([1.0, -1.0, -1.0]) @ pose[:3, :3]
+    center = -1000 * pose[:3, :3].T @ pose[:3, 3]
+    values = {"viewrotation": 0, "left": 8, "fu": 64 * FOCAL[0]} | settings
+    transform = " ".join(f'r{i + 1}{j + 1}="{rotation[i, j]}"' for i in range(3) for j in range(3))
+    transform += "".join(f' {axis}="{value}"' for axis, value in zip("xyz", center, strict=True))
+    path.write_text(
+        "<calibration><cameras>"
+        f'<camera serial="cam00" viewrotation="{values["viewrotation"]}">'
+        f'<fov_video left="{values["left"]}" top="0" right="{WIDTH + 7}" bottom="{HEIGHT - 1}"/>'
+        f"<transform {transform}/>"
+        f'<intrinsic focalLengthU="{values["fu"]}" focalLengthV="{64 * FOCAL[1]}" '
+        f'centerPointU="{64 * (CENTER[0] + 7.5)}" centerPointV="{64 * (CENTER[1] - 0.5)}" '
+        'radialDistortion1="0.1" radialDistortion2="0.2" tangentalDistortion1="0.01" '
+        'tangentalDistortion2="0.02"/></camera></cameras></calibration>'
+    )
+    return path
+
+
+def test_qualisys_files_are_read(tmp_path):
+    (camera,) = read_calibration(write_qualisys(tmp_path / "a.qca.txt"))
+    check(camera)
+    assert camera.lens.distortion == (0.1, 0.2, 0.01, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"viewrotation": 90}, r"camera cam00 of .*a\.qca\.txt is turned by 90 degrees"),
+        ({"fu": "wide"}, r"its intrinsic lacks one of focalLengthU, focalLengthV"),
+    ],
+)
+def test_qualisys_files_that_cannot_be_used_are_refused(tmp_path, settings, message):
+    with pytest.raises(DataError, match=message):
+        read_calibration(write_qualisys(tmp_path / "a.qca.txt", **settings))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"K": None}, r"camera cam00 of .* has no K \(looked for K, matrix"),
+        ({"K": [[1.0]]}, r"K is \[\[1\.0\]\]; expected 3x3 numbers"),
+        ({"w": None}, r"has no size"),
+        ({"w": "wide"}, r"size is \['wide', 48\]; expected 2 numbers"),
+        ({"w2c": None}, r"has no rotation"),
+        ({"w2c": np.diag([1.0, 1, -1, 1]).tolist()}, r"the pose is not rigid"),
+        ({"w2c": np.diag([1.0, 1, np.inf, 1]).tolist()}, r"the pose has numbers that are not fin"),
+        ({"dist": [0.1, 0.2]}, r"dist is \[0\.1, 0\.2\]; expected 4 or 5 or 8 numbers"),
+        ({"w": 0}, r"is no camera"),
+    ],
+)
+def test_cameras_that_are_none_are_refused(tmp_path, settings, message):
+    with pytest.raises(DataError, match=message):
+        read_calibration(write(tmp_path / "cameras.json", entry(**settings)))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("cameras.json", '{"cameras": [', r"cameras\.json cannot be read"),
+        ("cameras.json", "[]", r"cameras\.json holds no cameras"),
+        ("cameras.json", "3", r"cameras\.json holds no cameras"),
+        ("a.qca.txt", "<calibration>", r"a\.qca\.txt cannot be read as XML"),
+        ("a.qca.txt", "<calibration/>", r"a\.qca\.txt holds no cameras"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path, name, content, message):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(DataError, match=message):
+        read_calibration(tmp_path / name)
+
+
+def test_both_files_of_people_video_say_the_same(shared_data):
+    folder = shared_data / "dynamic/people_video"
+    pairs = zip(
+        read_calibration(folder / "cameras_opencv.json"),
+        read_calibration(folder / "Calib.qca.txt"),
+        strict=True,
+    )
+    for json_camera, xml_camera in pairs:
+        assert json_camera.name == xml_camera.name
+        assert json_camera.lens == xml_camera.lens
+        assert np.allclose(json_camera.world_to_camera, xml_camera.world_to_camera, atol=1e-6)

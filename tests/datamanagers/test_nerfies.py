@@ -1,0 +1,195 @@
+"""The ``nerfies`` format."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from small_captures import HEIGHT, WIDTH, projection_error, request, ring, write_picture
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.nerfies import NerfiesConfig
+
+FOCAL, ASPECT, CENTER = 70.0, 1.03, (31.0, 25.5)
+NAMES = [f"left1_{number:06d}" for number in range(5)]
+
+
+def capture():
+    """The ring, seen with the lens of the camera files."""
+    made = replace(ring(5), names=NAMES)
+
+    def pixels(view, scale=1.0):
+        local = made.points @ made.poses[view][:3, :3].T + made.poses[view][:3, 3]
+        slopes = local[:, :2] / local[:, 2:]
+        return scale * (np.array([FOCAL, FOCAL * ASPECT]) * slopes + np.array(CENTER))
+
+    object.__setattr__(made, "pixels", pixels)
+    return made
+
+
+def write(folder, train=(0, 2, 4), held=(1, 3), scales=(1, 2), camera=(), **dataset):
+    """The data set; ``camera`` replaces settings of the camera files."""
+    made = capture()
+    (folder / "camera").mkdir(parents=True)
+    for name, pose in zip(NAMES, made.poses, strict=True):
+        content = {
+            "orientation": pose[:3, :3].tolist(),
+            "position": (-pose[:3, :3].T @ pose[:3, 3]).tolist(),
+            "focal_length": FOCAL,
+            "principal_point": CENTER,
+            "skew": 0.0,
+            "pixel_aspect_ratio": ASPECT,
+            "radial_distortion": [0.0, 0.0, 0.0],
+            "tangential_distortion": [0.0, 0.0],
+            "image_size": [WIDTH, HEIGHT],
+        }
+        (folder / f"camera/{name}.json").write_text(json.dumps(content | dict(camera)))
+        for scale in scales:
+            write_picture(folder / f"rgb/{scale}x/{name}.png", WIDTH // scale, HEIGHT // scale)
+    lists = {
+        "count": 5,
+        "ids": NAMES,
+        "train_ids": [NAMES[number] for number in train],
+        "val_ids": [NAMES[number] for number in held],
+    }
+    (folder / "dataset.json").write_text(json.dumps(lists | dataset))
+    metadata = {
+        name: {"warp_id": 3 * number, "appearance_id": 0, "camera_id": number % 2}
+        for number, name in enumerate(NAMES)
+    }
+    (folder / "metadata.json").write_text(json.dumps(metadata))
+    scene = {"scale": 0.02, "center": [1.0, 2.0, 3.0], "near": 0.1, "far": 2.0}
+    (folder / "scene.json").write_text(json.dumps(scene))
+    np.save(folder / "points.npy", made.points.astype(np.float32))
+    return folder
+
+
+def build(path, **settings):
+    return NerfiesConfig().build(request(path, **settings))
+
+
+def test_points_fall_where_they_should(tmp_path):
+    data = build(write(tmp_path))
+    assert projection_error(data, capture()) < 0.01
+    world = data.scene.world_from_scene.apply(data.scene.points.double())
+    torch.testing.assert_close(world, torch.from_numpy(capture().points), atol=1e-5, rtol=0)
+
+
+def test_the_split_times_and_cameras_are_the_data_sets_own(tmp_path):
+    data = build(write(tmp_path))
+    assert data.views(Split.TRAIN).names == tuple(NAMES[i] for i in (0, 2, 4))
+    assert data.views(Split.EVAL).names == tuple(NAMES[i] for i in (1, 3))
+    assert data.views(Split.EVAL).times == (0.25, 0.75)
+    assert (data.scene.time_range, data.scene.num_times) == ((0.0, 12.0), 5)
+    assert [int(camera.camera_index[0]) for camera in data.views(Split.EVAL).cameras] == [1, 1]
+    assert data.notes() == (
+        f"{tmp_path}/dataset.json: 5 frames, pictures of {tmp_path}/rgb/1x (1/1 of full size)",
+        "20 points",
+        "3 views to train on, 2 held out (the data set's own split)",
+    )
+
+
+def test_time_id_goes_before_warp_id(tmp_path):
+    metadata = {name: {"warp_id": 0, "time_id": number} for number, name in enumerate(NAMES)}
+    (write(tmp_path) / "metadata.json").write_text(json.dumps(metadata))
+    assert build(tmp_path).scene.time_range == (0.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("downscale", "folder", "size"),
+    [(1, "1x", (64, 48)), (2, "2x", (32, 24)), (3, "2x", (21, 16)), (4, "4x", (16, 12))],
+)
+def test_the_folder_is_chosen_by_downscale(tmp_path, downscale, folder, size):
+    data = build(write(tmp_path, scales=(1, 2, 4)), downscale=float(downscale))
+    assert f"rgb/{folder} " in data.notes()[0]
+    camera = data.views(Split.TRAIN).cameras[0]
+    assert (camera.width, camera.height) == size
+    assert float(camera.intrinsics[0, 0, 0]) == pytest.approx(FOCAL * size[0] / WIDTH)
+
+
+def test_without_the_full_size_the_largest_there_is_is_used(tmp_path):
+    data = build(write(tmp_path, scales=(2, 4)))
+    assert f"pictures of {tmp_path}/rgb/2x (1/2 of full size)" in data.notes()[0]
+    assert projection_error(data, capture(), 0.5) < 0.01
+
+
+def test_distorted_lenses_are_undistorted_with_their_own_formula(tmp_path):
+    k1, k2, k3, p1, p2 = 0.05, -0.02, 0.004, 0.003, -0.002
+    camera = {"radial_distortion": [k1, k2, k3], "tangential_distortion": [p1, p2]}
+    data = build(write(tmp_path, camera=camera))
+    assert any("undistorted from FULL_OPENCV to PINHOLE" in note for note in data.notes())
+    lens = data._frames[0].lens
+    x, y = 0.2, -0.3
+    r = x * x + y * y
+    d = 1 + r * (k1 + r * (k2 + r * k3))
+    expected = [
+        FOCAL * (d * x + 2 * p1 * x * y + p2 * (r + 2 * x * x)) + CENTER[0],
+        FOCAL * ASPECT * (d * y + 2 * p2 * x * y + p1 * (r + 2 * y * y)) + CENTER[1],
+    ]
+    assert lens.project(np.array([[x, y]]))[0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_older_name_of_tangential_distortion_is_known(tmp_path):
+    camera = {"tangential_distortion": None, "tangential": [0.01, 0.0]}
+    assert build(write(tmp_path, camera=camera))._frames[0].lens.distortion[2] == 0.01
+
+
+def test_without_val_ids_pictures_are_held_out_as_any_others(tmp_path):
+    data = build(write(tmp_path, held=()), eval_every_nth=3)
+    assert data.views(Split.EVAL).names == (NAMES[0],)
+    assert data.views(Split.TRAIN).names == (NAMES[2], NAMES[4])
+    assert "2 frames are neither in train_ids nor in val_ids: left out" in data.notes()
+
+
+def test_pictures_that_are_not_on_disk_are_left_out(tmp_path):
+    write(tmp_path)
+    (tmp_path / f"rgb/1x/{NAMES[2]}.png").unlink()
+    data = build(tmp_path)
+    assert len(data.views(Split.TRAIN)) == 2
+    assert f"1 of 5 pictures are not on disk and are left out: {NAMES[2]}" in data.notes()
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        ({"skew": 0.5}, r"the camera is skewed \(skew=0\.5\); expected 0"),
+        ({"focal_length": "x"}, r"focal_length is 'x'; expected a number"),
+        ({"position": [1.0, 2.0]}, r"position is \[1\.0, 2\.0\]; expected 3 numbers"),
+        ({"orientation": np.diag([1.0, 1.0, 2.0]).tolist()}, r"the pose is not rigid"),
+        ({"focal_length": -1.0}, r"fx=-1, .* is no camera"),
+    ],
+)
+def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
+    with pytest.raises(DataError, match=rf"left1_000000\.json.*{message}"):
+        build(write(tmp_path, camera=camera))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("dataset.json", '{"train_ids": ', r"dataset\.json cannot be read as JSON"),
+        ("dataset.json", "[]", r"dataset\.json holds no JSON object"),
+        ("dataset.json", '{"train_ids": 3}', r"train_ids is not a list of names"),
+        ("dataset.json", "{}", r"dataset\.json lists no frames"),
+        ("metadata.json", "{}", r"metadata\.json does not have left1_000000"),
+        ("metadata.json", '{"left1_000000": {}}', r"time_id or warp_id is None"),
+        ("camera/left1_000000.json", "", r"left1_000000\.json cannot be read as JSON"),
+        ("points.npy", "x", r"points\.npy does not hold points"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path, name, content, message):
+    (write(tmp_path) / name).write_text(content)
+    with pytest.raises(DataError, match=message):
+        build(tmp_path)
+
+
+def test_without_pictures_it_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"holds no pictures: there is no rgb/1x, rgb/2x"):
+        build(write(tmp_path, scales=()))
+
+
+def test_the_format_is_told_by_names(tmp_path):
+    assert NerfiesConfig.detect(write(tmp_path / "a")).recognised
+    assert not NerfiesConfig.detect(tmp_path).recognised

@@ -1,0 +1,162 @@
+"""The ``panoptic`` format."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from small_captures import CENTER, FOCAL, HEIGHT, WIDTH, projection_error, request, write_picture
+from small_videos import cameras, over_time
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.panoptic import PanopticConfig
+
+TIMES = 3
+K = [[FOCAL[0], 0.0, CENTER[0]], [0.0, FOCAL[1], CENTER[1]], [0.0, 0.0, 1.0]]
+OWNERS = {"train_meta.json": (0, 1, 3), "test_meta.json": (2,)}
+
+
+def name(camera, time):
+    return f"{10 + camera}/{time:06d}.jpg"
+
+
+def capture():
+    names = [[name(camera, time) for time in range(TIMES)] for camera in range(4)]
+    return over_time(cameras(4), names)
+
+
+def write(folder, files=("train_meta.json", "test_meta.json"), **settings):
+    """Pictures of 4 cameras, of which test_meta.json has one."""
+    for camera in range(4):
+        for time in range(TIMES):
+            write_picture(folder / "ims" / name(camera, time))
+            seg = (folder / "seg" / name(camera, time)).with_suffix(".png")
+            seg.parent.mkdir(parents=True, exist_ok=True)
+            moving = np.zeros((HEIGHT, WIDTH), np.uint8)
+            moving[:20, :30] = 255
+            Image.fromarray(moving).save(seg)
+    for file in files:
+        own = OWNERS[file]
+        content = {
+            "w": WIDTH,
+            "h": HEIGHT,
+            "k": [[K for _ in own] for _ in range(TIMES)],
+            "w2c": [[cameras(4).poses[c].tolist() for c in own] for _ in range(TIMES)],
+            "fn": [[name(c, time) for c in own] for time in range(TIMES)],
+            "cam_id": [[10 + c for c in own] for _ in range(TIMES)],
+        }
+        (folder / file).write_text(json.dumps(content | settings))
+    points = cameras().points
+    cloud = np.concatenate([points, np.full((20, 3), 0.25), np.ones((20, 1))], axis=1)
+    np.savez(folder / "init_pt_cld.npz", data=cloud)
+    return folder
+
+
+def build(path, **config):
+    return PanopticConfig(**config).build(request(path))
+
+
+def test_points_fall_where_they_should(tmp_path):
+    data = build(write(tmp_path))
+    assert projection_error(data, capture()) < 0.01
+    assert data.scene.points.shape == (20, 3)
+    assert float(data.scene.point_colors.mean()) == 0.25
+
+
+def test_the_cameras_of_the_test_file_are_held_out(tmp_path):
+    data = build(write(tmp_path))
+    assert data.views(Split.EVAL).names == tuple(name(2, time) for time in range(TIMES))
+    assert len(data.views(Split.TRAIN)) == 9
+    assert data.views(Split.EVAL).times == (0.0, 0.5, 1.0)
+    assert data.scene.time_range == pytest.approx((0.0, 2 / 30))
+    assert data.notes() == (
+        f"{tmp_path}/train_meta.json: 3 cameras at 3 times",
+        f"{tmp_path}/test_meta.json: 1 cameras at 3 times",
+        "3 times, 30 per second (the usual one; datamanager.fps=N gives another)",
+        f"{tmp_path}/init_pt_cld.npz: 20 points",
+        "9 views to train on, 3 held out (the data set's own split, test_meta.json)",
+    )
+
+
+def test_cameras_are_numbered_over_both_files(tmp_path):
+    data = build(write(tmp_path))
+    numbers = {
+        split: {int(camera.camera_index[0]) for camera in data.views(split).cameras}
+        for split in Split
+    }
+    assert numbers == {Split.TRAIN: {0, 1, 3}, Split.EVAL: {2}}
+
+
+def test_other_cameras_are_held_out_by_their_number(tmp_path):
+    data = build(write(tmp_path), eval_cameras=("10", "13"))
+    assert {view[:2] for view in data.views(Split.EVAL).names} == {"10", "13"}
+    assert data.views(Split.EVAL).origin == "cameras 10, 13"
+    with pytest.raises(DataError, match=r"datamanager\.eval_cameras=9: there is no camera of this"):
+        build(tmp_path, eval_cameras=("9",))
+
+
+def test_segmentation_says_what_moves(tmp_path):
+    mask = build(write(tmp_path)).moving_mask(Split.TRAIN, 4)
+    assert mask.shape == (HEIGHT, WIDTH, 1)
+    assert bool(mask[:20, :30].all())
+    assert int(mask.sum()) == 600
+
+
+def test_times_are_chosen(tmp_path):
+    data = build(write(tmp_path), first=1, fps=2.0)
+    assert data.scene.time_range == (0.5, 1.0)
+    assert len(data.views(Split.EVAL)) == 2
+
+
+def test_a_file_of_the_set_stands_for_its_folder(tmp_path):
+    path = write(tmp_path) / "train_meta.json"
+    assert PanopticConfig.detect(path).recognised
+    assert len(build(path).views(Split.EVAL)) == TIMES
+    assert not PanopticConfig.detect(tmp_path / "ims").recognised
+
+
+def test_pictures_that_are_not_on_disk_are_left_out(tmp_path):
+    write(tmp_path)
+    (tmp_path / "ims" / name(0, 1)).unlink()
+    assert "1 of 12 pictures are not on disk and are left out: 10/000001.jpg" in (
+        build(tmp_path).notes()
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"k": None}, r"its lists k, w2c, fn, cam_id are missing, empty or of different lengths"),
+        ({"fn": [["a"]] * TIMES}, r"are missing, empty or of different lengths"),
+        ({"w": "wide"}, r"train_meta\.json: 10/000000\.jpg: its camera cannot be read"),
+        ({"w2c": [[[[1.0]]] * 3] * TIMES}, r"its camera cannot be read"),
+        ({"w2c": [[np.diag([2.0, 1, 1, 1]).tolist()] * 3] * TIMES}, r"the pose is not rigid"),
+        ({"w": WIDTH + 8}, r"is 64x48 pixels, but .* describes 72x48"),
+    ],
+)
+def test_damaged_settings_are_refused(tmp_path, settings, message):
+    with pytest.raises(DataError, match=message):
+        build(write(tmp_path, ("train_meta.json",), **settings))
+
+
+def test_a_file_that_is_cut_off_is_refused(tmp_path):
+    file = write(tmp_path) / "test_meta.json"
+    file.write_text(file.read_text()[:200])
+    with pytest.raises(DataError, match=r"test_meta\.json cannot be read as JSON"):
+        build(tmp_path)
+
+
+def test_a_point_cloud_that_is_none_is_refused(tmp_path):
+    (write(tmp_path) / "init_pt_cld.npz").write_bytes(b"PK\x03\x04")
+    with pytest.raises(DataError, match=r"init_pt_cld\.npz does not hold points"):
+        build(tmp_path)
+    np.savez(tmp_path / "init_pt_cld.npz", data=np.zeros((4, 3)))
+    with pytest.raises(DataError, match=r"its data has the shape \[4, 3\]"):
+        build(tmp_path)
+
+
+def test_pictures_decode(tmp_path):
+    (batch,) = build(write(tmp_path)).load(Split.EVAL, [1], torch.device("cpu"))
+    assert batch.images.shape == (1, HEIGHT, WIDTH, 3)

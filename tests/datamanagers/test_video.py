@@ -1,0 +1,180 @@
+"""Video files."""
+
+import sys
+
+import numpy as np
+import pytest
+from small_captures import HEIGHT, WIDTH, write_picture
+from small_videos import picture, shade, write_video
+
+from gsfw.core.errors import DataError, UnavailableError
+from gsfw.datamanagers.video import Video, is_video
+
+av = pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
+
+
+def test_packets_tell_size_number_rate_times_and_key_frames(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4", count=10, rate=25))
+    assert (video.header.width, video.header.height) == (WIDTH, HEIGHT)
+    assert len(video) == 10
+    assert video.rate == pytest.approx(25)
+    assert video.times == pytest.approx(np.arange(10) / 25)
+    assert video.keys == (0, 4, 8)
+    video.check_even()
+
+
+def test_every_picture_is_the_one_of_its_number(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4"))
+    for number, pixels in video.pictures(range(10)):
+        assert np.abs(pixels.astype(int) - picture(number)).mean() < 3
+        assert abs(float(pixels[HEIGHT // 2 :].mean()) - (shade(number) - 7.5)) < 3
+
+
+def test_pictures_are_the_same_bits_in_any_order(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4"))
+    in_order = dict(video.pictures(range(10)))
+    assert list(in_order) == list(range(10))
+    for number in (9, 3, 4, 0, 7, 5):
+        assert np.array_equal(video.picture(number), in_order[number])
+    assert [number for number, _ in video.pictures(range(5, 8))] == [5, 6, 7]
+
+
+def test_segments_go_from_key_frame_to_key_frame(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4"))
+    assert [video.segment(number) for number in (0, 3, 4, 9)] == [
+        range(4),
+        range(4),
+        range(4, 8),
+        range(8, 10),
+    ]
+
+
+@pytest.mark.parametrize("end", [".mov", ".mkv", ".avi"])
+def test_other_containers_are_read(tmp_path, end):
+    video = Video.read(write_video(tmp_path / f"a{end}", key_every=100))
+    assert len(video) == 10
+    video.check_even()
+    assert np.abs(video.picture(6).astype(int) - picture(6)).mean() < 3
+
+
+def test_an_mp4_called_mov_is_read_as_what_it_is(tmp_path):
+    write_video(tmp_path / "a.mp4").rename(tmp_path / "a.mov")
+    assert len(Video.read(tmp_path / "a.mov")) == 10
+
+
+def rotated(path, degrees):
+    """The video with a rotation in its metadata, as phones write it."""
+    target = path.with_name("turned.mp4")
+    with av.open(str(path)) as source, av.open(str(target), "w") as container:
+        stream = container.add_stream_from_template(source.streams.video[0])
+        if not hasattr(stream, "set_display_rotation"):
+            pytest.skip("this PyAV writes no rotation")
+        stream.set_display_rotation(degrees)
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                container.mux(packet)
+    return target
+
+
+@pytest.mark.parametrize("degrees", [90, -90, 180])
+def test_rotation_metadata_is_applied(tmp_path, degrees):
+    plain = write_video(tmp_path / "a.mp4")
+    video = Video.read(rotated(plain, degrees))
+    expected = np.rot90(Video.read(plain).picture(2), video.turns)
+    assert (video.header.height, video.header.width) == expected.shape[:2]
+    assert np.array_equal(video.picture(2), expected)
+    assert video.turns == degrees // 90 % 4
+
+
+def test_a_cropped_video_has_the_box_of_the_upright_picture(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4"))
+    cropped = video.cropped((4, 6, 24, 36))
+    assert (cropped.header.width, cropped.header.height) == (20, 30)
+    assert np.array_equal(cropped.picture(1), video.picture(1)[6:36, 4:24])
+
+
+def test_a_varying_rate_is_refused_where_numbers_have_to_tell_the_time(tmp_path):
+    stamps = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]
+    video = Video.read(write_video(tmp_path / "a.mp4", stamps=stamps))
+    assert video.times == pytest.approx(np.array(stamps) / 30)
+    with pytest.raises(
+        DataError,
+        match=r"the frame rate varies: picture 6 comes 100\.0 ms after the one before, where "
+        r"33\.3 ms are usual\.\n.*ffmpeg -i a\.mp4 -vf fps=30 NEW\.mp4\.",
+    ):
+        video.check_even()
+
+
+def test_an_empty_file_is_refused(tmp_path):
+    (tmp_path / "a.mp4").touch()
+    with pytest.raises(DataError, match=r"a\.mp4: the file is empty \(0 bytes\)\."):
+        Video.read(tmp_path / "a.mp4")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"a\.mp4: there is no such file\."):
+        Video.read(tmp_path / "a.mp4")
+
+
+def test_text_called_mp4_is_refused(tmp_path):
+    (tmp_path / "a.mp4").write_text("hello world " * 20)
+    with pytest.raises(DataError, match=r"a\.mp4: these 240 bytes are no video \(.*\)\."):
+        Video.read(tmp_path / "a.mp4")
+
+
+def test_a_picture_called_mp4_is_refused(tmp_path):
+    write_picture(tmp_path / "a.png")
+    (tmp_path / "a.png").rename(tmp_path / "a.mp4")
+    with pytest.raises(DataError, match=r"a\.mp4: the file \(piped png sequence\) is no video\."):
+        Video.read(tmp_path / "a.mp4")
+
+
+def test_a_video_that_lost_its_end_is_refused(tmp_path):
+    path = write_video(tmp_path / "a.mp4")
+    content = path.read_bytes()
+    path.write_bytes(content[: int(0.7 * len(content))])
+    with pytest.raises(
+        DataError, match=r"a\.mp4 is cut off: its header announces 10 pictures, \d are there\."
+    ):
+        Video.read(path)
+
+
+def test_a_recording_that_was_never_finished_is_refused(tmp_path):
+    path = write_video(tmp_path / "a.mp4", index_first=False)
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"moov") - 4])
+    with pytest.raises(
+        DataError, match=r"the video is cut off after \d+ bytes: its index \(the moov box\) is miss"
+    ):
+        Video.read(path)
+
+
+def test_damaged_pictures_are_refused_when_they_are_reached(tmp_path):
+    def noise(number, width, height):
+        generator = np.random.default_rng(number)
+        return generator.integers(0, 256, (height, width, 3)).astype(np.uint8)
+
+    path = write_video(tmp_path / "a.mp4", draw=noise)
+    content = bytearray(path.read_bytes())
+    middle, length = len(content) * 6 // 10, len(content) // 4
+    content[middle : middle + length] = b"\xff" * length
+    path.write_bytes(content)
+    video = Video.read(path)
+    with pytest.raises(DataError, match=r"a\.mp4: .*(is damaged|does not decode)"):
+        list(video.pictures(range(10)))
+
+
+def test_without_pyav_it_is_said_how_to_get_it(tmp_path, monkeypatch):
+    path = write_video(tmp_path / "a.mp4")
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(UnavailableError, match=r"Install it with: pip install 'gsfw\[video\]'"):
+        Video.read(path)
+
+
+def test_videos_are_told_by_their_names(tmp_path):
+    for name in ("a.MP4", "b.png"):
+        (tmp_path / name).touch()
+    (tmp_path / "c.mp4").mkdir()
+    found = {item.name: is_video(item) for item in tmp_path.iterdir()}
+    assert found == {"a.MP4": True, "b.png": False, "c.mp4": False}

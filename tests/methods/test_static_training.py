@@ -1,0 +1,183 @@
+"""Training with static=auto: resuming, what the summary says, and coming back."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from mixed_rows import check_rows
+from moving_scene import WHITE, camera_at, two_balls
+from moving_splats import moving_scene
+from states import assert_same_bits
+
+from gsfw.commands.main import main
+from gsfw.core.batch import Batch
+from gsfw.core.context import StepContext
+from gsfw.core.errors import ConfigError
+from gsfw.core.operators import Operators
+from gsfw.core.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.table import SplatTable
+from gsfw.methods.spacetime.config import SpacetimeConfig
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+
+MOVING = (
+    "device=cpu", "datamanager.moving=true", "datamanager.views=12", "datamanager.times=4",
+    "datamanager.eval_views=2", "datamanager.width=32", "datamanager.height=24",
+    "datamanager.points=150", "init=random", "random_points=150",
+)  # fmt: skip
+AUTO = ("static=auto", "static_start=2", "static_every=5", "static_signal=1.2")
+SHORT = (
+    *("steps=30", "checkpoint_every=15", "eval_every=0"),
+    *("strategy.refine_start=4", "strategy.refine_every=10"),
+)
+
+
+def train(out: Path, *arguments: str) -> dict[str, float]:
+    assert main(["train", *MOVING, *AUTO, f"out={out}", *arguments]) == 0
+    figures: dict[str, float] = json.loads(RunFolder(out).summary.read_text())
+    return figures
+
+
+@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize(
+    "method",
+    [("method=spacetime",), ("method=4d-rotor",), ("method=4dgs", "coarse_steps=4")],
+    ids=["spacetime", "4d-rotor", "4dgs"],
+)
+def test_a_run_with_rows_of_both_kinds_resumes_to_the_same_bits(tmp_path, method, strategy):
+    arguments = (*method, *SHORT, f"strategy={strategy}", "seed=3")
+    figures = train(tmp_path / "whole", *arguments)
+    assert figures["num_gaussians"] != 150, "rows must have been added or removed"
+    assert figures["static_rows"] > 0
+    assert figures["moving_rows"] > 0
+    assert figures["static_rows"] + figures["moving_rows"] == figures["num_gaussians"]
+    assert figures["optimizer_bytes"] == 2 * figures["model_bytes"]
+    parts = RunFolder(shutil.copytree(tmp_path / "whole", tmp_path / "parts"))
+    parts.checkpoint(30).unlink()
+    parts.summary.unlink()
+    assert main(["resume", str(parts.path)]) == 0
+    states = [
+        read_checkpoint(RunFolder(tmp_path / name).checkpoint(30)) for name in ("whole", "parts")
+    ]
+    for state in states:
+        del state["train_seconds"]
+    assert_same_bits(*states)
+    for time in (0, 1):
+        assert main(["export", str(parts.path), f"time={time}", f"out={tmp_path / 'a.ply'}"]) == 0
+
+
+def test_points_that_know_their_times_begin_as_things_that_come_and_go():
+    known = moving_scene(8, point_times=torch.linspace(0, 1, 8))
+    for scene, moving in ((known, 8), (moving_scene(8), 0)):
+        method = SpacetimeConfig(static="auto").build()
+        model = method.build_model(scene, Operators(), torch.Generator(), None)
+        assert len(model.still.moving()) == moving
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "expected"),
+    [
+        ("static_start", -1, "a number of at least 0"),
+        ("static_every", 0, "a number of at least 1"),
+        ("static_tolerance", 1.0, "a number between 0 and 1"),
+        ("static_signal", 1.0, "a number above 1"),
+    ],
+)
+def test_settings_out_of_range_are_refused(key, value, expected):
+    with pytest.raises(ConfigError) as caught:
+        replace(SpacetimeConfig(), **{key: value}).check()
+    assert str(caught.value) == f"{key}={value}: expected {expected}."
+
+
+# Coming back.
+
+
+class Course:
+    """Two balls and a camera; one ball begins to move in the second half of the sequence."""
+
+    def __init__(self, **settings) -> None:
+        config = SpacetimeConfig(sh_degree=0, static="auto", static_every=40, static_start=0)
+        config.optim.motion_lr = 3e-3
+        self.config = replace(config, **settings)
+        self.method, self.generator = self.config.build(), torch.Generator().manual_seed(0)
+        self.scene = replace(moving_scene(), extent=1.0)
+        self.truth, self.rasterizer = two_balls(), ReferenceRasterizer()
+        self.model = self.method.build_model(
+            self.scene, Operators(), self.generator, self.truth.splats()
+        )
+        self.optimizer = Optimizer(self.model, Operators(), OptimizerSettings())
+        self.table, self.step = SplatTable(self.model, self.optimizer), 0
+        self.camera = camera_at(0.0)
+
+    def picture(self, time: float) -> torch.Tensor:
+        with torch.no_grad():
+            drifted = self.truth.splats(torch.tensor(max(time - 0.5, 0.0)))
+            return self.rasterizer.render(drifted, self.camera, WHITE).color
+
+    def one_step(self, time: float) -> float:
+        camera = replace(self.camera, time=torch.tensor([time]))
+        batch = Batch(self.picture(time), camera, (0,))
+        self.method.prepare(self.step, self.model, self.optimizer, time)
+        splats = self.model.splats(batch.time)
+        output = self.rasterizer.render(splats, camera, WHITE)
+        context = StepContext(
+            self.step, 1000, "train", batch, splats, output, batch.images,
+            len(self.table), 1.0, 1.0, Operators(), self.generator,
+        )  # fmt: skip
+        losses = {**self.method.losses(context), **self.model.regularizers(context)}
+        loss = torch.stack(list(losses.values())).sum()
+        loss.backward()
+        self.optimizer.step(self.step, torch.tensor(True))
+        self.model.project_()
+        self.optimizer.zero_gradients()
+        self.method.adapt(self.step, self.table, self.model, self.generator)
+        self.step += 1
+        return float(loss.detach())
+
+    def train(self, times: torch.Tensor, steps: int) -> float:
+        """Mean loss of the last quarter."""
+        order = torch.randint(len(times), (steps,), generator=self.generator).tolist()
+        losses = [self.one_step(float(times[index])) for index in order]
+        return sum(losses[-steps // 4 :]) / (steps // 4)
+
+
+def test_a_ball_that_begins_to_move_late_comes_back_and_the_other_does_not():
+    course = Course()
+    course.train(torch.linspace(0.0, 0.5, 6), 120)
+    assert course.model.still.moving().tolist() == [], "nothing has moved so far"
+    blurred = course.train(torch.linspace(0.0, 1.0, 11), 40)
+    followed = course.train(torch.linspace(0.0, 1.0, 11), 240)
+    assert course.model.still.moving().tolist() == [0]
+    assert followed < 0.4 * blurred
+    check_rows(course.model, course.table)
+
+
+def test_nothing_is_looked_at_before_its_time_or_between():
+    course = Course(static_start=10, static_every=4)
+    terms = course.model.still.terms.values
+    terms[:, 0] = 100.0
+    waited = []
+    for _ in range(20):
+        course.one_step(0.0)
+        waited.append(100 - int(course.model.still.terms.values[0, 0]))
+    assert waited == [0] * 11 + [1] * 4 + [2] * 4 + [3]
+
+
+# What it costs.
+
+
+@pytest.mark.slow
+def test_standing_rows_cost_hardly_any_quality(tmp_path):
+    settings = (
+        *("method=spacetime", "datamanager.views=24", "datamanager.width=48"),
+        *("datamanager.height=36", "datamanager.eval_views=4", "steps=600", "eval_every=0"),
+        *("random_points=400", "static_signal=1.8"),
+    )
+    auto = train(tmp_path / "auto", *settings, "static_every=20")
+    none = train(tmp_path / "none", *settings, "static=none")
+    assert auto["static_share"] > 0.5
+    assert auto["psnr"] > none["psnr"] - 0.3
+    assert auto["model_bytes"] < none["model_bytes"] * auto["num_gaussians"] / none["num_gaussians"]

@@ -1,0 +1,90 @@
+"""Whole runs of method dynamic3dgs on the built-in scene that moves."""
+
+import json
+from pathlib import Path
+
+import pytest
+from states import assert_same_bits
+
+from gsfw.commands.main import main
+from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.tracks import compare, follow
+from gsfw.plugins.registry import installed
+from gsfw.plugins.restore import restore
+
+MOVING = (
+    "device=cpu",
+    "datamanager.moving=true",
+    "datamanager.views=12",
+    "datamanager.times=4",
+    "datamanager.eval_views=2",
+    "datamanager.width=32",
+    "datamanager.height=24",
+    "datamanager.points=400",
+)
+
+
+def train(out: Path, *arguments: str) -> dict[str, float]:
+    assert main(["train", *MOVING, f"out={out}", *arguments]) == 0
+    figures: dict[str, float] = json.loads(RunFolder(out).summary.read_text())
+    return figures
+
+
+SHORT = (
+    *("method=dynamic3dgs", "steps=42", "eval_every=0", "seed=3", "strategy.grow_gradient=1e-5"),
+    *("strategy.refine_start=4", "strategy.refine_every=5", "strategy.refine_stop=18"),
+)
+
+
+@pytest.mark.parametrize(
+    ("first_steps", "step"), [(18, 26), (18, 30), (30, 22)], ids=["between", "amid", "building"]
+)
+def test_a_run_resumes_to_the_same_bits_wherever_it_was(tmp_path, first_steps, step):
+    """After the first, each of the other three times has 8 steps, or 4."""
+    arguments = (*SHORT, f"sampler.first_steps={first_steps}", f"checkpoint_every={step}")
+    figures = train(tmp_path / "whole", *arguments)
+    assert figures["skipped_steps"] == 0
+    train(tmp_path / "parts", *arguments)
+    parts = RunFolder(tmp_path / "parts")
+    parts.checkpoint(42).unlink()
+    parts.summary.unlink()
+    assert parts.latest_checkpoint() == parts.checkpoint(step)
+    assert main(["resume", str(parts.path)]) == 0
+    states = [
+        read_checkpoint(RunFolder(tmp_path / name).checkpoint(42)) for name in ("whole", "parts")
+    ]
+    for state in states:
+        del state["train_seconds"]
+    assert_same_bits(*states)
+
+
+def test_rows_are_added_at_the_first_time_and_stay_after_it(tmp_path):
+    train(tmp_path / "run", *SHORT, "sampler.first_steps=18", "log_every=1")
+    log = RunFolder(tmp_path / "run").metrics_log.read_text()
+    lines = [json.loads(line) for line in log.splitlines()]
+    counts = {line["step"]: line["num_gaussians"] for line in lines if "num_gaussians" in line}
+    assert counts[18] != counts[1]
+    assert {counts[step] for step in range(18, 43)} == {counts[18]}
+
+
+def test_a_sampler_that_goes_back_is_refused_without_a_traceback(tmp_path, capsys):
+    arguments = ["train", *MOVING, "method=dynamic3dgs", "sampler=uniform", "steps=40"]
+    assert main([*arguments, f"out={tmp_path / 'run'}"]) == 2
+    said = capsys.readouterr().err
+    assert "the sampler goes back.\nUse sampler=sequential, which is this method's own." in said
+
+
+@pytest.mark.slow
+def test_surfaces_are_followed_and_drawn_better_than_as_if_they_stood_still(tmp_path):
+    settings = ("datamanager.views=48", "datamanager.times=6", "datamanager.width=60")
+    settings += ("datamanager.height=45", "datamanager.points=3000", "datamanager.eval_views=6")
+    settings += ("steps=900", "eval_every=0")
+    still = train(tmp_path / "still", "method=3dgs", "ignore_time=true", *settings)
+    moving = train(tmp_path / "moving", "method=dynamic3dgs", *settings)
+    assert moving["moving_psnr"] > still["moving_psnr"] + 3
+    restored = restore(RunFolder(tmp_path / "moving"), installed())
+    parts, times = restored.composition.parts, [index / 5 for index in range(6)]
+    truth = parts.data.tracks(times)
+    errors = compare(follow(parts.model, times), truth.positions, truth.present, 1e-3)
+    assert errors.moving < 0.35 * errors.moved
+    assert errors.still < 0.01

@@ -1,0 +1,57 @@
+"""Tests of gsfw.studies.estimate, origin and threads."""
+
+import os
+
+import pytest
+from small_study import plan, small_study
+
+from gsfw.studies import origin as origin_module
+from gsfw.studies.estimate import START_SECONDS, STEP_SECONDS, Estimate
+from gsfw.studies.origin import cores, origin
+from gsfw.studies.result import Result
+from gsfw.studies.threads import threads_per_run
+
+
+def took(row: str, scene: str, step_seconds: float) -> Result:
+    figures = {"steps": 100, "train_seconds": 100 * step_seconds}
+    return Result(row, scene, 1, "0", {}, {}, figures)
+
+
+def test_a_run_takes_as_long_as_what_is_most_like_it(tmp_path):
+    run = plan(small_study(), tmp_path)[0]
+    known: list[Result] = []
+    assert Estimate(known).seconds(run) == START_SECONDS + 10 * STEP_SECONDS
+    assert not Estimate(known).is_measured
+    for row, scene, step_seconds in (
+        ("other", "other", 1.0),
+        ("still", "other", 2.0),
+        ("other", "balls", 3.0),
+        ("still", "balls", 4.0),
+    ):
+        known.append(took(row, scene, step_seconds))
+        expected = START_SECONDS + 10 * step_seconds
+        assert Estimate(known).seconds(run) == pytest.approx(expected)
+
+
+def test_what_is_done_is_not_counted(tmp_path):
+    run = plan(small_study(), tmp_path)[0]
+    run.folder.checkpoints.mkdir(parents=True)
+    run.folder.checkpoint(4).touch()
+    run.folder.config.touch()
+    assert Estimate([]).seconds(run) == pytest.approx(START_SECONDS + 6 * STEP_SECONDS)
+
+
+def test_jobs_share_the_threads_that_there_are(monkeypatch):
+    assert threads_per_run(1) is None
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    assert [threads_per_run(jobs) for jobs in (2, 3, 9)] == [4, 2, 1]
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    assert threads_per_run(2) == max(1, cores() // 2)
+
+
+def test_the_origin_names_machine_and_versions(monkeypatch, tmp_path):
+    found = origin()
+    assert found["cores"] == cores() <= (os.cpu_count() or 1)
+    assert found["cpu"]
+    monkeypatch.setattr(origin_module, "SOURCE", tmp_path)
+    assert origin()["commit"] is None, "an installed package has none"

@@ -1,0 +1,64 @@
+"""Tests of gsfw.studies.result_store."""
+
+import pytest
+
+from gsfw.core.errors import DataError, OutputError
+from gsfw.studies.result import Failure, Result
+from gsfw.studies.result_store import ResultStore, only_one
+
+
+def test_results_and_failures_are_read_again(tmp_path):
+    path = tmp_path / "results.json"
+    store = ResultStore(path, "A study")
+    result = Result("a", "b", 1, "f", {"steps": 3}, {"steps": 3}, {"psnr": 20.5}, {}, {}, "today")
+    store.keep(result)
+    failure = Failure("a", "b", 2, "no.", "Do not.", True)
+    store.keep_failure(failure)
+    again = ResultStore(path, "A study")
+    assert again.results == {("b", "a", 1): result}
+    assert again.failures == {("b", "a", 2): failure}
+    again.forget(("b", "a", 2))
+    assert ResultStore(path, "A study").failures == {}
+
+
+def test_a_result_takes_the_place_of_a_failure_and_the_other_way_round(tmp_path):
+    store = ResultStore(tmp_path / "results.json", "A study")
+    store.keep_failure(Failure("a", "b", 1, "no."))
+    store.keep(Result("a", "b", 1, "f", {}, {}, {}))
+    assert (len(store.results), len(store.failures)) == (1, 0)
+    store.keep_failure(Failure("a", "b", 1, "no."))
+    assert (len(store.results), len(store.failures)) == (0, 1)
+
+
+def test_a_file_with_more_than_this_version_knows_is_read(tmp_path):
+    path = tmp_path / "results.json"
+    path.write_text(
+        '{"schema": 1, "failures": [{"row": "a", "scene": "b", "seed": 1, "error": "", "new": 1}]}'
+    )
+    assert list(ResultStore(path, "").failures) == [("b", "a", 1)]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{", "cannot be read: Expecting property name"),
+        ("[]", "expected schema 1, found list"),
+        ('{"schema": 2}', "expected schema 1, found 2"),
+        ('{"schema": 1, "results": [{"row": "a"}]}', "results are not as gsfw writes them"),
+        ('{"schema": 1, "results": [3]}', "results are not as gsfw writes them"),
+    ],
+)
+def test_a_damaged_file_is_not_overwritten(tmp_path, text, expected):
+    path = tmp_path / "results.json"
+    path.write_text(text)
+    with pytest.raises(DataError, match=expected):
+        ResultStore(path, "")
+
+
+def test_a_folder_that_cannot_be_is_told(tmp_path):
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(OutputError, match="file cannot be written: File exists"),
+        only_one(tmp_path / "file"),
+    ):
+        pass

@@ -1,0 +1,218 @@
+"""Tests of gsfw.studies.runner, mostly with a stand-in for training."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from fake_training import DISK_FULL, INTERRUPTS, KILLED, REFUSED, WAITS_FOR_ANOTHER
+from small_study import TINY, make, plan, small_study
+
+from gsfw.core.callback import Control
+from gsfw.core.errors import OutputError
+from gsfw.studies.result_store import ResultStore, only_one
+from gsfw.studies.runner import Runner, RunnerSettings
+from gsfw.studies.writing import RESULTS
+
+pytestmark = pytest.mark.usefixtures("quick")
+
+
+def kept(folder: Path) -> ResultStore:
+    return ResultStore(folder / RESULTS, "")
+
+
+def dates(folder: Path) -> dict[str, int]:
+    """When each run was made."""
+    return {str(path): path.stat().st_mtime_ns for path in folder.glob("runs/**/metrics.json")}
+
+
+def test_runs_are_made_and_kept(tmp_path):
+    ended = make(small_study(), tmp_path)
+    assert [(item.number, item.total) for item in ended] == [(1, 2), (2, 2)]
+    result = kept(tmp_path).results["balls", "moves", 1]
+    assert result.figures["psnr"] == 25.01
+    assert result.figures["peak_memory_mb.rss"] == 400
+    assert "over_time" not in result.figures
+    assert result.protocol["checkpoint"] == "last"
+    assert result.given == {**TINY, "method": "4dgs", "seed": 1}
+    assert result.settings["strategy"] == "adc"
+    assert set(result.origin) >= {"gsfw", "commit", "torch", "cpu", "cores"}
+    assert ended[-1].seconds_left == 0
+
+
+def test_finished_runs_are_not_repeated(tmp_path):
+    make(small_study(), tmp_path)
+    before = dates(tmp_path)
+    assert make(small_study(), tmp_path) == []
+    (tmp_path / RESULTS).unlink()
+    assert make(small_study(), tmp_path) == [], "they are found in their folders"
+    assert len(kept(tmp_path).results) == 2
+    assert dates(tmp_path) == before
+
+
+def test_results_alone_are_enough(tmp_path):
+    make(small_study(), tmp_path / "a")
+    results = tmp_path / "b" / RESULTS
+    results.parent.mkdir()
+    results.write_bytes((tmp_path / "a" / RESULTS).read_bytes())
+    assert make(small_study(), tmp_path / "b") == []
+
+
+def test_only_what_has_other_settings_is_made_again(tmp_path):
+    make(small_study(), tmp_path)
+    rows = {**small_study().rows, "moves": {"method": "4dgs", "steps": 12}}
+    (ended,) = make(small_study(rows=rows), tmp_path)
+    assert ended.run.cell.row == "moves"
+    assert kept(tmp_path).results["balls", "moves", 1].figures["steps"] == 12
+    (back,) = plan(small_study(), tmp_path)[1:]
+    assert back.is_finished(), "the earlier run is still there"
+    assert make(small_study(), tmp_path) == []
+    assert kept(tmp_path).results["balls", "moves", 1].figures["steps"] == 10
+
+
+def test_settings_that_mean_the_same_make_nothing_again(tmp_path):
+    make(small_study(), tmp_path)
+    study = small_study(settings={**TINY, "antialias": False, "log_every": 3})
+    assert make(study, tmp_path) == []
+    assert kept(tmp_path).results["balls", "still", 1].given["antialias"] is False
+
+
+def test_again_makes_finished_runs_again(tmp_path):
+    make(small_study(), tmp_path)
+    before = dates(tmp_path)
+    assert len(make(small_study(), tmp_path, again=True)) == 2
+    assert dates(tmp_path).keys() == before.keys()
+    assert not set(dates(tmp_path).values()) & set(before.values())
+
+
+def test_a_failed_run_is_recorded_and_the_others_go_on(tmp_path):
+    study = small_study(seeds=(REFUSED, 1, DISK_FULL))
+    ended = make(study, tmp_path)
+    assert [item.failure is None for item in ended] == [False, True, False] * 2
+    store = kept(tmp_path)
+    refused = store.failures["balls", "still", REFUSED]
+    assert (refused.error, refused.advice) == ("this seed is refused.", "Take another.")
+    assert not refused.resumable
+    assert store.failures["balls", "still", DISK_FULL].error == "no space is left"
+    assert list(store.results) == [("balls", "moves", 1), ("balls", "still", 1)]
+
+
+def test_a_failed_run_is_tried_again(tmp_path):
+    study = small_study(seeds=(REFUSED,), rows={"still": {"method": "3dgs", "ignore_time": True}})
+    make(study, tmp_path)
+    (tmp_path / "runs" / "balls" / "still" / "allowed").touch()
+    (ended,) = make(study, tmp_path)
+    assert ended.result is not None
+    assert not kept(tmp_path).failures
+
+
+def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path):
+    study = small_study(seeds=(KILLED,), rows={"still": {"method": "3dgs", "ignore_time": True}})
+    (ended,) = make(study, tmp_path)
+    assert ended.failure is not None
+    assert ended.failure.error == "the run was ended from outside by SIGKILL."
+    assert ended.failure.advice.startswith("The system may have run out of memory")
+    (ended,) = make(study, tmp_path)
+    assert ended.result is not None
+    folder = ended.run.folder.path
+    assert (folder / "resumed").read_text() == str(folder)
+    assert "wall_seconds" not in ended.result.figures, "it took longer than its last part"
+
+
+def test_data_that_has_moved_is_told_to_a_run_that_goes_on(tmp_path):
+    for name in ("before", "now"):
+        place = tmp_path / name / "robot" / "sparse" / "0"
+        place.mkdir(parents=True)
+        (place / "cameras.bin").touch()
+    rows = {"still": {"method": "3dgs", "data": "robot", "datamanager": "colmap"}}
+    study = small_study(seeds=(KILLED,), rows=rows, settings={"steps": 10})
+    from small_study import installed, plan_runs
+
+    for name in ("before", "now"):
+        planned = plan_runs(study.cells(), installed(), tmp_path / name, tmp_path)
+        store = ResultStore(tmp_path / RESULTS, "")
+        (ended,) = Runner(planned, store, RunnerSettings(), Control()).run()
+    folder = ended.run.folder.path
+    assert (folder / "resumed").read_text() == f"{folder} data={tmp_path / 'now' / 'robot'}"
+
+
+def test_two_jobs_are_at_work_at_the_same_time_and_share_the_threads(tmp_path, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "4")
+    ended = make(small_study(seeds=(WAITS_FOR_ANOTHER,)), tmp_path, jobs=2)
+    assert all(item.result is not None for item in ended)
+    for item in ended:
+        assert (item.run.folder.path / "threads").read_text() == "2"
+
+
+def test_no_run_is_started_when_the_budget_is_over(tmp_path):
+    runner = Runner(
+        plan(small_study(), tmp_path),
+        kept(tmp_path),
+        RunnerSettings(minutes=1e-9),
+        Control(),
+    )
+    assert list(runner.run()) == []
+    assert len(runner.pending) == 2
+
+
+def test_a_stop_leaves_checkpoints_and_the_next_session_goes_on(tmp_path):
+    study = small_study(seeds=(INTERRUPTS, 2), rows={"a": small_study().rows["still"]})
+    control = Control()
+    import signal
+
+    before = signal.signal(signal.SIGINT, lambda *_: control.request_stop("Ctrl-C"))
+    try:
+        runner = Runner(plan(study, tmp_path), kept(tmp_path), RunnerSettings(), control)
+        (ended,) = runner.run()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended.result is None
+    assert ended.failure is None
+    assert len(runner.pending) == 2
+    assert ended.run.steps_done() == 5
+    assert not kept(tmp_path).failures
+    assert all(item.result is not None for item in make(study, tmp_path))
+    assert (ended.run.folder.path / "resumed").exists()
+
+
+def test_checkpoints_of_finished_runs_may_go(tmp_path):
+    study = small_study(seeds=(1,))
+    (first, _) = plan(study, tmp_path)
+    (ended, _) = make(study, tmp_path, keep_runs=False)
+    assert ended.run.folder.path == first.folder.path
+    assert not first.folder.checkpoints.exists()
+    assert first.is_finished()
+
+
+def test_a_damaged_result_is_made_again(tmp_path):
+    make(small_study(), tmp_path)
+    (tmp_path / RESULTS).unlink()
+    plan(small_study(), tmp_path)[0].folder.summary.write_text("{")
+    (ended,) = make(small_study(), tmp_path)
+    assert ended.run.cell.row == "still"
+
+
+def test_a_second_study_is_kept_out_even_by_a_run_that_was_left_behind(tmp_path):
+    with (
+        only_one(tmp_path) as lock,
+        pytest.raises(OutputError, match="another study, or a run that one left behind"),
+        only_one(tmp_path),
+    ):
+        pass
+    with only_one(tmp_path) as lock:
+        assert lock is not None
+        inherited = os.dup(lock)  # As by a process.
+    with pytest.raises(OutputError), only_one(tmp_path):
+        pass
+    os.close(inherited)
+    with only_one(tmp_path):
+        pass
+
+
+def test_results_are_plain_json(tmp_path):
+    make(small_study(), tmp_path)
+    document = json.loads((tmp_path / RESULTS).read_text())
+    assert document["schema"] == 1
+    assert document["title"] == "A small study"
+    assert [item["row"] for item in document["results"]] == ["moves", "still"]
+    assert document["failures"] == []
