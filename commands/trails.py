@@ -21,7 +21,7 @@ from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.tracks import OPAQUE, Tracks, follow
 from gsfw.rasterizers.reference.lens import project_points
 
-MOTION_WEIGHT = 4.0
+MOTION_WEIGHT = 2.0
 """Rows are well spread when they are apart, or move apart: how much more the second counts."""
 TOLERANCE = 0.03
 """What is deeper than the surface by less than this part of its depth lies on the surface."""

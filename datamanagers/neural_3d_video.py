@@ -1,8 +1,7 @@
 """The ``neural-3d-video`` format: poses_bounds.npy, and a video or folder of pictures per camera.
 
 The layout of Li et al. 2022 (Neural 3D Video Synthesis from Multi-view Video); poses are those of
-LLFF (Mildenhall et al. 2019): a 3x5 matrix [R | t | (h, w, f)] camera-to-world, whose axes are
-down, right and back, then the nearest and the farthest depth.
+LLFF, see ``llff_poses``.
 """
 
 from __future__ import annotations
@@ -10,23 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import torch
-from jaxtyping import Float64
-
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.footage import Footage, common_length, common_rate, find_footage
 from gsfw.datamanagers.frames import Recording, data_folder, no_points
-from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.llff_poses import FILE, read_rows, row_camera
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, read_ply
-from gsfw.datamanagers.poses import from_center
 from gsfw.datamanagers.standing_cameras import StandingCamera, frames_of
 
-FILE = "poses_bounds.npy"
 LOOKED_FOR = f"{FILE} with cam*.mp4, or with folders cam*"
 POINT_FILES = (
     "points3D.ply",
@@ -68,7 +61,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
 
     def _recording(self, folder: Path) -> Recording:
         found = find_footage(folder, "cam")
-        table = _read_table(folder / FILE)
+        table = read_rows(folder / FILE)
         if len(found) != len(table):
             raise DataError(
                 f"{folder / FILE} has {len(table)} cameras, but there are {len(found)} videos or "
@@ -76,7 +69,10 @@ class Neural3DVideoConfig(MultiCameraConfig):
                 "Expected one for each row, in the order of their names (cam00, cam01, ...).",
             )
         cameras = [
-            _camera(row, Footage.read(name, path), f"{folder / FILE}: row {number} ({name})")
+            StandingCamera(
+                *row_camera(row, f"{folder / FILE}: row {number} ({name})"),
+                Footage.read(name, path),
+            )
             for number, (row, (name, path)) in enumerate(zip(table, found.items(), strict=True))
         ]
         footages = [camera.footage for camera in cameras]
@@ -106,36 +102,6 @@ class Neural3DVideoConfig(MultiCameraConfig):
 
 def _folder(path: Path) -> Path:
     return path.parent if path.name == FILE else path
-
-
-def _read_table(file: Path) -> Float64[np.ndarray, "v 17"]:
-    """The rows of poses_bounds.npy.
-
-    Raises:
-        DataError: it does not hold them.
-    """
-    try:
-        table = np.load(file, allow_pickle=False)
-        rows = table.astype(np.float64)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(f"{file} cannot be read: {error}", "Copy it again.") from error
-    if rows.ndim != 2 or rows.shape[1] != 17 or len(rows) == 0:
-        raise DataError(
-            f"{file} holds numbers of the shape {list(rows.shape)}.",
-            "Expected one row of 17 numbers for each camera, as LLFF writes them.",
-        )
-    return rows
-
-
-def _camera(row: Float64[np.ndarray, " 17"], footage: Footage, where: str) -> StandingCamera:
-    """A camera from its row: a 3x5 matrix, then two depths."""
-    pose = torch.from_numpy(row[:15].reshape(3, 5))
-    height, width, focal = pose[:, 4].tolist()
-    lens = Lens(focal, focal, width / 2, height / 2, round(width), round(height), where)
-    lens.check()
-    down, right, back = pose[:, 0], pose[:, 1], pose[:, 2]
-    rotation = torch.stack([right, down, -back])
-    return StandingCamera(lens, from_center(rotation, pose[:, 3], where), footage)
 
 
 def _points(folder: Path) -> tuple[Points, str]:

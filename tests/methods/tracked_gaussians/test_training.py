@@ -5,12 +5,10 @@ from pathlib import Path
 
 import pytest
 from states import assert_same_bits
+from tracks import track_errors
 
 from gsfw.commands.main import main
 from gsfw.core.run_folder import RunFolder, read_checkpoint
-from gsfw.core.tracks import compare, follow
-from gsfw.plugins.registry import installed
-from gsfw.plugins.restore import restore
 
 MOVING = (
     "device=cpu",
@@ -76,15 +74,13 @@ def test_a_sampler_that_goes_back_is_refused_without_a_traceback(tmp_path, capsy
 
 @pytest.mark.slow
 def test_surfaces_are_followed_and_drawn_better_than_as_if_they_stood_still(tmp_path):
-    settings = ("datamanager.views=48", "datamanager.times=6", "datamanager.width=60")
-    settings += ("datamanager.height=45", "datamanager.points=3000", "datamanager.eval_views=6")
-    settings += ("steps=900", "eval_every=0")
+    """Figures: 21.3 dB after 14.9, and a median error of 19 % of the distance moved (seed 42)."""
+    settings = ("datamanager.views=60", "datamanager.times=10", "datamanager.width=480")
+    settings += ("datamanager.height=360", "datamanager.points=10000", "datamanager.eval_views=8")
+    settings += ("downscale=4", "steps=1000", "eval_every=0")
     still = train(tmp_path / "still", "method=3dgs", "ignore_time=true", *settings)
     moving = train(tmp_path / "moving", "method=dynamic3dgs", *settings)
-    assert moving["moving_psnr"] > still["moving_psnr"] + 3
-    restored = restore(RunFolder(tmp_path / "moving"), installed())
-    parts, times = restored.composition.parts, [index / 5 for index in range(6)]
-    truth = parts.data.tracks(times)
-    errors = compare(follow(parts.model, times), truth.positions, truth.present, 1e-3)
-    assert errors.moving < 0.35 * errors.moved
-    assert errors.still < 0.01
+    assert moving["moving_psnr"] > still["moving_psnr"] + 5
+    found = track_errors(tmp_path / "moving")
+    assert float(found["relative_error_moving"]) < 0.25
+    assert float(found["median_error_still"]) < 0.006

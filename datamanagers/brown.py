@@ -1,0 +1,100 @@
+"""Brown lenses: COLMAP's model for radial terms up to r^8 and two tangential ones.
+
+x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2), and likewise for y
+with p1 and p2 exchanged (OpenCV's order). COLMAP's largest model of this kind, FULL_OPENCV, ends at
+r^6 but divides by another such polynomial; where k4 is not 0 that quotient is fitted to the four
+terms, over what the picture shows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.lens import Lens
+
+FIT_ERROR = 1e-3
+"""Most pixels by which the fitted quotient may move a point of the picture."""
+SAMPLES = 2000
+"""Radii at which the fit is made and checked."""
+
+Radial = tuple[float, float, float, float]
+"""k1 to k4."""
+Tangential = tuple[float, float]
+"""p1 and p2 in OpenCV's order."""
+
+
+def brown_lens(pinhole: Lens, radial: Radial, tangential: Tangential) -> Lens:
+    """The lens of a pinhole with this distortion.
+
+    Raises:
+        DataError: a number is not finite, or four radial terms cannot be written as COLMAP's model.
+    """
+    if not np.isfinite([*radial, *tangential]).all():
+        raise DataError(
+            f"{pinhole.source}: its distortion {[*radial, *tangential]} is not finite.",
+            "Estimate the camera again.",
+        )
+    k1, k2, k3, k4 = radial
+    if not any((*radial, *tangential)):
+        return pinhole
+    if k3 == k4 == 0:
+        return replace(pinhole, model="OPENCV", distortion=(k1, k2, *tangential))
+    if k4 == 0:
+        distortion = (k1, k2, *tangential, k3, 0.0, 0.0, 0.0)
+        return replace(pinhole, model="FULL_OPENCV", distortion=distortion)
+    over, under = _quotient(pinhole, radial)
+    distortion = (over[0], over[1], *tangential, over[2], *under)
+    return replace(pinhole, model="FULL_OPENCV", distortion=distortion)
+
+
+def fisheye_lens(pinhole: Lens, radial: Radial, tangential: Tangential) -> Lens:
+    """The fisheye with this distortion, which is that of the angle from the axis: r = theta."""
+    k1, k2, k3, k4 = radial
+    if not any(tangential):
+        return replace(pinhole, model="OPENCV_FISHEYE", distortion=radial)
+    distortion = (k1, k2, *tangential, k3, k4, 0.0, 0.0)
+    return replace(pinhole, model="THIN_PRISM_FISHEYE", distortion=distortion)
+
+
+def _quotient(lens: Lens, radial: Radial) -> tuple[list[float], list[float]]:
+    """Coefficients of r^2, r^4, r^6 over and under the line that come to the four terms."""
+    radii = np.linspace(0.0, _reach(lens, radial), SAMPLES)
+    powers = radii[:, None] ** (2, 4, 6)
+    wanted = _polynomial(radii, radial)
+    # (1 + over) = wanted (1 + under) is linear in both; radii weigh by what they move.
+    rows = np.concatenate([powers, -wanted[:, None] * powers], axis=1) * radii[:, None]
+    scale = np.abs(rows).max(axis=0)
+    found, *_ = np.linalg.lstsq(rows / scale, (wanted - 1) * radii, rcond=None)
+    found = found / scale
+    under = 1 + powers @ found[3:]
+    moved = np.abs((1 + powers @ found[:3]) / under - wanted) * radii * max(lens.fx, lens.fy)
+    if (under <= 0).any() or not moved.max() < FIT_ERROR:
+        raise DataError(
+            f"{lens.source}: its four radial terms k1 to k4 = {list(radial)} cannot be written as "
+            "one of COLMAP's models.",
+            "Estimate the cameras again without k4, or export undistorted pictures.",
+        )
+    return found[:3].tolist(), found[3:].tolist()
+
+
+def _reach(lens: Lens, radial: Radial) -> float:
+    """How far out, before distortion and at focal length 1, the picture's corners see."""
+    corners = [(x, y) for x in (0, lens.width) for y in (0, lens.height)]
+    needed = max(math.hypot((x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy) for x, y in corners)
+    radii = np.tan(np.linspace(0.0, math.radians(85), SAMPLES))
+    bent = radii * _polynomial(radii, radial)
+    beyond = np.flatnonzero(bent >= needed)
+    # A lens that never gets there folds the picture over, which is refused later, in words.
+    last = beyond[0] if len(beyond) else np.flatnonzero(np.diff(bent) <= 0)[0]
+    return float(radii[last])
+
+
+def _polynomial(radii: Float64[np.ndarray, " m"], radial: Radial) -> Float64[np.ndarray, " m"]:
+    """1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8."""
+    values: Float64[np.ndarray, " m"] = 1 + radii[:, None] ** (2, 4, 6, 8) @ np.array(radial)
+    return values

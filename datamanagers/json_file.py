@@ -1,0 +1,74 @@
+"""JSON files: read with their errors said in words, and looked into without trusting them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from gsfw.core.errors import DataError
+
+
+def read_json(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
+    """The content of a file.
+
+    Raises:
+        DataError: it is not JSON.
+    """
+    try:
+        return json.loads(path.read_text("utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(
+            f"{path} cannot be read as JSON: {error}",
+            "Write the file again; it may have been cut off.",
+        ) from error
+
+
+def mapping(value: Any, where: str) -> Mapping[str, Any]:  # noqa: ANN401
+    """A value that is an object.
+
+    Raises:
+        DataError: it is something else; begins with ``where``.
+    """
+    if not isinstance(value, dict):
+        raise DataError(f"{where}: expected an object, found {_shown(value)}.")
+    return value
+
+
+def number(entry: Mapping[str, Any], key: str, where: str, default: float | None = None) -> float:
+    """A setting that is a number.
+
+    Raises:
+        DataError: it is something else, or not there and has no default; begins with ``where``.
+    """
+    value = entry.get(key, default)
+    # Numbers are written as such; true is one to Python, not to us.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise DataError(f"{where}: {key} is {_shown(value)}; expected a number.")
+    return float(value)
+
+
+def numbers(value: Any, count: int, where: str) -> Float64[Tensor, " n"]:  # noqa: ANN401
+    """So many numbers, in a list or in a list of lists.
+
+    Raises:
+        DataError: they are something else; begins with ``where``.
+    """
+    try:
+        found = torch.tensor(value, dtype=torch.float64).flatten()
+    except (TypeError, ValueError, RuntimeError):
+        found = torch.empty(0, dtype=torch.float64)
+    if len(found) != count or not found.isfinite().all():
+        raise DataError(f"{where}: expected {count} numbers, found {_shown(value)}.")
+    return found
+
+
+def _shown(value: Any) -> str:  # noqa: ANN401
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}..."

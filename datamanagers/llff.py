@@ -1,0 +1,122 @@
+"""The ``llff`` format: poses_bounds.npy and pictures of a static scene (Mildenhall et al. 2019).
+
+Rows belong to the pictures in order of their names. Pictures that were shrunk lie in images_N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gsfw.core.config import Detection
+from gsfw.core.datamanager import DataRequest
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.frames import Frame, Recording, data_folder
+from gsfw.datamanagers.llff_poses import FILE, read_rows, row_camera
+from gsfw.datamanagers.picture_folder import PictureFolderConfig
+from gsfw.datamanagers.pictures import EXTENSIONS, read_header
+
+LOOKED_FOR = f"{FILE} with images/, or with images_N/"
+
+
+@dataclass
+class LlffConfig(PictureFolderConfig):
+    """Settings of the ``llff`` format."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with poses_bounds.npy and a folder of pictures."""
+        folder = _root(path)
+        pictures = _folders(folder) if (folder / FILE).is_file() else {}
+        if not pictures:
+            return Detection(False, LOOKED_FOR)
+        names = ", ".join(f"{item.name}/" for item in pictures.values())
+        # COLMAP's model, which such data sets may hold as well, knows more: points and lenses.
+        return Detection(True, LOOKED_FOR, f"{FILE} with {names}", priority=25)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the poses, check the headers of the pictures that ``downscale`` asks for.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: the file is damaged, or the pictures do not fit.
+        """
+        rule = self.lens_rule()
+        root = _root(data_folder(request.path, "llff"))
+        shrunk, pictures = self._choose(root, request.downscale)
+        # What the folder's pictures were shrunk by is not done again.
+        request = replace(request, downscale=max(1.0, request.downscale / shrunk))
+        return Capture(self._recording(root, pictures, shrunk), request, rule)
+
+    def _choose(self, root: Path, downscale: float) -> tuple[int, Path]:
+        """By what the pictures were shrunk, and where they are.
+
+        The smallest that are not smaller than asked for; else the largest that there are.
+        """
+        if self.images:
+            folder = self.pictures(root).path
+            return next((n for n, item in _folders(root).items() if item == folder), 1), folder
+        found = _folders(root)
+        if not found:
+            raise DataError(
+                f"{root} holds no pictures: there is no images/ and no images_N/ with any.",
+                "Copy the folder images, too, or name it: datamanager.images=DIR.",
+            )
+        shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
+        return shrunk, found[shrunk]
+
+    def _recording(self, root: Path, pictures: Path, shrunk: int) -> Recording:
+        file = root / FILE
+        if not file.is_file():
+            raise DataError(f"{root} holds no {FILE}.", "Give the folder that does.")
+        table = read_rows(file)
+        files = _pictures_in(pictures)
+        if len(files) != len(table):
+            raise DataError(
+                f"{file} has {len(table)} cameras, but there are {len(files)} pictures in "
+                f"{pictures}.",
+                "Expected one for each row, in the order of their names; pictures that LLFF left "
+                "out have to be removed.",
+            )
+        frames = []
+        for number, (row, path) in enumerate(zip(table, files, strict=True)):
+            lens, pose = row_camera(row, f"{file}: row {number} ({path.name})")
+            # Which row a lens is of does not make it another camera.
+            lens = replace(lens, source=str(file))
+            frames.append(Frame(path.name, path, read_header(path), lens, pose))
+        numbers = {
+            lens: number for number, lens in enumerate(dict.fromkeys(f.lens for f in frames))
+        }
+        (points, colors), point_note = self.start_points(root)
+        return Recording(
+            name=root.resolve().name,
+            path=root,
+            frames=tuple(replace(frame, camera=numbers[frame.lens]) for frame in frames),
+            points=points,
+            point_colors=colors,
+            notes=(
+                f"{file}: {len(table)} cameras, pictures of {pictures} (1/{shrunk} of full size); "
+                "the nearest and farthest depths are not used",
+                *point_note,
+            ),
+        )
+
+
+def _root(path: Path) -> Path:
+    return path.parent if path.name == FILE else path
+
+
+def _folders(root: Path) -> dict[int, Path]:
+    """The folders that hold pictures, by what those were shrunk by; sorted."""
+    found = {}
+    for item in root.glob("images*"):
+        factor = item.name.removeprefix("images_") if item.name != "images" else "1"
+        if factor.isdecimal() and int(factor) > 0 and item.is_dir() and _pictures_in(item):
+            found[int(factor)] = item
+    return dict(sorted(found.items()))
+
+
+def _pictures_in(folder: Path) -> list[Path]:
+    """The pictures of a folder, in the order that LLFF reads them in: plainly by name."""
+    return sorted(item for item in folder.iterdir() if item.suffix.lower() in EXTENSIONS)

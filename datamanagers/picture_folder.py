@@ -1,0 +1,116 @@
+"""What formats share whose files name pictures without saying where they are."""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture_config import CaptureConfig
+from gsfw.datamanagers.frames import no_points
+from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.point_file import Points, read_ply
+
+
+@dataclass
+class PictureFolderConfig(CaptureConfig, ABC):
+    """Settings of formats whose cameras lie beside the pictures."""
+
+    images: str = ""
+    """Folder of the pictures, relative to the data set. Empty: images, or the data set itself."""
+    points: str = ""
+    """PLY file of points to start from, relative to the data set. Empty: the only one there is."""
+
+    def pictures(self, root: Path) -> PictureFolder:
+        """Where the pictures of the data set ``root`` are looked for.
+
+        Raises:
+            DataError: there is no folder of the name that was given.
+        """
+        folder = root / (self.images or ("images" if (root / "images").is_dir() else ""))
+        if not folder.is_dir():
+            raise DataError(f"datamanager.images={self.images}: there is no folder {folder}.")
+        return PictureFolder(folder)
+
+    def start_points(self, root: Path) -> tuple[Points, tuple[str, ...]]:
+        """Points of a PLY file, their colours, and a note on where they are from.
+
+        Raises:
+            DataError: there is no file of the name that was given, or it holds no points.
+        """
+        if self.points:
+            file = root / self.points
+            if not file.is_file():
+                raise DataError(f"datamanager.points={self.points}: there is no file {file}.")
+            return _read(file, "datamanager.points")
+        found = sorted(item for item in root.glob("*.[pP][lL][yY]") if item.is_file())
+        if len(found) == 1:
+            return _read(found[0], "it")
+        if found:
+            names = ", ".join(item.name for item in found)
+            return no_points(), (f"no points are used; datamanager.points=FILE picks of {names}",)
+        return no_points(), ("there are no points (a PLY file in the data set would be used)",)
+
+
+def _read(file: Path, setting: str) -> tuple[Points, tuple[str, ...]]:
+    points = read_ply(file, setting)
+    return points, (f"{file}: {len(points[0])} points",)
+
+
+@dataclass(frozen=True)
+class PictureFolder:
+    """The pictures in a folder and the folders in it."""
+
+    path: Path
+
+    @cached_property
+    def _by_name(self) -> dict[str, list[Path]]:
+        """Pictures by relative path, by name, and by each without its extension; lower case."""
+        found: dict[str, list[Path]] = {}
+        for item in sorted(self.path.rglob("*")):
+            if item.suffix.lower() in EXTENSIONS:
+                relative = item.relative_to(self.path)
+                keys = (relative, relative.with_suffix(""), relative.name, relative.stem)
+                for key in {PurePosixPath(each).as_posix().lower() for each in keys}:
+                    found.setdefault(key, []).append(item)
+        return found
+
+    def find(self, name: str, where: str) -> Path | None:
+        """The picture that a file calls ``name``, with or without folders and extension.
+
+        Raises:
+            DataError: several can be meant; begins with ``where``.
+        """
+        # The path that was right where the file was written is tried from its longest end.
+        parts = PurePosixPath(name.replace("\\", "/").lower()).parts
+        for start in range(len(parts)):
+            wanted = PurePosixPath(*parts[start:])
+            for key in (wanted.as_posix(), wanted.with_suffix("").as_posix()):
+                candidates = self._by_name.get(key, [])
+                if len(candidates) == 1:
+                    return candidates[0]
+                if candidates:
+                    shown = ", ".join(str(item.relative_to(self.path)) for item in candidates[:3])
+                    raise DataError(
+                        f"{where}: {name} can be any of {len(candidates)} pictures in {self.path} "
+                        f"({shown}).",
+                        "Give the folder that holds one of each with datamanager.images=DIR.",
+                    )
+        return None
+
+    def name(self, picture: Path) -> str:
+        """What messages and result files call a picture."""
+        return picture.relative_to(self.path).as_posix()
+
+
+def without_pose(names: Iterable[str], why: str) -> tuple[str, ...]:
+    """The note on pictures that are left out; none when there are none."""
+    left_out = list(names)
+    if not left_out:
+        return ()
+    shown = ", ".join(left_out[:5])
+    shown += f" and {len(left_out) - 5} more" if len(left_out) > 5 else ""
+    return (f"{len(left_out)} pictures {why} are left out: {shown}",)
