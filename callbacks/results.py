@@ -44,6 +44,7 @@ class Results(Callback):
                 "psnr": report.psnr,
                 "resolution": report.resolution,
                 "num_gaussians": report.num_gaussians,
+                **{f"refined/{verb}": count for verb, count in report.refined.items()},
                 **{f"lr/{name}": value for name, value in report.learning_rates.items()},
                 "step_ms": report.step_ms,
                 "skipped_steps": report.skipped_steps,

@@ -48,6 +48,7 @@ class TensorBoard(Callback):
             "train/skipped_steps": report.skipped_steps,
             "train/resolution": report.resolution,
             "gaussians/count": report.num_gaussians,
+            **{f"gaussians/{verb}": count for verb, count in report.refined.items()},
             "time/step_ms": report.step_ms,
             **{f"train/{name}": value for name, value in report.losses.items()},
             **{f"lr/{name}": value for name, value in report.learning_rates.items()},

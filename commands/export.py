@@ -74,6 +74,7 @@ def run(arguments: list[str]) -> int:
         document = _export_sequence(restored, options, exporter, found, console)
     else:
         document = _export_splats(restored, options, exporter, found, console)
+    document |= _corrections(restored, document["written"], found, console)
     about = {"run": found.name, "step": restored.step, "format": options.format}
     console.result({**about, **document})
     return 0
@@ -204,6 +205,22 @@ def _export_tracks(
         f"{size / 1e6:.1f} MB: {path}"
     )
     return {"written": str(path), "num_gaussians": rows, "num_times": times, "bytes": size}
+
+
+def _corrections(
+    restored: Restored, written: str | list[str], found: RunArgument, console: Console
+) -> dict[str, Any]:
+    """Beside a file outside the run: what was learnt of the capture, which a run has already."""
+    from gsfw.commands.corrections import write_corrections
+
+    first = written if isinstance(written, str) else written[0]
+    folder = Path(first).absolute().parent
+    if found.model_file is not None or folder.is_relative_to(found.folder.path.absolute()):
+        return {}
+    paths = write_corrections(restored.composition.parts, folder)
+    for path in paths:
+        console.say(f"learnt of the capture: {path}")
+    return {"corrections": [str(path) for path in paths]} if paths else {}
 
 
 def _place(options: ExportOptions, folder: Path, name: str, suffix: str) -> Path:

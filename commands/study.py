@@ -188,7 +188,7 @@ def _tell(console: Console, ended: Ended) -> None:
         console.say(f"{head}failed: {ended.failure.error}")
         return
     if ended.result is None:
-        console.say(f"{name}: stopped; it goes on from its last checkpoint another time")
+        console.say(f"{name}: stopped; it goes on another time, from its checkpoint if it has one")
         return
     figures = ended.result.figures
     shown = [
@@ -205,7 +205,10 @@ def _tell_rest(console: Console, runner: Runner, control: Control, options: Stud
     if not runner.pending:
         return
     why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
-    console.say(f"{_runs(len(runner.pending))} left: {why}. The same command goes on.")
+    further = "The same command goes on."
+    if options.again:
+        further = "The same command makes all of them again; only=ROW,SCENE names those left."
+    console.say(f"{_runs(len(runner.pending))} left: {why}. {further}")
 
 
 def _dry(
@@ -269,9 +272,10 @@ def _table(console: Console, study: Study, store: ResultStore, options: StudyOpt
     """The tables from what is kept."""
     from gsfw.core.errors import DataError
     from gsfw.studies.report import documents
+    from gsfw.studies.writing import shown_results
 
     tables = _report(console, study, store, options)
-    if not tables:
+    if not shown_results(study, store):
         raise DataError(
             f"{store.path}: there are no results of {options.file} yet.",
             f"Make them with gsfw study {shlex.quote(options.file)}.",
@@ -287,6 +291,7 @@ def _report(
     from gsfw.studies.report import cell_text, heading
 
     tables = _write(study, store, options)
+    _warn_of_columns(console, study, store)
     for table in tables:
         columns = ["", *(heading(column) for column in table.columns)]
         rows = [
@@ -303,6 +308,19 @@ def _report(
         folder = store.path.parent
         console.say(f"\nwritten: {folder}/study.md, study.csv, study.png, results.json")
     return tables
+
+
+def _warn_of_columns(console: Console, study: Study, store: ResultStore) -> None:
+    """Name columns that may be misspelt: neither do they have a name, nor any result a figure."""
+    from gsfw.plugins.registry import did_you_mean
+    from gsfw.studies.columns import KNOWN
+    from gsfw.studies.writing import shown_results
+
+    measured = {key: None for result in shown_results(study, store) for key in result.figures}
+    for name in study.columns:
+        if measured and name not in {**KNOWN, **measured}:
+            near = did_you_mean(name, [*KNOWN, *measured])
+            console.warn(f"columns: no result has a figure {name!r}.{near}")
 
 
 def _write(study: Study, store: ResultStore, options: StudyOptions) -> list[SceneTable]:

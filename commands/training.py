@@ -9,6 +9,7 @@ from typing import Any
 import torch
 
 from gsfw.commands.console import Console
+from gsfw.commands.corrections import write_corrections
 from gsfw.commands.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interrupt import stop_on_signal
 from gsfw.core.callback import Callback
@@ -56,6 +57,8 @@ def run_training(trainer: Trainer, console: Console) -> int:
             summary = _fit(trainer)
             if summary["completed"]:
                 write_splats(trainer, console)
+                for path in write_corrections(trainer.parts, folder.path):
+                    console.say(f"learnt of the capture: {path}")
     finally:
         trainer.parts.data.close()
     _tell(summary, trainer, console)

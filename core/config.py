@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.learning_rate import LearningRate
 
 if TYPE_CHECKING:
     import torch
@@ -166,12 +167,37 @@ class OptimConfig:
 
     sparse: bool = False
     """Rows that no view of a step has seen stay as they are (faster; not what the papers do)."""
+    exposure_lr: float = 1e-2
+    """Rate of gains and offsets of the pictures' colours under exposure=true."""
+    exposure_lr_final: float = 1e-3
+    """Rate of gains and offsets once it has decayed, log-linearly."""
+    exposure_start: int = steps_field(500)
+    """Steps before exposures are learnt, in which splats find the mean colours."""
+    poses_lr: float = 1e-3
+    """Rate of the cameras' turns (radians) and shifts (extents) under refine_poses=true."""
+    poses_lr_final: float = 1e-5
+    """Rate of turns and shifts once it has decayed, log-linearly."""
+    poses_start: int = steps_field(500)
+    """Steps before cameras move, in which splats find the rough shape."""
+    corrections_lr_steps: int = steps_field(30_000)
+    """Steps over which the rates of exposures and poses decay."""
 
     def settings(self) -> OptimizerSettings:
         """For the optimizer."""
         from gsfw.core.optimizer import OptimizerSettings
 
         return OptimizerSettings(sparse=self.sparse)
+
+    def exposure_rate(self) -> LearningRate:
+        """How fast exposures move."""
+        return self._decaying(self.exposure_lr, self.exposure_lr_final, self.exposure_start)
+
+    def poses_rate(self) -> LearningRate:
+        """How fast cameras move."""
+        return self._decaying(self.poses_lr, self.poses_lr_final, self.poses_start)
+
+    def _decaying(self, initial: float, final: float, start: int) -> LearningRate:
+        return LearningRate(initial, final, self.corrections_lr_steps - start, start)
 
 
 @dataclass
@@ -223,6 +249,11 @@ class MethodConfig(ABC):
     """Size of training pictures: none (full), or auto (small until they lack detail; faster)."""
     resolution_steps: int = steps_field(9000)
     """Step by which pictures are full under resolution_schedule=auto; 60 % of adc's growth."""
+    exposure: bool = False
+    """Learn how each training picture differs in colour (gains and offsets); held-out ones do not.
+    """
+    refine_poses: bool = False
+    """Learn small motions of the training cameras, for poses that are not quite right."""
     antialias: bool = False
     """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
     profile: str = AUTO
@@ -252,6 +283,8 @@ class MethodConfig(ABC):
         features = {Feature.GRADIENT, Feature.SH}
         if self.antialias:
             features.add(Feature.ANTIALIAS)
+        if self.refine_poses:
+            features.add(Feature.POSE_GRADIENT)
         profile = "" if self.profile == AUTO else self.profile
         return Needs(features=frozenset(features), profile=profile)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from torch import Tensor
 from gsfw.core.column import Column, Layout
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import AdamMoments, AdamSettings, Operators
+from gsfw.core.parameter_group import ParameterGroup
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,22 @@ class Optimizer:
     """
 
     def __init__(
-        self, model: PrimitiveModel, operators: Operators, settings: OptimizerSettings
+        self,
+        model: PrimitiveModel,
+        operators: Operators,
+        settings: OptimizerSettings,
+        others: Sequence[ParameterGroup] = (),
     ) -> None:
+        """Start with fresh moments.
+
+        Args:
+            model: whose columns and groups move.
+            operators: of the run's device.
+            settings: how.
+            others: groups that move too and are not the model's (corrections of the capture).
+        """
         self._model = model
+        self._others = tuple(others)
         self._operators = operators
         self._settings = settings
         self._frozen: set[str] = set()
@@ -50,9 +64,12 @@ class Optimizer:
             if column.trained
         }
         groups: dict[str, list[Tensor]] = {
-            group.name: [*group.parameters] for group in self._model.parameter_groups()
+            group.name: [*group.parameters] for group in self._groups()
         }
         return columns | groups
+
+    def _groups(self) -> tuple[ParameterGroup, ...]:
+        return (*self._model.parameter_groups(), *self._others)
 
     def learning_rates(self, step: int) -> dict[str, float]:
         """The rate of every column and group at ``step``; 0 where frozen."""
@@ -60,7 +77,7 @@ class Optimizer:
             name: column.learning_rate
             for name, column in self._model.columns().items()
             if column.learning_rate is not None
-        } | {group.name: group.learning_rate for group in self._model.parameter_groups()}
+        } | {group.name: group.learning_rate for group in self._groups()}
         return {
             name: 0.0 if name in self._frozen else rate.at(step) for name, rate in rates.items()
         }
@@ -93,7 +110,7 @@ class Optimizer:
         for name, column in self._model.columns().items():
             if column.trained and name not in self._frozen:
                 self._step_column(column, self._moments[name][0], rates[name], finite, rows)
-        for group in self._model.parameter_groups():
+        for group in self._groups():
             if group.name in self._frozen:
                 continue
             for tensor, moments in zip(group.parameters, self._moments[group.name], strict=True):

@@ -25,7 +25,10 @@ class Sampler(ABC):
         """The next ``count`` views as far as is known now; a hint for prefetching."""
 
     def observe(self, views: tuple[int, ...], losses: Float[Tensor, " c"]) -> None:  # noqa: B027
-        """Take note of each view's loss, just drawn (error-weighted sampling); no default use."""
+        """Take note of the loss of views just drawn (error-weighted sampling); no default use.
+
+        Views that share a batch are given its mean loss; a step that was not finite has 0.
+        """
 
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:

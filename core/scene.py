@@ -24,10 +24,12 @@ class Scene:
     extent: float
     """1.1 times the largest distance of a training camera from their mean; learning rates of
     positions are multiplied by it. Positive."""
+    camera_axes: Float[Tensor, "v 3"] | None = None
+    """Unit vectors along which the training cameras look; ``None`` when nobody said."""
     world_from_scene: Similarity = field(default_factory=Similarity)
     """Leads from the scene frame back to the world of the data; every export goes through it."""
     point_times: Float[Tensor, " p"] | None = None
-    """When each point was seen, in [0, 1]; ``None`` when unknown or static."""
+    """When each point was seen, in [0, 1], finite; ``None`` when unknown or static."""
     time_range: tuple[float, float] | None = None
     """First and last capture time in seconds (or in the data's own unit); ``None`` if static."""
     num_times: int = 0

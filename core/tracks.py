@@ -87,7 +87,7 @@ def compare(
     """
     truth = truth.to(tracks.positions)[:, present.all(0)]
     followed = tracks.positions[:, (tracks.opacities >= OPAQUE).all(0)]
-    if followed.shape[1] == 0 or truth.shape[1] == 0:
+    if followed.shape[1] == 0 or truth.shape[1] == 0 or len(truth) < 2:
         return TrackErrors(torch.nan, torch.nan, torch.nan)
     nearest = torch.cat(
         [torch.cdist(part, followed[0]).argmin(1) for part in truth[0].split(CHUNK)]

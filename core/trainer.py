@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -13,62 +14,16 @@ from torch import Tensor
 from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
 from gsfw.core.context import StepContext
-from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.datamanager import Split
 from gsfw.core.determinism import deterministic, environment
 from gsfw.core.device import moved, wait_for
 from gsfw.core.errors import TrainingError
 from gsfw.core.evaluation import Evaluation, evaluate
 from gsfw.core.memory import memory_summary, peak_memory_mb
-from gsfw.core.method import Method
-from gsfw.core.metrics import Metric, psnr
-from gsfw.core.model import PrimitiveModel
-from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer
-from gsfw.core.rasterizer import Rasterizer
-from gsfw.core.reducer import Reducer
-from gsfw.core.render_settings import RenderSettings
-from gsfw.core.resolution import FULL_SIZE, ResolutionSchedule
+from gsfw.core.metrics import psnr
 from gsfw.core.run_folder import RunFolder
-from gsfw.core.sampler import Sampler
 from gsfw.core.stopwatch import Stopwatch
-from gsfw.core.strategy import DensityStrategy
-from gsfw.core.table import SplatTable
-
-
-@dataclass(frozen=True)
-class TrainingPlan:
-    """How long, and what happens when; intervals in steps, 0 meaning only at the end."""
-
-    steps: int
-    log_every: int
-    eval_every: int
-    checkpoint_every: int
-    settings: RenderSettings
-    """How training views are drawn; the background is that of the evaluation too."""
-    random_background: bool = False
-    max_skipped: int = 20
-    prefetch_views: int = 4
-    resolution: ResolutionSchedule = FULL_SIZE
-    """How large training pictures are; evaluation sees them in full."""
-
-
-@dataclass(frozen=True)
-class TrainingParts:
-    """Everything a run is made of; built and checked by ``gsfw.plugins.compose``."""
-
-    method: Method
-    model: PrimitiveModel
-    optimizer: Optimizer
-    table: SplatTable
-    strategy: DensityStrategy
-    sampler: Sampler
-    data: DataManager
-    rasterizer: Rasterizer
-    operators: Operators
-    metrics: Mapping[str, Metric]
-    generator: torch.Generator
-    device: torch.device
-    reducer: Reducer = field(default_factory=Reducer)
+from gsfw.core.training_parts import TrainingParts, TrainingPlan
 
 
 @dataclass
@@ -104,7 +59,10 @@ class Trainer:
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
         self._checkpointed = -1
-        self._times = parts.data.views(Split.TRAIN).times
+        self._refined: Counter[str] = Counter()
+        views = parts.data.views(Split.TRAIN)
+        self._times = views.times
+        self._widths = [camera.width for camera in views.cameras]
 
     def fit(self) -> dict[str, Any]:
         """Train until the plan's end or until a callback asks to stop; the run's summary.
@@ -146,12 +104,13 @@ class Trainer:
             finite = self._reduce([item.total for item in drawn])
             parts.optimizer.step(self.step, finite, self._visible(drawn))
             parts.model.project_()
+            parts.corrections.project_()
         with clock.stage("refine"):
             for item in drawn:
                 self._observe(item, finite)
             parts.optimizer.zero_gradients()
             for refine in (parts.strategy.refine, parts.method.adapt):
-                refine(self.step, parts.table, parts.model, parts.generator)
+                self._refined.update(refine(self.step, parts.table, parts.model, parts.generator))
         clock.step_done()
         self.step += 1
         self.train_seconds += time.perf_counter() - started
@@ -191,13 +150,14 @@ class Trainer:
         )
         output = parts.rasterizer.render(splats, batch.cameras, parts.model.settings(settings))
         assert settings.background is not None
+        rendered = parts.model.decode(output, batch.cameras)
         context = StepContext(
             step=self.step,
             steps=self.plan.steps,
             phase=parts.method.phase(self.step),
             batch=batch,
             splats=splats,
-            rendered=parts.model.decode(output, batch.cameras),
+            rendered=parts.corrections.expose(rendered, batch.views, settings.background),
             target=batch.target(settings.background),
             num_rows=len(parts.table),
             share=share,
@@ -273,7 +233,7 @@ class Trainer:
                 losses[name] = losses.get(name, 0.0) + float(value) * share
         context = drawn[0].context
         valid = None if context.batch.valid is None else context.batch.valid[0]
-        full = self.parts.data.views(Split.TRAIN).cameras[context.batch.views[0]]
+        full_width = self._widths[context.batch.views[0]]
         step_ms, stage_ms = self._stopwatch.read()
         report = StepReport(
             step=self.step,
@@ -286,8 +246,10 @@ class Trainer:
             stage_ms=stage_ms,
             memory_mb=peak_memory_mb(self.parts.device),
             skipped_steps=int(self._skipped),
-            resolution=context.batch.cameras.width / full.width,
+            resolution=context.batch.cameras.width / full_width,
+            refined=dict(self._refined),
         )
+        self._refined.clear()
         for callback in self._callbacks:
             callback.on_step(report, self.control)
 
@@ -344,6 +306,7 @@ class Trainer:
             "steps": self.step,
             "skipped_steps": int(self._skipped),
             **self.parts.model.summary(),
+            **self.parts.corrections.summary(),
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
         }
@@ -366,6 +329,7 @@ class Trainer:
         parts = self.parts
         return {
             "model": dict(parts.model.state_dict()),
+            "corrections": dict(parts.corrections.state_dict()),
             "optimizer": parts.optimizer.state_dict(),
             "strategy": parts.strategy.state_dict(),
             "sampler": parts.sampler.state_dict(),
@@ -381,6 +345,7 @@ class Trainer:
         """Continue from a checkpoint, whatever device it was written on or read to."""
         parts = self.parts
         parts.model.load_state_dict(state["model"])
+        parts.corrections.load_state(state)
         parts.optimizer.load_state_dict(state["optimizer"])
         parts.strategy.load_state_dict(moved(state["strategy"], parts.device))
         parts.sampler.load_state_dict(moved(state["sampler"], parts.device))

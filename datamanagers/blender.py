@@ -46,7 +46,7 @@ class BlenderConfig(CaptureConfig):
             raise ConfigError(f"datamanager.eval_split={self.eval_split}: expected test or val.")
         rule = self.lens_rule()
         path = data_folder(request.path, "blender")
-        return Capture(self._recording(_folder(path)), request, rule)
+        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
 
     def _recording(self, folder: Path) -> Recording:
         files = {

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.poses import from_center, from_opencv
+from gsfw.datamanagers.poses import from_center, from_opencv, from_rotation_vector
 
 HALF = 0.5
 """From OpenCV's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
@@ -161,9 +161,7 @@ def _pose(entry: Mapping[str, Any], where: str) -> Float64[Tensor, "r 4"]:
     rotation = _array(entry, ROTATION_KEYS, ((3, 3), (3,), (3, 1), (1, 3)), where)
     translation = _array(entry, TRANSLATION_KEYS, ((3,), (3, 1), (1, 3)), where)
     if rotation.numel() == 3:
-        x, y, z = rotation.flatten().tolist()
-        skew = torch.tensor([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=torch.float64)
-        rotation = torch.linalg.matrix_exp(skew)
+        rotation = from_rotation_vector(rotation.flatten())
     return torch.cat([rotation, translation.reshape(3, 1)], dim=1)
 
 

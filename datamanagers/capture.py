@@ -20,8 +20,9 @@ from gsfw.core.similarity import Similarity
 from gsfw.datamanagers.frames import USUAL, Recording
 from gsfw.datamanagers.holdout import hold_out
 from gsfw.datamanagers.loader import Loader
+from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
 from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture, fit_mask, fit_picture, load_mask, load_picture
+from gsfw.datamanagers.pictures import Picture, decode, fit_mask, fit_picture, load_mask
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.timeline import Timeline
 from gsfw.datamanagers.undistortion import LensRule, undistortion_notes
@@ -32,24 +33,31 @@ from gsfw.datamanagers.warp import MapCache, Warp
 class Capture(DataManager):
     """The frames of a recording in the scene frame, with their pictures decoded as needed."""
 
-    def __init__(self, recording: Recording, request: DataRequest, rule: LensRule = USUAL) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        request: DataRequest,
+        rule: LensRule = USUAL,
+        masks: MaskRule = USUAL_MASKS,
+    ) -> None:
         """Fit the cameras to their pictures, hold frames out, find the scene frame.
 
         Args:
             recording: what the format's file says.
             request: what the run asks for.
             rule: what becomes of pictures of distorted lenses.
+            masks: which there are, and what they mean.
 
         Raises:
             DataError: a picture contradicts its camera, a lens cannot be undistorted, some frames
-                have a time and some do not, a name is not unique, or nothing is left to train on.
+                have a time and some do not, a name is not unique, masks cannot be used, or nothing
+                is left to train on.
         """
-        self._rule = rule
-        self._frames = sorted(recording.frames, key=lambda frame: frame.name)
+        self.recording, self._rule, self._masks = recording, rule, masks
+        frames = sorted(recording.frames, key=lambda frame: frame.name)
+        self._frames, mask_notes = find_masks(recording, frames, masks)
         splits, how = hold_out(self._frames, request, recording.split_origin)
-        self._members = {
-            split: [i for i, member in enumerate(splits) if member is split] for split in Split
-        }
+        self._members = _members(splits)
         self._check_members(recording)
         timeline = Timeline.of(self._frames, recording.unused_times)
         train = self._members[Split.TRAIN]
@@ -70,6 +78,7 @@ class Capture(DataManager):
         self._notes = (
             *recording.notes,
             *undistortion_notes([warp.undistortion for warp in self._warps if warp is not None]),
+            *mask_notes,
             self._split_note(how),
             *self._videos.notes(),
             *self._loader.notes(),
@@ -89,12 +98,13 @@ class Capture(DataManager):
             point_colors=recording.point_colors.float(),
             point_times=timeline.all_at(recording.point_times),
             camera_centers=torch.cat([camera.centers for camera in trained]),
+            camera_axes=torch.cat([camera.world_to_camera[:, 2, :3] for camera in trained]),
             extent=extent,
             world_from_scene=scene_from_world.inverse(),
             time_range=timeline.range,
             num_times=timeline.count,
             up=recording.up,
-            has_alpha=any(frame.header.has_alpha for frame in self._frames),
+            has_alpha=any(map(self._masks.gives_alpha, self._frames)),
         )
 
     def _make_views(self, cameras: Sequence[Cameras], how: str) -> dict[Split, Views]:
@@ -203,18 +213,28 @@ class Capture(DataManager):
         frame = self._frames[index]
         if frame.shot is not None:
             return self._videos.get(index)
-        return load_picture(
-            frame.path, frame.header, *self._sizes[index], frame.mask, self._warps[index]
-        )
+        return self._fit(index, decode(frame.path, frame.header))
 
     def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> Picture:
-        """The decoded picture of a video, undistorted and shrunk."""
+        """A decoded picture, masked, undistorted and shrunk."""
+        masks = self._masks
+        pixels, valid = masks.apply(pixels, masks.load(self._frames[index]))
+        picture = fit_picture(pixels, valid, *self._sizes[index], self._warps[index])
         frame = self._frames[index]
-        valid = None if frame.mask is None else load_mask(frame.mask, frame.path, frame.header)
-        return fit_picture(pixels, valid, *self._sizes[index], self._warps[index])
+        if frame.depth is None:
+            return picture
+        depths = frame.depth.load(frame.header, *self._sizes[index], self._warps[index])
+        scale = self._scene.world_from_scene.inverse().scale
+        return replace(picture, depth=np.float32(scale) * depths)
 
     def _bytes(self, index: int) -> int:
         frame, warp, (width, height) = self._frames[index], self._warps[index], self._sizes[index]
         blanks = warp is not None and warp.undistortion.has_blanks
-        masked = frame.mask is not None or blanks
-        return width * height * (3 + frame.header.has_alpha + masked)
+        masked = self._masks.gives_mask(frame) or blanks
+        depth = 0 if frame.depth is None else 4
+        return width * height * (3 + self._masks.gives_alpha(frame) + masked + depth)
+
+
+def _members(splits: Sequence[Split]) -> dict[Split, list[int]]:
+    """The numbers of the frames of each split."""
+    return {split: [i for i, member in enumerate(splits) if member is split] for split in Split}

@@ -1,12 +1,14 @@
-"""CaptureConfig: the settings of every format whose pictures were taken through a lens."""
+"""CaptureConfig: the settings of every format whose pictures were taken by cameras."""
 
 from __future__ import annotations
 
 from abc import ABC
 from dataclasses import dataclass
 
-from gsfw.core.config import DataManagerConfig
+from gsfw.core.batch import MaskMode
+from gsfw.core.config import AUTO, DataManagerConfig
 from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.undistortion import LensRule
 
 WIDEST = 160.0
@@ -15,7 +17,7 @@ WIDEST = 160.0
 
 @dataclass(kw_only=True)
 class CaptureConfig(DataManagerConfig, ABC):
-    """Settings of distorted lenses; pictures of pinholes stay as they are."""
+    """Settings of masks, and of distorted lenses; pictures of pinholes stay as they are."""
 
     fisheye: str = "undistort"
     """Pictures of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""
@@ -23,6 +25,13 @@ class CaptureConfig(DataManagerConfig, ABC):
     """Most degrees, across and down, that a picture undistorted to a pinhole shows."""
     blank_pixels: float = 0.0
     """0: undistorted pictures are cut to what the lens saw; 1: all it saw, the rest masked."""
+    masks: str = AUTO
+    """Masks, bright where pixels count: auto (as the data set names them, or PNG in masks/), none,
+    alpha (of the pictures), or a folder."""
+    mask_mode: str = MaskMode.IGNORE.value
+    """What lies outside masks: ignore (it carries no loss), or empty (it shows the background)."""
+    invert_masks: bool = False
+    """Whether masks are dark where pixels count."""
 
     def lens_rule(self) -> LensRule:
         """What becomes of pictures of distorted lenses.
@@ -43,3 +52,16 @@ class CaptureConfig(DataManagerConfig, ABC):
                 f"datamanager.blank_pixels={self.blank_pixels:g}: expected a number from 0 to 1."
             )
         return LensRule(self.fisheye == "keep", self.blank_pixels, self.field_of_view)
+
+    def mask_rule(self) -> MaskRule:
+        """Which masks there are, and what they mean.
+
+        Raises:
+            ConfigError: the mode is none of those.
+        """
+        modes = [mode.value for mode in MaskMode]
+        if self.mask_mode not in modes:
+            raise ConfigError(
+                f"datamanager.mask_mode={self.mask_mode}: expected {' or '.join(modes)}."
+            )
+        return MaskRule(self.masks or AUTO, MaskMode(self.mask_mode), self.invert_masks)

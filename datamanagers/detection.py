@@ -39,6 +39,7 @@ def _is_data_set(path: Path) -> bool:
     signs = (
         *("sparse", "transforms.json", "transforms_train.json"),
         *("poses_bounds.npy", "dataset.json", "train_meta.json", "colmap_0"),
+        *("keyframes", "reconstruction.json", "sfm_data.json"),
     )
     return any((path / sign).exists() for sign in signs)
 

@@ -7,7 +7,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from gsfw.datamanagers.pictures import Picture
@@ -25,17 +25,28 @@ class PlacedPicture:
     pixels: UInt8[Tensor, "h w d"]
     """As ``Picture`` has them."""
     mask: Bool[Tensor, "h w"] | None = None
+    depth: Float[Tensor, "h w"] | None = None
 
     @staticmethod
     def on_host(picture: Picture) -> PlacedPicture:
         """A decoded picture where it is; nothing is copied."""
         mask = None if picture.mask is None else torch.from_numpy(picture.mask)
-        return PlacedPicture(torch.from_numpy(picture.pixels), mask)
+        depth = None if picture.depth is None else torch.from_numpy(picture.depth)
+        return PlacedPicture(torch.from_numpy(picture.pixels), mask, depth)
+
+    @staticmethod
+    def of(tensors: tuple[Tensor, ...]) -> PlacedPicture:
+        """A picture of its ``tensors``, which are told by their types."""
+        pixels, *others = tensors
+        mask = next((tensor for tensor in others if tensor.dtype is torch.bool), None)
+        depth = next((tensor for tensor in others if tensor.dtype is not torch.bool), None)
+        return PlacedPicture(pixels, mask, depth)
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
-        """Pixels, and the mask if there is one."""
-        return (self.pixels,) if self.mask is None else (self.pixels, self.mask)
+        """Pixels, and the mask and the depths if there are any."""
+        others = (tensor for tensor in (self.mask, self.depth) if tensor is not None)
+        return (self.pixels, *others)
 
 
 def staying(sizes: Sequence[int], budget: int) -> frozenset[int]:
@@ -110,7 +121,7 @@ class DevicePictures:
             return self.get(number)
         if number in self._kept:
             self._sent[number] = coming
-        return PlacedPicture(*self._upload.receive(shipment))
+        return PlacedPicture.of(self._upload.receive(shipment))
 
     def close(self) -> None:
         """Stop sending, and free the device's memory."""

@@ -13,6 +13,7 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.depth_map import DepthMap
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import Header
 from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
@@ -45,6 +46,8 @@ class Frame:
     """Picture that is bright where something moves; ``None`` when nobody said."""
     shot: Shot | None = None
     """Which picture of the video at ``path``; ``None`` where the path is that of a picture."""
+    depth: DepthMap | None = None
+    """Measured depths; ``None`` when there are none, or nobody asked for them."""
 
     def undistortion(self, rule: LensRule) -> Undistortion | None:
         """How the picture is undistorted; ``None`` when its lens is a pinhole.
@@ -182,6 +185,6 @@ def missing_pictures(missing: Sequence[str], total: int, looked_in: Path) -> tup
     if len(missing) == total:
         raise DataError(
             f"none of the {total} pictures is in {looked_in} (looked for {shown}).",
-            "Put the pictures there, or name their folder (datamanager.images=DIR for colmap).",
+            "Put the pictures there, or name their folder (datamanager.images=DIR).",
         )
     return (f"{len(missing)} of {total} pictures are not on disk and are left out: {shown}",)

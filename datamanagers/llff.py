@@ -47,7 +47,7 @@ class LlffConfig(PictureFolderConfig):
         shrunk, pictures = self._choose(root, request.downscale)
         # What the folder's pictures were shrunk by is not done again.
         request = replace(request, downscale=max(1.0, request.downscale / shrunk))
-        return Capture(self._recording(root, pictures, shrunk), request, rule)
+        return Capture(self._recording(root, pictures, shrunk), request, rule, self.mask_rule())
 
     def _choose(self, root: Path, downscale: float) -> tuple[int, Path]:
         """By what the pictures were shrunk, and where they are.

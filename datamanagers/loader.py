@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import torch
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from gsfw.core.batch import Batch
@@ -105,6 +105,7 @@ class Loader:
             views=group,
             alpha=pixels[..., 3:] if pixels.shape[3] == 4 else None,
             mask=_mask(pictures),
+            depth=_depth(pictures),
         )
 
     def _picture(self, number: int) -> PlacedPicture:
@@ -129,6 +130,19 @@ def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tenso
     if pixels.shape[2] == channels:
         return pixels
     return torch.cat([pixels, torch.full_like(pixels[..., :1], 255)], dim=2)
+
+
+def _depth(pictures: list[PlacedPicture]) -> Float[Tensor, "c h w 1"] | None:
+    """Measured depth; where a picture has none, it is unknown."""
+    if all(picture.depth is None for picture in pictures):
+        return None
+    depths = [
+        torch.zeros_like(picture.pixels[..., 0], dtype=torch.float32)
+        if picture.depth is None
+        else picture.depth
+        for picture in pictures
+    ]
+    return torch.stack(depths)[..., None]
 
 
 def _mask(pictures: list[PlacedPicture]) -> Bool[Tensor, "c h w 1"] | None:

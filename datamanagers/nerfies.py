@@ -55,7 +55,7 @@ class NerfiesConfig(CaptureConfig):
         shrunk, pictures = _picture_folder(folder, request.downscale)
         # What the folder's pictures were shrunk by is not done again.
         request = replace(request, downscale=max(1.0, request.downscale / shrunk))
-        return Capture(_recording(folder, pictures, shrunk), request, rule)
+        return Capture(_recording(folder, pictures, shrunk), request, rule, self.mask_rule())
 
 
 def _picture_folder(folder: Path, downscale: float) -> tuple[int, Path]:

@@ -57,7 +57,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
         """
         rule = self.lens_rule()
         path = data_folder(request.path, "neural-3d-video")
-        return Capture(self._recording(_folder(path)), request, rule)
+        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
 
     def _recording(self, folder: Path) -> Recording:
         found = find_footage(folder, "cam")

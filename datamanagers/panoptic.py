@@ -54,7 +54,7 @@ class PanopticConfig(MultiCameraConfig):
         """
         rule = self.lens_rule()
         path = data_folder(request.path, "panoptic")
-        return Capture(self._recording(_folder(path)), request, rule)
+        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
 
     def _recording(self, folder: Path) -> Recording:
         files = {

@@ -35,8 +35,10 @@ class PictureFolderConfig(CaptureConfig, ABC):
             raise DataError(f"datamanager.images={self.images}: there is no folder {folder}.")
         return PictureFolder(folder)
 
-    def start_points(self, root: Path) -> tuple[Points, tuple[str, ...]]:
+    def start_points(self, root: Path, own: Points | None = None) -> tuple[Points, tuple[str, ...]]:
         """Points of a PLY file, their colours, and a note on where they are from.
+
+        Points of the format's ``own`` file, where it has any, come before an unnamed PLY file.
 
         Raises:
             DataError: there is no file of the name that was given, or it holds no points.
@@ -46,6 +48,8 @@ class PictureFolderConfig(CaptureConfig, ABC):
             if not file.is_file():
                 raise DataError(f"datamanager.points={self.points}: there is no file {file}.")
             return _read(file, "datamanager.points")
+        if own is not None and len(own[0]):
+            return own, ()
         found = sorted(item for item in root.glob("*.[pP][lL][yY]") if item.is_file())
         if len(found) == 1:
             return _read(found[0], "it")
@@ -90,6 +94,8 @@ class PictureFolder:
             wanted = PurePosixPath(*parts[start:])
             for key in (wanted.as_posix(), wanted.with_suffix("").as_posix()):
                 candidates = self._by_name.get(key, [])
+                exact = [item for item in candidates if self._is_at(item, key)]
+                candidates = exact or candidates
                 if len(candidates) == 1:
                     return candidates[0]
                 if candidates:
@@ -101,16 +107,21 @@ class PictureFolder:
                     )
         return None
 
+    def _is_at(self, picture: Path, key: str) -> bool:
+        """Whether that is the picture's path, with or without its extension."""
+        relative = picture.relative_to(self.path)
+        return key in (relative.as_posix().lower(), relative.with_suffix("").as_posix().lower())
+
     def name(self, picture: Path) -> str:
         """What messages and result files call a picture."""
         return picture.relative_to(self.path).as_posix()
 
 
-def without_pose(names: Iterable[str], why: str) -> tuple[str, ...]:
+def left_out(names: Iterable[str], why: str) -> tuple[str, ...]:
     """The note on pictures that are left out; none when there are none."""
-    left_out = list(names)
-    if not left_out:
+    all_names = list(names)
+    if not all_names:
         return ()
-    shown = ", ".join(left_out[:5])
-    shown += f" and {len(left_out) - 5} more" if len(left_out) > 5 else ""
-    return (f"{len(left_out)} pictures {why} are left out: {shown}",)
+    shown = ", ".join(all_names[:5])
+    shown += f" and {len(all_names) - 5} more" if len(all_names) > 5 else ""
+    return (f"{len(all_names)} pictures {why} are left out: {shown}",)

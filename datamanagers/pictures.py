@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float32, UInt8
 from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import Base
 
@@ -60,6 +60,8 @@ class Picture:
     """Red, green, blue, and alpha where the file has it (d = 3 or 4); straight colours."""
     mask: Bool[np.ndarray, "h w"] | None = None
     """True where a pixel is valid; ``None`` when all are."""
+    depth: Float32[np.ndarray, "h w"] | None = None
+    """Measured depth in scene units, 0 where unknown; ``None`` when there is none."""
 
 
 def read_header(path: Path) -> Header:
@@ -78,24 +80,6 @@ def read_header(path: Path) -> Header:
         width, height = image.size if orientation < 5 else image.size[::-1]
         has_alpha = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
         return Header(width, height, has_alpha, orientation)
-
-
-def load_picture(
-    path: Path,
-    header: Header,
-    width: int,
-    height: int,
-    mask: Path | None = None,
-    warp: Warp | None = None,
-) -> Picture:
-    """Decode a picture, undistort it with ``warp`` if there is one, and shrink it (area filter).
-
-    Raises:
-        DataError: the picture or its mask does not decode, or their sizes differ.
-    """
-    pixels = decode(path, header)
-    valid = None if mask is None else load_mask(mask, path, header)
-    return fit_picture(pixels, valid, width, height, warp)
 
 
 def fit_picture(
@@ -163,6 +147,22 @@ def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:
     with _opened(path) as image:
         values = np.asarray(_upright(image).convert("L"))
         return values > values.max() // 2
+
+
+def decode_numbers(path: Path) -> Float32[np.ndarray, "h w"]:
+    """The upright picture's one channel as the numbers that are stored, of 8, 16 or 32 bits.
+
+    Raises:
+        DataError: it does not decode, or has several channels.
+    """
+    with _opened(path) as image:
+        values = np.asarray(_upright(image))
+        if values.ndim != 2 or image.mode == "P":
+            raise DataError(
+                f"{path}: the picture has several channels ({image.mode}).",
+                "Expected one number for each pixel, as in a 16-bit PNG.",
+            )
+        return values.astype(np.float32)
 
 
 @contextmanager

@@ -59,6 +59,30 @@ def from_center(
     return from_opencv(placed, where)
 
 
+def quaternion_of(rotation: Float64[Tensor, "3 3"]) -> tuple[float, ...]:
+    """The unit quaternion wxyz of a rotation, with w not negative (Bar-Itzhack 2000)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    symmetric = torch.tensor(
+        [
+            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
+            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
+            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
+        ],
+        dtype=torch.float64,
+    )
+    largest = torch.linalg.eigh(symmetric).eigenvectors[:, -1]
+    return tuple((-largest if largest[0] < 0 else largest).tolist())
+
+
+def from_rotation_vector(vector: Float64[Tensor, " 3"]) -> Float64[Tensor, "3 3"]:
+    """The rotation about an axis by the vector's length, in radians (Rodrigues' formula)."""
+    x, y, z = vector.tolist()
+    turn = torch.tensor([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=torch.float64)
+    rotation: Float64[Tensor, "3 3"] = torch.linalg.matrix_exp(turn)
+    return rotation
+
+
 def _pose(
     matrix: Float64[Tensor, "r 4"], what: str, advice: str
 ) -> tuple[Float64[Tensor, "3 3"], Float64[Tensor, " 3"]]:

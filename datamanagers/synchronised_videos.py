@@ -56,7 +56,7 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         """
         rule = self.lens_rule()
         path = data_folder(request.path, "synchronised-videos")
-        return Capture(self._recording(path), request, rule)
+        return Capture(self._recording(path), request, rule, self.mask_rule())
 
     def _recording(self, folder: Path) -> Recording:
         file = self._calibration_file(folder)

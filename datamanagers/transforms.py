@@ -28,6 +28,9 @@ FILE = "transforms.json"
 class TransformsConfig(CaptureConfig):
     """Settings of the ``transforms`` format."""
 
+    depth: bool = False
+    """Whether measured depths (depth_file_path) are loaded, for plugins that train on them."""
+
     @classmethod
     def detect(cls, path: Path) -> Detection:
         """A folder with a transforms.json, or such a file itself."""
@@ -48,7 +51,8 @@ class TransformsConfig(CaptureConfig):
         file = _file(path)
         if not file.is_file():
             raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
-        return Capture(_recording(TransformsFile.read(file)), request, rule)
+        content = replace(TransformsFile.read(file), with_depth=self.depth)
+        return Capture(_recording(content), request, rule, self.mask_rule())
 
 
 def _file(path: Path) -> Path:
@@ -73,6 +77,7 @@ def _recording(file: TransformsFile) -> Recording:
             *missing_note,
             *split_note,
             *point_note,
+            *file.depth_note(),
         ),
         up="z",
         unused_times=file.times(),

@@ -16,6 +16,7 @@ import torch
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.depth_map import DepthMap
 from gsfw.datamanagers.frames import Frame
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import EXTENSIONS, Header, read_header
@@ -25,6 +26,10 @@ from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
 """Of NeRF-synthetic and D-NeRF, which have one file per split."""
 
+DEPTH_KEY = "depth_file_path"
+MILLIMETRE = 1e-3
+"""In metres: the unit of depth maps where the file does not say (nerfstudio's default)."""
+
 
 @dataclass(frozen=True)
 class TransformsFile:
@@ -32,6 +37,8 @@ class TransformsFile:
 
     path: Path
     content: Mapping[str, Any]
+    with_depth: bool = False
+    """Whether depth maps are looked at."""
 
     @staticmethod
     def read(path: Path) -> TransformsFile:
@@ -81,6 +88,15 @@ class TransformsFile:
         times = [number(entry, "time", str(self.path)) for entry in self.content["frames"]]
         return tuple(time for time in times if time is not None)
 
+    def depth_note(self) -> tuple[str, ...]:
+        """The note on depth maps; none when the file names none."""
+        count = sum(bool(entry.get(DEPTH_KEY)) for entry in self.content["frames"])
+        if count == 0:
+            return ()
+        if self.with_depth:
+            return (f"{count} frames have depth maps",)
+        return (f"{count} frames have depth maps: not used (datamanager.depth=true loads them)",)
+
     def names(self, key: str) -> frozenset[str]:
         """A list of frames; empty when the file does not have it.
 
@@ -108,20 +124,35 @@ class TransformsFile:
             lens=self._lens(entry, header, where),
             world_to_camera=from_opengl(_matrix(entry, where), where),
             time=number(entry, "time", where),
-            mask=self._mask(entry, "mask_path", "use every pixel", where),
-            moving=self._mask(
+            mask=self._named(entry, "mask_path", "use every pixel", where),
+            moving=self._named(
                 entry, "motion_mask_path", "let evaluation find what moves itself", where
             ),
+            depth=self._depth(entry, where),
         )
 
-    def _mask(self, entry: Mapping[str, Any], key: str, without: str, where: str) -> Path | None:
-        """The mask that a frame names; ``None`` when it names none."""
+    def _depth(self, entry: Mapping[str, Any], where: str) -> DepthMap | None:
+        """The depth map that a frame names, which nerfstudio takes to be in millimetres."""
+        if not self.with_depth:
+            return None
+        path = self._named(entry, DEPTH_KEY, "train without it", where, "depth map")
+        if path is None:
+            return None
+        unit = number({**self.content, **entry}, "depth_unit_scale_factor", where)
+        if unit is not None and unit <= 0:
+            raise DataError(f"{where}: depth_unit_scale_factor is {unit:g}; expected more than 0.")
+        return DepthMap(path, MILLIMETRE if unit is None else unit)
+
+    def _named(
+        self, entry: Mapping[str, Any], key: str, without: str, where: str, noun: str = "mask"
+    ) -> Path | None:
+        """The file that a frame names; ``None`` when it names none."""
         if not entry.get(key):
             return None
         mask = self.find(plain_name(str(entry[key])))
         if mask is None:
             raise DataError(
-                f"{where}: its mask {entry[key]} is not on disk.",
+                f"{where}: its {noun} {entry[key]} is not on disk.",
                 f"Put it there, or remove {key} to {without}.",
             )
         return mask

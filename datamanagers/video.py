@@ -5,6 +5,7 @@ Decoding begins at key frames only, so pictures come in segments: from one key f
 
 from __future__ import annotations
 
+import re
 import statistics
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -23,6 +24,9 @@ from gsfw.datamanagers.pictures import Header
 
 UNEVEN = 0.5
 """An interval that differs from the median by more than this part of it: a picture is missing."""
+
+MISSING = 5.0
+"""So many pictures' time without pictures at a video's end: they are missing."""
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom edge in pixels; the right and bottom ones are just outside."""
@@ -213,7 +217,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             "into pictures.",
         ) from None
     try:
-        container = av.open(str(path))
+        # What comes before a colon in a relative path would be a protocol to FFmpeg.
+        container = av.open(str(path.absolute()))
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: {_reason(path, error)}", ADVICE) from error
     with container:
@@ -250,6 +255,8 @@ def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[i
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: the video cannot be read: {_text(error)}", ADVICE) from error
     announced = stream.frames or len(stamps)
+    if len(stamps) < announced and not corrupt and "mov" in container.format.name:
+        announced -= _count_stored(path) - len(stamps)
     if corrupt or len(stamps) < announced:
         there = len(stamps) - corrupt
         raise DataError(
@@ -258,7 +265,41 @@ def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[i
         )
     if not stamps:
         raise DataError(f"{path}: the video holds no pictures.", "Record or copy it again.")
+    _check_length(path, stream, stamps)
     return stamps, keys
+
+
+def _check_length(path: Path, stream: Any, stamps: list[int]) -> None:  # noqa: ANN401
+    """Check that a video lasts as long as it announces: Matroska does so in place of a number.
+
+    Raises:
+        DataError: its end is missing.
+    """
+    parts = re.fullmatch(r"(\d+):(\d+):(\d+\.\d+)", stream.metadata.get("DURATION", ""))
+    if parts is None or len(stamps) < 2:
+        return
+    announced = 3600 * int(parts[1]) + 60 * int(parts[2]) + float(parts[3])
+    first, last = min(stamps) * float(stream.time_base), max(stamps) * float(stream.time_base)
+    if announced - last > MISSING * (last - first) / (len(stamps) - 1):
+        raise DataError(
+            f"{path} is cut off: its header announces {announced:.2f} s, and its last picture is "
+            f"at {last:.2f} s.",
+            "Copy the video again.",
+        )
+
+
+def _count_stored(path: Path) -> int:
+    """How many pictures an MP4 or MOV file holds, with those that its edit list leaves out.
+
+    Editors trim videos by such a list, and leave the pictures and their announced number as is.
+    """
+    import av
+
+    try:
+        with av.open(str(path.absolute()), options={"ignore_editlist": "1"}) as container:
+            return sum(packet.size > 0 for packet in container.demux(container.streams.video[0]))
+    except (av.FFmpegError, OSError) as error:
+        raise DataError(f"{path}: the video cannot be read: {_text(error)}", ADVICE) from error
 
 
 def _reason(path: Path, error: Exception) -> str:

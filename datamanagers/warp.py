@@ -64,6 +64,17 @@ class Warp:
         )
         return found[0].permute(1, 2, 0).contiguous().numpy()
 
+    def nearest(self, values: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h2 w2"]:
+        """Undistorted numbers that are not to be mixed; 0 where the lens saw nothing."""
+        found = self._maps.get(self.undistortion)
+        placed = grid_sample(
+            torch.from_numpy(values)[None, None],
+            found.positions[None],
+            mode="nearest",
+            align_corners=False,
+        )[0, 0].numpy()
+        return placed if found.seen is None else placed * found.seen.numpy()
+
     def mask(self, valid: Bool[np.ndarray, "h w"] | None) -> Bool[np.ndarray, "h2 w2"] | None:
         """An undistorted mask: true where all is valid that a colour is mixed from."""
         found = self._maps.get(self.undistortion)

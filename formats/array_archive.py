@@ -148,9 +148,10 @@ def _array(name: str, stored: bytes) -> np.ndarray:
     start = NPY.match(stored)
     if start is None or int.from_bytes(start[1], "little") != start.end() - PREFIX:
         raise ValueError(f"{name} does not begin as a .npy file of version 1.0 in C order does")
-    dtype, shape = np.dtype(start[2].decode()), tuple(map(int, re.findall(rb"\d+", start[3])))
-    if dtype.str not in DTYPES:
-        raise ValueError(f"{name} is of type {dtype}, expected one of {', '.join(DTYPES)}")
+    kind, shape = start[2].decode(), tuple(map(int, re.findall(rb"\d+", start[3])))
+    if kind not in DTYPES:
+        raise ValueError(f"{name} is of type {kind}, expected one of {', '.join(DTYPES)}")
+    dtype = np.dtype(kind)
     expected, found = math.prod(shape) * dtype.itemsize, len(stored) - start.end()
     if expected != found:
         raise ValueError(f"{name} of shape {shape} should have {expected} bytes, found {found}")

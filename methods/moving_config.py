@@ -23,7 +23,7 @@ class MovingConfig(GaussiansConfig):
     static_tolerance: float = 0.1
     """A splat is to stand still if, over the sequence, it moves by less than this part of its
     size, and its opacity, shape and colour change by less than this part."""
-    static_signal: float = 1.8
+    static_signal: float = 1.5
     """A splat is to move again above this signal-to-noise ratio of what its gradients have to do
     with time, which is 1 for one that needs none; higher: fewer splats move."""
 

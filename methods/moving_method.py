@@ -70,18 +70,24 @@ class MovingMethod(Method):
         """
         if self._settling is None or self._settling.static == "none":
             return None
-        timed = initial is None and scene.point_times is not None
-        return StillRows(count, all_still=not timed or self._static.starts_at_random(scene.points))
+        timed = initial is None and self._point_times(scene) is not None
+        return StillRows(count, all_still=not timed)
 
     def start_times(
         self, scene: Scene, count: int, generator: torch.Generator
     ) -> Float[Tensor, " n"]:
         """When the points that a model starts from were seen; else spread over the sequence."""
-        if scene.point_times is not None and not self._static.starts_at_random(scene.points):
-            times = scene.point_times[usable_rows(scene)[0]]
-            if len(times) == count:
-                return times
+        times = self._point_times(scene)
+        if times is not None and len(times) == count:
+            return times
         return torch.rand(count, generator=generator)
+
+    def _point_times(self, scene: Scene) -> Float[Tensor, " p"] | None:
+        """When each point that a model starts from was seen; ``None``: not known, or no points."""
+        if scene.point_times is None:
+            return None
+        rows = usable_rows(scene)[0]
+        return None if self._static.starts_at_random(rows) else scene.point_times[rows]
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None

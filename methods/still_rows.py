@@ -30,6 +30,8 @@ DIRECTIONS = 4
 """Three of the position, and the opacity."""
 REMEMBERED = 0.9
 """What is left of earlier evidence from one look at it to the next: it spans ten intervals."""
+LARGEST = 1e15
+"""Greater gradients count as this, whose squares can be summed in float32."""
 FIRST_TERM = 4.0
 """Looks for which a row that has begun to move goes on: shorter and it cannot have got far."""
 
@@ -114,7 +116,10 @@ class StillRows(nn.Module):
     ) -> None:
         values = self.stillness.values[..., directions]
         steps = [gradient * torch.cos(math.pi * k * time).to(gradient) for k in FREQUENCIES]
+        # A step that turns out not to be finite is noted too. Whatever size it has, a single one
+        # brings no ratio above 1, which is that of rows that need no time.
         noted = torch.stack(steps, dim=1).to(values).nan_to_num_(0.0, 0.0, 0.0)
+        noted.clamp_(-LARGEST, LARGEST)
         values[:, 0] += noted
         values[:, 1] += noted.square()
 

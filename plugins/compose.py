@@ -21,22 +21,27 @@ from gsfw.core.config import (
     StrategyConfig,
     parse_background,
 )
+from gsfw.core.corrections import CaptureCorrections
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Importer
+from gsfw.core.exposures import Exposures
 from gsfw.core.frame import transform_splats
 from gsfw.core.method import Method
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.over_time import TIME_PROTOCOL
+from gsfw.core.pose_refinement import PoseRefinement
+from gsfw.core.refined_capture import RefinedCapture
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.resolution import FULL_SIZE, ResolutionSchedule, measured
 from gsfw.core.run_folder import RunFolder
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
-from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
+from gsfw.core.trainer import Trainer
+from gsfw.core.training_parts import TrainingParts, TrainingPlan
 from gsfw.plugins.automatic import load_all, rasterizer_capabilities
 from gsfw.plugins.devices import find_device, unused_gpu
 from gsfw.plugins.registry import Registry
@@ -81,6 +86,7 @@ class Composition:
             "ssim": "11x11 Gaussian window, sigma 1.5, zero padding",
             "checkpoint": "last",
             **(TIME_PROTOCOL if self.scene.is_dynamic else {}),
+            **self.parts.corrections.protocol(),
         }
 
     @cached_property
@@ -234,7 +240,10 @@ def compose(
     )
     _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
     method.check_scene(scene)
-    parts = _parts(settings.config, registry, method, data, device)
+    corrections = make_corrections(settings.config, data).to(device)
+    if corrections.poses is not None:
+        data = RefinedCapture(data, corrections.poses)
+    parts = _parts(settings.config, registry, method, data, corrections, device)
     missed = _missed(settings, registry, device)
     return Composition(settings, parts, training_plan(settings, scene, device), missed)
 
@@ -244,6 +253,7 @@ def _parts(
     registry: Registry,
     method: Method,
     data: DataManager,
+    corrections: CaptureCorrections,
     device: torch.device,
 ) -> TrainingParts:
     """Build everything that a loop is made of."""
@@ -252,7 +262,8 @@ def _parts(
     initial = read_initial(config.init, registry, scene)
     seeded = torch.Generator().manual_seed(config.seed)
     model = method.build_model(scene, operators, seeded, initial).to(device)
-    optimizer = Optimizer(model, operators, config.optim.settings())
+    groups = corrections.parameter_groups()
+    optimizer = Optimizer(model, operators, config.optim.settings(), groups)
     assert isinstance(config.strategy, StrategyConfig)
     assert isinstance(config.sampler, SamplerConfig)
     assert isinstance(config.rasterizer, RasterizerConfig)
@@ -269,6 +280,16 @@ def _parts(
         metrics={name: kind(operators) for name, kind in load_all("metric", registry).items()},
         generator=torch.Generator(device=device).manual_seed(config.seed + 1),
         device=device,
+        corrections=corrections,
+    )
+
+
+def make_corrections(config: MethodConfig, data: DataManager) -> CaptureCorrections:
+    """What is to be learnt of the capture itself, before the first step."""
+    names, optim = data.views(Split.TRAIN).names, config.optim
+    return CaptureCorrections(
+        Exposures(names, optim.exposure_rate()) if config.exposure else None,
+        PoseRefinement(data, optim.poses_rate()) if config.refine_poses else None,
     )
 
 

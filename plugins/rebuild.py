@@ -166,9 +166,9 @@ def load_state(model: PrimitiveModel, stored: StoredModel, path: Path) -> None:
         DataError: a tensor is missing, left over, or of another type or shape; names it.
     """
     own = model.state_dict()
-    for name in own.keys() - stored.state.keys():
+    for name in sorted(own.keys() - stored.state.keys()):
         raise _unfit(path, f"it has no state {name}, which method {stored.method!r} needs")
-    for name in stored.state.keys() - own.keys():
+    for name in sorted(stored.state.keys() - own.keys()):
         raise _unfit(path, f"method {stored.method!r} does not know its state {name}")
     columns = _columns(model)
     stacked = {f"{place}.values" for place, c in columns.values() if c.layout is Layout.STACKED}

@@ -78,6 +78,7 @@ def restore(
     state = read_checkpoint(checkpoint)
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
     composition.parts.model.load_state_dict(state["model"])
+    composition.parts.corrections.load_state(state)
     return Restored(folder, composition, state)
 
 

@@ -37,7 +37,7 @@ class ErrorWeightedConfig(SamplerConfig):
     memory: float = 0.7
     """How much of a view's mean loss stays when it is seen again, in [0, 1)."""
     views_per_step: int = 1
-    """Views drawn per step; their gradients are averaged."""
+    """Views drawn per step; their gradients are averaged, and those of one batch share its loss."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """The sampler.

@@ -8,15 +8,15 @@ the run; so do we, in fewer and larger stages.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from gsfw.core.config import SamplerConfig, steps_field
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
+from gsfw.samplers.stepwise import StepwiseSampler
 from gsfw.samplers.view_times import check_views_per_step, views_by_time
 
 
@@ -68,7 +68,7 @@ def window_sizes(times: int, window: float, growth: float) -> list[int]:
     return sorted({max(math.floor(share * times + 1e-6), 1) for share in shares} | {times})
 
 
-class ProgressiveSampler(Sampler):
+class ProgressiveSampler(StepwiseSampler):
     """Within a stage, every view of the window once per epoch in random order."""
 
     def __init__(
@@ -78,25 +78,14 @@ class ProgressiveSampler(Sampler):
         views_per_step: int,
         seed: int,
     ) -> None:
+        super().__init__()
         self._stages = stages
         self._grow_every = grow_every
         self._views_per_step = views_per_step
         self._seed = seed
-        self._position = 0
 
-    def next(self) -> tuple[int, ...]:
+    def step(self, position: int) -> tuple[int, ...]:
         """``views_per_step`` views of the window; a step may reach into the stage's next epoch."""
-        views = self._step(self._position)
-        self._position += 1
-        return views
-
-    def peek(self, count: int) -> tuple[int, ...]:
-        """The next ``count`` views, exactly."""
-        steps = math.ceil(count / self._views_per_step)
-        following = range(self._position, self._position + steps)
-        return tuple(view for position in following for view in self._step(position))[:count]
-
-    def _step(self, position: int) -> tuple[int, ...]:
         stage = min(position // self._grow_every, len(self._stages) - 1)
         first = (position - stage * self._grow_every) * self._views_per_step
         return tuple(self._drawn(stage, first + more) for more in range(self._views_per_step))
@@ -106,11 +95,3 @@ class ProgressiveSampler(Sampler):
         views = self._stages[stage]
         epoch, within = divmod(position, len(views))
         return views[epoch_order(len(views), self._seed, epoch, part=stage)[within]]
-
-    def state_dict(self) -> dict[str, Any]:
-        """Steps consumed."""
-        return {"position": self._position}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue after the steps consumed."""
-        self._position = state["position"]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
+from gsfw.samplers.stepwise import StepwiseSampler
 from gsfw.samplers.view_times import check_views_per_step, views_by_time
 
 
@@ -37,10 +37,11 @@ class SameTimeConfig(SamplerConfig):
         return SameTimeSampler(list(by_time.values()), self.views_per_step, seed)
 
 
-class SameTimeSampler(Sampler):
+class SameTimeSampler(StepwiseSampler):
     """Every view once per epoch: the views of each time are shuffled and cut into steps."""
 
     def __init__(self, times: Sequence[Sequence[int]], views_per_step: int, seed: int) -> None:
+        super().__init__()
         self._times = times
         self._views_per_step = views_per_step
         self._seed = seed
@@ -49,34 +50,11 @@ class SameTimeSampler(Sampler):
             for time, views in enumerate(times)
             for start in range(0, len(views), views_per_step)
         ]
-        self._position = 0
 
-    def next(self) -> tuple[int, ...]:
+    def step(self, position: int) -> tuple[int, ...]:
         """Up to ``views_per_step`` views of one time."""
-        views = self._step(self._position)
-        self._position += 1
-        return views
-
-    def peek(self, count: int) -> tuple[int, ...]:
-        """The next ``count`` views, exactly."""
-        found: list[int] = []
-        position = self._position
-        while len(found) < count:
-            found += self._step(position)
-            position += 1
-        return tuple(found[:count])
-
-    def _step(self, position: int) -> tuple[int, ...]:
         epoch, within = divmod(position, len(self._steps))
         time, start = self._steps[epoch_order(len(self._steps), self._seed, epoch)[within]]
         views = self._times[time]
         order = epoch_order(len(views), self._seed, epoch, part=1 + time)
         return tuple(views[index] for index in order[start : start + self._views_per_step])
-
-    def state_dict(self) -> dict[str, Any]:
-        """Steps consumed."""
-        return {"position": self._position}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue after the steps consumed."""
-        self._position = state["position"]

@@ -7,15 +7,15 @@ shared evenly between the other times, which only follow it. The paper gives 10,
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from gsfw.core.config import SamplerConfig, steps_field
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
+from gsfw.samplers.stepwise import StepwiseSampler
 from gsfw.samplers.view_times import check_views_per_step, views_by_time
 
 
@@ -62,7 +62,7 @@ def time_starts(times: int, first_steps: int, steps: int) -> tuple[int, ...]:
     return (0, *(first_steps + time * share + more for time, more in enumerate(extra)))
 
 
-class SequentialSampler(Sampler):
+class SequentialSampler(StepwiseSampler):
     """Within a time, every view once per epoch in random order; the last time has no end."""
 
     def __init__(
@@ -72,28 +72,14 @@ class SequentialSampler(Sampler):
         views_per_step: int,
         seed: int,
     ) -> None:
+        super().__init__()
         self._times = times
         self._starts = starts
         self._views_per_step = views_per_step
         self._seed = seed
-        self._position = 0
 
-    def next(self) -> tuple[int, ...]:
+    def step(self, position: int) -> tuple[int, ...]:
         """Up to ``views_per_step`` views of the current time."""
-        views = self._step(self._position)
-        self._position += 1
-        return views
-
-    def peek(self, count: int) -> tuple[int, ...]:
-        """The next ``count`` views, exactly."""
-        found: list[int] = []
-        position = self._position
-        while len(found) < count:
-            found += self._step(position)
-            position += 1
-        return tuple(found[:count])
-
-    def _step(self, position: int) -> tuple[int, ...]:
         time = bisect_right(self._starts, position) - 1
         views = self._times[time]
         number = min(self._views_per_step, len(views))
@@ -105,11 +91,3 @@ class SequentialSampler(Sampler):
         views = self._times[time]
         epoch, within = divmod(position, len(views))
         return views[epoch_order(len(views), self._seed, epoch, part=1 + time)[within]]
-
-    def state_dict(self) -> dict[str, Any]:
-        """Steps consumed."""
-        return {"position": self._position}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue after the steps consumed."""
-        self._position = state["position"]

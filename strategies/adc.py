@@ -48,6 +48,13 @@ from gsfw.strategies.row_statistics import RowStatistics
 COPIES = 2
 """Children of a split row (Kerbl et al. 2023, section 5.2)."""
 
+AT_LEAST_ZERO = (
+    *("grow_gradient", "grow_absgrad", "grow_time_gradient", "split_lifetime", "split_size"),
+    *("prune_opacity", "prune_lifetime", "prune_size", "prune_radius"),
+    *("refine_start", "refine_stop", "max_rounds", "reset_every", "max_gaussians"),
+)
+"""Settings of which there are no negative ones."""
+
 
 @dataclass
 class AdcConfig(StrategyConfig):
@@ -101,7 +108,7 @@ class AdcConfig(StrategyConfig):
         """The strategy.
 
         Raises:
-            ConfigError: an interval or an opacity is out of range.
+            ConfigError: a setting is out of range.
         """
         if self.refine_every < 1:
             raise ConfigError(
@@ -112,7 +119,7 @@ class AdcConfig(StrategyConfig):
             raise ConfigError(
                 f"strategy.reset_opacity={self.reset_opacity:g}: expected a number between 0 and 1."
             )
-        for key in ("grow_time_gradient", "split_lifetime", "prune_lifetime", "max_rounds"):
+        for key in AT_LEAST_ZERO:
             value = getattr(self, key)
             if not value >= 0:
                 raise ConfigError(f"strategy.{key}={value:g}: expected a number of at least 0.")
@@ -167,6 +174,7 @@ class AdaptiveDensityControl(DensityStrategy):
         config, done = self._config, step + 1
         if done >= config.refine_stop:
             self._seen = None
+            self._guided.forget()
             return {}
         counts: dict[str, int] = {}
         if done > config.refine_start and done % config.refine_every == 0:

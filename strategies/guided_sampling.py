@@ -203,8 +203,12 @@ class GuidedSampling:
             time = None if seen.time is None else float(seen.time)
             table.append(model.rows_at(points, colors, sizes, time))
         if self._rounds >= config.rounds:
-            self._seen = {}
+            self.forget()
         return {"guided": len(table) - before}
+
+    def forget(self) -> None:
+        """Let go of all pictures: there are no more rounds."""
+        self._seen = {}
 
     def _worst_views(self) -> Sequence[int]:
         """The views with the largest mean errors, of those drawn since they were last used."""

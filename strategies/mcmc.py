@@ -37,6 +37,12 @@ from gsfw.strategies.row_statistics import RowStatistics
 POSITIONS = "means"
 """The column whose learning rate the noise follows."""
 
+AT_LEAST_ZERO = (
+    *("growth", "min_opacity", "noise_lr", "opacity_reg", "scale_reg"),
+    *("refine_start", "refine_stop"),
+)
+"""Settings of which there are no negative ones."""
+
 
 @dataclass
 class McmcConfig(StrategyConfig):
@@ -74,11 +80,16 @@ class McmcConfig(StrategyConfig):
         """The strategy.
 
         Raises:
-            ConfigError: an interval, a limit or a share is out of range.
+            ConfigError: a setting is out of range.
         """
         for key, value in (("refine_every", self.refine_every), ("cap_max", self.cap_max)):
             if value < 1:
                 raise ConfigError(f"strategy.{key}={value}: expected at least 1.")
+        for key in AT_LEAST_ZERO:
+            if not getattr(self, key) >= 0:
+                raise ConfigError(
+                    f"strategy.{key}={getattr(self, key):g}: expected a number of at least 0."
+                )
         if not 0 <= self.gradient_share <= 1:
             raise ConfigError(
                 f"strategy.gradient_share={self.gradient_share:g}: expected a number from 0 to 1."

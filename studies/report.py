@@ -89,7 +89,8 @@ def _markdown_table(table: SceneTable) -> str:
         if line.figures
     ]
     marks = ["---", *("---:" for _ in table.columns)]
-    return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], marks, *rows[1:]))
+    escaped = ([cell.replace("|", r"\|") for cell in row] for row in (rows[0], marks, *rows[1:]))
+    return "\n".join(f"| {' | '.join(row)} |" for row in escaped)
 
 
 def documents(tables: Iterable[SceneTable]) -> list[dict[str, Any]]:

@@ -134,8 +134,8 @@ class Study:
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:
-    """Whether any of the patterns fits a name."""
-    return any(fnmatchcase(name, pattern) for pattern in patterns)
+    """Whether any of the patterns fits a name, or is it: names may hold brackets."""
+    return any(pattern == name or fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def slug(name: str) -> str:

@@ -60,6 +60,13 @@ class Smear(Rasterizer):
         return RenderOutput(color * alpha, alpha, statistics, depth)
 
 
+class Anywhere(Operators):
+    """Calls each row its own neighbour: real ones are found once, for which a run may wait."""
+
+    def neighbors(self, points, k):
+        return torch.arange(len(points), device=points.device)[:, None].expand(-1, k)
+
+
 def place() -> str:
     """The line of gsfw that is being executed."""
     lines = [f for f in traceback.extract_stack() if "/tests/" not in f.filename]
@@ -127,7 +134,7 @@ def trainer_on_meta(folder, *typed: str) -> Trainer:
         optimizer=optimizer,
         table=SplatTable(model, optimizer),
         rasterizer=Smear(),
-        operators=Operators(),
+        operators=Anywhere(),
         device=META,
     )
     background = plan.settings.background.to(META)
@@ -156,6 +163,8 @@ def watched(trainer: Trainer, steps: int) -> list[str]:
 
 REFINING = ("strategy.refine_every=15", f"strategy.refine_start={REFINES_AT - 15}")
 
+MOVING = ("strategy=none", "rescale=false", "datamanager.moving=true", "datamanager.times=2")
+
 RUNS = {
     "adc": ("strategy=adc", "strategy.reset_every=4", *REFINING),
     "absgrad": ("strategy=adc", "strategy.absgrad=true", "random_background=true"),
@@ -164,6 +173,8 @@ RUNS = {
     "guided": ("strategy=adc", "strategy.guided.rounds=2", "strategy.guided.start=0", *REFINING),
     "error-weighted": ("strategy=none", "sampler=error-weighted"),
     "none": ("strategy=none", "sh_degree_interval=3"),
+    "4dgs": ("method=4dgs", "coarse_steps=0", *MOVING),
+    "dynamic3dgs": ("method=dynamic3dgs", "sampler.first_steps=1", *MOVING),
 }
 
 

@@ -67,7 +67,7 @@ class ColmapPerFrameConfig(MultiCameraConfig):
             raise ConfigError(f"datamanager.points_every={self.points_every}: expected at least 1.")
         rule = self.lens_rule()
         path = data_folder(request.path, "colmap-per-frame")
-        return Capture(self._recording(path), request, rule)
+        return Capture(self._recording(path), request, rule, self.mask_rule())
 
     def _recording(self, path: Path) -> Recording:
         folders = _folders(path)

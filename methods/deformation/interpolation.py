@@ -34,9 +34,13 @@ def interpolate(
         coordinates: in [-1, 1], for each axis in turn; constant beyond.
     """
     count, *cells, channels = grids.shape
-    last = coordinates.new_tensor(cells)[:, None, None] - 1
-    places = (coordinates.clamp(-1, 1) + 1) * (last / 2)
-    low = torch.minimum(places.detach().floor(), last - 1)
+    from_first = coordinates.clamp(-1, 1) + 1
+    # Axis by axis: a tensor of their sizes would be copied to a GPU, for which the host waits.
+    places = torch.stack(
+        [at * ((size - 1) / 2) for at, size in zip(from_first, cells, strict=True)]
+    )
+    corner = places.detach().floor()
+    low = torch.stack([at.clamp_max(size - 2) for at, size in zip(corner, cells, strict=True)])
     weights, slopes = _corner_weights((places - low).detach().flatten(1))
     rows = _corner_rows(low.int(), cells)
     table = grids.reshape(-1, channels)
@@ -128,9 +132,9 @@ def _to_rows(
     if gradient.shape[1] < WIDE:
         spread = (gradient[:, None] * weights[:, :, None]).flatten(0, 1)
         return spread.new_zeros(count, gradient.shape[1]).index_add_(0, entries.long(), spread)
-    order = entries.sort(stable=True).indices
-    members = entries.bincount(minlength=count)
-    starts = members.cumsum(0) - members
+    ordered, order = entries.sort(stable=True)
+    # Not counted by bincount, for which the host would wait for a GPU.
+    starts = torch.searchsorted(ordered, torch.arange(count, dtype=rows.dtype, device=rows.device))
     sources = order.div(rows.shape[1], rounding_mode="floor")
     shares = weights.flatten()[order]
     return embedding_bag(sources, gradient, starts, per_sample_weights=shares, mode="sum")

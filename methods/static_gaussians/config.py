@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.config import MethodConfig, OptimConfig, steps_field
 from gsfw.core.errors import ConfigError
@@ -81,6 +81,9 @@ class GaussiansConfig(MethodConfig):
     """Size at the start, times the mean distance to the three nearest points."""
     random_points: int = 100_000
     """Splats to start from when they start at random."""
+    random_region: Literal["auto", "object", "surroundings"] = "auto"
+    """Where those are: around what the cameras look at (object), or all around the cameras
+    (surroundings). auto: object where pictures have alpha."""
     optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
 
     def check(self) -> None:

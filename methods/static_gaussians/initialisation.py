@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
@@ -35,7 +36,10 @@ ROOM_SIZE = 3.0
 """Half of the box of any other scene's random points, in extents: what lies behind the things that
 cameras stand around is part of it."""
 ROUNDNESS = 0.1
-"""Cameras are on a sphere when their distances from its centre differ by less, relatively."""
+"""Cameras are on a sphere when their distances from its centre differ by less, relatively, and look
+at one point when their axes pass it by less."""
+MIN_AXES = 2
+"""One camera looks at no point in particular."""
 CHUNK = 65_536
 
 
@@ -127,27 +131,47 @@ def _spacing(distances: Float[Tensor, "p k"], extent: float) -> Float[Tensor, " 
 
 
 def random_points(
-    scene: Scene, count: int, generator: torch.Generator
+    scene: Scene, count: int, generator: torch.Generator, region: str = AUTO
 ) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:
     """Uniform points and colours in a box that should hold what the cameras see."""
-    center, half = random_box(scene)
+    center, half = random_box(scene, region)
     positions = 2.0 * torch.rand(count, 3, generator=generator) - 1.0
     return center + half * positions, torch.rand(count, 3, generator=generator)
 
 
-def random_box(scene: Scene) -> tuple[Float[Tensor, " 3"], float]:
+def random_box(scene: Scene, region: str = AUTO) -> tuple[Float[Tensor, " 3"], float]:
     """Centre and half of the side.
 
     Pictures with alpha show an object. If their cameras stand around it on a sphere, the object is
-    at its centre; other captures are taken to fill the surroundings of their cameras.
+    at its centre; if they look at one point, it is there. Captures without alpha are taken to fill
+    the surroundings of their cameras, unless ``region`` is "object".
     """
     center = scene.camera_centers.mean(dim=0)
-    if not scene.has_alpha:
+    if region == "surroundings" or (region == AUTO and not scene.has_alpha):
         return center, ROOM_SIZE * scene.extent
-    sphere = fitted_sphere(scene.camera_centers, 1.5 * scene.extent)
-    if sphere is None:
+    around = fitted_sphere(scene.camera_centers, 1.5 * scene.extent) or focus(scene)
+    if around is None:
         return center, scene.extent
-    return sphere[0], OBJECT_SIZE * sphere[1]
+    return around[0], OBJECT_SIZE * around[1]
+
+
+def focus(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:
+    """The point that all cameras look at, and their mean distance; ``None`` if there is none.
+
+    It is the one nearest to all viewing axes: sum over axes (1 - a a^T)(x - c) = 0.
+    """
+    if scene.camera_axes is None or len(scene.camera_axes) < MIN_AXES:
+        return None
+    axes, centers = scene.camera_axes.double(), scene.camera_centers.double()
+    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    # Parallel axes meet nowhere, and the least-norm answer is then behind or beside the cameras.
+    right = (across @ centers[:, :, None]).sum(0)
+    point = (torch.linalg.pinv(across.sum(0), rcond=1e-6) @ right)[:, 0]
+    ahead = ((point - centers) * axes).sum(1)
+    missed = (across @ (point - centers)[:, :, None])[:, :, 0].norm(dim=1)
+    if bool((ahead <= 0).any()) or bool((missed > ROUNDNESS * ahead).any()):
+        return None
+    return point.to(scene.camera_centers), float(ahead.mean())
 
 
 def fitted_sphere(

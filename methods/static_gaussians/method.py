@@ -112,7 +112,9 @@ class StaticGaussiansMethod(Method):
         config = self._config
         points, colors, _ = usable_points(scene)
         if self.starts_at_random(points):
-            points, colors = random_points(scene, config.random_points, generator)
+            points, colors = random_points(
+                scene, config.random_points, generator, config.random_region
+            )
         return from_points(
             points,
             colors,

@@ -98,10 +98,16 @@ class TrackedGaussiansMethod(MovingMethod):
             self._set_rates(model)
 
     def _start(self, step: int, model: TrackedGaussians, optimizer: Optimizer) -> None:
-        """Begin to track a time."""
-        times_left = max(self._num_times - model.trajectory.num_finished, 1)
+        """Begin to track a time.
+
+        It is taken to be as long as the one before it, and the first of them to have an even share
+        of the run: how many times are trained on is not known, as some may be held out.
+        """
+        if self._first_step is None:
+            self._planned_steps = max((self._config.steps - step) // (self._num_times - 1), 1)
+        else:
+            self._planned_steps = step - self._first_step
         self._first_step = step
-        self._planned_steps = max((self._config.steps - step) // times_left, 1)
         optimizer.reset(MOVING)
         moving = {*MOVING, "sh_dc"} if self._config.colors == "soft" else {*MOVING}
         optimizer.freeze(model.columns().keys() - moving)

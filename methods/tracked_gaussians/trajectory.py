@@ -113,7 +113,8 @@ class Trajectory(nn.Module):
         if last < 1:
             return current
         after = torch.searchsorted(self.times, time.to(self.times)).clamp(1, last)
-        first, second = self.times[after - 1], self.times[after]
+        # Not times[after]: to index by a single number, torch reads it.
+        first, second = self.times.index_select(0, torch.stack([after - 1, after])).unbind(0)
         share = ((time.to(self.times) - first) / (second - first)).clamp(0.0, 1.0)
         start = self.stored(after - 1, current.means)
         end = _chosen(after == last, current, self.stored(after.clamp(max=last - 1), current.means))

@@ -33,6 +33,7 @@ def report(step: int, resolution: float = 1.0) -> StepReport:
         step=step, loss=0.5 / step, losses={"l1": 0.4 / step}, psnr=20.0 + step,
         num_gaussians=100, learning_rates={"means": 1e-4}, step_ms=10.0,
         stage_ms={"render": 5.0}, memory_mb={"rss": 200.0}, resolution=resolution,
+        refined={"cloned": 3},
     )  # fmt: skip
 
 
@@ -92,6 +93,7 @@ def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
             "train/resolution",
             "eval/psnr",
             "gaussians/count",
+            "gaussians/cloned",
             "lr/means",
         ),
         *("time/step_ms", "time/render_ms", "mem/rss_mb", "hparam/psnr"),

@@ -102,7 +102,7 @@ def test_an_interrupted_study_says_how_to_go_on(file, out, capsys):
     file.write_text(STUDY.replace("[1]", f"[{INTERRUPTS}, 1]"))
     assert study(file, out) == 130
     said = capsys.readouterr().out
-    assert "stopped; it goes on from its last checkpoint another time\n" in said
+    assert "stopped; it goes on another time, from its checkpoint if it has one\n" in said
     assert "4 runs left: interrupted by SIGINT. The same command goes on.\n" in said
     assert study(file, out, "only=still") == 0
 
@@ -216,3 +216,20 @@ def test_real_runs_are_made_fail_and_go_on_to_the_same_bits(
         read_checkpoint(folder.checkpoint(20))["model"] for folder in (first.folder, whole)
     )
     assert_same_bits(ours, theirs)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_column_that_no_result_has_is_told(file, out, capsys):
+    file.write_text(STUDY.replace("[psnr, num_gaussians]", "[psnrr]"))
+    assert study(file, out) == 0
+    told = "columns: no result has a figure 'psnrr'. Did you mean 'psnr'?\n"
+    assert told in capsys.readouterr().err
+    assert study(file, out, "table=true") == 0
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("quick")
+def test_an_interrupted_repetition_does_not_promise_to_go_on(file, out, capsys):
+    assert study(file, out, "again=true", "budget.minutes=1e-9") == 0
+    said = capsys.readouterr().out
+    assert "is over. The same command makes all of them again; only=ROW,SCENE names those" in said

@@ -77,3 +77,11 @@ def test_points_that_come_and_go_are_left_out():
     nothing = compare(opaque(paths), truth, torch.zeros_like(present), 1e-3)
     assert math.isnan(nothing.moving)
     assert math.isnan(nothing.moved)
+
+
+def test_a_single_time_says_nothing_of_motion():
+    truth = torch.zeros(1, 2, 3)
+    tracks = Tracks((0.0,), truth, torch.ones(1, 2))
+    found = compare(tracks, truth, torch.ones(1, 2, dtype=torch.bool), 1e-3)
+    assert math.isnan(found.moving)
+    assert math.isnan(found.still)

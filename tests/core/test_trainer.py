@@ -23,7 +23,8 @@ from gsfw.core.render_settings import RenderSettings
 from gsfw.core.run_folder import RunFolder, read_checkpoint
 from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
-from gsfw.core.trainer import Trainer, TrainingParts, TrainingPlan
+from gsfw.core.trainer import Trainer
+from gsfw.core.training_parts import TrainingParts, TrainingPlan
 from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
 from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
 from gsfw.methods.static_gaussians.model import StaticGaussians
@@ -170,6 +171,19 @@ def test_losses_fall_and_held_out_pictures_are_met(tmp_path, strategy):
     assert summary["psnr"] > 18
     assert (summary["num_gaussians"] != 100) == (strategy != "none")
     assert summary["skipped_steps"] == 0
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_reports_say_what_became_of_rows_since_the_last_one(tmp_path, every):
+    recorder = Recorder()
+    trainer(tmp_path, "adc", recorder, log_every=every).fit()
+    rows = 100
+    for report in recorder.reports:
+        # A clone adds a row; a split puts two in the place of one.
+        verbs = {verb: report.refined.get(verb, 0) for verb in ("cloned", "split", "pruned")}
+        rows += verbs["cloned"] + verbs["split"] - verbs["pruned"]
+        assert report.num_gaussians == rows
+    assert rows != 100
 
 
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])

@@ -77,7 +77,7 @@ def test_a_data_set_without_any_picture_is_refused():
         missing_pictures(["a.png", "b.png"], 2, Path("data/images"))
     assert str(error.value) == (
         "none of the 2 pictures is in data/images (looked for a.png, b.png).\n"
-        "Put the pictures there, or name their folder (datamanager.images=DIR for colmap)."
+        "Put the pictures there, or name their folder (datamanager.images=DIR)."
     )
 
 

@@ -6,7 +6,7 @@ from PIL import Image
 from small_captures import write_picture
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import decode, decode_mask, load_picture, read_header
+from gsfw.datamanagers.pictures import decode, decode_mask, load_mask, read_header
 
 ORIENTATION = 274
 
@@ -149,7 +149,7 @@ def test_a_mask_of_another_size_is_refused(tmp_path):
     mask = save(tmp_path / "mask.png", Image.new("L", (4, 3)))
     header = read_header(tmp_path / "picture.png")
     with pytest.raises(DataError) as error:
-        load_picture(tmp_path / "picture.png", header, 8, 6, mask)
+        load_mask(mask, tmp_path / "picture.png", header)
     assert str(error.value) == (
         f"{mask}: the mask is 4x3 pixels, its picture {tmp_path / 'picture.png'} is 8x6.\n"
         "A mask needs the size of its (upright) picture."

@@ -1,6 +1,8 @@
 """Video files."""
 
+import struct
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,9 @@ from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.video import Video, is_video
 
 av = pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
+
+RATE, TICKS = 30, 512
+"""Pictures per second of small videos, and the length of one in their own unit."""
 
 
 def test_packets_tell_size_number_rate_times_and_key_frames(tmp_path):
@@ -138,6 +143,55 @@ def test_a_video_that_lost_its_end_is_refused(tmp_path):
         DataError, match=r"a\.mp4 is cut off: its header announces 10 pictures, \d are there\."
     ):
         Video.read(path)
+
+
+def trim(path, first, count):
+    """Let the edit list of a video show ``count`` pictures only, as editors and phones do."""
+    content = bytearray(path.read_bytes())
+    place = (
+        content.index(b"elst") + 12
+    )  # After the name, version and flags, and the number of edits.
+    start = struct.unpack_from(">i", content, place + 4)[0]
+    struct.pack_into(">Ii", content, place, round(1000 * count / RATE), start + first * TICKS)
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize(("first", "count"), [(2, 8), (0, 7), (5, 3)])
+def test_a_trimmed_video_has_the_pictures_that_it_shows(tmp_path, first, count):
+    path = write_video(tmp_path / "a.mp4")
+    whole = list(Video.read(path).pictures(range(10)))
+    trim(path, first, count)
+    video = Video.read(path)
+    assert len(video) <= 10 - first
+    for number, pixels in video.pictures(range(count)):
+        assert np.array_equal(pixels, whole[first + number][1])
+
+
+def test_a_trimmed_video_that_lost_its_end_is_refused(tmp_path):
+    path = write_video(tmp_path / "a.mp4")
+    trim(path, 2, 8)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(0.7 * len(content))])
+    with pytest.raises(DataError, match=r"a\.mp4 is cut off: its header announces \d+ pictures"):
+        Video.read(path)
+
+
+def test_a_matroska_video_that_lost_its_end_is_refused(tmp_path):
+    path = write_video(tmp_path / "a.mkv", 20, index_first=False)
+    assert len(Video.read(path)) == 20
+    content = path.read_bytes()
+    path.write_bytes(content[: 2 * len(content) // 3])
+    announced = (
+        r"a\.mkv is cut off: its header announces 0\.67 s, and its last picture is at 0\.\d+ s"
+    )
+    with pytest.raises(DataError, match=announced):
+        Video.read(path)
+
+
+def test_a_colon_in_a_relative_path_is_no_protocol(tmp_path, monkeypatch):
+    write_video(tmp_path / "cam:1.mp4")
+    monkeypatch.chdir(tmp_path)
+    assert len(Video.read(Path("cam:1.mp4"))) == 10
 
 
 def test_a_recording_that_was_never_finished_is_refused(tmp_path):

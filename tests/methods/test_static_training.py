@@ -144,6 +144,7 @@ class Course:
         return sum(losses[-steps // 4 :]) / (steps // 4)
 
 
+@pytest.mark.slow
 def test_a_ball_that_begins_to_move_late_comes_back_and_the_other_does_not():
     course = Course()
     course.train(torch.linspace(0.0, 0.5, 6), 120)
@@ -169,6 +170,7 @@ def test_nothing_is_looked_at_before_its_time_or_between():
 # What it costs.
 
 
+@pytest.mark.slow
 def test_a_row_that_stands_still_costs_no_quality():
     times = torch.linspace(0.0, 1.0, 11)
     loss = {static: Course(static=static).train(times, 320) for static in ("none", "auto")}

@@ -376,6 +376,8 @@ def test_the_defaults_are_those_of_the_paper():
         ),
         ({"prune_lifetime": -2.0}, "strategy.prune_lifetime=-2: expected a number of at least 0."),
         ({"max_rounds": -1}, "strategy.max_rounds=-1: expected a number of at least 0."),
+        ({"refine_start": -5}, "strategy.refine_start=-5: expected a number of at least 0."),
+        ({"max_gaussians": -3}, "strategy.max_gaussians=-3: expected a number of at least 0."),
         ({"reset_opacity": 1.0}, "strategy.reset_opacity=1: expected a number between 0 and 1."),
     ],
 )

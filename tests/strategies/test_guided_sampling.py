@@ -238,6 +238,10 @@ def test_it_is_a_part_of_adc_that_is_off_by_default():
     counts = adc.refine(9, table, model, torch.Generator().manual_seed(0))
     assert counts == {"cloned": 0, "split": 0, "pruned": 0, "guided": DEPTHS}
     assert len(table) == 4 + DEPTHS
+    adc.observe(picture(step=12), context.rendered.statistics, model)
+    assert list(adc.state_dict()["guided"]["seen"]) == [0]
+    adc.refine(99, table, model, torch.Generator())
+    assert adc.state_dict()["guided"]["seen"] == {}, "after the last refinement there is no round"
 
 
 @pytest.mark.parametrize(

@@ -270,6 +270,13 @@ def test_settings_out_of_range_are_refused(key):
     assert caught.value.message == f"strategy.{key}=0: expected at least 1."
 
 
+@pytest.mark.parametrize(("key", "value"), [("growth", -0.5), ("refine_start", -2)])
+def test_negative_settings_are_refused(key, value):
+    with pytest.raises(ConfigError) as caught:
+        strategy(**{key: value})
+    assert caught.value.message == f"strategy.{key}={value}: expected a number of at least 0."
+
+
 @pytest.mark.parametrize("share", [-0.1, 1.5])
 def test_shares_out_of_range_are_refused(share):
     with pytest.raises(ConfigError) as caught:

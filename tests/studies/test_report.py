@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 from PIL import Image
 from small_study import TINY, small_study
@@ -86,6 +87,14 @@ def test_the_report_says_what_is_missing(tmp_path):
     text = written(tmp_path, *RESULTS[:2])
     assert "- moves: not made yet: seed 2\n" in text
     assert "standard deviation" not in text
+
+
+def test_a_bar_in_a_name_does_not_end_its_cell(tmp_path):
+    study = small_study(rows={"still | short": {"method": "3dgs"}}, columns=("psnr",))
+    store = ResultStore(tmp_path / "results.json", study.title)
+    store.keep(replace(result("still", 1, psnr=20.0), row="still | short"))
+    write_report(study, store, tmp_path, "gsfw study")
+    assert "| still \\| short | 20.00 |\n" in (tmp_path / "study.md").read_text()
 
 
 def test_nothing_is_written_without_results(tmp_path):

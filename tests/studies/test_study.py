@@ -66,6 +66,11 @@ def test_only_limits_rows_by_rows_and_scenes_by_scenes():
     )
 
 
+def test_a_name_with_brackets_is_itself_and_not_only_a_pattern():
+    study = small_study(rows={"3dgs [short]": {}, "4dgs": {}})
+    assert [cell.row for cell in study.cells(["3dgs [short]"])] == ["3dgs [short]"]
+
+
 def test_names_become_parts_of_paths():
     assert slug("4dgs, static=auto") == "4dgs-static-auto"
     assert slug("4d-rotor") == "4d-rotor"

@@ -121,3 +121,19 @@ def test_a_missing_file_is_told(tmp_path):
         read_study(tmp_path / "x.yaml")
     with pytest.raises(ConfigError, match="the study file cannot be read: "):
         read_study(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "key"),
+    [
+        ("rows:\n  a: {steps: 1}\n  a: {steps: 2}\n", "line 3, column 3", "a"),
+        ("scenes: {balls: {steps: 1, steps: 2}}\n", "line 1, column 28", "steps"),
+    ],
+)
+def test_a_key_that_is_there_twice_is_refused(tmp_path, text, place, key):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        read_study(path)
+    expected = f"study {path}, {place}: this is not valid YAML: {key!r} is there twice."
+    assert caught.value.message == expected

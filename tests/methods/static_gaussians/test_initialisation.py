@@ -11,6 +11,7 @@ from gsfw.core.splats import Sh, Splats
 from gsfw.methods.static_gaussians.initialisation import (
     LONE_SPACING,
     fitted_sphere,
+    focus,
     from_points,
     from_splats,
     random_box,
@@ -19,7 +20,9 @@ from gsfw.methods.static_gaussians.initialisation import (
 )
 
 
-def scene(points=(), centers=((0.0, 0, -5), (1, 0, -5)), extent=1.0, has_alpha=False) -> Scene:
+def scene(
+    points=(), centers=((0.0, 0, -5), (1, 0, -5)), extent=1.0, has_alpha=False, axes=None
+) -> Scene:
     positions = torch.tensor(points, dtype=torch.float32).reshape(-1, 3)
     return Scene(
         "toy",
@@ -28,6 +31,7 @@ def scene(points=(), centers=((0.0, 0, -5), (1, 0, -5)), extent=1.0, has_alpha=F
         torch.as_tensor(centers, dtype=torch.float32),
         extent,
         has_alpha=has_alpha,
+        camera_axes=axes,
     )
 
 
@@ -116,6 +120,42 @@ def test_other_captures_start_all_around_their_cameras():
     center, half = random_box(scene(centers=[[1.0, 0, 0], [3, 0, 0]], extent=1.1))
     assert center.tolist() == [2, 0, 0]
     assert half == pytest.approx(3.3)
+
+
+def looking_at(point, centers):
+    axes = torch.tensor(point) - torch.as_tensor(centers, dtype=torch.float32)
+    return axes / axes.norm(dim=1, keepdim=True)
+
+
+ARC = [[-2.3, -1.3, 0.3], [-1.3, -2.0, 1.2], [0.3, -2.4, 1.2], [1.7, -1.6, 0.2]]
+"""Cameras in front of something, at several distances of it."""
+
+
+def test_an_object_is_where_all_cameras_look():
+    capture = scene(centers=ARC, axes=looking_at([0.5, 0.5, 0.0], ARC), has_alpha=True)
+    center, half = random_box(capture)
+    torch.testing.assert_close(center, torch.tensor([0.5, 0.5, 0.0]), atol=1e-5, rtol=0)
+    distances = (torch.tensor(ARC) - center).norm(dim=1)
+    assert half == pytest.approx(0.33 * float(distances.mean()), rel=1e-4)
+
+
+def test_what_cameras_look_at_is_taken_for_an_object_only_if_asked_for_or_with_alpha():
+    capture = scene(centers=ARC, axes=looking_at([0.0, 0.0, 0.0], ARC))
+    surroundings, wide = random_box(capture)
+    torch.testing.assert_close(surroundings, torch.tensor(ARC).mean(0))
+    assert random_box(capture, "surroundings")[1] == wide
+    middle, narrow = random_box(capture, "object")
+    assert float(middle.norm()) < 1e-5
+    assert narrow < wide / 3
+
+
+def test_cameras_that_look_past_each_other_away_or_in_parallel_look_at_no_point():
+    away = -looking_at([0.0, 0.0, 0.0], ARC)
+    parallel = torch.tensor([[0.0, 0.0, 1.0]]).expand(4, 3)
+    past = looking_at([0.0, 0.0, 0.0], ARC)[torch.tensor([1, 2, 3, 0])]
+    for axes in (away, parallel, past, None):
+        assert focus(scene(centers=ARC, axes=axes)) is None
+    assert focus(scene(centers=ARC[:1], axes=looking_at([0.0, 0.0, 0.0], ARC[:1]))) is None
 
 
 def test_random_points_fill_the_box_and_follow_the_seed():

@@ -87,6 +87,16 @@ def test_rates_decay_within_each_time_and_start_anew():
             assert optimizer.learning_rates(step)["means"] == pytest.approx(expected)
 
 
+def test_rates_decay_over_the_whole_of_a_time_where_other_times_are_held_out():
+    """Of 21 times of the capture the sampler shows three, for 35 steps each after the first."""
+    method, model, optimizer = start(scene=moving_scene(num_times=21))
+    last = TrackedGaussiansConfig().optim.tracked_means_lr * 2.0 * 0.1
+    for step, time in ((0, 0.0), (30, 0.5), (65, 1.0), (82, 1.0)):
+        method.prepare(step, model, optimizer, time)
+    assert optimizer.learning_rates(82)["means"] > 2 * last
+    assert optimizer.learning_rates(100)["means"] == pytest.approx(last)
+
+
 def test_a_step_in_the_middle_of_a_time_goes_on_with_it_after_a_resume():
     method, model, optimizer = start()
     for step, time in ((0, 0.0), (30, 0.1), (40, 0.2), (41, 0.2)):

@@ -76,6 +76,34 @@ def test_what_moves_is_expected_to_move_on():
     torch.testing.assert_close(norms, torch.ones_like(norms))
 
 
+@pytest.mark.parametrize("time", [-1e8, -10.0, 1.0, 10.0, 1e8])
+def test_times_outside_of_the_sequence_are_those_of_its_ends(time):
+    model = tracked()
+    model.advance_(0.0)
+    move_(model, (0.1, 0.0, 0.0))
+    model.advance_(0.25)
+    move_(model, (0.0, 1e3, 0.0))
+    end = 0.0 if time < 0 else 0.25
+    assert same(model.splats(at(time)), model.splats(at(end)))
+
+
+def test_places_far_away_turns_by_half_and_quaternions_of_nothing_stay_finite_between_times():
+    model = tracked()
+    model.advance_(0.0)
+    quats, means = model.canonical.quats.values, model.canonical.means.values
+    with torch.no_grad():
+        quats.copy_(torch.tensor([1.0, 0.0, 0.0, 0.0]))
+        model.advance_(1e-9)
+        means.fill_(1e30)
+        quats.copy_(torch.tensor([0.0, 1.0, 0.0, 0.0]))
+        quats[0] = 0.0
+    for time in (0.0, 5e-10, 1e-9, 1.0):
+        splats = model.splats(at(time))
+        assert all(bool(values.isfinite().all()) for values in splats.tensors().values())
+    gradient = torch.autograd.grad(splats.means.sum() + splats.quats.sum(), [means, quats])
+    assert all(bool(values.isfinite().all()) for values in gradient)
+
+
 def test_every_time_is_drawn_as_it_was_left():
     model, left = tracked(), {}
     for index, time in enumerate((0.0, 0.3, 1.0)):

@@ -1,0 +1,71 @@
+"""Exposures: how each training picture differs in colour from the scene, as an affine map.
+
+As in the exposure compensation of Kerbl et al. 2024 (section "Exposure" of the hierarchical 3DGS).
+We differ in that only what splats show is changed, not the background behind them, and in that the
+mean of all maps is held at the identity: else a brighter scene and darker pictures are the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gsfw.core.learning_rate import LearningRate
+from gsfw.core.parameter_group import ParameterGroup
+from gsfw.core.render_output import RenderOutput
+
+
+class Exposures(nn.Module):
+    """An affine map of colours for each training picture; the identity at the start."""
+
+    def __init__(self, names: tuple[str, ...], learning_rate: LearningRate) -> None:
+        """Nothing is known yet.
+
+        Args:
+            names: of the training pictures.
+            learning_rate: of every number of the maps.
+        """
+        super().__init__()
+        self.names = names
+        self.learning_rate = learning_rate
+        self.changes = nn.Parameter(torch.zeros(len(names), 3, 4))
+        """[v, 3, 4]: each map less the identity; gains of colours, then an offset."""
+
+    def group(self) -> ParameterGroup:
+        """For the optimizer."""
+        return ParameterGroup("exposures", (self.changes,), self.learning_rate)
+
+    @property
+    def matrices(self) -> Float[Tensor, "v 3 4"]:
+        """The maps: a colour x of the scene is A x + b in the picture, [A | b] its matrix."""
+        return self.changes.detach() + torch.eye(3, 4, device=self.changes.device)
+
+    def apply_to(
+        self, rendered: RenderOutput, views: tuple[int, ...], background: Float[Tensor, " 3"]
+    ) -> RenderOutput:
+        """What these training pictures should look like.
+
+        The background was put there by us, so it has no exposure.
+        """
+        change = torch.stack([self.changes[view] for view in views])
+        shown = rendered.color - (1.0 - rendered.alpha) * background
+        gained = torch.einsum("chwi,cji->chwj", shown, change[:, :, :3])
+        offset = rendered.alpha * change[:, None, None, :, 3]
+        return replace(rendered, color=rendered.color + gained + offset)
+
+    @torch.no_grad()
+    def project_(self) -> None:
+        """Hold the mean of all maps at the identity, in place."""
+        self.changes.sub_(self.changes.mean(dim=0))
+
+    def document(self) -> dict[str, Any]:
+        """Plain data for a file."""
+        matrices = self.matrices.cpu().tolist()
+        return {
+            "about": "a colour x of the scene, in [0, 1], is A x + b in the picture; rows [A | b]",
+            "exposures": dict(zip(self.names, matrices, strict=True)),
+        }

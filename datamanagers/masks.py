@@ -1,0 +1,215 @@
+"""Masks: files that say which pixels of a picture count, beside the pictures of any format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from gsfw.core.batch import MaskMode
+from gsfw.core.config import AUTO
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.pictures import load_mask
+
+FOLDER = "masks"
+"""Where masks are looked for that nobody has named."""
+
+NONE, ALPHA = "none", "alpha"
+"""Values of ``datamanager.masks`` that are no folder, besides ``auto``."""
+
+HALF = 127
+"""Alpha above it is inside, where alpha is a mask."""
+
+
+@dataclass(frozen=True)
+class MaskRule:
+    """Which masks there are, and what they mean."""
+
+    source: str = AUTO
+    """auto (as the format's file names them, or in ``masks``), none, alpha, or a folder."""
+    mode: MaskMode = MaskMode.IGNORE
+    inverted: bool = False
+    """Whether masks are bright where pixels do not count."""
+
+    def load(self, frame: Frame) -> Bool[np.ndarray, "h w"] | None:
+        """True where a picture's pixels count, by its file; ``None`` when it has none.
+
+        Raises:
+            DataError: the mask does not decode, or its size is not the picture's.
+        """
+        if frame.mask is None:
+            return None
+        return load_mask(frame.mask, frame.path, frame.header) ^ self.inverted
+
+    def apply(
+        self, pixels: UInt8[np.ndarray, "h w d"], inside: Bool[np.ndarray, "h w"] | None
+    ) -> tuple[UInt8[np.ndarray, "h w e"], Bool[np.ndarray, "h w"] | None]:
+        """Colours and valid pixels of a decoded picture.
+
+        What lies outside an ``empty`` mask becomes transparent, as in a picture with alpha: so its
+        edges are mixed as colours are when it shrinks, and the blank borders of undistorted
+        pictures still carry no loss.
+        """
+        if self.source == ALPHA and pixels.shape[2] == 4:
+            inside = (pixels[..., 3] > HALF) ^ self.inverted
+            pixels = pixels[..., :3]
+        if inside is None or self.mode is MaskMode.IGNORE:
+            return pixels, inside
+        alpha = pixels[..., 3] if pixels.shape[2] == 4 else np.full(inside.shape, 255, np.uint8)
+        covered = np.where(inside, alpha, 0).astype(np.uint8)
+        return np.concatenate([pixels[..., :3], covered[..., None]], axis=2), None
+
+    def gives_alpha(self, frame: Frame) -> bool:
+        """Whether a loaded picture has alpha."""
+        has_alpha, is_mask = frame.header.has_alpha, self.source == ALPHA
+        if self.mode is MaskMode.EMPTY:
+            return has_alpha or frame.mask is not None
+        return has_alpha and not is_mask
+
+    def gives_mask(self, frame: Frame) -> bool:
+        """Whether a loaded picture has pixels that may carry no loss."""
+        if self.mode is MaskMode.EMPTY:
+            return False
+        return frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
+
+
+USUAL_MASKS = MaskRule()
+"""Which masks count unless something else is asked for."""
+
+
+def find_masks(
+    recording: Recording, frames: Sequence[Frame], rule: MaskRule
+) -> tuple[list[Frame], tuple[str, ...]]:
+    """The frames with their masks, and what the user should know of them.
+
+    Raises:
+        DataError: the named folder is missing, holds no mask of any picture, a mask is damaged or
+            of another size than its picture, or every picture is masked out as a whole.
+    """
+    if rule.source == ALPHA:
+        return _alpha_as_mask(recording, frames, rule)
+    if rule.source == NONE:
+        return [replace(frame, mask=None) for frame in frames], ()
+    found = [_with_mask(frame, recording, rule) for frame in frames]
+    masked = [frame for frame in found if frame.mask is not None]
+    if masked:
+        return found, _notes(found, masked, rule)
+    return found, _none_found(recording, frames, rule)
+
+
+def _alpha_as_mask(
+    recording: Recording, frames: Sequence[Frame], rule: MaskRule
+) -> tuple[list[Frame], tuple[str, ...]]:
+    bare = [replace(frame, mask=None) for frame in frames]
+    count = sum(frame.header.has_alpha for frame in frames)
+    if not count:
+        raise DataError(
+            f"datamanager.masks={ALPHA}: none of the {len(frames)} pictures of {recording.path} "
+            "has alpha.",
+            "Give a folder of masks (datamanager.masks=DIR), or leave datamanager.masks out.",
+        )
+    return bare, (f"alpha of {count} of {len(frames)} pictures is their mask: {_meaning(rule)}",)
+
+
+def _with_mask(frame: Frame, recording: Recording, rule: MaskRule) -> Frame:
+    """The frame with the first mask that is there; what its file names comes before a guess."""
+    if frame.mask is not None and rule.source == AUTO:
+        return frame
+    names = _names(frame)
+    places = (folder / name for folder in _folders(frame, recording, rule) for name in names)
+    # What moves is marked in files that may lie where masks do.
+    found = (place for place in places if place.is_file() and place != frame.moving)
+    return replace(frame, mask=next(found, None))
+
+
+def _root(recording: Recording) -> Path:
+    """The folder of the data set."""
+    return recording.path if recording.path.is_dir() else recording.path.parent
+
+
+def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
+    """Where a frame's mask may be: the named folder, or masks beside the pictures' folder."""
+    root = _root(recording)
+    if rule.source != AUTO:
+        return [root / rule.source]
+    folders = [root / FOLDER]
+    if frame.path.as_posix().endswith(f"/{frame.name}"):
+        base = frame.path.parents[len(Path(frame.name).parts) - 1]
+        folders += [base / FOLDER] + [base.parent / FOLDER] * base.name.startswith("images")
+    return folders
+
+
+def _names(frame: Frame) -> list[str]:
+    """What a mask may be called: NAME.jpg.png as COLMAP has it, NAME.png, or as the picture."""
+    name = Path(frame.name)
+    names = []
+    # Formats whose names begin with the folder of the pictures (images/a.jpg) leave it out.
+    for own in (name, Path(*name.parts[1:])) if len(name.parts) > 1 else (name,):
+        names += [f"{own}.png", str(own.with_suffix(".png")), str(own)]
+    return names
+
+
+def _none_found(recording: Recording, frames: Sequence[Frame], rule: MaskRule) -> tuple[str, ...]:
+    """A note on a folder of masks that belongs to no picture; an error where it was asked for."""
+    folder = _root(recording) / (FOLDER if rule.source == AUTO else rule.source)
+    looked_for = " or ".join(_names(frames[0])[:2])
+    problem = f"{folder} holds no mask of any picture (looked for {looked_for} and so on)"
+    if rule.source == AUTO:
+        return (f"{problem}: all pixels count",) if folder.is_dir() else ()
+    if not folder.is_dir():
+        raise DataError(
+            f"datamanager.masks={rule.source}: there is no folder {folder}.",
+            "Give the folder of the masks, relative to the data set.",
+        )
+    raise DataError(
+        f"{problem}.", "Name masks as their pictures, with .png behind or instead of the extension."
+    )
+
+
+def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> tuple[str, ...]:
+    """How many pictures have masks, how much they leave, and which leave nothing.
+
+    Raises:
+        DataError: no mask leaves anything, or one cannot be used.
+    """
+    with ThreadPoolExecutor() as threads:
+        parts = list(threads.map(lambda frame: _part_inside(frame, rule), masked))
+    mean = 100 * sum(parts) / len(parts)
+    notes = [
+        f"{len(masked)} of {len(frames)} pictures have masks, which keep {mean:.0f} % of their "
+        f"pixels: {_meaning(rule)}"
+    ]
+    hidden = [frame for frame, part in zip(masked, parts, strict=True) if part == 0]
+    if len(hidden) == len(frames):
+        raise DataError(
+            f"the masks of all {len(frames)} pictures mask out every pixel, {hidden[0].mask} for "
+            "one.",
+            "Masks are bright where pixels count; if these are dark there, add "
+            f"datamanager.invert_masks={'false' if rule.inverted else 'true'}.",
+        )
+    if hidden:
+        names = ", ".join(frame.name for frame in hidden[:5])
+        more = f" and {len(hidden) - 5} more" if len(hidden) > 5 else ""
+        notes.append(f"masks leave nothing of {len(hidden)} pictures: {names}{more}")
+    if len(masked) < len(frames):
+        bare = [frame.name for frame in frames if frame.mask is None]
+        notes.append(f"no mask, so that all pixels count: {len(bare)} pictures, such as {bare[0]}")
+    return tuple(notes)
+
+
+def _part_inside(frame: Frame, rule: MaskRule) -> float:
+    """How much of a picture its mask keeps, from 0 to 1."""
+    inside = rule.load(frame)
+    assert inside is not None
+    return float(inside.mean())
+
+
+def _meaning(rule: MaskRule) -> str:
+    if rule.mode is MaskMode.EMPTY:
+        return "what is outside is background (datamanager.mask_mode=empty)"
+    return "what is outside carries no loss (datamanager.mask_mode=ignore)"

@@ -1,0 +1,107 @@
+"""The ``metashape`` format: the cameras XML of Agisoft Metashape, and the pictures it names.
+
+Facts are those of the Metashape manual (appendix "Camera models") and of exported files. Cameras
+look along +z with x right and y down; their 4x4 transforms lead from the camera to the chunk, and
+the transform of the chunk's component (or of the chunk) from there to the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gsfw.core.config import Detection
+from gsfw.core.datamanager import DataRequest
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
+from gsfw.datamanagers.metashape_file import MetashapeCamera, MetashapeFile, is_metashape
+from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out
+from gsfw.datamanagers.pictures import read_header
+
+LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with pictures beside it"
+
+
+@dataclass
+class MetashapeConfig(PictureFolderConfig):
+    """Settings of the ``metashape`` format."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with such a file, or the file itself; looks at the beginnings of XML files."""
+        files = _files(path)
+        if not files:
+            return Detection(False, LOOKED_FOR)
+        return Detection(True, LOOKED_FOR, f"Metashape's {files[0].name}", priority=22)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the file and its points, check the pictures' headers.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: the file is damaged, or the pictures do not fit.
+        """
+        rule = self.lens_rule()
+        path = data_folder(request.path, "metashape")
+        files = _files(path)
+        if len(files) != 1:
+            found = ", ".join(item.name for item in files) or "none"
+            raise DataError(
+                f"{path} has to hold one XML file of Metashape's cameras; found {found}.",
+                "Give the file itself (File > Export > Export Cameras in Metashape).",
+            )
+        return Capture(self._recording(files[0]), request, rule, self.mask_rule())
+
+    def _recording(self, file: Path) -> Recording:
+        chunk = MetashapeFile.read(file)
+        root = file.absolute().parent
+        pictures = self.pictures(root)
+        frames, missing = _frames(chunk.cameras, pictures, str(file))
+        total = len(chunk.cameras)
+        (points, colors), point_note = self.start_points(root)
+        return Recording(
+            name=root.name,
+            path=file,
+            frames=tuple(frames),
+            points=points,
+            point_colors=colors,
+            notes=(
+                f"{file}: {total} cameras with a pose",
+                *chunk.notes,
+                *left_out(chunk.disabled, "that are disabled in Metashape"),
+                *left_out(chunk.unaligned, "that Metashape did not align"),
+                *left_out(chunk.slaves, "of a rig's slave cameras, which are not read,"),
+                *missing_pictures(missing, total, pictures.path),
+                *point_note,
+            ),
+            up=chunk.up,
+        )
+
+
+def _frames(
+    cameras: tuple[MetashapeCamera, ...], pictures: PictureFolder, source: str
+) -> tuple[list[Frame], list[str]]:
+    """The frames whose pictures are on disk, and the labels of those that are not."""
+    numbers = {n: i for i, n in enumerate(sorted({camera.sensor for camera in cameras}))}
+    frames, missing = [], []
+    for camera in cameras:
+        picture = pictures.find(camera.label, source)
+        if picture is None:
+            missing.append(camera.label)
+            continue
+        frame = Frame(
+            name=pictures.name(picture),
+            path=picture,
+            header=read_header(picture),
+            lens=camera.lens,
+            world_to_camera=camera.world_to_camera,
+            camera=numbers[camera.sensor],
+        )
+        frames.append(frame)
+    return frames, missing
+
+
+def _files(path: Path) -> list[Path]:
+    if path.is_dir():
+        return [item for item in sorted(path.glob("*.[xX][mM][lL]")) if is_metashape(item)]
+    return [path] if path.suffix.lower() == ".xml" and is_metashape(path) else []

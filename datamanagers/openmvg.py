@@ -1,0 +1,235 @@
+"""The ``openmvg`` format: sfm_data.json of OpenMVG.
+
+Poses are a world-to-camera rotation and the camera's centre, OpenCV axes. OpenMVG counts pixels
+from the centre of the first one (its features and its undistortion do), gsfw from its corner:
+principal points move by half a pixel. Distortion is OpenCV's in the order k1, k2, k3, t1, t2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from gsfw.core.config import Detection
+from gsfw.core.datamanager import DataRequest
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.brown import brown_lens, fisheye_lens
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
+from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out
+from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.point_file import Points
+from gsfw.datamanagers.poses import from_center
+
+FILES = ("sfm_data.json", "sfm_data_expanded.json", "robust.json")
+"""What OpenMVG's programs call their files."""
+LOOKED_FOR = f"{FILES[0]} of OpenMVG with its pictures"
+HALF = 0.5
+"""From OpenMVG's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
+DISTORTIONS = {"disto_k1": 1, "disto_k3": 3, "disto_t2": 5, "fisheye": 4}
+"""What the numbers are called, and how many there are."""
+NAME_ID = 0x7FFFFFFF
+"""The bits of a polymorphic_id that tell types; the highest says that the name is given, too."""
+
+
+@dataclass
+class OpenMvgConfig(PictureFolderConfig):
+    """Settings of the ``openmvg`` format."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with a sfm_data.json, or such a file itself."""
+        file = _file(path)
+        if file is None:
+            return Detection(False, LOOKED_FOR, _binary(path))
+        return Detection(True, LOOKED_FOR, file.name, priority=24)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the file, check the pictures' headers.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: the file is damaged, or the pictures do not fit.
+        """
+        rule = self.lens_rule()
+        path = data_folder(request.path, "openmvg")
+        file = _file(path)
+        if file is None:
+            found = _binary(path)
+            raise DataError(
+                f"{path} holds no {FILES[0]}" + (f"; found {found}." if found else "."),
+                "Give the folder that does, or the file.",
+            )
+        return Capture(self._recording(file), request, rule, self.mask_rule())
+
+    def _recording(self, file: Path) -> Recording:
+        content = mapping(read_json(file), str(file))
+        root = file.absolute().parent
+        pictures = self._pictures_of(content, root)
+        views = [view for _, view in _entries(content, "views", file)]
+        poses = {key: entry for key, entry in _entries(content, "extrinsics", file)}
+        placed = [view for view in views if view.get("id_pose") in poses]
+        if not placed:
+            raise DataError(
+                f"{file}: none of its {len(views)} views has a pose.",
+                "Give the file that OpenMVG's reconstruction wrote, not that of its listing.",
+            )
+        frames, missing = _frames(placed, poses, _lenses(content, file), pictures, file)
+        without = [_name(view) for view in views if view.get("id_pose") not in poses]
+        (points, colors), point_note = self.start_points(root, _points(content, file))
+        return Recording(
+            name=root.name,
+            path=file,
+            frames=tuple(frames),
+            points=points,
+            point_colors=colors,
+            notes=(
+                f"{file}: {len(views)} views, {len(points)} points",
+                *left_out(without, "without a pose"),
+                *missing_pictures(missing, len(placed), pictures.path),
+                *point_note,
+            ),
+            up="-y",
+        )
+
+    def _pictures_of(self, content: Mapping[str, Any], root: Path) -> PictureFolder:
+        """Where the file says its pictures are, if they are there; else beside the file."""
+        stated = content.get("root_path")
+        if not self.images and isinstance(stated, str) and stated:
+            for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
+                if folder.is_dir():
+                    return PictureFolder(folder)
+        return self.pictures(root)
+
+
+def _file(path: Path) -> Path | None:
+    if path.is_file():
+        return path if path.name in FILES else None
+    return next((path / name for name in FILES if (path / name).is_file()), None)
+
+
+def _binary(path: Path) -> str:
+    """What is to be done with a file that is not read; empty where there is none."""
+    found = sorted(path.glob("sfm_data*.bin")) if path.is_dir() else []
+    if not found:
+        return ""
+    name = found[0].name
+    return (
+        f"{name}; write it as JSON (openMVG_main_ConvertSfM_DataFormat -i {name} -o {FILES[0]} "
+        "-V -I -E -S)"
+    )
+
+
+def _entries(
+    content: Mapping[str, Any], key: str, file: Path
+) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+    """Keys and values of one of the file's maps, as the library cereal writes them."""
+    entries = content.get(key)
+    if not isinstance(entries, list):
+        raise DataError(f"{file}: it has no list of {key}.", "Copy the file again.")
+    for entry in entries:
+        where = f"{file}: {key}"
+        outer = mapping(entry, where)
+        value = mapping(outer.get("value"), where)
+        if "ptr_wrapper" in value:
+            data = mapping(mapping(value["ptr_wrapper"], where).get("data"), where)
+            # Newer versions write the base class apart from what a class adds to it.
+            value = {**value, **data, **mapping(data.get("value0", {}), where)}
+        yield outer.get("key"), value
+
+
+def _name(view: Mapping[str, Any]) -> str:
+    return str(view.get("filename", ""))
+
+
+def _lenses(content: Mapping[str, Any], file: Path) -> dict[Any, Lens]:
+    """The lenses by their key; a type's name is given once, and then its number alone."""
+    lenses: dict[Any, Lens] = {}
+    names: dict[int, str] = {}
+    for key, entry in _entries(content, "intrinsics", file):
+        where = f"intrinsic {key} of {file}"
+        identifier = round(number(entry, "polymorphic_id", where, 0.0)) & NAME_ID
+        kind = names.setdefault(identifier, str(entry.get("polymorphic_name", "?")))
+        if "focal_length" not in entry:
+            raise DataError(
+                f"{where}: pictures of {kind} cameras cannot be trained on.",
+                "Expected a pinhole (with radial or Brown distortion) or a fisheye.",
+            )
+        lenses[key] = _lens(entry, kind, where)
+    return lenses
+
+
+def _lens(entry: Mapping[str, Any], kind: str, where: str) -> Lens:
+    focal = number(entry, "focal_length", where)
+    center = numbers(entry.get("principal_point"), 2, f"{where}: principal_point") + HALF
+    width, height = (round(number(entry, key, where)) for key in ("width", "height"))
+    pinhole = Lens(focal, focal, float(center[0]), float(center[1]), width, height, where)
+    pinhole.check()
+    found = next((key for key in DISTORTIONS if key in entry), None)
+    if found is None:
+        if kind not in ("pinhole", "?"):
+            raise DataError(
+                f"{where}: cameras of the type {kind} cannot be used.",
+                f"Expected one with {', '.join(DISTORTIONS)}, or a pinhole.",
+            )
+        return pinhole
+    values = numbers(entry[found], DISTORTIONS[found], f"{where}: {found}").tolist()
+    if found == "fisheye":
+        k1, k2, k3, k4 = values
+        return fisheye_lens(pinhole, (k1, k2, k3, k4), (0.0, 0.0))
+    k1, k2, k3, t1, t2 = (*values, 0.0, 0.0, 0.0, 0.0)[:5]
+    return brown_lens(pinhole, (k1, k2, k3, 0.0), (t1, t2))
+
+
+def _frames(
+    views: list[Mapping[str, Any]],
+    poses: Mapping[Any, Mapping[str, Any]],
+    lenses: Mapping[Any, Lens],
+    pictures: PictureFolder,
+    file: Path,
+) -> tuple[list[Frame], list[str]]:
+    """The frames whose pictures are on disk, and the names of those that are not."""
+    frames, missing = [], []
+    numbers_of = {key: camera for camera, key in enumerate(lenses)}
+    for view in views:
+        where = f"{file}: view {_name(view)}"
+        local = str(view.get("local_path", "")).strip("/")
+        picture = pictures.find(f"{local}/{_name(view)}".lstrip("/"), where)
+        if picture is None:
+            missing.append(_name(view))
+            continue
+        key = view.get("id_intrinsic")
+        if key not in lenses:
+            raise DataError(f"{where}: there is no intrinsic {key}.", "Copy the file again.")
+        frame = Frame(
+            name=pictures.name(picture),
+            path=picture,
+            header=read_header(picture),
+            lens=lenses[key],
+            world_to_camera=_pose(poses[view.get("id_pose")], where),
+            camera=numbers_of[key],
+        )
+        frames.append(frame)
+    return frames, missing
+
+
+def _pose(entry: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
+    rotation = numbers(entry.get("rotation"), 9, f"{where}: rotation").reshape(3, 3)
+    return from_center(rotation, numbers(entry.get("center"), 3, f"{where}: center"), where)
+
+
+def _points(content: Mapping[str, Any], file: Path) -> Points:
+    """The structure's points, which have no colour: grey."""
+    if not content.get("structure"):
+        return no_points()
+    entries = [entry for _, entry in _entries(content, "structure", file)]
+    places = [numbers(entry.get("X"), 3, f"{file}: structure") for entry in entries]
+    return torch.stack(places), torch.full((len(places), 3), 0.5)

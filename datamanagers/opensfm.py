@@ -1,0 +1,182 @@
+"""The ``opensfm`` format: reconstruction.json of OpenSfM and OpenDroneMap.
+
+Shots have a world-to-camera rotation (axis times angle, radians) and translation, OpenCV axes. The
+world is metres to the east, north and up of reference_lla. Positions in a picture are offsets from
+its centre in parts of its longer side, and so are focal lengths and principal points
+(opensfm.org/docs/geometry.html); distortion is that of OpenCV, in its order of p1 and p2
+(opensfm/src/geometry/camera_distortions_functions.h).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from gsfw.core.config import Detection
+from gsfw.core.datamanager import DataRequest
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.json_file import mapping, numbers, read_json
+from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.opensfm_lens import read_lens
+from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig
+from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.point_file import Points, check_points
+from gsfw.datamanagers.poses import from_opencv, from_rotation_vector
+
+FILE = "reconstruction.json"
+LOOKED_FOR = f"{FILE} or opensfm/{FILE} with images/"
+
+
+@dataclass
+class OpenSfmConfig(PictureFolderConfig):
+    """Settings of the ``opensfm`` format."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with a reconstruction.json, or such a file itself."""
+        file = _file(path)
+        if not file.is_file():
+            return Detection(False, LOOKED_FOR)
+        return Detection(True, LOOKED_FOR, file.name, priority=24)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the file, check the pictures' headers.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: the file is damaged, or the pictures do not fit.
+        """
+        rule = self.lens_rule()
+        path = data_folder(request.path, "opensfm")
+        file = _file(path)
+        if not file.is_file():
+            raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
+        return Capture(self._recording(file), request, rule, self.mask_rule())
+
+    def _recording(self, file: Path) -> Recording:
+        content, others = _largest(file)
+        root = _root(file)
+        pictures = self.pictures(root)
+        frames, missing = _frames(content, pictures, file)
+        total = len(content["shots"])
+        (points, colors), point_note = self.start_points(root, _points(content, file))
+        return Recording(
+            name=root.name,
+            path=file,
+            frames=tuple(frames),
+            points=points,
+            point_colors=colors,
+            notes=(
+                f"{file}: {total} shots, {len(points)} points",
+                *others,
+                *missing_pictures(missing, total, pictures.path),
+                *point_note,
+                *_reference(content),
+            ),
+            up="z",
+        )
+
+
+def _file(path: Path) -> Path:
+    if path.is_file():
+        return path if path.name == FILE else path / FILE
+    inner = path / "opensfm" / FILE
+    return inner if inner.is_file() and not (path / FILE).is_file() else path / FILE
+
+
+def _root(file: Path) -> Path:
+    """The folder beside whose images/ the file belongs; OpenDroneMap puts it one level deeper."""
+    folder = file.absolute().parent
+    deeper = not (folder / "images").is_dir() and (folder.parent / "images").is_dir()
+    return folder.parent if deeper else folder
+
+
+def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+    """The reconstruction with the most shots, and a note on the others."""
+    content = read_json(file)
+    if not isinstance(content, list) or not content:
+        raise DataError(
+            f"{file} is no list of reconstructions.",
+            'Expected [{"cameras": ..., "shots": ..., "points": ...}].',
+        )
+    for number, entry in enumerate(content):
+        for key in ("cameras", "shots"):
+            mapping(mapping(entry, f"{file}: {number}").get(key), f"{file}: {key} of {number}")
+    best = max(content, key=lambda entry: len(entry["shots"]))
+    if not best["shots"]:
+        raise DataError(f"{file} holds no shots: OpenSfM has placed no camera.")
+    if len(content) == 1:
+        return best, ()
+    left_out = sum(len(entry["shots"]) for entry in content) - len(best["shots"])
+    return best, (
+        f"used the largest of {len(content)} reconstructions; {left_out} shots of the others are "
+        "left out",
+    )
+
+
+def _frames(
+    content: Mapping[str, Any], pictures: PictureFolder, file: Path
+) -> tuple[list[Frame], list[str]]:
+    """The frames whose pictures are on disk, and the names of those that are not."""
+    cameras: dict[str, tuple[int, Lens]] = {}
+    frames, missing = [], []
+    for name, entry in content["shots"].items():
+        where = f"{file}: shot {name}"
+        shot = mapping(entry, where)
+        picture = pictures.find(name, where)
+        if picture is None:
+            missing.append(name)
+            continue
+        header = read_header(picture)
+        key = str(shot.get("camera"))
+        if key not in cameras:
+            if key not in content["cameras"]:
+                raise DataError(f"{where}: there is no camera {key!r}.", "Copy the file again.")
+            source = f"camera {key} of {file}"
+            cameras[key] = len(cameras), read_lens(content["cameras"][key], header, source)
+        camera, lens = cameras[key]
+        if _same_shape(lens, header.width, header.height):
+            lens = lens.resized(header.width, header.height)
+        pose = _pose(shot, where)
+        frames.append(Frame(pictures.name(picture), picture, header, lens, pose, camera))
+    return frames, missing
+
+
+def _same_shape(lens: Lens, width: int, height: int) -> bool:
+    """Whether a picture is that of a lens at another size, rounded to whole pixels."""
+    scale = width / lens.width
+    return abs(scale * lens.height - height) <= max(1.0, scale)
+
+
+def _pose(shot: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
+    vector = numbers(shot.get("rotation"), 3, f"{where}: rotation")
+    translation = numbers(shot.get("translation"), 3, f"{where}: translation")
+    return from_opencv(torch.cat([from_rotation_vector(vector), translation[:, None]], 1), where)
+
+
+def _points(content: Mapping[str, Any], file: Path) -> Points:
+    entries = mapping(content.get("points") or {}, f"{file}: points")
+    if not entries:
+        return no_points()
+    where = f"{file}: point"
+    points = [mapping(entry, where) for entry in entries.values()]
+    place = [numbers(entry.get("coordinates"), 3, f"{where} coordinates") for entry in points]
+    color = [numbers(entry.get("color", [128] * 3), 3, f"{where} color") for entry in points]
+    return check_points(torch.stack(place), (torch.stack(color) / 255).clamp(0, 1).float(), file)
+
+
+def _reference(content: Mapping[str, Any]) -> tuple[str, ...]:
+    reference = content.get("reference_lla")
+    if not isinstance(reference, dict):
+        return ()
+    names = ("latitude", "longitude", "altitude")
+    values = ", ".join(f"{name} {reference.get(name)}" for name in names)
+    return (f"the world is metres to the east, north and up of {values}",)

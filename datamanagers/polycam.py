@@ -1,0 +1,154 @@
+"""The ``polycam`` format: the raw data that Polycam exports in developer mode.
+
+keyframes/ holds images/ and cameras/, and corrected_images/ and corrected_cameras/ where Polycam
+has optimised the poses. A camera's JSON has fx, fy, cx, cy, width and height in pixels, and the
+first three rows of its camera-to-world matrix (t_00 to t_23) in ARKit's axes: x right, y up, z
+back, metres, with the world's y up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from gsfw.core.config import Detection
+from gsfw.core.datamanager import DataRequest
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.capture_config import CaptureConfig
+from gsfw.datamanagers.frames import (
+    Frame,
+    Recording,
+    data_folder,
+    missing_pictures,
+    no_points,
+)
+from gsfw.datamanagers.json_file import mapping, number, read_json
+from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.pictures import EXTENSIONS, read_header
+from gsfw.datamanagers.poses import from_opengl
+
+LOOKED_FOR = "keyframes/ with images/ and cameras/ (Polycam's raw data)"
+LENS_KEYS = ("fx", "fy", "cx", "cy", "width", "height")
+POSE_KEYS = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
+
+
+@dataclass
+class PolycamConfig(CaptureConfig):
+    """Settings of the ``polycam`` format."""
+
+    corrected: bool = True
+    """Whether the poses that Polycam optimised are preferred, with the pictures that go with them.
+    """
+    min_blur_score: float = 0.0
+    """Pictures that Polycam scores lower are left out; sharp ones have high scores."""
+
+    @classmethod
+    def detect(cls, path: Path) -> Detection:
+        """A folder with keyframes and their cameras."""
+        cameras = _cameras(_keyframes(path), corrected=True)
+        if not cameras.is_dir():
+            return Detection(False, LOOKED_FOR)
+        return Detection(True, LOOKED_FOR, f"Polycam's {cameras.relative_to(path)}/", priority=40)
+
+    def build(self, request: DataRequest) -> Capture:
+        """Read the cameras, check the pictures' headers.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: a file is damaged, or the pictures do not fit.
+        """
+        rule = self.lens_rule()
+        path = data_folder(request.path, "polycam")
+        return Capture(self._recording(path), request, rule, self.mask_rule())
+
+    def _recording(self, path: Path) -> Recording:
+        keyframes = _keyframes(path)
+        folder = _cameras(keyframes, self.corrected)
+        files = sorted(folder.glob("*.json")) if folder.is_dir() else []
+        if not files:
+            raise DataError(
+                f"{path} holds no {LOOKED_FOR}.",
+                "Export the capture from Polycam as raw data (developer mode).",
+            )
+        pictures = keyframes / folder.name.replace("cameras", "images")
+        frames, missing, blurred = self._frames(files, pictures)
+        if not frames and blurred:
+            raise DataError(
+                f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} pictures score "
+                "lower.",
+                "Ask for less.",
+            )
+        root = keyframes.absolute().parent
+        points, colors = no_points()
+        low = f"{blurred} pictures score below {self.min_blur_score:g} and are left out"
+        return Recording(
+            name=root.name,
+            path=path,
+            frames=tuple(frames),
+            points=points,
+            point_colors=colors,
+            notes=(
+                f"{folder}: {len(files)} cameras",
+                *((low,) if blurred else ()),
+                *missing_pictures(missing, len(files), pictures),
+                *_unused(keyframes),
+            ),
+            up="y",
+        )
+
+    def _frames(self, files: list[Path], pictures: Path) -> tuple[list[Frame], list[str], int]:
+        """The frames, the names of missing pictures, and how many are too blurred."""
+        frames, missing, blurred = [], [], 0
+        cameras: dict[Lens, int] = {}
+        for file in files:
+            entry = mapping(read_json(file), str(file))
+            if number(entry, "blur_score", str(file), self.min_blur_score) < self.min_blur_score:
+                blurred += 1
+                continue
+            names = (pictures / f"{file.stem}{extension}" for extension in EXTENSIONS)
+            picture = next((name for name in names if name.is_file()), None)
+            if picture is None:
+                missing.append(file.stem)
+                continue
+            values = [number(entry, key, str(file)) for key in POSE_KEYS]
+            lens = _lens(entry, str(file))
+            pose = torch.tensor(values, dtype=torch.float64).reshape(3, 4)
+            header = read_header(picture)
+            frame = Frame(picture.name, picture, header, lens, from_opengl(pose, str(file)))
+            frames.append(replace(frame, camera=cameras.setdefault(lens, len(cameras))))
+        return frames, missing, blurred
+
+
+def _lens(entry: Mapping[str, Any], where: str) -> Lens:
+    fx, fy, cx, cy, width, height = (number(entry, key, where) for key in LENS_KEYS)
+    lens = Lens(fx, fy, cx, cy, round(width), round(height), where)
+    lens.check()
+    return lens
+
+
+def _keyframes(path: Path) -> Path:
+    return path if path.name == "keyframes" else path / "keyframes"
+
+
+def _cameras(keyframes: Path, corrected: bool) -> Path:
+    """The folder of the cameras; corrected ones count only with their pictures."""
+    names = ("corrected_cameras", "corrected_images")
+    if corrected and all((keyframes / name).is_dir() for name in names):
+        return keyframes / names[0]
+    return keyframes / "cameras"
+
+
+def _unused(keyframes: Path) -> tuple[str, ...]:
+    """What is there and is not used."""
+    items = (
+        (keyframes / "depth", "keyframes/depth (measured depth)"),
+        (keyframes / "confidence", "keyframes/confidence"),
+        (keyframes.parent / "mesh_info.json", "mesh_info.json (where Polycam's mesh lies)"),
+    )
+    found = [name for item, name in items if item.exists()]
+    return (f"not used: {', '.join(found)}",) if found else ()

@@ -1,0 +1,118 @@
+"""The ``llff`` format."""
+
+import numpy as np
+import pytest
+import torch
+from small_captures import FOCAL, HEIGHT, WIDTH, projection_error, request, ring, write_picture
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.llff import LlffConfig
+from gsfw.datamanagers.neural_3d_video import Neural3DVideoConfig
+
+
+def centred(capture):
+    """LLFF knows one focal length, and the principal point in the middle."""
+
+    def pixels(view, scale=1.0):
+        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
+        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array([WIDTH / 2, HEIGHT / 2]))
+
+    object.__setattr__(capture, "pixels", pixels)
+    return capture
+
+
+def write(folder, capture, shrunk=(1,)):
+    """Poses whose axes are down, right and back, and the pictures shrunk by each factor."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for pose in capture.poses:
+        right, down, forward = pose[:3, :3]
+        center = -pose[:3, :3].T @ pose[:3, 3]
+        hwf = np.array([HEIGHT, WIDTH, FOCAL[0]])
+        rows.append([*np.stack([down, right, -forward, center, hwf], axis=1).flatten(), 0.5, 3.0])
+    np.save(folder / "poses_bounds.npy", np.array(rows))
+    for factor in shrunk:
+        name = "images" if factor == 1 else f"images_{factor}"
+        for picture in capture.names:
+            write_picture(folder / name / picture, WIDTH // factor, HEIGHT // factor)
+    return folder
+
+
+def build(path, config=None, **settings):
+    return LlffConfig(**config or {}).build(request(path, **settings))
+
+
+def failure(path, config=None) -> str:
+    with pytest.raises(DataError) as error:
+        build(path, config)
+    return str(error.value)
+
+
+def test_points_fall_where_they_should(tmp_path):
+    data = build(write(tmp_path, ring()))
+    assert projection_error(data, centred(ring())) < 0.01
+    assert projection_error(build(tmp_path / "poses_bounds.npy"), centred(ring())) < 0.01
+    assert data.notes()[0] == (
+        f"{tmp_path}/poses_bounds.npy: 4 cameras, pictures of {tmp_path}/images (1/1 of full "
+        "size); the nearest and farthest depths are not used"
+    )
+
+
+@pytest.mark.parametrize(("downscale", "folder", "left"), [(4, 4, 1), (6, 4, 1.5), (2, 1, 2)])
+def test_downscale_takes_the_pictures_that_were_shrunk_no_more(tmp_path, downscale, folder, left):
+    data = build(write(tmp_path, ring(), (1, 4, 8)), downscale=float(downscale))
+    assert f"(1/{folder} of full size)" in data.notes()[0]
+    camera = data.views(Split.TRAIN).cameras[0]
+    assert (camera.width, camera.height) == (round(64 / folder / left), round(48 / folder / left))
+    if downscale != 6:
+        assert projection_error(data, centred(ring()), 1 / downscale) < 0.01
+
+
+def test_shrunk_pictures_alone_are_enough(tmp_path):
+    data = build(write(tmp_path, ring(), (8,)))
+    assert projection_error(data, centred(ring()), 1 / 8) < 0.01
+
+
+def test_a_folder_of_pictures_may_be_named(tmp_path):
+    write(tmp_path, ring(), (1, 4))
+    data = build(tmp_path, {"images": "images_4"})
+    assert projection_error(data, centred(ring()), 1 / 4) < 0.01
+    with pytest.raises(DataError, match=r"datamanager.images=photos: there is no folder"):
+        build(tmp_path, {"images": "photos"})
+
+
+def test_pictures_decode(tmp_path):
+    data = build(write(tmp_path, ring()))
+    (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
+    assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
+
+
+def test_a_picture_too_many_is_refused(tmp_path):
+    write(tmp_path, ring())
+    write_picture(tmp_path / "images/zz.png")
+    assert "has 4 cameras, but there are 5 pictures in" in failure(tmp_path)
+    assert "pictures that LLFF left out have to be removed." in failure(tmp_path)
+
+
+def test_malformed_files_are_refused(tmp_path):
+    write(tmp_path, ring())
+    (tmp_path / "poses_bounds.npy").write_bytes(b"\x93NUMPY\x01\x00")
+    assert "poses_bounds.npy cannot be read" in failure(tmp_path)
+    np.save(tmp_path / "poses_bounds.npy", np.full((4, 17), np.nan))
+    assert "row 0 (view_000.png): its size is nanxnan pixels." in failure(tmp_path)
+    np.save(tmp_path / "poses_bounds.npy", np.ones((4, 17)))
+    assert "row 0 (view_000.png): the pose is not rigid" in failure(tmp_path)
+    (tmp_path / "poses_bounds.npy").unlink()
+    assert f"{tmp_path} holds no poses_bounds.npy." in failure(tmp_path)
+    assert "holds no pictures: there is no images/" in failure(tmp_path.parent)
+
+
+def test_videos_of_cameras_are_another_format(tmp_path):
+    still = write(tmp_path / "still", ring())
+    assert LlffConfig.detect(still).found == "poses_bounds.npy with images/"
+    assert not Neural3DVideoConfig.detect(still).recognised
+    moving = write(tmp_path / "moving", ring(), ())
+    write_picture(moving / "cam00/images/0000.png")
+    assert Neural3DVideoConfig.detect(moving).recognised
+    assert not LlffConfig.detect(moving).recognised

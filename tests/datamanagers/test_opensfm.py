@@ -1,0 +1,220 @@
+"""The ``opensfm`` format."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from foreign_cameras import brown, equidistant, pixel_error, undistorted_error
+from small_captures import (
+    CENTER,
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    projection_error,
+    request,
+    ring,
+    write_pictures,
+)
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.opensfm import OpenSfmConfig
+
+LONGER = max(WIDTH, HEIGHT)
+BROWN = {
+    "projection_type": "brown", "width": WIDTH, "height": HEIGHT,
+    "focal_x": FOCAL[0] / LONGER, "focal_y": FOCAL[1] / LONGER,
+    "c_x": (CENTER[0] - WIDTH / 2) / LONGER, "c_y": (CENTER[1] - HEIGHT / 2) / LONGER,
+}  # fmt: skip
+TERMS = {"k1": -0.1, "k2": 0.05, "k3": -0.02, "p1": 2e-3, "p2": -3e-3}
+
+
+def axis_angle(rotation):
+    angle = np.arccos((np.trace(rotation) - 1) / 2)
+    pairs = ((2, 1), (0, 2), (1, 0))
+    axis = np.array([rotation[i, j] - rotation[j, i] for i, j in pairs])
+    return (angle * axis / (2 * np.sin(angle))).tolist()
+
+
+def reconstruction(camera=BROWN, views=4, **parts):
+    capture = ring(4)
+    shots = {
+        name: {
+            "camera": "v2 unknown", "rotation": axis_angle(pose[:3, :3]),
+            "translation": pose[:3, 3].tolist(), "orientation": 1,
+        }
+        for pose, name in list(zip(capture.poses, capture.names, strict=True))[:views]
+    }  # fmt: skip
+    points = {
+        str(number): {"coordinates": point.tolist(), "color": color.tolist()}
+        for number, (point, color) in enumerate(zip(capture.points, capture.colors, strict=True))
+    }
+    return {"cameras": {"v2 unknown": camera}, "shots": shots, "points": points} | parts
+
+
+def write(folder, *reconstructions, pictures="images"):
+    write_pictures(folder / pictures, ring())
+    content = list(reconstructions) or [reconstruction()]
+    (folder / "reconstruction.json").write_text(json.dumps(content))
+    return folder
+
+
+def build(path, config=None, **settings):
+    return OpenSfmConfig(**config or {}).build(request(path, **settings))
+
+
+def failure(path) -> str:
+    with pytest.raises(DataError) as error:
+        build(path)
+    return str(error.value)
+
+
+def test_points_fall_where_they_should(tmp_path):
+    data = build(write(tmp_path))
+    assert projection_error(data, ring()) < 0.01
+    assert projection_error(build(tmp_path / "reconstruction.json"), ring()) < 0.01
+    assert projection_error(build(tmp_path, downscale=2.0), ring(), 0.5) < 0.01
+    assert data.scene.up == "z"
+    assert np.allclose(data.recording.points, ring().points)
+    assert np.allclose(data.recording.point_colors, ring().colors / 255)
+    assert data.notes()[0] == f"{tmp_path}/reconstruction.json: 4 shots, 20 points"
+
+
+def test_numbers_are_those_of_any_size_of_the_picture(tmp_path):
+    camera = BROWN | {"width": WIDTH * 3 // 2, "height": HEIGHT * 3 // 2}
+    assert projection_error(build(write(tmp_path, reconstruction(camera))), ring()) < 0.01
+    turned = BROWN | {"width": HEIGHT, "height": WIDTH}
+    said = failure(write(tmp_path, reconstruction(turned)))
+    assert "view_000.png is 64x48 pixels, but camera v2 unknown of" in said
+
+
+def test_opendronemaps_folders_are_known(tmp_path):
+    write_pictures(tmp_path / "images", ring())
+    (tmp_path / "opensfm").mkdir()
+    content = json.dumps([reconstruction()])
+    (tmp_path / "opensfm/reconstruction.json").write_text(content)
+    assert projection_error(build(tmp_path), ring()) < 0.01
+    assert projection_error(build(tmp_path / "opensfm"), ring()) < 0.01
+
+
+def pixels(x, y):
+    x, y = BROWN["focal_x"] * x + BROWN["c_x"], BROWN["focal_y"] * y + BROWN["c_y"]
+    return x * LONGER + WIDTH / 2, y * LONGER + HEIGHT / 2
+
+
+def brown_formula(x, y):
+    """OpenSfM's Disto246 and tangential terms: p2 on r^2 + 2 x^2."""
+    k = [TERMS[f"k{power}"] for power in (1, 2, 3)]
+    return pixels(*brown(x, y, k, (TERMS["p2"], TERMS["p1"])))
+
+
+def fisheye_formula(x, y):
+    return pixels(*brown(*equidistant(x, y), (0.1, -0.05, 0.02, 0.01)))
+
+
+@pytest.mark.parametrize(
+    ("camera", "formula"),
+    [
+        (BROWN | TERMS, brown_formula),
+        (
+            BROWN | {"projection_type": "fisheye_opencv"}
+            | {"k1": 0.1, "k2": -0.05, "k3": 0.02, "k4": 0.01},
+            fisheye_formula,
+        ),
+        (
+            BROWN | {"projection_type": "fisheye62", "k1": 0.1, "k2": -0.05, "k3": 0.02}
+            | {"k4": 0.01, "k5": 0.0, "k6": 0.0, "p1": 0.0, "p2": 0.0},
+            fisheye_formula,
+        ),
+    ],
+)  # fmt: skip
+def test_distorted_cameras_see_points_where_the_formula_says(tmp_path, camera, formula):
+    data = build(write(tmp_path, reconstruction(camera)))
+    assert pixel_error(data, ring(), formula) < 0.01
+    assert undistorted_error(data, ring()) < 0.01
+    (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
+    assert batch.images.shape[1:3] == (batch.cameras.height, batch.cameras.width)
+
+
+@pytest.mark.parametrize(
+    ("kind", "bend"), [("perspective", lambda x, y: (x, y)), ("fisheye", equidistant)]
+)
+def test_old_types_have_one_focal_length_and_two_terms(tmp_path, kind, bend):
+    camera = {"projection_type": kind, "width": WIDTH, "height": HEIGHT, "focal": 1.1}
+    camera |= {"k1": -0.1, "k2": 0.05}
+
+    def formula(x, y):
+        x, y = brown(*bend(x, y), (-0.1, 0.05))
+        return 1.1 * LONGER * x + WIDTH / 2, 1.1 * LONGER * y + HEIGHT / 2
+
+    data = build(write(tmp_path, reconstruction(camera)))
+    assert pixel_error(data, ring(), formula) < 0.01
+
+
+def test_the_largest_reconstruction_is_used(tmp_path):
+    reference = {"latitude": 52.5, "longitude": 13.4, "altitude": 34.0}
+    write(tmp_path, reconstruction(views=1), reconstruction(views=3, reference_lla=reference))
+    data = build(tmp_path)
+    assert len(data.views(Split.TRAIN)) == 3
+    notes = data.notes()
+    assert "used the largest of 2 reconstructions; 1 shots of the others are left out" in notes
+    assert (
+        "the world is metres to the east, north and up of latitude 52.5, longitude 13.4, altitude "
+        "34.0" in notes
+    )
+
+
+def test_missing_pictures_are_noted(tmp_path):
+    write(tmp_path)
+    (tmp_path / "images/view_001.png").unlink()
+    assert (
+        "1 of 4 pictures are not on disk and are left out: view_001.png" in build(tmp_path).notes()
+    )
+
+
+def test_a_reconstruction_without_points_starts_from_none(tmp_path):
+    data = build(write(tmp_path, reconstruction(points={})))
+    assert len(data.recording.points) == 0
+    assert "there are no points (a PLY file in the data set would be used)" in data.notes()
+
+
+def changed(**settings):
+    """A reconstruction whose first shot is different."""
+    content = reconstruction()
+    content["shots"]["view_000.png"] |= settings
+    return content
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (reconstruction(shots={}), "reconstruction.json holds no shots"),
+        (reconstruction(cameras=3), "cameras of 0: expected an object, found 3."),
+        (changed(camera="other"), "shot view_000.png: there is no camera 'other'."),
+        (changed(rotation=[1, 2]), "shot view_000.png: rotation: expected 3 numbers, found [1, 2]"),
+        (changed(translation=None), "translation: expected 3 numbers, found nothing."),
+        (reconstruction(BROWN | {"projection_type": "spherical"}),
+         "pictures of spherical cameras cannot be trained on."),
+        (reconstruction(BROWN | {"projection_type": "fisheye624", "s1": 0.1}),
+         "the tangential and thin prism terms of fisheye624 cannot be used."),
+        (reconstruction(BROWN | {"focal_x": None}), "focal_x is nothing; expected a number."),
+        (reconstruction(points={"1": {"coordinates": [1, 2]}}),
+         "point coordinates: expected 3 numbers"),
+    ],
+)  # fmt: skip
+def test_malformed_files_are_refused(tmp_path, content, message):
+    assert message in failure(write(tmp_path, content))
+
+
+def test_damaged_files_are_refused(tmp_path):
+    assert failure(tmp_path).startswith(f"{tmp_path} holds no reconstruction.json.")
+    (tmp_path / "reconstruction.json").write_text('[{"cameras": ')
+    assert "reconstruction.json cannot be read as JSON" in failure(tmp_path)
+    (tmp_path / "reconstruction.json").write_text("{}")
+    assert "reconstruction.json is no list of reconstructions." in failure(tmp_path)
+
+
+def test_the_format_is_told_by_its_name(tmp_path):
+    assert not OpenSfmConfig.detect(tmp_path).recognised
+    assert OpenSfmConfig.detect(write(tmp_path)).found == "reconstruction.json"

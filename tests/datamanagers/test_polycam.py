@@ -1,0 +1,125 @@
+"""The ``polycam`` format."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from small_captures import (
+    CENTER,
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    opengl,
+    projection_error,
+    request,
+    ring,
+    write_pictures,
+)
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.polycam import PolycamConfig
+
+
+def write(folder, prefix="", views=4, **settings):
+    """Keyframes as Polycam names them; ``settings`` replace those of a camera, None removes one."""
+    capture = ring(views)
+    cameras = folder / f"keyframes/{prefix}cameras"
+    cameras.mkdir(parents=True)
+    write_pictures(folder / f"keyframes/{prefix}images", capture)
+    for number, (pose, name) in enumerate(zip(capture.poses, capture.names, strict=True)):
+        content = {
+            "fx": FOCAL[0], "fy": FOCAL[1], "cx": CENTER[0], "cy": CENTER[1],
+            "width": WIDTH, "height": HEIGHT, "blur_score": 50.0 + 10 * number, "timestamp": 1,
+        }  # fmt: skip
+        matrix = np.array(opengl(pose))
+        content |= {f"t_{i}{j}": matrix[i, j] for i in range(3) for j in range(4)}
+        content = {k: value for k, value in (content | settings).items() if value is not None}
+        (cameras / name).with_suffix(".json").write_text(json.dumps(content))
+    return folder
+
+
+def build(path, config=None, **settings):
+    return PolycamConfig(**config or {}).build(request(path, **settings))
+
+
+def failure(path, config=None) -> str:
+    with pytest.raises(DataError) as error:
+        build(path, config)
+    return str(error.value)
+
+
+def test_points_fall_where_they_should(tmp_path):
+    data = build(write(tmp_path))
+    assert projection_error(data, ring()) < 0.01
+    assert projection_error(build(tmp_path / "keyframes"), ring()) < 0.01
+    assert projection_error(build(tmp_path, downscale=2.0), ring(), 0.5) < 0.01
+    assert data.scene.up == "y"
+    (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
+    assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
+
+
+def test_corrected_cameras_are_preferred_with_their_pictures(tmp_path):
+    write(tmp_path)
+    write(tmp_path, "corrected_", views=3)
+    assert projection_error(build(tmp_path), ring(3)) < 0.01
+    assert build(tmp_path).notes()[0] == f"{tmp_path}/keyframes/corrected_cameras: 3 cameras"
+    assert projection_error(build(tmp_path, {"corrected": False}), ring()) < 0.01
+
+
+def test_blurred_pictures_are_left_out_when_asked_for(tmp_path):
+    data = build(write(tmp_path), {"min_blur_score": 65.0})
+    assert data.views(Split.TRAIN).names == ("view_002.png", "view_003.png")
+    assert "2 pictures score below 65 and are left out" in data.notes()
+    assert failure(tmp_path, {"min_blur_score": 99.0}).startswith(
+        "datamanager.min_blur_score=99: all 4 pictures score lower."
+    )
+
+
+def test_what_is_not_used_is_noted(tmp_path):
+    write(tmp_path)
+    (tmp_path / "keyframes/depth").mkdir()
+    (tmp_path / "mesh_info.json").write_text("{}")
+    assert (
+        "not used: keyframes/depth (measured depth), mesh_info.json (where Polycam's mesh lies)"
+        in build(tmp_path).notes()
+    )
+
+
+def test_missing_pictures_are_noted(tmp_path):
+    write(tmp_path)
+    (tmp_path / "keyframes/images/view_001.png").unlink()
+    assert "1 of 4 pictures are not on disk and are left out: view_001" in build(tmp_path).notes()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"fx": None}, "view_000.json: fx is nothing; expected a number."),
+        ({"cy": "middle"}, "view_000.json: cy is 'middle'; expected a number."),
+        ({"t_03": True}, "view_000.json: t_03 is True; expected a number."),
+        ({"t_00": 3.0}, "view_000.json: the pose (transform_matrix) is not rigid"),
+        ({"fy": -1.0}, "is no camera."),
+        ({"width": 99}, "view_000.json describes 99x48."),
+    ],
+)
+def test_malformed_cameras_are_refused(tmp_path, settings, message):
+    assert message in failure(write(tmp_path, **settings))
+
+
+def test_damaged_or_missing_files_are_refused(tmp_path):
+    assert "holds no keyframes/ with images/ and cameras/" in failure(tmp_path)
+    write(tmp_path)
+    file = tmp_path / "keyframes/cameras/view_000.json"
+    file.write_text("[1]")
+    assert failure(tmp_path) == f"{file}: expected an object, found [1]."
+    file.write_text('{"fx": ')
+    assert f"{file} cannot be read as JSON" in failure(tmp_path)
+
+
+def test_the_format_is_told_by_its_folders(tmp_path):
+    assert not PolycamConfig.detect(tmp_path).recognised
+    write(tmp_path)
+    assert PolycamConfig.detect(tmp_path).found == "Polycam's keyframes/cameras/"
+    assert PolycamConfig.detect(tmp_path / "keyframes").found == "Polycam's cameras/"

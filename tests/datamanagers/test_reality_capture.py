@@ -1,0 +1,179 @@
+"""The ``reality-capture`` format."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from foreign_cameras import brown, pixel_error, undistorted_error
+from small_captures import (
+    CENTER,
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    projection_error,
+    request,
+    ring,
+    write_pictures,
+)
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.reality_capture import RealityCaptureConfig, _pose
+
+HEADER = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"
+DISTORTION = (-0.1, 0.05, -0.02, 0.01, 2e-3, -3e-3)
+INTRINSICS = (
+    36 * FOCAL[0] / WIDTH,
+    (CENTER[0] - WIDTH / 2) / WIDTH,
+    (CENTER[1] - HEIGHT / 2) / WIDTH,
+)
+
+
+def square(capture):
+    """RealityCapture knows one focal length."""
+
+    def pixels(view, scale=1.0):
+        local = capture.points @ capture.poses[view][:3, :3].T + capture.poses[view][:3, 3]
+        return scale * (FOCAL[0] * local[:, :2] / local[:, 2:] + np.array(CENTER))
+
+    object.__setattr__(capture, "pixels", pixels)
+    return capture
+
+
+def angles(pose):
+    """Heading, pitch and roll in degrees, from where the camera looks and what is right of it.
+
+    Of an upright camera: it looks to the heading (clockwise from north, which is y), pitch is 90
+    at the horizon and 0 straight down, and roll is what it is turned by about its axis.
+    """
+    right, _, forward = pose[:3, :3]
+    heading = math.degrees(math.atan2(forward[0], forward[1]))
+    pitch = 90 + math.degrees(math.asin(forward[2]))
+    level = np.array([math.cos(math.radians(heading)), -math.sin(math.radians(heading)), 0.0])
+    assert np.allclose(right, level), "cameras of the ring stand upright"
+    return heading, pitch, 0.0
+
+
+def row(capture, view, name=None, intrinsics=INTRINSICS, distortion=()):
+    pose = capture.poses[view]
+    center = -pose[:3, :3].T @ pose[:3, 3]
+    values = (*center, *angles(pose), *intrinsics, *(*distortion, *(0,) * 6)[:6])
+    return ",".join([name or capture.names[view], *(repr(float(value)) for value in values)])
+
+
+def write(folder, rows=None, header=HEADER, pictures="images"):
+    capture = ring()
+    write_pictures(folder / pictures, capture)
+    rows = [row(capture, view) for view in range(4)] if rows is None else rows
+    (folder / "export.csv").write_text("\n".join([header, *rows]) + "\n")
+    return folder
+
+
+def build(path, config=None, **settings):
+    return RealityCaptureConfig(**config or {}).build(request(path, **settings))
+
+
+def failure(path) -> str:
+    with pytest.raises(DataError) as error:
+        build(path)
+    return str(error.value)
+
+
+NEW_HEADER = "#name,x,y,alt,yaw,pitch,roll,f_35mm,px_norm,py_norm,k1,k2,k3,k4,t1,t2"
+
+
+@pytest.mark.parametrize(
+    "header", [HEADER, NEW_HEADER, f"#cameras 4\n{HEADER}", HEADER[1:].upper()]
+)
+def test_points_fall_where_they_should(tmp_path, header):
+    data = build(write(tmp_path, header=header))
+    assert projection_error(data, square(ring())) < 0.01
+    assert projection_error(build(tmp_path / "export.csv"), square(ring())) < 0.01
+    assert projection_error(build(tmp_path, downscale=2.0), square(ring()), 0.5) < 0.01
+    assert data.scene.up == "z"
+    assert data.notes()[0] == f"{tmp_path}/export.csv: 4 cameras"
+
+
+def test_pictures_may_lie_beside_the_file(tmp_path):
+    assert projection_error(build(write(tmp_path, pictures=".")), square(ring())) < 0.01
+
+
+def test_angles_are_those_of_a_drone():
+    """A camera that looks straight down has north above; rolled, its right side goes down."""
+
+    def axes(heading, pitch, roll):
+        angles = {"heading": heading, "pitch": pitch, "roll": roll}
+        values = {"x": 0.0, "y": 0.0, "alt": 0.0} | {k: float(v) for k, v in angles.items()}
+        return _pose(values, "here")[:3, :3]
+
+    down, north = torch.tensor([0.0, 0, -1]).double(), torch.tensor([0.0, 1, 0]).double()
+    east = torch.tensor([1.0, 0, 0]).double()
+    for found, wanted in (
+        (axes(0, 0, 0), (east, -north, down)),
+        (axes(0, 90, 0), (east, down, north)),
+        (axes(90, 90, 0), (-north, down, east)),
+        (axes(0, 0, 90), (down, -north, -east)),
+    ):
+        torch.testing.assert_close(found, torch.stack(wanted))
+
+
+def test_distorted_cameras_see_points_where_the_formula_says(tmp_path):
+    """Brown4 with tangential terms, t1 on r^2 + 2 x^2; pixels from the corner."""
+    capture = ring()
+    rows = [row(capture, view, distortion=DISTORTION) for view in range(4)]
+    data = build(write(tmp_path, rows))
+
+    def formula(x, y):
+        x, y = brown(x, y, DISTORTION[:4], DISTORTION[4:])
+        scale, (f, px, py) = max(WIDTH, HEIGHT), INTRINSICS
+        return (f / 36 * x + px) * scale + WIDTH / 2, (f / 36 * y + py) * scale + HEIGHT / 2
+
+    assert pixel_error(data, capture, formula) < 0.01
+    assert undistorted_error(data, capture) < 0.01
+    (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
+    assert batch.images.shape[1:3] == (batch.cameras.height, batch.cameras.width)
+
+
+def test_columns_after_the_focal_length_may_be_missing(tmp_path):
+    rows = [",".join(row(ring(), view).split(",")[:8]) for view in range(4)]
+    data = build(write(tmp_path, rows, "#name,x,y,alt,heading,pitch,roll,f"))
+    lens = data.recording.frames[0].lens
+    assert (lens.fx, lens.cx, lens.cy) == (pytest.approx(FOCAL[0]), WIDTH / 2, HEIGHT / 2)
+    assert lens.is_pinhole
+
+
+def test_pictures_of_one_lens_have_one_camera(tmp_path):
+    rows = [row(ring(), 0), row(ring(), 1), row(ring(), 2, intrinsics=(40, 0, 0)), row(ring(), 3)]
+    data = build(write(tmp_path, rows))
+    assert [frame.camera for frame in data.recording.frames] == [0, 0, 1, 0]
+
+
+def test_missing_pictures_are_noted(tmp_path):
+    rows = [row(ring(), 0), row(ring(), 1, "gone.png"), *(row(ring(), view) for view in (2, 3))]
+    notes = build(write(tmp_path, rows)).notes()
+    assert "1 of 4 pictures are not on disk and are left out: gone.png" in notes
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([], "export.csv holds no cameras."),
+        (["view_000.png,1,2,3"], "export.csv: line 2 has 4 of 16 columns."),
+        (["view_000.png," + ",".join("1" * 6) + ",wide" + ",0" * 8],
+         "line 2 (view_000.png): f is 'wide'; expected a number."),
+        (["view_000.png," + ",".join("1" * 6) + ",-35" + ",0" * 8], "is no camera."),
+        (["view_000.png,nan," + ",".join("1" * 6) + ",0" * 8], "x is 'nan'; expected a number."),
+    ],
+)  # fmt: skip
+def test_malformed_files_are_refused(tmp_path, rows, message):
+    assert message in failure(write(tmp_path, rows))
+
+
+def test_the_format_is_told_by_the_first_line(tmp_path):
+    (tmp_path / "flight.csv").write_text("name,x,y,z\na.jpg,1,2,3\n")
+    (tmp_path / "empty.csv").touch()
+    assert not RealityCaptureConfig.detect(tmp_path).recognised
+    assert "first line is #name,x,y,alt,heading,pitch,roll,f,...; found none." in failure(tmp_path)
+    write(tmp_path)
+    assert RealityCaptureConfig.detect(tmp_path).found == "RealityCapture's export.csv"
