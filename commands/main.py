@@ -11,6 +11,7 @@ from gsfw.commands.arguments import HelpRequested, parse
 from gsfw.commands.console import Console
 from gsfw.commands.failure import INTERRUPTED, report
 from gsfw.commands.help import main_help
+from gsfw.commands.interrupt import leave_on_signal
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 from gsfw.plugins.specs import PROJECT
@@ -28,12 +29,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; the exit code.
 
     0: done. 1: failed. 2: something the user can put right. 130: interrupted.
+
+    Raises:
+        SystemExit: it was ended by SIGTERM (143) or SIGHUP (129).
     """
     os.environ.setdefault("GOMP_SPINCOUNT", SPINS)  # Read when torch is loaded.
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     console = Console(_flag(tokens, "json"))
     try:
-        code = _run(tokens, console)
+        with leave_on_signal():
+            code = _run(tokens, console)
         sys.stdout.flush()
         return code
     except HelpRequested as wanted:

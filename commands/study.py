@@ -185,7 +185,8 @@ def _tell(console: Console, ended: Ended) -> None:
     name = ended.run.cell.name
     head = f"[{ended.number}/{ended.total}] {name}: "
     if ended.failure is not None:
-        console.say(f"{head}failed: {ended.failure.error}")
+        advice = f"\n{ended.failure.advice}" if ended.failure.advice else ""
+        console.say(f"{head}failed: {ended.failure.error}{advice}")
         return
     if ended.result is None:
         console.say(f"{name}: stopped; it goes on another time, from its checkpoint if it has one")
@@ -247,7 +248,7 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
     from gsfw.plugins.values import as_text
 
     known = store.results.get(planned.cell.key)
-    same = known is not None and known.fingerprint == planned.fingerprint
+    same = known is not None and known.is_of(planned)
     if again and (same or planned.is_finished()):
         return "is made again"
     if same or planned.is_finished():
@@ -262,7 +263,7 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
         return "is made"
     changed = [
         f"{key}={as_text(value)} (was {as_text(known.settings.get(key))})"
-        for key, value in planned.settings.items()
+        for key, value in planned.comparable(known.settings).items()
         if known.settings.get(key) != value
     ]
     return f"is made again: {', '.join(changed[:3])}{', ...' if len(changed) > 3 else ''}"
@@ -300,7 +301,10 @@ def _report(
             if line.figures
         ]
         console.say()
-        console.table(columns, rows, table.scene)
+        if rows:
+            console.table(columns, rows, table.scene)
+        else:
+            console.say(table.scene)
         for line in table.lines:
             if line.note:
                 console.say(f"{line.row}: {line.note}")

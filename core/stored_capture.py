@@ -17,15 +17,20 @@ class StoredCapture(DataManager):
 
     has_pictures = False
 
-    def __init__(self, scene: Scene, views: Mapping[Split, Views], source: str) -> None:
+    def __init__(
+        self, scene: Scene, views: Mapping[Split, Views], source: str, has_data: bool = True
+    ) -> None:
         """Take what a file holds.
 
         Args:
             scene: of the capture.
             views: of every split.
             source: the file, for messages.
+            has_data: whether the pictures were those of a data set, which is somewhere; else the
+                run made them itself, as it does those of the built-in scene.
         """
         self._scene, self._views, self._source = scene, views, source
+        self._has_data = has_data
 
     @property
     def scene(self) -> Scene:
@@ -42,8 +47,10 @@ class StoredCapture(DataManager):
         Raises:
             DataError: always; says what can be done without pictures.
         """
+        where = "Add data=PATH with the data set it was trained on"
+        if not self._has_data:
+            where = "It was trained on the built-in scene, not on a data set: give the run's folder"
         raise DataError(
             f"{self._source} holds no pictures, only the cameras that took them.",
-            "Add data=PATH with the data set it was trained on, or draw what needs no pictures: "
-            f"gsfw render {self._source} what=orbit",
+            f"{where}, or draw what needs no pictures: gsfw render {self._source} what=orbit",
         )

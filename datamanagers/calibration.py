@@ -133,9 +133,11 @@ def _opencv(name: str, entry: Mapping[str, Any], file: Path) -> CalibratedCamera
 def _size(entry: Mapping[str, Any], where: str) -> tuple[int, int]:
     for width, height in SIZE_KEYS:
         if width in entry and height in entry:
-            size = _array({"size": [entry[width], entry[height]]}, ("size",), ((2,),), where)
-            return round(float(size[0])), round(float(size[1]))
+            entry = {"size": [entry[width], entry[height]]}
+            break
     size = _array(entry, SIZE_LISTS, ((2,),), where)
+    if not size.isfinite().all():
+        raise DataError(f"{where}: its size is {size.tolist()}; expected 2 finite numbers.")
     return round(float(size[0])), round(float(size[1]))
 
 
@@ -174,7 +176,7 @@ def _array(
         raise DataError(f"{where} has no {keys[0]} (looked for {', '.join(keys)}).")
     try:
         numbers = torch.tensor(entry[key], dtype=torch.float64)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         numbers = torch.empty(0, 0, dtype=torch.float64)
     if tuple(numbers.shape) not in shapes:
         expected = " or ".join("x".join(map(str, shape)) for shape in shapes if shape != (0,))
@@ -196,11 +198,7 @@ def _qualisys(file: Path) -> list[CalibratedCamera]:
 def _qualisys_camera(node: ElementTree.Element, file: Path) -> CalibratedCamera:
     name = node.get("serial", "?")
     where = f"camera {name} of {file}"
-    if float(node.get("viewrotation", 0)) != 0:
-        raise DataError(
-            f"{where} is turned by {node.get('viewrotation')} degrees, which is not read.",
-            "Convert the calibration to JSON with OpenCV's numbers.",
-        )
+    _check_upright(node, where)
     view = _attributes(node, "fov_video", ("left", "top", "right", "bottom"), where)
     k = _attributes(
         node,
@@ -237,6 +235,22 @@ def _qualisys_camera(node: ElementTree.Element, file: Path) -> CalibratedCamera:
     )
     lens.check()
     return CalibratedCamera(name, lens, from_center(rotation, center, where))
+
+
+def _check_upright(node: ElementTree.Element, where: str) -> None:
+    """Refuse a camera that was turned, which changes what its numbers mean."""
+    try:
+        turned = float(node.get("viewrotation", 0))
+    except ValueError:
+        raise DataError(
+            f"{where}: viewrotation is {node.get('viewrotation')!r}; expected degrees.",
+            "Export the calibration again.",
+        ) from None
+    if turned != 0:
+        raise DataError(
+            f"{where} is turned by {node.get('viewrotation')} degrees, which is not read.",
+            "Convert the calibration to JSON with OpenCV's numbers.",
+        )
 
 
 def _attributes(

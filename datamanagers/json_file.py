@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Mapping
@@ -49,9 +50,11 @@ def number(entry: Mapping[str, Any], key: str, where: str, default: float | None
     """
     value = entry.get(key, default)
     # Numbers are written as such; true is one to Python, not to us.
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise DataError(f"{where}: {key} is {_shown(value)}; expected a number.")
-    return float(value)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):  # JSON has whole numbers of any length.
+            if math.isfinite(found := float(value)):
+                return found
+    raise DataError(f"{where}: {key} is {_shown(value)}; expected a number.")
 
 
 def numbers(value: Any, count: int, where: str) -> Float64[Tensor, " n"]:  # noqa: ANN401
@@ -62,7 +65,7 @@ def numbers(value: Any, count: int, where: str) -> Float64[Tensor, " n"]:  # noq
     """
     try:
         found = torch.tensor(value, dtype=torch.float64).flatten()
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         found = torch.empty(0, dtype=torch.float64)
     if len(found) != count or not found.isfinite().all():
         raise DataError(f"{where}: expected {count} numbers, found {_shown(value)}.")

@@ -23,6 +23,7 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.json_file import mapping
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.point_file import Points, check_points
@@ -30,6 +31,8 @@ from gsfw.datamanagers.poses import from_center
 
 FILES = ("dataset.json", "metadata.json")
 LOOKED_FOR = "dataset.json and metadata.json with camera/ and rgb/"
+LARGEST = 2**63 - 1
+"""Whole number that a tensor holds."""
 
 
 @dataclass
@@ -160,13 +163,17 @@ def _splits(path: Path) -> tuple[dict[str, Split | None], tuple[str, ...]]:
 
 
 def _whole(
-    settings: Mapping[str, Any], keys: tuple[str, ...], where: str, default: int | None = None
+    entry: Any,  # noqa: ANN401 - whatever the file holds
+    keys: tuple[str, ...],
+    where: str,
+    default: int | None = None,
 ) -> int:
     """The first of some whole numbers that there is."""
+    settings = mapping(entry, where)
     found = next((settings[key] for key in keys if key in settings), default)
-    if not isinstance(found, int) or found < 0:
+    if type(found) is not int or not 0 <= found <= LARGEST:
         raise DataError(
-            f"{where}: {' or '.join(keys)} is {found!r}; expected a number.",
+            f"{where}: {' or '.join(keys)} is {found!r}; expected a whole number from 0 on.",
             "Copy the file again.",
         )
     return found
@@ -231,9 +238,9 @@ def _numbers(
         return torch.full(shape, default, dtype=torch.float64)
     try:
         numbers = torch.tensor(value, dtype=torch.float64)
-    except (TypeError, ValueError, RuntimeError):
+    except (TypeError, ValueError, RuntimeError, OverflowError):
         numbers = torch.empty(0)
-    if numbers.shape != shape:
+    if numbers.shape != shape or not numbers.isfinite().all():
         expected = f"{'x'.join(map(str, shape))} numbers" if shape else "a number"
         raise DataError(
             f"{file}: {keys[0]} is {value!r}; expected {expected}.", "Copy the file again."

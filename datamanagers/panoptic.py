@@ -110,7 +110,7 @@ class _MetaFile:
         """Read the file.
 
         Raises:
-            DataError: it is not JSON, or its lists do not go together.
+            DataError: it is not JSON, its lists do not go together, or cameras have no numbers.
         """
         try:
             content = json.loads(path.read_text("utf-8-sig"))
@@ -131,6 +131,12 @@ class _MetaFile:
                 f"{path}: its lists {', '.join(LISTS)} are missing, empty or of different lengths.",
                 "Expected, for each of them, a list over times of lists over cameras.",
             )
+        for name in (name for inner in content["cam_id"] for name in inner):
+            if type(name) is not int and not (isinstance(name, str) and name.isdecimal()):
+                raise DataError(
+                    f"{path}: cam_id holds {name!r}; expected whole numbers.",
+                    "Write the file again.",
+                )
         return _MetaFile(path, content)
 
     def __len__(self) -> int:
@@ -181,7 +187,7 @@ class _MetaFile:
             )
             width, height = int(self.content["w"]), int(self.content["h"])
             right_shapes = k.shape == (3, 3) and w2c.shape in ((3, 4), (4, 4))
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             right_shapes = False
         if not right_shapes:
             raise DataError(

@@ -10,6 +10,7 @@ temporary folder. From there a picture comes in 1 to 2 ms.
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import tempfile
 import weakref
@@ -27,6 +28,9 @@ from gsfw.datamanagers.video import Shot, Video
 
 SHARE_OF_DISK = 0.9
 """Of what is free when training begins; the rest is for checkpoints."""
+
+FOLDERS = f"gsfw-video-{platform.node()}-"
+"""How the names of folders begin; the process follows. Other machines may use the same disk."""
 
 Segment = tuple[Video, range]
 
@@ -112,7 +116,11 @@ class VideoPictures:
                 return
             self._begun.add((shot.video.path, segment.start))
             if self._shelf is None:
-                self._shelf = _Shelf(self._develop)
+                try:
+                    self._shelf = _Shelf(self._develop)
+                except OSError:  # The disk is full, or cannot be written to.
+                    self._left = 0
+                    return
             self._shelf.segments.put((shot.video, segment))
 
     def _develop(self, video: Video, segment: range, closed: Event) -> None:
@@ -152,8 +160,13 @@ class _Shelf:
     """The folder of the pictures, and the threads that fill it."""
 
     def __init__(self, develop: Callable[[Video, range, Event], None]) -> None:
-        """Start the threads: half as many as there are cores, so that training goes on."""
-        self.folder = Path(tempfile.mkdtemp(prefix="gsfw-video-"))
+        """Start the threads: half as many as there are cores, so that training goes on.
+
+        Raises:
+            OSError: the folder cannot be made.
+        """
+        _sweep()
+        self.folder = Path(tempfile.mkdtemp(prefix=f"{FOLDERS}{os.getpid()}-"))
         self.segments: SimpleQueue[Segment | None] = SimpleQueue()
         closed = Event()
         threads = [
@@ -169,17 +182,48 @@ class _Shelf:
         """Write a picture, as uncompressed arrays.
 
         Raises:
-            OSError: there is no room.
+            OSError: there is no room; nothing is left of it.
         """
-        if picture.mask is not None:
-            np.save(self.folder / f"{index}.mask.npy", picture.mask)
-        np.save(self.folder / f"{index}.npy", picture.pixels)
+        pixels, mask = self._files(index)
+        try:
+            if picture.mask is not None:
+                np.save(mask, picture.mask)
+            np.save(pixels, picture.pixels)
+        except OSError:
+            for file in (pixels, mask):
+                file.unlink(missing_ok=True)
+            raise
 
     def load(self, index: int) -> Picture:
         """Read a picture."""
-        mask = self.folder / f"{index}.mask.npy"
-        pixels = np.load(self.folder / f"{index}.npy")
-        return Picture(pixels, np.load(mask) if mask.exists() else None)
+        pixels, mask = self._files(index)
+        return Picture(np.load(pixels), np.load(mask) if mask.exists() else None)
+
+    def _files(self, index: int) -> tuple[Path, Path]:
+        """Of the pixels and of the mask."""
+        return self.folder / f"{index}.npy", self.folder / f"{index}.mask.npy"
+
+
+def _sweep() -> None:
+    """Remove the folders of processes that were killed: nobody else will."""
+    for folder in Path(tempfile.gettempdir()).glob("gsfw-video-*"):
+        if folder.name.startswith(FOLDERS):
+            process = folder.name.removeprefix(FOLDERS).partition("-")[0]
+            if process.isdecimal() and not _is_alive(int(process)):
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _is_alive(process: int) -> bool:
+    """Whether a process is at work, or may be: on Windows asking would end it."""
+    if os.name == "nt":
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # It is somebody else's, or no number of a process.
+        return True
+    return True
 
 
 def _work(

@@ -22,6 +22,7 @@ from gsfw.core.run_folder import RunFolder
 from gsfw.core.scene import Scene
 from gsfw.core.stored_capture import StoredCapture
 from gsfw.core.stored_model import StoredColumn, StoredModel
+from gsfw.plugins.automatic import BUILT_IN_SCENE
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import PLACES
 from gsfw.plugins.keys import SLOT_KEYS
@@ -115,7 +116,8 @@ def rebuild(
         composition = compose(settings, registry, restoring=True)
         _check_frame(stored.scene, composition, path)
     else:
-        capture = StoredCapture(_with_points(stored.scene), stored.views, str(path))
+        has_data = stored.settings.get("datamanager") != BUILT_IN_SCENE
+        capture = StoredCapture(_with_points(stored.scene), stored.views, str(path), has_data)
         composition = compose(settings, registry, restoring=True, data=capture)
     load_state(composition.parts.model, stored, path)
     state = {"step": stored.step, "model": dict(stored.state)}

@@ -54,7 +54,8 @@ def compare(
     columns = tuple(find_column(name) for name in study.columns)
     for scene in study.scenes:
         lines = [_line(study, scene, row, results, failures) for row in study.rows]
-        if any(line.figures for line in lines):
+        has_failed = any((scene, row) == key[:2] for key in failures for row in study.rows)
+        if has_failed or any(line.figures for line in lines):
             judged = _judged(columns, lines)
             shown = tuple(c for c in columns if any(c.name in line.figures for line in lines))
             tables.append(SceneTable(scene, shown, tuple(judged)))

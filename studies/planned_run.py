@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,10 @@ from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.json_text import json_text
 from gsfw.core.run_folder import RunFolder
 from gsfw.plugins.compose import check
+from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import Registry
-from gsfw.plugins.settings import Layer, resolve
-from gsfw.plugins.values import as_text
+from gsfw.plugins.settings import Layer, Settings, resolve
+from gsfw.plugins.values import as_text, plain
 from gsfw.studies.study import NEUTRAL, Cell, slug
 
 DIGITS = 10
@@ -31,11 +32,25 @@ class PlannedRun:
     settings: Mapping[str, Any]
     """Every value that its result depends on, by dotted key; ``data`` as the study has it."""
     folder: RunFolder
+    chosen: frozenset[str] = frozenset()
+    """Keys to which the study gives other values than their defaults."""
 
     @property
     def fingerprint(self) -> str:
         """The same for the same settings."""
         return fingerprint(self.settings)
+
+    def comparable(self, stored: Mapping[str, Any]) -> dict[str, Any]:
+        """The settings by which it is told whether a stored result is its own.
+
+        A setting that gsfw did not have yet when the result was made counts only where the study
+        gives it another value: its default is taken to mean what was done before.
+
+        Args:
+            stored: settings of the result.
+        """
+        known = self.chosen | stored.keys()
+        return {key: value for key, value in self.settings.items() if key in known}
 
     @property
     def steps(self) -> int:
@@ -115,4 +130,15 @@ def _planned(cell: Cell, registry: Registry, root: Path, folder: Path) -> Planne
     settings["data"] = str(cell.settings.get("data", ""))
     name = f"seed-{cell.seed}-{fingerprint(settings)}"
     path = folder / "runs" / slug(cell.scene) / slug(cell.row) / name
-    return PlannedRun(cell, data, settings, RunFolder(path))
+    return PlannedRun(cell, data, settings, RunFolder(path), _chosen(resolved))
+
+
+def _chosen(resolved: Settings) -> frozenset[str]:
+    """Keys whose values someone gave, and which are not those that they have by themselves."""
+    config = resolved.config
+    parts = {slot: type(getattr(config, slot))() for slot in resolved.choices}
+    defaults = {key.name: plain(key.value) for key in keys(replace(type(config)(), **parts))}
+    values = resolved.flat()
+    return frozenset(
+        key for key in resolved.given if key not in defaults or values[key] != defaults[key]
+    )

@@ -64,16 +64,18 @@ def markdown(
     """
     blocks = [f"# {study.title}"]
     blocks += [study.about] if study.about else []
-    blocks.append("\n".join(f"- {line}" for line in protocol))
+    blocks += ["\n".join(f"- {line}" for line in protocol)] if protocol else []
     with_seeds = any(
         figure.spread is not None
         for table in tables
         for line in table.lines
         for figure in line.figures.values()
     )
-    blocks.append(f"{LEGEND} {LEGEND_SEEDS}" if with_seeds else LEGEND)
+    if any(line.figures for table in tables for line in table.lines):
+        blocks.append(f"{LEGEND} {LEGEND_SEEDS}" if with_seeds else LEGEND)
     for table in tables:
-        blocks += [f"## {table.scene}", _markdown_table(table)]
+        blocks.append(f"## {table.scene}")
+        blocks += [_markdown_table(table)] if any(line.figures for line in table.lines) else []
         notes = [f"- {line.row}: {line.note}" for line in table.lines if line.note]
         blocks += ["\n".join(notes)] if notes else []
     if plot:

@@ -12,7 +12,7 @@ from typing import Any
 from gsfw.core.errors import DataError
 from gsfw.core.run_folder import RunFolder, read_checkpoint
 from gsfw.studies.origin import origin
-from gsfw.studies.planned_run import PlannedRun
+from gsfw.studies.planned_run import PlannedRun, fingerprint
 
 MEGABYTE = 1e6
 """Bytes, as disks are sold."""
@@ -46,6 +46,10 @@ class Result:
     def key(self) -> tuple[str, str, int]:
         """Scene, row and seed."""
         return self.scene, self.row, self.seed
+
+    def is_of(self, run: PlannedRun) -> bool:
+        """Whether making a run would lead to it again."""
+        return self.fingerprint == fingerprint(run.comparable(self.settings))
 
     def document(self) -> dict[str, Any]:
         """As plain data."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
@@ -24,6 +25,15 @@ except ImportError:  # Windows: nothing keeps two studies from one folder there.
 
 SCHEMA = 1
 """Number of the layout; raised when an older gsfw could not read a newer file."""
+
+TYPES = (
+    *((name, str, "text") for name in ("row", "scene", "fingerprint", "date", "run")),
+    *((name, str, "text") for name in ("error", "advice")),
+    *((name, dict, "an object") for name in ("given", "settings", "figures", "protocol", "origin")),
+    ("seed", int, "a whole number"),
+    ("resumable", bool, "true or false"),
+)
+"""Of each field of a result or a failure: its type, and how that is said."""
 
 Key = tuple[str, str, int]
 Record = TypeVar("Record", Result, Failure)
@@ -108,16 +118,38 @@ def _records(
     path: Path, document: Mapping[str, Any], name: str, kind: type[Record]
 ) -> dict[Key, Record]:
     known = {item.name for item in fields(kind)}
+    records = []
     try:
-        records = [
-            kind(**{key: value for key, value in item.items() if key in known})
-            for item in document.get(name, [])
-        ]
+        for number, item in enumerate(document.get(name, [])):
+            values = {key: value for key, value in item.items() if key in known}
+            _check(values, f"{path}: {name}[{number}]")
+            records.append(kind(**values))
     except (AttributeError, TypeError):
         raise DataError(
             f"{path}: {name} are not as gsfw writes them.", "Move the file away to begin anew."
         ) from None
     return {record.key: record for record in records}
+
+
+def _check(values: Mapping[str, Any], where: str) -> None:
+    """Refuse values of the wrong type: the file may have been edited by hand."""
+    wrong = [
+        (name, values[name], said)
+        for name, kind, said in TYPES
+        if name in values and type(values[name]) is not kind
+    ]
+    if not wrong:
+        wrong = [
+            (f"figures.{name}", value, "a number")
+            for name, value in values.get("figures", {}).items()
+            if type(value) not in (int, float) or not math.isfinite(value)
+        ]
+    for name, value, said in wrong:
+        raise DataError(
+            f"{where}: {name} is {value!r}; expected {said}.",
+            "Put it right, or move the file away to begin anew: runs that are finished are found "
+            "again in their folders.",
+        )
 
 
 @contextlib.contextmanager
@@ -128,7 +160,7 @@ def only_one(folder: Path) -> Iterator[int | None]:
     process is let into the same run.
 
     Raises:
-        OutputError: another study works there, or the folder cannot be written to.
+        OutputError: another study works there, or the folder cannot be written to or locked.
     """
     with readable_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -137,10 +169,15 @@ def only_one(folder: Path) -> Iterator[int | None]:
         if fcntl is not None:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+            except BlockingIOError:
                 raise OutputError(
                     f"{folder}: another study, or a run that one left behind, is at work there.",
                     "Wait for it, end it, or choose another folder with out=DIR.",
+                ) from None
+            except OSError as error:
+                raise OutputError(
+                    f"{folder} cannot be locked against other studies: {error.strerror}.",
+                    "Choose a folder on another disk with out=DIR.",
                 ) from None
         yield handle
     finally:

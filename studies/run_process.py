@@ -23,6 +23,9 @@ COMMAND = (sys.executable, "-m", "gsfw")
 INTERRUPTED = 130
 """Exit code of a run that a signal has stopped; it has left a checkpoint."""
 
+SIGNALLED = {129: "SIGHUP", 143: "SIGTERM"}
+"""Exit codes of a run that a signal has ended before it could stop after a step."""
+
 PATIENCE = 30.0
 """Seconds that a run is given to write its checkpoint when it has to stop."""
 
@@ -59,6 +62,9 @@ class RunProcess:
             run: that is made, or goes on.
             threads: it may use; ``None`` leaves that to the libraries.
             lock: an open file that it holds as long as it lives.
+
+        Raises:
+            ConfigError: it would go on, and the settings beside its checkpoint are damaged.
         """
         self.run = run
         self._asked_to_stop = False
@@ -123,9 +129,9 @@ class RunProcess:
             return Outcome(False, self.seconds, self.resumed, stopped=True)
         document = self._document()
         error, advice = str(document.get("error", "")), str(document.get("advice", ""))
-        cut_off = code < 0 or code == INTERRUPTED
-        if code < 0:
-            name = signal.Signals(-code).name
+        cut_off = code < 0 or code == INTERRUPTED or code in SIGNALLED
+        if code < 0 or code in SIGNALLED:
+            name = SIGNALLED.get(code) or signal.Signals(-code).name
             error = f"the run was ended from outside by {name}."
             if name == "SIGKILL":
                 advice = "The system may have run out of memory: fewer jobs, or downscale=2."

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from gsfw.core.callback import Control
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.studies.estimate import Estimate
 from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Failure, Result, collect, today
@@ -92,7 +92,7 @@ class Runner:
     def _is_kept(self, run: PlannedRun) -> bool:
         """Whether a run's result is there, in the file or at least in its folder."""
         known = self._store.results.get(run.cell.key)
-        if known is not None and known.fingerprint == run.fingerprint:
+        if known is not None and known.is_of(run):
             given = run.cell.relevant
             if known.given != given:  # Written otherwise, and meaning the same.
                 self._store.keep(replace(known, given=given))
@@ -102,7 +102,7 @@ class Runner:
         try:
             self._store.keep(collect(run))
         except DataError:  # A damaged result is none.
-            shutil.rmtree(run.folder.path)
+            shutil.rmtree(run.folder.path, ignore_errors=True)
             return False
         return True
 
@@ -121,7 +121,7 @@ class Runner:
             while True:
                 stopping = self._control.stop_reason is not None
                 if not stopping and (until is None or time.monotonic() < until):
-                    self._start()
+                    yield from self._start()
                 elif stopping:
                     for process in self.working:
                         process.stop()
@@ -135,7 +135,8 @@ class Runner:
             for process in self.working:
                 process.wait()
 
-    def _start(self) -> None:
+    def _start(self) -> Iterator[Ended]:
+        """Start as many processes as there may be; those runs that cannot go on."""
         while self.pending and len(self.working) < self._settings.jobs:
             run = self.pending.popleft()
             key = run.cell.key
@@ -145,7 +146,12 @@ class Runner:
             if self._settings.again or failure is not None:
                 self._store.forget(key)
             threads = threads_per_run(self._settings.jobs)
-            self.working.append(RunProcess(run, threads, self._lock))
+            try:
+                self.working.append(RunProcess(run, threads, self._lock))
+            except ConfigError as error:  # In the file beside the checkpoint.
+                advice = "The same command removes its folder and makes the run anew."
+                outcome = Outcome(False, 0.0, True, error=error.message, advice=advice)
+                yield self._ended(run, outcome)
 
     def _look(self) -> Iterator[Ended]:
         """Those processes that have ended."""
@@ -158,7 +164,11 @@ class Runner:
     def _ended(self, run: PlannedRun, outcome: Outcome) -> Ended:
         result = failure = None
         if outcome.finished:
-            result = collect(run, None if outcome.resumed else outcome.seconds)
+            try:
+                result = collect(run, None if outcome.resumed else outcome.seconds)
+            except DataError as error:  # As when the disk went full without a word.
+                outcome = replace(outcome, finished=False, error=error.message, advice=error.advice)
+        if result is not None:
             self._store.keep(result)
             if not self._settings.keep_runs:
                 shutil.rmtree(run.folder.checkpoints, ignore_errors=True)

@@ -31,10 +31,11 @@ def write_report(study: Study, store: ResultStore, folder: Path, command: str) -
     """
     tables = compare(study, store.results, store.failures)
     shown = shown_results(study, store)
-    if not shown:
+    if not tables:
         return []
     plot = PLOT if write_dot_plot(folder / PLOT, tables) else None
-    text = markdown(study, tables, protocol_lines(study, shown, command), plot)
+    protocol = protocol_lines(study, shown, command) if shown else []
+    text = markdown(study, tables, protocol, plot)
     write_atomically(folder / REPORT, text.encode())
     write_atomically(folder / FIGURES, csv_text(study, shown).encode())
     return tables

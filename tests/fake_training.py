@@ -10,8 +10,9 @@ import sys
 import time
 from pathlib import Path
 
-REFUSED, KILLED, WAITS_FOR_ANOTHER, INTERRUPTS, DISK_FULL = 13, 14, 15, 16, 17
-"""Seeds of runs that fail, are killed, wait until two are at work, or interrupt their study."""
+REFUSED, KILLED, WAITS_FOR_ANOTHER, INTERRUPTS, DISK_FULL, TORN, HUNG_UP = range(13, 20)
+"""Seeds of runs that fail, are killed, wait until two are at work, or interrupt their study; that
+find the disk full, leave half a result, or are ended by SIGHUP."""
 
 SECONDS = 20
 """After which a run that waits for something gives up."""
@@ -48,7 +49,11 @@ def train(out: Path, given: dict[str, str], seed: int, resumed: bool) -> int:
     if seed == INTERRUPTS and not resumed:
         wait_to_be_stopped(out)
         return 130
+    if seed == HUNG_UP:
+        return 128 + signal.SIGHUP
     finish(out, given, seed)
+    if seed == TORN:
+        (out / "metrics.json").write_text('{"psnr": 20')
     return 0
 
 

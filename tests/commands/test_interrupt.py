@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from gsfw.commands.interrupt import stop_on_signal
+from gsfw.commands.interrupt import ENDING, leave_on_signal, stop_on_signal
 from gsfw.core.callback import Control
 
 
@@ -26,3 +26,28 @@ def test_afterwards_signals_are_handled_as_before():
     with stop_on_signal(Control()):
         assert signal.getsignal(signal.SIGTERM) is not before
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_elsewhere_a_signal_ends_the_program_as_its_own_end_does(number):
+    before = signal.getsignal(number)
+    with pytest.raises(SystemExit) as caught, leave_on_signal():
+        signal.raise_signal(number)
+    assert caught.value.code == 128 + number
+    assert signal.getsignal(number) is before
+
+
+def test_a_signal_that_is_ignored_stays_ignored():
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with leave_on_signal():
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_training_still_stops_after_its_step():
+    control = Control()
+    with leave_on_signal(), stop_on_signal(control):
+        signal.raise_signal(signal.SIGTERM)
+    assert control.stop_reason == "interrupted by SIGTERM"

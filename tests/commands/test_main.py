@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -111,3 +112,25 @@ def test_ctrl_c_has_its_own_exit_code(capsys, monkeypatch):
     monkeypatch.setattr(main_module, "_find_verb", failing_verb(KeyboardInterrupt()))
     assert main(["train"]) == 130
     assert capsys.readouterr().err == "\ninterrupted\n"
+
+
+def test_a_verb_that_is_terminated_removes_what_is_temporary(tmp_path):
+    script = (
+        "import sys, tempfile, time\n"
+        "from gsfw.commands import main\n"
+        "def verb(tokens):\n"
+        "    held = tempfile.TemporaryDirectory(dir=tokens[0])\n"
+        "    print('there', flush=True)\n"
+        "    time.sleep(60)\n"
+        "main._find_verb = lambda name, registry: verb\n"
+        "sys.exit(main.main(['eval', sys.argv[1]]))\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"there\n"
+        assert len(list(tmp_path.iterdir())) == 1
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 128 + signal.SIGTERM
+    assert not list(tmp_path.iterdir())

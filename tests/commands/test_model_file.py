@@ -143,6 +143,19 @@ def test_what_needs_pictures_says_so(model, without_data, capsys, verb):
     )
 
 
+def test_of_the_built_in_scene_it_is_the_run_that_has_the_pictures(tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(["train", "method=3dgs", *MOVING, "steps=1", "ignore_time=true", f"out={out}"]) == 0
+    assert main(["export", str(out), "format=gsfw"]) == 0
+    capsys.readouterr()
+    assert main(["eval", str(out / "model.gsfw")]) == 2
+    assert capsys.readouterr().err == (
+        f"error: {out}/model.gsfw holds no pictures, only the cameras that took them.\n"
+        "It was trained on the built-in scene, not on a data set: give the run's folder, or draw "
+        f"what needs no pictures: gsfw render {out}/model.gsfw what=orbit\n"
+    )
+
+
 def test_with_the_data_its_figures_are_those_of_the_run(run, model, without_data, tmp_path, capsys):
     figures = []
     for name in (str(run), str(shutil.copy(model, tmp_path / "a.gsfw"))):

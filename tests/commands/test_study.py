@@ -233,3 +233,14 @@ def test_an_interrupted_repetition_does_not_promise_to_go_on(file, out, capsys):
     assert study(file, out, "again=true", "budget.minutes=1e-9") == 0
     said = capsys.readouterr().out
     assert "is over. The same command makes all of them again; only=ROW,SCENE names those" in said
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_failed_run_says_why_and_what_to_do(file, out, tmp_path, capsys):
+    file.write_text(STUDY.replace("[1]", f"[{REFUSED}]"))
+    assert study(file, out, "only=still") == 1
+    said = capsys.readouterr().out
+    failed = f"still on balls, seed {REFUSED}: failed: this seed is refused.\nTake another.\n"
+    assert failed in said
+    assert f"\nballs\nstill: seed {REFUSED} failed: this seed is refused.\n" in said
+    assert "## balls\n\n- still: seed" in (tmp_path / "out" / "study.md").read_text()

@@ -25,3 +25,10 @@ def test_cameras_are_there_and_pictures_are_not():
         "Add data=PATH with the data set it was trained on, or draw what needs no pictures: "
         "gsfw render a.gsfw what=orbit"
     )
+    made = StoredCapture(scene, views, "a.gsfw", has_data=False)
+    with pytest.raises(DataError) as caught:
+        made.load(Split.TRAIN, [0], torch.device("cpu"))
+    assert caught.value.advice == (
+        "It was trained on the built-in scene, not on a data set: give the run's folder, or draw "
+        "what needs no pictures: gsfw render a.gsfw what=orbit"
+    )

@@ -122,6 +122,7 @@ def test_qualisys_files_are_read(tmp_path):
     ("settings", "message"),
     [
         ({"viewrotation": 90}, r"camera cam00 of .*a\.qca\.txt is turned by 90 degrees"),
+        ({"viewrotation": "up"}, r"viewrotation is 'up'; expected degrees"),
         ({"fu": "wide"}, r"its intrinsic lacks one of focalLengthU, focalLengthV"),
     ],
 )
@@ -142,6 +143,9 @@ def test_qualisys_files_that_cannot_be_used_are_refused(tmp_path, settings, mess
         ({"w2c": np.diag([1.0, 1, np.inf, 1]).tolist()}, r"the pose has numbers that are not fin"),
         ({"dist": [0.1, 0.2]}, r"dist is \[0\.1, 0\.2\]; expected 4 or 5 or 8 numbers"),
         ({"w": 0}, r"is no camera"),
+        ({"w": np.inf}, r"its size is \[inf, 48\.0\]; expected 2 finite numbers"),
+        ({"w": None, "size": [WIDTH, np.nan]}, r"its size is \[64\.0, nan\]; expected 2 finite"),
+        ({"w": 10**400}, r"size is \[10+, 48\]; expected 2 numbers"),
     ],
 )
 def test_cameras_that_are_none_are_refused(tmp_path, settings, message):

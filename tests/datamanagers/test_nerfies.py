@@ -159,6 +159,9 @@ def test_pictures_that_are_not_on_disk_are_left_out(tmp_path):
         ({"position": [1.0, 2.0]}, r"position is \[1\.0, 2\.0\]; expected 3 numbers"),
         ({"orientation": np.diag([1.0, 1.0, 2.0]).tolist()}, r"the pose is not rigid"),
         ({"focal_length": -1.0}, r"fx=-1, .* is no camera"),
+        ({"focal_length": 10**400}, r"focal_length is 10+; expected a number"),
+        ({"image_size": [np.inf, HEIGHT]}, r"image_size is \[inf, 48\]; expected 2 numbers"),
+        ({"image_size": [WIDTH, np.nan]}, r"image_size is \[64, nan\]; expected 2 numbers"),
     ],
 )
 def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
@@ -175,6 +178,9 @@ def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
         ("dataset.json", "{}", r"dataset\.json lists no frames"),
         ("metadata.json", "{}", r"metadata\.json does not have left1_000000"),
         ("metadata.json", '{"left1_000000": {}}', r"time_id or warp_id is None"),
+        ("metadata.json", '{"left1_000000": 3}', r"left1_000000: expected an object, found 3"),
+        ("metadata.json", '{"left1_000000": {"time_id": 1.5}}', r"is 1\.5; expected a whole numb"),
+        ("metadata.json", '{"left1_000000": {"time_id": true}}', r"is True; expected a whole num"),
         ("camera/left1_000000.json", "", r"left1_000000\.json cannot be read as JSON"),
         ("points.npy", "x", r"points\.npy does not hold points"),
     ],
@@ -182,6 +188,13 @@ def test_cameras_that_are_none_are_refused(tmp_path, camera, message):
 def test_damaged_files_are_refused(tmp_path, name, content, message):
     (write(tmp_path) / name).write_text(content)
     with pytest.raises(DataError, match=message):
+        build(tmp_path)
+
+
+def test_a_camera_number_that_is_too_large_is_refused(tmp_path):
+    metadata = {name: {"warp_id": 0, "camera_id": 2**63} for name in NAMES}
+    (write(tmp_path) / "metadata.json").write_text(json.dumps(metadata))
+    with pytest.raises(DataError, match=r"camera_id is 9223372036854775808; expected a whole"):
         build(tmp_path)
 
 

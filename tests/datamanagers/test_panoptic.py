@@ -130,6 +130,9 @@ def test_pictures_that_are_not_on_disk_are_left_out(tmp_path):
     [
         ({"k": None}, r"its lists k, w2c, fn, cam_id are missing, empty or of different lengths"),
         ({"fn": [["a"]] * TIMES}, r"are missing, empty or of different lengths"),
+        ({"w": np.inf}, r"train_meta\.json: 10/000000\.jpg: its camera cannot be read"),
+        ({"cam_id": [[10, "left", 13]] * TIMES}, r"cam_id holds 'left'; expected whole numbers"),
+        ({"cam_id": [[10, 11.5, 13]] * TIMES}, r"cam_id holds 11\.5; expected whole numbers"),
         ({"w": "wide"}, r"train_meta\.json: 10/000000\.jpg: its camera cannot be read"),
         ({"w2c": [[[[1.0]]] * 3] * TIMES}, r"its camera cannot be read"),
         ({"w2c": [[np.diag([2.0, 1, 1, 1]).tolist()] * 3] * TIMES}, r"the pose is not rigid"),

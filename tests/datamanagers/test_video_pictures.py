@@ -1,5 +1,8 @@
 """Pictures of videos in any order."""
 
+import os
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -12,7 +15,7 @@ from small_videos import write_video
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.pictures import Picture
 from gsfw.datamanagers.video import Shot, Video
-from gsfw.datamanagers.video_pictures import VideoPictures
+from gsfw.datamanagers.video_pictures import FOLDERS, VideoPictures
 
 pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
 
@@ -117,6 +120,44 @@ def test_a_full_disk_is_no_error(temporary, tmp_path, monkeypatch):
     assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
     assert not held._kept
     held.close()
+
+
+def test_what_fits_only_partly_leaves_nothing(temporary, tmp_path, monkeypatch):
+    def half(file, array):
+        file.write_bytes(array.tobytes()[:9])
+        raise OSError(28, "No space left on device")
+
+    held, _, _ = pictures(tmp_path, masked=True)
+    monkeypatch.setattr(np, "save", half)
+    assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
+    wait_for(lambda: not list(temporary.glob("*/*")))
+    held.close()
+
+
+def test_a_place_that_cannot_be_written_is_no_error(temporary, tmp_path):
+    held, _, _ = pictures(tmp_path)
+    temporary.rmdir()
+    assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
+    assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
+    held.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows does not tell whether a process is at work")
+def test_what_killed_processes_left_is_removed_and_nothing_else(temporary, tmp_path):
+    ended = subprocess.Popen([sys.executable, "-S", "-c", ""])
+    ended.wait()
+    (temporary / f"{FOLDERS}{ended.pid}-abc").mkdir()
+    (temporary / f"{FOLDERS}{ended.pid}-abc" / "1.npy").touch()
+    others = {f"{FOLDERS}{os.getppid()}-x", f"{FOLDERS}x-x", f"gsfw-video-elsewhere-{ended.pid}-x"}
+    for name in others:
+        (temporary / name).mkdir()
+    held, _, _ = pictures(tmp_path)
+    held.get(3)
+    found = {path.name for path in temporary.iterdir()} - others
+    assert len(found) == 1
+    assert found.pop().startswith(f"{FOLDERS}{os.getpid()}-")
+    held.close()
+    assert {path.name for path in temporary.iterdir()} == others
 
 
 def test_closing_removes_the_folder_and_opening_again_works(temporary, tmp_path):

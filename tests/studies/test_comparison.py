@@ -89,3 +89,11 @@ def test_scenes_without_results_are_left_out():
     study = small_study(scenes={"balls": {}, "boxes": {}}, rows=ROWS)
     found = compare(study, {r.key: r for r in [result("a", psnr=1.0)]}, {})
     assert [table.scene for table in found] == ["balls"]
+
+
+def test_a_scene_on_which_every_run_failed_says_why():
+    study = small_study(scenes={"balls": {}, "boxes": {}}, rows={"a": {}})
+    failed = Failure("a", "boxes", 1, "no.")
+    (found,) = compare(study, {}, {failed.key: failed})
+    assert (found.scene, found.columns) == ("boxes", ())
+    assert [line.note for line in found.lines] == ["seed 1 failed: no."]

@@ -39,6 +39,19 @@ def test_its_fingerprint_is_that_of_all_settings_that_matter(tmp_path):
     assert first(tmp_path / "elsewhere").fingerprint == usual
 
 
+def test_a_setting_that_a_result_lacks_counts_where_it_is_not_the_default(tmp_path):
+    def comparable(lacks, **settings):
+        run = first(tmp_path, **settings)
+        stored = {key: value for key, value in run.settings.items() if key != lacks}
+        return set(run.settings) - set(run.comparable(stored))
+
+    assert comparable("antialias") == {"antialias"}
+    assert comparable("antialias", antialias=False) == {"antialias"}
+    assert comparable("antialias", antialias=True) == set()
+    assert comparable("strategy") == {"strategy"}
+    assert comparable("strategy", strategy="mcmc") == set()
+
+
 def test_a_wrong_setting_names_the_row_and_the_scene(tmp_path):
     with pytest.raises(ConfigError) as caught:
         first(tmp_path, stepz=3)

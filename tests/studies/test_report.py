@@ -9,7 +9,7 @@ from small_study import TINY, small_study
 
 from gsfw.studies.columns import find_column
 from gsfw.studies.report import csv_text, protocol_lines
-from gsfw.studies.result import Result
+from gsfw.studies.result import Failure, Result
 from gsfw.studies.result_store import ResultStore
 from gsfw.studies.study import Rule
 from gsfw.studies.writing import write_report
@@ -130,3 +130,17 @@ def test_figures_are_written_as_their_column_says():
     assert find_column("static_rows").heading == "static rows"
     assert find_column("static_rows").text(0.71234) == "0.712"
     assert find_column("lpips").better(0.1, than=0.2)
+
+
+def test_failures_are_reported_with_their_reasons(tmp_path):
+    study = small_study(scenes={"balls": {}, "boxes": {}}, columns=("psnr",))
+    store = ResultStore(tmp_path / "results.json", study.title)
+    store.keep_failure(Failure("still", "boxes", 1, "no."))
+    write_report(study, store, tmp_path, "gsfw study")
+    failed = "## boxes\n\n- still: seed 1 failed: no.\n- moves: not made yet: seed 1\n"
+    assert (tmp_path / "study.md").read_text() == f"# A small study\n\n{failed}"
+    store.keep(result("still", 1, psnr=20.0))
+    write_report(study, store, tmp_path, "gsfw study")
+    text = (tmp_path / "study.md").read_text()
+    assert "## balls\n\n|  | PSNR (dB) |\n" in text
+    assert failed in text

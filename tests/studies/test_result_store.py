@@ -55,6 +55,44 @@ def test_a_damaged_file_is_not_overwritten(tmp_path, text, expected):
         ResultStore(path, "")
 
 
+RESULT = (
+    '{"schema": 1, "results": [{"row": "a", "scene": "b", "seed": 1, "fingerprint": "f", '
+    '"given": {}, "settings": {}, "figures": {"psnr": 20.5}}]}'
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "by", "expected"),
+    [
+        ("20.5", '"abc"', "results[0]: figures.psnr is 'abc'; expected a number."),
+        ("20.5", "true", "results[0]: figures.psnr is True; expected a number."),
+        ("20.5", "Infinity", "results[0]: figures.psnr is inf; expected a number."),
+        ('"seed": 1', '"seed": "1"', "results[0]: seed is '1'; expected a whole number."),
+        ('"a"', "3", "results[0]: row is 3; expected text."),
+        ('"given": {}', '"given": []', "results[0]: given is []; expected an object."),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_named(tmp_path, text, by, expected):
+    path = tmp_path / "results.json"
+    path.write_text(RESULT)
+    assert len(ResultStore(path, "").results) == 1
+    path.write_text(RESULT.replace(text, by))
+    with pytest.raises(DataError) as caught:
+        ResultStore(path, "")
+    assert str(caught.value) == (
+        f"{path}: {expected}\nPut it right, or move the file away to begin anew: runs that are "
+        "finished are found again in their folders."
+    )
+
+
+def test_a_failure_is_looked_at_too(tmp_path):
+    path = tmp_path / "results.json"
+    failure = '{"row": "a", "scene": "b", "seed": 1, "error": "no.", "resumable": 1}'
+    path.write_text(f'{{"schema": 1, "failures": [{failure}]}}')
+    with pytest.raises(DataError, match=r"failures\[0\]: resumable is 1; expected true or false"):
+        ResultStore(path, "")
+
+
 def test_a_folder_that_cannot_be_is_told(tmp_path):
     (tmp_path / "file").touch()
     with (

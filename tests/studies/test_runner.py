@@ -1,15 +1,28 @@
 """Tests of gsfw.studies.runner, mostly with a stand-in for training."""
 
+import errno
 import json
 import os
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_training import DISK_FULL, INTERRUPTS, KILLED, REFUSED, WAITS_FOR_ANOTHER
+from fake_training import (
+    DISK_FULL,
+    HUNG_UP,
+    INTERRUPTS,
+    KILLED,
+    REFUSED,
+    TORN,
+    WAITS_FOR_ANOTHER,
+)
 from small_study import TINY, make, plan, small_study
 
 from gsfw.core.callback import Control
 from gsfw.core.errors import OutputError
+from gsfw.studies import result_store
+from gsfw.studies.planned_run import fingerprint
 from gsfw.studies.result_store import ResultStore, only_one
 from gsfw.studies.runner import Runner, RunnerSettings
 from gsfw.studies.writing import RESULTS
@@ -216,3 +229,79 @@ def test_results_are_plain_json(tmp_path):
     assert document["title"] == "A small study"
     assert [item["row"] for item in document["results"]] == ["moves", "still"]
     assert document["failures"] == []
+
+
+STILL = {"still": {"method": "3dgs", "ignore_time": True}}
+
+
+def test_damaged_settings_beside_a_checkpoint_fail_one_run_which_is_then_made_anew(tmp_path):
+    (killed,) = make(small_study(seeds=(KILLED,), rows=STILL), tmp_path)
+    killed.run.folder.config.write_text("a: [")
+    study = small_study(seeds=(KILLED, 1), rows=STILL)
+    failed, made = make(study, tmp_path)
+    assert failed.failure is not None
+    assert failed.failure.error.startswith(f"config file {killed.run.folder.config}: this is not")
+    assert failed.failure.advice == "The same command removes its folder and makes the run anew."
+    assert made.result is not None
+    (anew,) = make(study, tmp_path)
+    assert not (anew.run.folder.path / "resumed").exists()
+    assert anew.failure is not None
+    assert anew.failure.error == "the run was ended from outside by SIGKILL.", "as that seed is"
+
+
+def test_a_result_that_cannot_be_read_is_a_failure_and_the_others_go_on(tmp_path):
+    failed, made = make(small_study(seeds=(TORN, 1), rows=STILL), tmp_path)
+    assert failed.failure is not None
+    assert "metrics.json cannot be read as the result of a run" in failed.failure.error
+    assert failed.failure.advice.startswith("Remove ")
+    assert made.result is not None
+    assert list(kept(tmp_path).failures) == [("balls", "still", TORN)]
+
+
+def test_a_run_that_a_signal_ended_early_goes_on(tmp_path):
+    (ended,) = make(small_study(seeds=(HUNG_UP,), rows=STILL), tmp_path)
+    assert ended.failure is not None
+    assert ended.failure.error == "the run was ended from outside by SIGHUP."
+    assert ended.failure.resumable
+
+
+def test_a_setting_that_is_new_in_gsfw_makes_nothing_again(tmp_path):
+    make(small_study(), tmp_path)
+    store = kept(tmp_path)
+    for result in list(store.results.values()):
+        # As an older gsfw wrote it, which had neither of the two.
+        settings = dict(result.settings)
+        del settings["antialias"], settings["sh_degree"]
+        store.keep(replace(result, settings=settings, fingerprint=fingerprint(settings)))
+    shutil.rmtree(tmp_path / "runs")
+    assert make(small_study(), tmp_path) == []
+    assert len(make(small_study(settings={**TINY, "sh_degree": 2}), tmp_path)) == 2
+
+
+def test_a_damaged_result_that_cannot_be_removed_is_no_error(tmp_path, monkeypatch):
+    make(small_study(), tmp_path)
+    (tmp_path / RESULTS).unlink()
+    broken = plan(small_study(), tmp_path)[0]
+    broken.folder.summary.write_text("{")
+
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "unlink", refuse)
+        patch.setattr(os, "rmdir", refuse)
+        runner = Runner(plan(small_study(), tmp_path), kept(tmp_path), RunnerSettings(), Control())
+    assert [run.cell.row for run in runner.pending] == ["still"]
+
+
+def test_a_disk_that_has_no_locks_is_told(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(result_store.fcntl, "flock", refuse)
+    with pytest.raises(OutputError) as caught, only_one(tmp_path):
+        pass
+    assert str(caught.value) == (
+        f"{tmp_path} cannot be locked against other studies: No locks available.\n"
+        "Choose a folder on another disk with out=DIR."
+    )
