@@ -15,6 +15,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("render", "draw pictures of a run", "gsfw.commands.render:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
+        Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),
         Spec("study", "make a table of runs, and keep what is finished", "gsfw.commands.study:run"),
         Spec("bench", "measure how fast drawing and training are here", "gsfw.commands.bench:run"),
         Spec("plugins", "list what is installed, slot by slot", "gsfw.commands.plugins:run"),

@@ -1,0 +1,70 @@
+"""Finding: one thing about a capture that its user should know, and what all of them come to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+
+class Weight(Enum):
+    """What a finding means for training."""
+
+    NOTE = "note"
+    """Worth knowing; the capture is not worse for it."""
+    LIMIT = "limit"
+    """The result will be worse than it could be, somewhere."""
+    STOP = "stop"
+    """Nothing useful comes of training on it."""
+
+
+class Verdict(Enum):
+    """What all findings come to."""
+
+    GOOD = "good"
+    LIMITED = "usable with limits"
+    WILL_NOT_TRAIN = "will not train"
+
+    @staticmethod
+    def of(findings: Iterable[Finding]) -> Verdict:
+        """The verdict of the gravest finding."""
+        weights = {finding.weight for finding in findings}
+        if Weight.STOP in weights:
+            return Verdict.WILL_NOT_TRAIN
+        return Verdict.LIMITED if Weight.LIMIT in weights else Verdict.GOOD
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found, why it matters, and what to do about it: three sentences."""
+
+    kind: str
+    """One word or two, the same whatever the numbers are."""
+    weight: Weight
+    found: str
+    why: str
+    advice: str
+    pictures: tuple[str, ...] = ()
+    """Names of the pictures it is about, the worst first; empty where it is about all."""
+
+    def document(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "kind": self.kind,
+            "weight": self.weight.value,
+            "found": self.found,
+            "why": self.why,
+            "advice": self.advice,
+            "pictures": list(self.pictures),
+        }
+
+
+SHOWN = 5
+"""So many names are listed in a sentence."""
+
+
+def listed(names: tuple[str, ...]) -> str:
+    """Some names for a sentence, and how many more there are."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more

@@ -1,0 +1,196 @@
+"""What `gsfw check` says: a document for programs, and a table and sentences for people."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from gsfw.commands.capture_check.plan import Plan, plain_background
+from gsfw.commands.capture_check.survey import Survey
+from gsfw.commands.capture_check.time_findings import cameras_at_times, still_share
+from gsfw.commands.console import Console
+
+MILLION = 1_000_000
+WEIGHTS = {"stop": "Will not train", "limit": "Limit", "note": "Note"}
+"""How sentences about a finding begin."""
+
+
+def describe(survey: Survey, plan: Plan) -> dict[str, Any]:
+    """Figures of a survey as plain data."""
+    viewpoints, scene, looks = survey.viewpoints, survey.scene, survey.looks
+    return {
+        "views_train": int(viewpoints.trained.sum()),
+        "views_eval": int((~viewpoints.trained).sum()),
+        "places": len(viewpoints.places),
+        "cameras": len(np.unique(viewpoints.physical)),
+        "image_sizes": _counted(f"{width}x{height}" for width, height in viewpoints.sizes),
+        "camera_models": _counted(camera.model.value for camera in viewpoints.cameras),
+        "field_of_view": _range(viewpoints.fields_of_view),
+        "points": len(scene.points),
+        "visible_share": _visible_share(survey),
+        "neighbor_angle": _neighbor_angle(survey),
+        "widest_angle": None if survey.angles is None else round(survey.angles.widest, 1),
+        "color_scatter": None if survey.agreement is None else round(survey.agreement.scatter, 3),
+        "alpha": scene.has_alpha,
+        "covered": _mean([look.covered for look in looks.looks]),
+        "valid": _mean([look.valid for look in looks.looks]),
+        "background": plain_background(survey),
+        **_times(survey),
+        "pictures_decoded": looks.tried,
+        "pictures": looks.total,
+        "methods": list(plan.methods),
+        "decoded_mb": round(plan.decoded_mb, 1),
+        "cache_mb": plan.cache_mb,
+        "gaussians": plan.gaussians,
+        "gaussians_mb": round(plan.megabytes(plan.gaussians), 1),
+        "million_gaussians_mb": round(plan.megabytes(MILLION), 1),
+    }
+
+
+def _times(survey: Survey) -> dict[str, Any]:
+    if survey.scene.num_times < 2:
+        return {"times": survey.scene.num_times}
+    share = still_share(survey)
+    return {
+        "times": survey.scene.num_times,
+        "time_range": list(survey.scene.time_range or ()),
+        "cameras_at_each_time": cameras_at_times(survey),
+        "still_share": None if share is None else round(share, 3),
+    }
+
+
+def _counted(texts: Iterable[str]) -> list[str]:
+    return [f"{text} ({count})" for text, count in Counter(texts).most_common()]
+
+
+def _range(values: np.ndarray) -> list[float]:
+    known = values[np.isfinite(values)]
+    return (
+        sorted({round(float(known.min()), 1), round(float(known.max()), 1)}) if len(known) else []
+    )
+
+
+def _mean(values: list[float]) -> float | None:
+    return round(float(np.mean(values)), 3) if values else None
+
+
+def _visible_share(survey: Survey) -> float | None:
+    """Part of the points that is in a picture, as a median."""
+    if survey.surface is None or not survey.surface.measured:
+        return None
+    return round(float(np.median(survey.surface.seen.mean(1))), 3)
+
+
+def _neighbor_angle(survey: Survey) -> float | None:
+    """Degrees between neighbouring trained views, as a median."""
+    if survey.angles is None:
+        return None
+    rows = survey.viewpoints.trained[list(survey.angles.places)]
+    nearest = survey.angles.nearest[rows]
+    return round(float(np.nanmedian(nearest)), 1) if np.isfinite(nearest).any() else None
+
+
+def tell(console: Console, document: Mapping[str, Any]) -> None:
+    """The document for people: a table, a sentence for each finding, the verdict, what is next."""
+    title = f"{document['path'] or 'the built-in scene'}: {document['format']}"
+    if "views_train" in document:
+        console.table(["", ""], _rows(document), title)
+        console.say(_sample(document))
+    else:
+        console.say(title)
+    for note in document.get("notes", ()):
+        console.say(f"note: {note}")
+    for finding in document["findings"]:
+        console.say()
+        console.say(f"{WEIGHTS[finding['weight']]} - {finding['kind']}: {finding['found']}")
+        console.say(f"  {finding['why']}")
+        console.say(f"  {finding['advice']}")
+    console.say()
+    console.say(f"verdict: {document['verdict']}{_summary(document)}")
+    if document["sheet"]:
+        console.say(f"cameras, points and pictures: {document['sheet']}")
+    if document["next"] and document["verdict"] != "will not train":
+        console.say(f"next: {document['next']}")
+
+
+def _summary(document: Mapping[str, Any]) -> str:
+    weights = [finding["weight"] for finding in document["findings"]]
+    kinds = [f["kind"] for f in document["findings"] if f["weight"] != "note"]
+    if not weights:
+        return ": nothing was found that speaks against it"
+    return f" ({', '.join(kinds)})" if kinds else ""
+
+
+def _sample(document: Mapping[str, Any]) -> str:
+    tried, total = document["pictures_decoded"], document["pictures"]
+    if tried == total:
+        return f"All {total} pictures were decoded."
+    return (
+        f"{tried} of {total} pictures were decoded, evenly spread (pictures=all decodes all): "
+        "others may be damaged, blurred or copies."
+    )
+
+
+def _rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The table."""
+    rows = [
+        (
+            "pictures",
+            f"{document['views_train']} to train on, {document['views_eval']} held out, from "
+            f"{document['places']} places",
+        ),
+        ("sizes", "; ".join(document["image_sizes"])),
+        ("cameras", f"{document['cameras']}; {'; '.join(document['camera_models'])}"),
+        ("field of view", f"{_numbers(document['field_of_view'])} degrees"),
+        ("points", _points(document)),
+    ]
+    if document["neighbor_angle"] is not None:
+        angles = f"{document['neighbor_angle']:g} degrees to the next view (median)"
+        widest = f"{document['widest_angle']:g} between the outermost of a point"
+        rows.append(("angles", f"{angles}, {widest}"))
+    rows.append(("pixels", _pixels(document)))
+    if document["times"] > 1:
+        rows.append(("times", _time_text(document)))
+    return [*rows, ("memory", _memory(document))]
+
+
+def _numbers(values: list[float]) -> str:
+    return " to ".join(f"{value:g}" for value in values) or "no"
+
+
+def _points(document: Mapping[str, Any]) -> str:
+    if not document["points"]:
+        return "none"
+    share = f"{100 * document['visible_share']:.0f} % of them in a picture (median)"
+    return f"{document['points']:,}, {share}"
+
+
+def _pixels(document: Mapping[str, Any]) -> str:
+    """Alpha, masks and background."""
+    texts = []
+    if document["alpha"]:
+        texts.append(f"alpha covers {100 * (document['covered'] or 0):.0f} %")
+    if (document["valid"] or 0) < 1:
+        texts.append(f"masks keep {100 * (document['valid'] or 0):.0f} %")
+    if document["background"]:
+        texts.append(f"opaque on plain {document['background']}")
+    return ", ".join(texts) or "opaque, all count"
+
+
+def _time_text(document: Mapping[str, Any]) -> str:
+    text = f"{document['times']}, {document['cameras_at_each_time']:g} trained views at each"
+    if document["still_share"] is not None:
+        text += f"; {100 * document['still_share']:.0f} % of the pixels stand still"
+    return f"{text}; methods {', '.join(document['methods'])}"
+
+
+def _memory(document: Mapping[str, Any]) -> str:
+    return (
+        f"{document['decoded_mb']:,.0f} MB of pictures (cache_mb={document['cache_mb']}), "
+        f"{document['gaussians']:,} Gaussians to start with take "
+        f"{document['gaussians_mb']:,.0f} MB while training, a million of them "
+        f"{document['million_gaussians_mb']:,.0f}"
+    )

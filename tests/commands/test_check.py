@@ -1,0 +1,176 @@
+"""`gsfw check`."""
+
+import json
+
+import numpy as np
+import pytest
+from checked_captures import ball, write_ball, write_moving
+
+from gsfw.commands.main import main
+
+
+def check(capsys, *tokens, code=0):
+    """The document, with the exit code that is expected."""
+    assert main(["check", *map(str, tokens), "json=true"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+def refusal(capsys, *tokens):
+    """What stands on standard error where the command is wrong."""
+    assert main(["check", *map(str, tokens)]) == 2
+    return capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    return write_ball(tmp_path_factory.mktemp("good") / "ball").folder
+
+
+def test_a_good_capture_is_called_good(good, capsys, tmp_path):
+    sheet = tmp_path / "sheet.png"
+    found = check(capsys, good, f"out={sheet}")
+    assert (found["verdict"], found["findings"], found["format"]) == ("good", [], "colmap")
+    assert (found["views_train"], found["views_eval"], found["points"]) == (21, 3, 1500)
+    assert found["image_sizes"] == ["64x48 (24)"]
+    assert (found["pictures_decoded"], found["pictures"]) == (24, 24)
+    assert (found["gaussians"], found["gaussians_mb"]) == (1500, 1.4)
+    assert found["next"] == f"gsfw train method=3dgs data={good}"
+    assert found["sheet"] == str(sheet)
+    assert sheet.read_bytes().startswith(b"\x89PNG")
+
+
+def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", f"data={good}", "pictures=5"]) == 0
+    out = capsys.readouterr().out
+    assert "21 to train on, 3 held out, from 24 places" in out
+    assert "5 of 24 pictures were decoded, evenly spread" in out
+    assert "verdict: good: nothing was found that speaks against it\n" in out
+    assert "cameras, points and pictures: check.png" in out
+    assert (tmp_path / "check.png").is_file()
+
+
+def test_settings_of_training_are_taken_and_kept_in_the_suggestion(good, capsys):
+    keys = ("method=4dgs", "downscale=2", "datamanager.mask_mode=empty", "holdout_every=0")
+    found = check(capsys, good, *keys, "out=none")
+    assert found["image_sizes"] == ["32x24 (24)"]
+    assert [finding["kind"] for finding in found["findings"]] == ["nothing held out"]
+    assert found["verdict"] == "good"  # A note takes nothing away.
+    assert found["next"].startswith(f"gsfw train method=4dgs data={good}")
+    assert "downscale=2" in found["next"]
+    assert "datamanager.mask_mode=empty" in found["next"]
+    assert found["sheet"] == ""
+
+
+def test_the_suggestion_is_a_command_that_fits(good, capsys, tmp_path):
+    command = check(capsys, good, "out=none")["next"].split()
+    assert main([*command[1:], "--dry-run"]) == 0
+    capsys.readouterr()
+    moving = write_moving(tmp_path / "a", np.linspace(0, 1, 6).tolist(), 4)
+    found = check(capsys, moving, "holdout_every=0", "out=none")
+    assert (found["times"], found["cameras_at_each_time"]) == (6, 4)
+    assert found["methods"][0] == "spacetime"
+    assert "dynamic3dgs" in found["methods"]
+    assert "random_region=object" in found["next"]
+    assert main([*found["next"].split()[1:], "random_points=500", "--dry-run"]) == 0
+
+
+def test_limits_still_exit_with_zero_and_have_advice(capsys, tmp_path):
+    folder = write_ball(tmp_path / "a", ball(count=12)).folder
+    found = check(capsys, folder, "out=none")
+    assert found["verdict"] == "usable with limits"
+    finding = found["findings"][0]
+    assert finding["kind"] == "few views"
+    assert all(finding[part] for part in ("found", "why", "advice"))
+
+
+def test_a_capture_that_will_not_train_exits_with_one(capsys, tmp_path):
+    folder = write_ball(tmp_path / "a", ball(count=3)).folder
+    found = check(capsys, folder, "out=none", code=1)
+    assert found["verdict"] == "will not train"
+    assert found["findings"][0]["weight"] == "stop"
+    assert main(["check", str(folder), "out=none"]) == 1
+    out = capsys.readouterr().out
+    assert "Will not train - few views: 2 pictures to train on.\n" in out
+    assert "verdict: will not train (few views" in out
+    assert "next:" not in out
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("images/view_001.png", b"", "the file is empty (0 bytes)"),
+        ("images/view_001.png", b"not a picture", "these 13 bytes are no PNG"),
+        ("sparse/0/points3D.bin", b"\x01", "is cut off or damaged"),
+    ],
+)
+def test_a_capture_that_cannot_be_opened_gets_its_reason(capsys, tmp_path, name, content, reason):
+    folder = write_ball(tmp_path / "a").folder
+    (folder / name).write_bytes(content)
+    found = check(capsys, folder, code=1)
+    (finding,) = found["findings"]
+    assert (found["verdict"], finding["kind"]) == ("will not train", "cannot be read")
+    assert reason in finding["found"]
+    assert finding["advice"]
+
+
+def test_the_built_in_scene_is_checked(capsys):
+    found = check(capsys, "datamanager=synthetic", "downscale=4", "pictures=6", "out=none")
+    assert found["verdict"] != "will not train"
+    assert found["next"].startswith("gsfw train method=3dgs datamanager=synthetic")
+
+
+def test_mistakes_are_explained(good, capsys, tmp_path):
+    assert refusal(capsys) == (
+        "error: gsfw check: the data set is missing.\nWrite gsfw check PATH; see --help.\n"
+    )
+    assert "both" in refusal(capsys, good, f"data={good}")
+    assert "there is no such file or folder" in refusal(capsys, tmp_path / "nothing")
+    assert refusal(capsys, good, "pictures=some") == (
+        "error: pictures=some: expected a number of at least 1, or all.\n"
+    )
+    assert "unknown key 'downscal'" in refusal(capsys, good, "downscal=2")
+    (tmp_path / "file").touch()
+    assert "cannot be written" in refusal(capsys, good, f"out={tmp_path}/file/sheet.png")
+
+
+def test_help_says_what_else_is_taken(capsys):
+    assert main(["check", "--help"]) == 0
+    out = capsys.readouterr().out
+    assert "usage: gsfw check DATA [key=value ...]" in out
+    assert "keys below it takes those of gsfw train" in out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "verdict", "kinds", "changes"),
+    [
+        ("captures/fox", "good", set(), ""),
+        ("captures/plush", "good", set(), ""),
+        ("synthetic/chair", "good", {"no points"}, ""),
+        (
+            "dynamic/garden_robot_mv",
+            "usable with limits",
+            {"few views", "open side", "no points"},
+            " background=white random_region=object",
+        ),
+        (
+            "dynamic/mujoco_collision",
+            "usable with limits",
+            {"few views", "no points", "one camera at each time"},
+            "",
+        ),
+    ],
+)
+def test_real_captures_get_what_they_deserve(shared_data, capsys, name, verdict, kinds, changes):
+    path = shared_data / name
+    found = check(capsys, path, "out=none")
+    assert found["verdict"] == verdict
+    assert {finding["kind"] for finding in found["findings"]} == kinds
+    assert found["next"].endswith(f"data={path}{changes}")
+
+
+@pytest.mark.slow
+def test_a_damaged_real_model_gets_its_reason(shared_data, capsys):
+    found = check(capsys, shared_data / "malformed" / "colmap_truncated", code=1)
+    assert "is cut off or damaged" in found["findings"][0]["found"]
