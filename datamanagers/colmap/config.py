@@ -46,7 +46,9 @@ class ColmapConfig(CaptureConfig):
             DataError: the model is damaged, or the pictures do not fit.
         """
         rule = self.lens_rule()
-        return Capture(self._recording(data_folder(request.path, "colmap")), request, rule, self.mask_rule())
+        return Capture(
+            self._recording(data_folder(request.path, "colmap")), request, rule, self.mask_rule()
+        )
 
     def _recording(self, path: Path) -> Recording:
         folders = model_folders(path)
