@@ -24,8 +24,6 @@ class Scene:
     extent: float
     """1.1 times the largest distance of a training camera from their mean; learning rates of
     positions are multiplied by it. Positive."""
-    camera_axes: Float[Tensor, "v 3"] | None = None
-    """Unit vectors along which the training cameras look; ``None`` when nobody said."""
     world_from_scene: Similarity = field(default_factory=Similarity)
     """Leads from the scene frame back to the world of the data; every export goes through it."""
     point_times: Float[Tensor, " p"] | None = None
@@ -38,6 +36,8 @@ class Scene:
     """Whether images carry an alpha channel."""
     up: str = ""
     """Which way is up in the data's world ("z", "-y"); empty when unknown. Exports say it."""
+    camera_axes: Float[Tensor, "v 3"] | None = None
+    """Unit vectors along which the training cameras look; ``None`` when nobody said."""
 
     @property
     def is_dynamic(self) -> bool:

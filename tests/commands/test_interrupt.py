@@ -30,11 +30,15 @@ def test_afterwards_signals_are_handled_as_before():
 
 @pytest.mark.parametrize("number", ENDING)
 def test_elsewhere_a_signal_ends_the_program_as_its_own_end_does(number):
-    before = signal.getsignal(number)
-    with pytest.raises(SystemExit) as caught, leave_on_signal():
-        signal.raise_signal(number)
-    assert caught.value.code == 128 + number
-    assert signal.getsignal(number) is before
+    # Under nohup, tests are started with signals ignored.
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with pytest.raises(SystemExit) as caught, leave_on_signal():
+            signal.raise_signal(number)
+        assert caught.value.code == 128 + number
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
 
 
 def test_a_signal_that_is_ignored_stays_ignored():

@@ -16,6 +16,9 @@ pytestmark = [
 
 PRELUDE = """
 import multiprocessing, signal, threading, time
+
+# What a shell has started in the background ignores SIGINT, and then Python does too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 import torch
 from dataclasses import replace
 from scenes import front_camera, random_splats
