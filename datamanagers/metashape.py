@@ -12,12 +12,10 @@ from pathlib import Path
 
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import DataRequest
-from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
 from gsfw.datamanagers.metashape_file import MetashapeCamera, MetashapeFile, is_metashape
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out, only_file
 
 LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with pictures beside it"
 
@@ -43,14 +41,13 @@ class MetashapeConfig(PictureFolderConfig):
         """
         rule = self.lens_rule()
         path = data_folder(request.path, "metashape")
-        files = _files(path)
-        if len(files) != 1:
-            found = ", ".join(item.name for item in files) or "none"
-            raise DataError(
-                f"{path} has to hold one XML file of Metashape's cameras; found {found}.",
-                "Give the file itself (File > Export > Export Cameras in Metashape).",
-            )
-        return Capture(self._recording(files[0]), request, rule, self.mask_rule())
+        file = only_file(
+            path,
+            _files(path),
+            "XML file of Metashape's cameras",
+            "Give the file itself (File > Export > Export Cameras in Metashape).",
+        )
+        return Capture(self._recording(file), request, rule, self.mask_rule())
 
     def _recording(self, file: Path) -> Recording:
         chunk = MetashapeFile.read(file)
@@ -89,15 +86,8 @@ def _frames(
         if picture is None:
             missing.append(camera.label)
             continue
-        frame = Frame(
-            name=pictures.name(picture),
-            path=picture,
-            header=read_header(picture),
-            lens=camera.lens,
-            world_to_camera=camera.world_to_camera,
-            camera=numbers[camera.sensor],
-        )
-        frames.append(frame)
+        number = numbers[camera.sensor]
+        frames.append(pictures.frame(picture, camera.lens, camera.world_to_camera, number))
     return frames, missing
 
 

@@ -25,7 +25,6 @@ from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pict
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out
-from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.point_file import Points
 from gsfw.datamanagers.poses import from_center
 
@@ -209,15 +208,8 @@ def _frames(
         key = view.get("id_intrinsic")
         if key not in lenses:
             raise DataError(f"{where}: there is no intrinsic {key}.", "Copy the file again.")
-        frame = Frame(
-            name=pictures.name(picture),
-            path=picture,
-            header=read_header(picture),
-            lens=lenses[key],
-            world_to_camera=_pose(poses[view.get("id_pose")], where),
-            camera=numbers_of[key],
-        )
-        frames.append(frame)
+        pose = _pose(poses[view.get("id_pose")], where)
+        frames.append(pictures.frame(picture, lenses[key], pose, numbers_of[key]))
     return frames, missing
 
 

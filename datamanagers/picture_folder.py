@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
+from jaxtyping import Float64
+from torch import Tensor
+
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture_config import CaptureConfig
-from gsfw.datamanagers.frames import no_points
-from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.frames import Frame, no_points
+from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.point_file import Points, read_ply
 
 
@@ -107,6 +111,14 @@ class PictureFolder:
                     )
         return None
 
+    def frame(
+        self, picture: Path, lens: Lens, world_to_camera: Float64[Tensor, "4 4"], camera: int
+    ) -> Frame:
+        """The frame of one of these pictures."""
+        return Frame(
+            self.name(picture), picture, read_header(picture), lens, world_to_camera, camera
+        )
+
     def _is_at(self, picture: Path, key: str) -> bool:
         """Whether that is the picture's path, with or without its extension."""
         relative = picture.relative_to(self.path)
@@ -115,6 +127,18 @@ class PictureFolder:
     def name(self, picture: Path) -> str:
         """What messages and result files call a picture."""
         return picture.relative_to(self.path).as_posix()
+
+
+def only_file(path: Path, files: Sequence[Path], expected: str, advice: str) -> Path:
+    """The one file of cameras in a data set.
+
+    Raises:
+        DataError: there is none, or there are several.
+    """
+    if len(files) != 1:
+        found = ", ".join(item.name for item in files) or "none"
+        raise DataError(f"{path} has to hold one {expected}; found {found}.", advice)
+    return files[0]
 
 
 def left_out(names: Iterable[str], why: str) -> tuple[str, ...]:

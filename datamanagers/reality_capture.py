@@ -30,7 +30,7 @@ from gsfw.datamanagers.brown import brown_lens
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig
+from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, only_file
 from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.datamanagers.poses import from_opengl
 
@@ -66,16 +66,14 @@ class RealityCaptureConfig(PictureFolderConfig):
         """
         rule = self.lens_rule()
         path = data_folder(request.path, "reality-capture")
-        files = _files(path)
-        if len(files) != 1:
-            found = ", ".join(item.name for item in files) or "none"
-            raise DataError(
-                f"{path} has to hold one CSV whose first line is #name,x,y,alt,heading,pitch,roll,"
-                f"f,...; found {found}.",
-                "Give the file itself (Alignment > Export > Registration > Internal/External "
-                "camera parameters).",
-            )
-        return Capture(self._recording(files[0]), request, rule, self.mask_rule())
+        file = only_file(
+            path,
+            _files(path),
+            "CSV whose first line is #name,x,y,alt,heading,pitch,roll,f,...",
+            "Give the file itself (Alignment > Export > Registration > Internal/External "
+            "camera parameters).",
+        )
+        return Capture(self._recording(file), request, rule, self.mask_rule())
 
     def _recording(self, file: Path) -> Recording:
         root = file.absolute().parent

@@ -149,10 +149,13 @@ def random_box(scene: Scene, region: str = AUTO) -> tuple[Float[Tensor, " 3"], f
     center = scene.camera_centers.mean(dim=0)
     if region == "surroundings" or (region == AUTO and not scene.has_alpha):
         return center, ROOM_SIZE * scene.extent
-    around = fitted_sphere(scene.camera_centers, 1.5 * scene.extent) or focus(scene)
-    if around is None:
-        return center, scene.extent
-    return around[0], OBJECT_SIZE * around[1]
+    place = object_place(scene)
+    return (center, scene.extent) if place is None else (place[0], OBJECT_SIZE * place[1])
+
+
+def object_place(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:
+    """Where cameras have an object in their midst, and how far from it; ``None``: nowhere."""
+    return fitted_sphere(scene.camera_centers, 1.5 * scene.extent) or focus(scene)
 
 
 def focus(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:

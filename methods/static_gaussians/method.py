@@ -25,6 +25,7 @@ from gsfw.core.splats import Sh, Splats
 from gsfw.methods.static_gaussians.initialisation import (
     from_points,
     from_splats,
+    object_place,
     random_points,
     usable_points,
 )
@@ -81,6 +82,11 @@ class StaticGaussiansMethod(Method):
             notes.append(
                 f"Starting from {self._config.random_points} random splats ({why}). {RANDOM_COST}"
             )
+            if self._config.random_region == "object" and object_place(scene) is None:
+                notes.append(
+                    "random_region=object: the cameras neither stand on a sphere nor look at one "
+                    "point; splats start among the cameras."
+                )
         else:
             notes += [f"Left out {n} initial points: {why}." for why, n in dropped.items()]
         return tuple(notes)

@@ -1,13 +1,12 @@
 """Training with static=auto: resuming, what the summary says, and coming back."""
 
-import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
 from mixed_rows import check_rows
+from moving_runs import train
 from moving_scene import WHITE, camera_at, two_balls
 from moving_splats import moving_scene
 from states import assert_same_bits
@@ -23,22 +22,12 @@ from gsfw.core.table import SplatTable
 from gsfw.methods.spacetime.config import SpacetimeConfig
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
-MOVING = (
-    "device=cpu", "datamanager.moving=true", "datamanager.views=12", "datamanager.times=4",
-    "datamanager.eval_views=2", "datamanager.width=32", "datamanager.height=24",
-    "datamanager.points=150", "init=random", "random_points=150",
-)  # fmt: skip
 AUTO = ("static=auto", "static_start=2", "static_every=5", "static_signal=1.2")
+RANDOM = ("init=random", "random_points=150")
 SHORT = (
     *("steps=30", "checkpoint_every=15", "eval_every=0"),
     *("strategy.refine_start=4", "strategy.refine_every=10"),
 )
-
-
-def train(out: Path, *arguments: str) -> dict[str, float]:
-    assert main(["train", *MOVING, *AUTO, f"out={out}", *arguments]) == 0
-    figures: dict[str, float] = json.loads(RunFolder(out).summary.read_text())
-    return figures
 
 
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
@@ -48,7 +37,7 @@ def train(out: Path, *arguments: str) -> dict[str, float]:
     ids=["spacetime", "4d-rotor", "4dgs"],
 )
 def test_a_run_with_rows_of_both_kinds_resumes_to_the_same_bits(tmp_path, method, strategy):
-    arguments = (*method, *SHORT, f"strategy={strategy}", "seed=3")
+    arguments = (*method, *RANDOM, *AUTO, *SHORT, f"strategy={strategy}", "seed=3")
     figures = train(tmp_path / "whole", *arguments)
     assert figures["num_gaussians"] != 150, "rows must have been added or removed"
     assert figures["static_rows"] > 0

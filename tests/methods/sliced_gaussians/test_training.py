@@ -1,12 +1,11 @@
 """Whole runs of method 4d-rotor on the built-in scene that moves."""
 
-import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
+from moving_runs import train
 from scenes import front_camera
 from states import assert_same_bits
 
@@ -17,27 +16,10 @@ from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
-MOVING = (
-    "device=cpu",
-    "datamanager.moving=true",
-    "datamanager.views=12",
-    "datamanager.times=4",
-    "datamanager.eval_views=2",
-    "datamanager.width=32",
-    "datamanager.height=24",
-    "datamanager.points=150",
-)
-
 SHORT = (
     *("steps=30", "checkpoint_every=15", "eval_every=0", "neighbors_every=8"),
     *("strategy.refine_start=4", "strategy.refine_every=10"),
 )
-
-
-def train(out: Path, *arguments: str) -> dict[str, float]:
-    assert main(["train", "method=4d-rotor", *MOVING, f"out={out}", *arguments]) == 0
-    figures: dict[str, float] = json.loads(RunFolder(out).summary.read_text())
-    return figures
 
 
 @pytest.mark.parametrize(
@@ -45,7 +27,7 @@ def train(out: Path, *arguments: str) -> dict[str, float]:
 )
 def test_a_run_resumes_to_the_same_bits(tmp_path, settings):
     arguments = (*SHORT, *settings, "seed=3")
-    figures = train(tmp_path / "whole", *arguments)
+    figures = train(tmp_path / "whole", "method=4d-rotor", *arguments)
     assert figures["num_gaussians"] != 150, "rows must have been added or removed"
     parts = RunFolder(shutil.copytree(tmp_path / "whole", tmp_path / "parts"))
     parts.checkpoint(30).unlink()
@@ -61,7 +43,7 @@ def test_a_run_resumes_to_the_same_bits(tmp_path, settings):
 
 def test_a_run_is_exported_as_it_is_at_any_time(tmp_path):
     run = tmp_path / "run"
-    train(run, "steps=20")
+    train(run, "method=4d-rotor", "steps=20")
     assert RunFolder(run).splats.is_file()
     composition = restore(RunFolder(run), installed()).composition
     model, data = composition.parts.model, composition.parts.data
@@ -90,7 +72,7 @@ def test_data_without_times_are_refused_before_training(tmp_path, capsys):
 def test_a_scene_that_moves_is_drawn_better_than_as_if_it_stood_still(tmp_path):
     settings = ("datamanager.views=40", "datamanager.width=64", "datamanager.height=48")
     settings += ("datamanager.points=1000", "datamanager.eval_views=4", "steps=300", "eval_every=0")
-    moving = train(tmp_path / "moving", *settings)
+    moving = train(tmp_path / "moving", "method=4d-rotor", *settings)
     still = ("method=3dgs", "ignore_time=true", "sampler.views_per_step=2")
     blurred = train(tmp_path / "still", *settings, *still)
     assert moving["moving_psnr"] > blurred["moving_psnr"] + 3.0

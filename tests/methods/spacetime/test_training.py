@@ -1,35 +1,16 @@
 """Whole runs of method spacetime on the built-in scene that moves."""
 
-import json
-from pathlib import Path
-
 import pytest
+from moving_runs import train
 from states import assert_same_bits
 
 from gsfw.commands.main import main
 from gsfw.core.run_folder import RunFolder, read_checkpoint
 
-MOVING = (
-    "device=cpu",
-    "datamanager.moving=true",
-    "datamanager.views=12",
-    "datamanager.times=4",
-    "datamanager.eval_views=2",
-    "datamanager.width=32",
-    "datamanager.height=24",
-    "datamanager.points=150",
-)
-
 SHORT = (
     *("steps=30", "checkpoint_every=15", "eval_every=0"),
     *("strategy.refine_start=4", "strategy.refine_every=10"),
 )
-
-
-def train(out: Path, *arguments: str) -> dict[str, float]:
-    assert main(["train", *MOVING, f"out={out}", *arguments]) == 0
-    figures: dict[str, float] = json.loads(RunFolder(out).summary.read_text())
-    return figures
 
 
 @pytest.mark.parametrize("preset", ["default", "features", "freetime"])

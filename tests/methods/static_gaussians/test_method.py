@@ -103,6 +103,15 @@ def test_a_random_start_says_what_it_costs(init, why):
     assert model.num_rows == 500
 
 
+def test_a_region_that_the_cameras_do_not_show_is_mentioned():
+    config = StaticGaussiansConfig(random_points=10, random_region="object")
+    notes = config.build().notes(scene(0))
+    assert notes[1] == (
+        "random_region=object: the cameras neither stand on a sphere nor look at one point; splats "
+        "start among the cameras."
+    )
+
+
 def test_points_that_were_left_out_are_mentioned():
     points = torch.rand(8, 3)
     points[3], points[5] = points[0], torch.nan

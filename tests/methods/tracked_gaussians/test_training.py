@@ -1,35 +1,18 @@
 """Whole runs of method dynamic3dgs on the built-in scene that moves."""
 
 import json
-from pathlib import Path
 
 import pytest
+from moving_runs import MOVING, train
 from states import assert_same_bits
 from tracks import track_errors
 
 from gsfw.commands.main import main
 from gsfw.core.run_folder import RunFolder, read_checkpoint
 
-MOVING = (
-    "device=cpu",
-    "datamanager.moving=true",
-    "datamanager.views=12",
-    "datamanager.times=4",
-    "datamanager.eval_views=2",
-    "datamanager.width=32",
-    "datamanager.height=24",
-    "datamanager.points=400",
-)
-
-
-def train(out: Path, *arguments: str) -> dict[str, float]:
-    assert main(["train", *MOVING, f"out={out}", *arguments]) == 0
-    figures: dict[str, float] = json.loads(RunFolder(out).summary.read_text())
-    return figures
-
-
 SHORT = (
-    *("method=dynamic3dgs", "steps=42", "eval_every=0", "seed=3", "strategy.grow_gradient=1e-5"),
+    *("datamanager.points=400", "method=dynamic3dgs", "steps=42", "eval_every=0", "seed=3"),
+    "strategy.grow_gradient=1e-5",
     *("strategy.refine_start=4", "strategy.refine_every=5", "strategy.refine_stop=18"),
 )
 
