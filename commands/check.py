@@ -120,11 +120,11 @@ def _check(
     What keeps a data set from being opened is a finding: it will not train.
     """
     from gsfw.commands.capture_check.contact_sheet import write_contact_sheet
-    from gsfw.commands.capture_check.finding import Verdict
     from gsfw.commands.capture_check.judgement import judge
     from gsfw.commands.capture_check.plan import Plan
     from gsfw.commands.capture_check.survey import Survey
     from gsfw.commands.check_report import describe
+    from gsfw.core.finding import Verdict
     from gsfw.plugins.compose import open_data
 
     settings.config.check()
@@ -157,7 +157,7 @@ def _check(
 
 def _unreadable(error: DataError) -> dict[str, Any]:
     """The document of a data set that is recognised, and cannot be opened."""
-    from gsfw.commands.capture_check.finding import Finding, Verdict, Weight
+    from gsfw.core.finding import Finding, Verdict, Weight
 
     finding = Finding(
         kind="cannot be read",

@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image
 from small_captures import CENTER, FOCAL, HEIGHT, WIDTH, SmallCapture, write_colmap
 
-from gsfw.commands.capture_check.finding import Finding
 from gsfw.commands.capture_check.judgement import judge
 from gsfw.commands.capture_check.survey import Survey
 from gsfw.core.datamanager import DataRequest
+from gsfw.core.finding import Finding
 from gsfw.datamanagers.blender import BlenderConfig
 from gsfw.datamanagers.colmap.config import ColmapConfig
 

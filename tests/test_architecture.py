@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "samplers": {"gsfw.core", "gsfw.samplers", SPECS},
     "callbacks": {"gsfw.core", "gsfw.callbacks", SPECS},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
+    "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "studies": {"gsfw.core", "gsfw.plugins", "gsfw.formats", "gsfw.studies"},
     "commands": {"gsfw"},
 }

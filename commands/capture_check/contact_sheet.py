@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.commands.capture_check.finding import Finding, Verdict, Weight
 from gsfw.commands.capture_check.map_view import HELD_OUT, TRAINED, map_views
 from gsfw.commands.capture_check.survey import Survey
+from gsfw.core.finding import Finding, Verdict, Weight
 from gsfw.core.run_folder import write_atomically
 from gsfw.core.time_plot import INK, PAPER
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.commands.capture_check.finding import Finding, Weight, listed
 from gsfw.commands.capture_check.survey import Survey
 from gsfw.core.cameras import CameraModel
+from gsfw.core.finding import Finding, Weight, listed
 
 NARROW, WIDE = 20.0, 120.0
 """Degrees across: a phone has 60 to 75, its telephoto 25, its widest 115; a focal length that was

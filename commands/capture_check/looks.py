@@ -8,17 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from scipy import ndimage
 
 from gsfw.commands.capture_check.viewpoints import Viewpoints
 from gsfw.core.area import shrink_batch
 from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.picture_quality import MEASURED_SIDE, PictureQuality
 
-LONG_SIDE = 1024
-"""Sharpness is measured on pictures of at most this long a side, all of one length: larger ones
-are rarely sharp at every pixel."""
 PREVIEW_SIDE = 400
 """What is kept of each picture has this long a side."""
 PRINT = 16
@@ -30,8 +27,6 @@ PLAIN = 8 / 255
 PLAIN_PART = 0.3
 """A background shows in this part of the border at least: of garden_robot_mv's pictures, whose
 garden reaches three of their sides, in 0.34 to 0.66 of it."""
-BRIGHT, DARK = 250 / 255, 5 / 255
-"""Pixels beyond are clipped: the sensor, or the conversion, kept nothing of what was there."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +73,7 @@ class Looks:
     @staticmethod
     def of(data: DataManager, viewpoints: Viewpoints, count: int) -> Looks:
         """Decode ``count`` pictures, spread evenly over cameras and times; 0: all."""
-        longest = min(LONG_SIDE, int(viewpoints.sizes.max(1).min()))
+        longest = min(MEASURED_SIDE, int(viewpoints.sizes.max(1).min()))
         looks: list[Look] = []
         failures: list[tuple[int, str]] = []
         for view in sample(viewpoints, count):
@@ -121,9 +116,7 @@ def _look(view: int, batch: Batch) -> Look:
     counts = valid & (coverage > 0.5) & ~_background(shown, border)
     counts = counts if counts.any() else valid
     grey = shown.mean(2)
-    inside = grey[counts] if counts.any() else grey.ravel()
-    edges = ndimage.laplace(grey)
-    clipped = np.asarray((shown >= BRIGHT).all(2) | (shown <= DARK).all(2))
+    quality = PictureQuality.of(shown, counts)
     small = _at_most(batch, PREVIEW_SIDE)
     rows, columns = small.images.shape[1:3]
     square = shrink_batch(small, min(PRINT, columns), min(PRINT, rows))
@@ -131,10 +124,10 @@ def _look(view: int, batch: Batch) -> Look:
         view=view,
         preview=small.target(torch.ones(3))[0].numpy().astype(np.float64),
         print=square.target(torch.ones(3))[0].numpy().mean(2).astype(np.float64),
-        sharpness=float(edges[counts].var()) if counts.any() else 0.0,
-        brightness=float(inside.mean()),
+        sharpness=quality.sharpness,
+        brightness=quality.brightness,
         contrast=float(grey[valid].std()) if valid.any() else 0.0,
-        clipped=float(clipped[counts].mean()) if counts.any() else 0.0,
+        clipped=quality.clipped,
         border=border,
         valid=float(valid.mean()),
         covered=float(coverage.mean()),

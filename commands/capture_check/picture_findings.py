@@ -6,22 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.commands.capture_check.finding import Finding, Weight, listed
 from gsfw.commands.capture_check.looks import Look
 from gsfw.commands.capture_check.survey import Survey
+from gsfw.core.finding import Finding, Weight, listed
+from gsfw.datamanagers.picture_quality import BLURRED, CLIPPED, EMPTY, SOFT
 
-BLURRED = 0.3
-"""Of the set's median variance of the Laplacian (Pech-Pacheco et al. 2000): the least sharp
-picture of the shared sets has 0.38, and a blur of 1.5 pixels takes 0.1."""
 MANY_BLURRED = 0.3
 """Part of the pictures: so many that leaving them out is no answer."""
-SOFT = 2e-5
-"""Variance of the Laplacian in [0, 1] where the whole set is blurred: the softest median of the
-shared sets is 20 times that."""
-EMPTY = 3 / 255
-"""Standard deviation of a picture that shows nothing: compression noise alone."""
-CLIPPED = 0.25
-"""Part of what counts that is pure white or black; the shared photos have below 0.02."""
 UNEVEN = 0.1
 """Standard deviation of the logarithm of brightness at the same points: fox has 0.02, plush 0.04,
 and a camera that halves its exposure for some pictures 0.2 and more."""

@@ -6,10 +6,10 @@ import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from gsfw.commands.capture_check.finding import Finding
 from gsfw.commands.capture_check.survey import Survey
 from gsfw.commands.capture_check.time_findings import SEVERAL, cameras_at_times
 from gsfw.core.config import MethodConfig
+from gsfw.core.finding import Finding
 
 LONG_SIDE, SHORT_ENOUGH = 1600, 800
 """Pictures are shrunk to at most 1600 pixels (as Kerbl et al. 2023's code does); to fit the cache,

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.commands.capture_check.finding import Finding, Weight, listed
 from gsfw.commands.capture_check.survey import Survey
+from gsfw.core.finding import Finding, Weight, listed
 from gsfw.methods.static_gaussians.initialisation import CAMERA_CLEARANCE
 
 FEW_POINTS = 1000

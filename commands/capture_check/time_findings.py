@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.commands.capture_check.finding import Finding, Weight
 from gsfw.commands.capture_check.survey import Survey
+from gsfw.core.finding import Finding, Weight
 
 FEW_TIMES = 5
 """With fewer, motion between times is a guess."""

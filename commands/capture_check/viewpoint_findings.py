@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.commands.capture_check.finding import Finding, Weight, listed
 from gsfw.commands.capture_check.survey import Survey
+from gsfw.core.finding import Finding, Weight, listed
 
 FEWEST_VIEWS = 3
 """With two views every point on a ray that both see fits as well; nothing is redundant."""

@@ -6,10 +6,10 @@ from checked_captures import ball, with_points, write_ball
 from PIL import Image
 
 from gsfw.commands.capture_check.contact_sheet import WIDTH, write_contact_sheet
-from gsfw.commands.capture_check.finding import Verdict
 from gsfw.commands.capture_check.judgement import judge
 from gsfw.commands.capture_check.map_view import HELD_OUT, TRAINED, map_views
 from gsfw.commands.capture_check.viewpoint_findings import viewpoint_findings
+from gsfw.core.finding import Verdict
 
 
 def sheet_of(survey, path):

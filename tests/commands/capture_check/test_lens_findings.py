@@ -4,7 +4,7 @@ import numpy as np
 from checked_captures import ball, write_ball
 from small_captures import HEIGHT, WIDTH, write_colmap_cameras
 
-from gsfw.commands.capture_check.finding import Weight
+from gsfw.core.finding import Weight
 
 
 def test_a_focal_length_that_no_camera_has_is_told(tmp_path):

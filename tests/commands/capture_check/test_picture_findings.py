@@ -5,7 +5,7 @@ import pytest
 from checked_captures import write_ball
 from PIL import Image, ImageFilter
 
-from gsfw.commands.capture_check.finding import Weight
+from gsfw.core.finding import Weight
 
 
 def blurred(pixels):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from checked_captures import ball, with_points, write_ball
 
-from gsfw.commands.capture_check.finding import Weight
+from gsfw.core.finding import Weight
 
 RANDOM = np.random.default_rng(0)
 USUAL = ball().points

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from checked_captures import ball, write_ball
 
-from gsfw.commands.capture_check.finding import Weight
+from gsfw.core.finding import Weight
 
 
 def arc(count: int, degrees: float) -> np.ndarray:

@@ -1,0 +1,61 @@
+"""PictureSet: the photos or frames that a data set is made of, and what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from gsfw.datamanagers.pictures import Header
+from gsfw.preparation.exif import Exif
+
+
+@dataclass(frozen=True)
+class SourcePicture:
+    """One photo, or one frame of a video that was written to a file."""
+
+    name: str
+    """Unique; its path below images/ in the result, with forward slashes."""
+    path: Path
+    header: Header
+    """Of the upright picture."""
+    exif: Exif
+    """What the file says of its camera; of a frame of a video, nothing."""
+    group: str = ""
+    """The folder or the video it comes from; empty where there is only one."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A file that is not used, and why."""
+
+    name: str
+    reason: str
+    """A short clause, such as "the file is empty (0 bytes)"."""
+    advice: str = ""
+    """What to do about it; empty where nothing needs to be done."""
+
+
+@dataclass(frozen=True)
+class PictureSet:
+    """All pictures, sorted by name in the order of the numbers in it; none is there twice."""
+
+    pictures: tuple[SourcePicture, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    in_order: bool = False
+    """Whether pictures of a group follow each other in time, as the frames of a video do."""
+
+    @cached_property
+    def by_name(self) -> Mapping[str, SourcePicture]:
+        """Pictures by their names."""
+        return {picture.name: picture for picture in self.pictures}
+
+    @cached_property
+    def groups(self) -> Mapping[str, tuple[SourcePicture, ...]]:
+        """Pictures by their groups, both in order."""
+        names = dict.fromkeys(picture.group for picture in self.pictures)
+        return {
+            name: tuple(picture for picture in self.pictures if picture.group == name)
+            for name in names
+        }
