@@ -109,6 +109,11 @@ def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a data
     return field(default=default, metadata=metadata)
 
 
+def words(name: str) -> Any:  # noqa: ANN401 - a dataclass field
+    """An option that is given as one or more bare words, after all other words of its verb."""
+    return field(default=(), metadata={"word": name, "many": True})
+
+
 @dataclass(kw_only=True)
 class Options:
     """Options of a verb; the docstring's first line says what the verb does."""
@@ -138,17 +143,30 @@ def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptio
     if arguments.flag("help"):
         raise HelpRequested(options_help(verb, kind))
     places = [item for item in fields(kind) if "word" in item.metadata]
-    given: dict[str, Any] = dict(zip([item.name for item in places], arguments.words, strict=False))
-    for extra in arguments.words[len(places) :]:
-        raise ConfigError(*_stray_word(verb, kind, extra))
-    for item in places[len(arguments.words) :]:
-        if item.default is MISSING and item.name not in arguments.values:
+    given = _placed(verb, kind, arguments.words)
+    for item in places[len(given) :]:
+        required = item.default is MISSING or item.metadata.get("many", False)
+        if required and item.name not in arguments.values:
             raise ConfigError(
                 f"gsfw {verb}: {item.metadata['word']} is missing.", f"See gsfw {verb} --help."
             )
         if item.default is MISSING:
             given[item.name] = ""
     return _with_values(verb, kind(**given), arguments.values)
+
+
+def _placed(verb: str, kind: type[Options], found: Sequence[Any]) -> dict[str, Any]:
+    """Bare words by the names of their options.
+
+    Raises:
+        ConfigError: there are too many.
+    """
+    places = [item for item in fields(kind) if "word" in item.metadata]
+    if places and places[-1].metadata.get("many") and len(found) >= len(places):
+        found = [*found[: len(places) - 1], tuple(found[len(places) - 1 :])]
+    for extra in found[len(places) :]:
+        raise ConfigError(*_stray_word(verb, kind, extra))
+    return dict(zip([item.name for item in places], found, strict=False))
 
 
 def _with_values(verb: str, options: VerbOptions, values: Mapping[str, str]) -> VerbOptions:

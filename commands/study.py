@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 FAILED = 1
 """Exit code where a run has failed."""
 
+OTHERS = "another study, or a run that one left behind,"
+
 
 @dataclass(kw_only=True)
 class Budget:
@@ -69,7 +71,8 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.console import Console
     from gsfw.commands.run_argument import RUNS
-    from gsfw.studies.result_store import ResultStore, only_one
+    from gsfw.core.folder_lock import only_one
+    from gsfw.studies.result_store import ResultStore
     from gsfw.studies.study_file import read_study
     from gsfw.studies.writing import RESULTS
 
@@ -82,7 +85,7 @@ def run(arguments: list[str]) -> int:
     if options.dry:
         store = ResultStore(folder / RESULTS, study.title)
         return _dry(console, plan, store, options, missing)
-    with only_one(folder) as lock:
+    with only_one(folder, OTHERS) as lock:
         store = ResultStore(folder / RESULTS, study.title)
         store.write()  # Better found out now than after an hour that it cannot be.
         return _make(console, study, plan, store, options, lock, missing)

@@ -1,27 +1,18 @@
-"""ResultStore: the results of a study in one file, and the lock that keeps others from it."""
+"""ResultStore: the results of a study in one file."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from types import ModuleType
 from typing import Any, TypeVar
 
-from gsfw.core.errors import DataError, OutputError
+from gsfw.core.errors import DataError
 from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.core.run_folder import write_atomically
 from gsfw.studies.result import Failure, Result
-
-fcntl: ModuleType | None
-try:
-    import fcntl
-except ImportError:  # Windows: nothing keeps two studies from one folder there.
-    fcntl = None
 
 SCHEMA = 1
 """Number of the layout; raised when an older gsfw could not read a newer file."""
@@ -150,35 +141,3 @@ def _check(values: Mapping[str, Any], where: str) -> None:
             "Put it right, or move the file away to begin anew: runs that are finished are found "
             "again in their folders.",
         )
-
-
-@contextlib.contextmanager
-def only_one(folder: Path) -> Iterator[int | None]:
-    """Keep other studies from a folder; yields the open lock for processes to inherit.
-
-    A run that outlives its study (which was killed) still holds the lock, so that no second
-    process is let into the same run.
-
-    Raises:
-        OutputError: another study works there, or the folder cannot be written to or locked.
-    """
-    with readable_write_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        if fcntl is not None:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise OutputError(
-                    f"{folder}: another study, or a run that one left behind, is at work there.",
-                    "Wait for it, end it, or choose another folder with out=DIR.",
-                ) from None
-            except OSError as error:
-                raise OutputError(
-                    f"{folder} cannot be locked against other studies: {error.strerror}.",
-                    "Choose a folder on another disk with out=DIR.",
-                ) from None
-        yield handle
-    finally:
-        os.close(handle)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from gsfw.core.errors import DataError, OutputError
+from gsfw.core.errors import DataError
 from gsfw.studies.result import Failure, Result
-from gsfw.studies.result_store import ResultStore, only_one
+from gsfw.studies.result_store import ResultStore
 
 
 def test_results_and_failures_are_read_again(tmp_path):
@@ -91,12 +91,3 @@ def test_a_failure_is_looked_at_too(tmp_path):
     path.write_text(f'{{"schema": 1, "failures": [{failure}]}}')
     with pytest.raises(DataError, match=r"failures\[0\]: resumable is 1; expected true or false"):
         ResultStore(path, "")
-
-
-def test_a_folder_that_cannot_be_is_told(tmp_path):
-    (tmp_path / "file").touch()
-    with (
-        pytest.raises(OutputError, match="file cannot be written: File exists"),
-        only_one(tmp_path / "file"),
-    ):
-        pass

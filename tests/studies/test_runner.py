@@ -1,6 +1,5 @@
 """Tests of gsfw.studies.runner, mostly with a stand-in for training."""
 
-import errno
 import json
 import os
 import shutil
@@ -20,10 +19,8 @@ from fake_training import (
 from small_study import TINY, make, plan, small_study
 
 from gsfw.core.callback import Control
-from gsfw.core.errors import OutputError
-from gsfw.studies import result_store
 from gsfw.studies.planned_run import fingerprint
-from gsfw.studies.result_store import ResultStore, only_one
+from gsfw.studies.result_store import ResultStore
 from gsfw.studies.runner import Runner, RunnerSettings
 from gsfw.studies.writing import RESULTS
 
@@ -205,23 +202,6 @@ def test_a_damaged_result_is_made_again(tmp_path):
     assert ended.run.cell.row == "still"
 
 
-def test_a_second_study_is_kept_out_even_by_a_run_that_was_left_behind(tmp_path):
-    with (
-        only_one(tmp_path) as lock,
-        pytest.raises(OutputError, match="another study, or a run that one left behind"),
-        only_one(tmp_path),
-    ):
-        pass
-    with only_one(tmp_path) as lock:
-        assert lock is not None
-        inherited = os.dup(lock)  # As by a process.
-    with pytest.raises(OutputError), only_one(tmp_path):
-        pass
-    os.close(inherited)
-    with only_one(tmp_path):
-        pass
-
-
 def test_results_are_plain_json(tmp_path):
     make(small_study(), tmp_path)
     document = json.loads((tmp_path / RESULTS).read_text())
@@ -292,16 +272,3 @@ def test_a_damaged_result_that_cannot_be_removed_is_no_error(tmp_path, monkeypat
         patch.setattr(os, "rmdir", refuse)
         runner = Runner(plan(small_study(), tmp_path), kept(tmp_path), RunnerSettings(), Control())
     assert [run.cell.row for run in runner.pending] == ["still"]
-
-
-def test_a_disk_that_has_no_locks_is_told(tmp_path, monkeypatch):
-    def refuse(*_):
-        raise OSError(errno.ENOLCK, "No locks available")
-
-    monkeypatch.setattr(result_store.fcntl, "flock", refuse)
-    with pytest.raises(OutputError) as caught, only_one(tmp_path):
-        pass
-    assert str(caught.value) == (
-        f"{tmp_path} cannot be locked against other studies: No locks available.\n"
-        "Choose a folder on another disk with out=DIR."
-    )

@@ -1,0 +1,95 @@
+"""Journal: which stages of a preparation are finished, so that the same command goes on.
+
+A stage is the same as before when its settings are, and those of all stages before it. Where they
+are not, what it and all later ones have left is removed before it starts again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gsfw.core.json_text import json_text
+from gsfw.core.run_folder import write_atomically
+
+SCHEMA = 1
+"""Number of the file's layout; a file of another number is as good as none."""
+
+Document = dict[str, Any]
+"""Plain data."""
+
+
+class Journal:
+    """The stages, in the order in which they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the file; one that is missing or damaged knows of no stage."""
+        self._path = path
+        self._stages = _read(path)
+        self._key = f"gsfw prepare {SCHEMA}"
+        self._asked: list[str] = []
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """How long each finished stage took, over all runs."""
+        return {
+            name: self._stages[name]["seconds"]
+            for name in self._asked
+            if self._stages[name]["finished"]
+        }
+
+    def stage(
+        self,
+        name: str,
+        settings: Mapping[str, Any],
+        make: Callable[[], Document],
+        clear: Callable[[], None] = lambda: None,
+    ) -> Document:
+        """The result of a stage, made only where it is not there.
+
+        Args:
+            name: unique among the stages.
+            settings: plain data that the result depends on, besides the stages before.
+            make: does the work, going on with what an interrupted run left; its result is plain
+                data.
+            clear: removes what the stage left under other settings.
+
+        Raises:
+            OutputError: the journal cannot be written.
+        """
+        content = json.dumps([self._key, name, settings], sort_keys=True, default=str)
+        self._key = hashlib.sha256(content.encode()).hexdigest()
+        self._asked.append(name)
+        entry = self._stages.get(name)
+        if entry is None or entry["key"] != self._key:
+            clear()
+            self._stages = {known: self._stages[known] for known in self._asked[:-1]}
+            entry = {"key": self._key, "finished": False, "seconds": 0.0, "result": {}}
+            self._stages[name] = entry
+            self._write()
+        if not entry["finished"]:
+            start = time.perf_counter()
+            try:
+                entry["result"] = json.loads(json_text(make()))
+                entry["finished"] = True
+            finally:
+                entry["seconds"] += time.perf_counter() - start
+                self._write()
+        result: Document = entry["result"]
+        return result
+
+    def _write(self) -> None:
+        document = {"schema": SCHEMA, "stages": self._stages}
+        write_atomically(self._path, json_text(document, indent=1).encode())
+
+
+def _read(path: Path) -> dict[str, Document]:
+    try:
+        document = json.loads(path.read_text("utf-8"))
+        return dict(document["stages"]) if document["schema"] == SCHEMA else {}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
