@@ -119,36 +119,31 @@ def _check(
 
     What keeps a data set from being opened is a finding: it will not train.
     """
-    from gsfw.commands.capture_check.contact_sheet import write_contact_sheet
-    from gsfw.commands.capture_check.judgement import judge
+    from gsfw.commands.capture_check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
+    from gsfw.commands.capture_check.examination import Examination
     from gsfw.commands.capture_check.plan import Plan
-    from gsfw.commands.capture_check.survey import Survey
+    from gsfw.commands.capture_check.tile import tiles_of
     from gsfw.commands.check_report import describe
     from gsfw.core.finding import Verdict
-    from gsfw.plugins.compose import open_data
 
     settings.config.check()
     path, reader = settings.config.data, settings.choices["datamanager"].name
     head = {"kind": "check", "path": path, "format": reader}
     try:
-        data = open_data(settings)
-        try:
-            survey = Survey.of(data, pictures)
-            notes = data.notes()
-        finally:
-            data.close()
+        examined = Examination.of(settings, pictures)
     except DataError as error:
         return {**head, **_unreadable(error)}
-    findings = judge(survey)
+    survey, findings = examined.survey, examined.findings
     verdict = Verdict.of(findings)
     if options.out != "none":
-        write_contact_sheet(Path(options.out), survey, findings, verdict)
+        tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
+        write_contact_sheet(Path(options.out), survey.scene.name, verdict, survey, tiles)
     plan = Plan.of(survey, findings, settings.config, given.get("method", ""))
     return {
         **head,
         "verdict": verdict.value,
         **describe(survey, plan),
-        "notes": list(notes),
+        "notes": list(examined.notes),
         "findings": [finding.document() for finding in findings],
         "next": plan.command(given),
         "sheet": "" if options.out == "none" else options.out,

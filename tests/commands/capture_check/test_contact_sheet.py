@@ -8,13 +8,15 @@ from PIL import Image
 from gsfw.commands.capture_check.contact_sheet import WIDTH, write_contact_sheet
 from gsfw.commands.capture_check.judgement import judge
 from gsfw.commands.capture_check.map_view import HELD_OUT, TRAINED, map_views
+from gsfw.commands.capture_check.tile import Tile, tiles_of
 from gsfw.commands.capture_check.viewpoint_findings import viewpoint_findings
-from gsfw.core.finding import Verdict
+from gsfw.core.finding import Verdict, Weight
 
 
 def sheet_of(survey, path):
     findings = judge(survey)
-    write_contact_sheet(path, survey, findings, Verdict.of(findings))
+    tiles = tiles_of(survey, findings, 12, 6)
+    write_contact_sheet(path, survey.scene.name, Verdict.of(findings), survey, tiles)
     return np.asarray(Image.open(path))
 
 
@@ -60,3 +62,15 @@ def test_pictures_to_look_at_are_on_the_sheet_even_if_they_do_not_decode(tmp_pat
     path.write_bytes(path.read_bytes()[:2000])
     after = sheet_of(written.survey(), tmp_path / "bad.png")
     assert (before[540:] != after[540 : len(before)]).any()
+
+
+def test_a_capture_without_cameras_has_a_sheet_of_its_pictures(tmp_path):
+    picture = Image.new("RGB", (40, 30), (200, 30, 30))
+    tiles = [
+        Tile("a.jpg", "blurred", Weight.LIMIT, picture),
+        Tile("b.jpg", "does not decode", Weight.LIMIT, None, "does not decode"),
+    ]
+    write_contact_sheet(tmp_path / "a.png", "a", Verdict.WILL_NOT_TRAIN, None, tiles)
+    pixels = np.asarray(Image.open(tmp_path / "a.png"))
+    assert len(pixels) < 400
+    assert count(pixels, (200, 30, 30)) == 40 * 30
