@@ -48,6 +48,7 @@ class Journal:
         settings: Mapping[str, Any],
         make: Callable[[], Document],
         clear: Callable[[], None] = lambda: None,
+        is_there: Callable[[], bool] = lambda: True,
     ) -> Document:
         """The result of a stage, made only where it is not there.
 
@@ -57,6 +58,7 @@ class Journal:
             make: does the work, going on with what an interrupted run left; its result is plain
                 data.
             clear: removes what the stage left under other settings.
+            is_there: whether the files that a finished stage has left are still there.
 
         Raises:
             OutputError: the journal cannot be written.
@@ -65,7 +67,7 @@ class Journal:
         self._key = hashlib.sha256(content.encode()).hexdigest()
         self._asked.append(name)
         entry = self._stages.get(name)
-        if entry is None or entry["key"] != self._key:
+        if entry is None or entry["key"] != self._key or (entry["finished"] and not is_there()):
             clear()
             self._stages = {known: self._stages[known] for known in self._asked[:-1]}
             entry = {"key": self._key, "finished": False, "seconds": 0.0, "result": {}}
@@ -85,6 +87,12 @@ class Journal:
     def _write(self) -> None:
         document = {"schema": SCHEMA, "stages": self._stages}
         write_atomically(self._path, json_text(document, indent=1).encode())
+
+
+def identity_of(path: Path) -> list[Any]:
+    """What tells that a file is still the same, as plain data."""
+    status = path.stat()
+    return [str(path.resolve()), status.st_size, status.st_mtime_ns]
 
 
 def _read(path: Path) -> dict[str, Document]:

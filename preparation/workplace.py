@@ -1,0 +1,119 @@
+"""Workplace: the folder of a prepared data set, and what is kept of the work on it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from gsfw.core.errors import OutputError
+from gsfw.core.folder_lock import only_one
+from gsfw.core.run_folder import readable_write_errors
+
+OTHERS = "another gsfw prepare"
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """Where everything is, below one folder."""
+
+    path: Path
+
+    @property
+    def images(self) -> Path:
+        """Pictures of the data set."""
+        return self.path / "images"
+
+    @property
+    def sparse(self) -> Path:
+        """The folder of its model."""
+        return self.path / "sparse"
+
+    @property
+    def report(self) -> Path:
+        """What was found, for programs."""
+        return self.path / "prepare.json"
+
+    @property
+    def sheet(self) -> Path:
+        """The contact sheet."""
+        return self.path / "prepare.png"
+
+    @property
+    def work(self) -> Path:
+        """What the same command goes on from; not needed to train."""
+        return self.path / "work"
+
+    @property
+    def journal(self) -> Path:
+        """Which stages are finished."""
+        return self.work / "stages.json"
+
+    @property
+    def frames(self) -> Path:
+        """Frames that were taken from videos."""
+        return self.work / "frames"
+
+    @property
+    def database(self) -> Path:
+        """COLMAP's features and matches."""
+        return self.work / "database.db"
+
+    @property
+    def models(self) -> Path:
+        """COLMAP's models of the distorted pictures."""
+        return self.work / "models"
+
+    @property
+    def log(self) -> Path:
+        """What COLMAP says of its work."""
+        return self.work / "log"
+
+    @contextmanager
+    def claimed(self, inputs: tuple[Path, ...]) -> Iterator[None]:
+        """Take the folder, and keep it from others.
+
+        Raises:
+            OutputError: it holds something else, lies where the pictures are, is in use, or cannot
+                be written to.
+        """
+        self._check_apart(inputs)
+        with readable_write_errors(self.path):
+            held = sorted(self.path.iterdir()) if self.path.is_dir() else []
+        if held and not self.work.is_dir():
+            raise OutputError(
+                f"out={self.path} is not empty, and not a folder of gsfw prepare "
+                f"(it holds {held[0].name}{' and more' if len(held) > 1 else ''}).",
+                "Give a new folder; nothing in this one was touched.",
+            )
+        with only_one(self.work, OTHERS):
+            yield
+
+    def _check_apart(self, inputs: tuple[Path, ...]) -> None:
+        """Check that no picture lies where the result will be written, or is taken for one.
+
+        Raises:
+            OutputError: one does.
+        """
+        out = self.path.resolve()
+        for given in (path.resolve() for path in inputs):
+            if given == out or out in given.parents or (given.is_dir() and given in out.parents):
+                raise OutputError(
+                    f"out={self.path} and the pictures in {given} are in one another.",
+                    "Give a folder beside the pictures: what they are made from stays as it is.",
+                )
+
+    def remove(self, *paths: Path) -> None:
+        """Remove files and folders that stages have left.
+
+        Raises:
+            OutputError: they cannot be removed.
+        """
+        for path in paths:
+            with readable_write_errors(path):
+                if path.is_dir():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink(missing_ok=True)

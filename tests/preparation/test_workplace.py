@@ -1,0 +1,66 @@
+"""The folder of a prepared data set."""
+
+import pytest
+
+from gsfw.core.errors import OutputError
+from gsfw.preparation.workplace import Workplace
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").touch()
+    place = Workplace(tmp_path / "out")
+    with pytest.raises(OutputError) as caught, place.claimed(()):
+        pass
+    assert str(caught.value) == (
+        f"out={tmp_path / 'out'} is not empty, and not a folder of gsfw prepare (it holds "
+        "thesis.tex).\nGive a new folder; nothing in this one was touched."
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "out"), [("a", "a"), ("a", "a/b"), ("a/b", "a"), ("a/v.mp4", "a")]
+)
+def test_pictures_and_result_are_kept_apart(tmp_path, given, out):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "v.mp4").touch()
+    place = Workplace(tmp_path / out)
+    with (
+        pytest.raises(OutputError, match="are in one another"),
+        place.claimed((tmp_path / given,)),
+    ):
+        pass
+
+
+def test_a_video_may_lie_beside_the_result(tmp_path):
+    (tmp_path / "v.mp4").touch()
+    with Workplace(tmp_path / "out").claimed((tmp_path / "v.mp4",)):
+        pass
+
+
+def test_two_programs_do_not_work_on_one_result(tmp_path):
+    place = Workplace(tmp_path / "out")
+    with (
+        place.claimed(()),
+        pytest.raises(OutputError, match="another gsfw prepare is at work there"),
+        Workplace(tmp_path / "out").claimed(()),
+    ):
+        pass
+
+
+def test_what_stages_left_is_removed(tmp_path):
+    place = Workplace(tmp_path / "out")
+    with place.claimed(()):
+        place.images.mkdir()
+        (place.images / "a.png").touch()
+        place.report.touch()
+        place.remove(place.images, place.report, place.sparse)
+        assert sorted(item.name for item in place.path.iterdir()) == ["work"]
+    with place.claimed(()):
+        pass
+
+
+def test_a_file_in_the_place_of_the_folder_is_told(tmp_path):
+    (tmp_path / "out").touch()
+    with pytest.raises(OutputError, match="out"), Workplace(tmp_path / "out").claimed(()):
+        pass
