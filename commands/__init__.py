@@ -9,6 +9,7 @@ from gsfw.plugins.specs import Spec, hookimpl
 def gsfw_commands() -> list[Spec]:
     """The built-in verbs."""
     return [
+        Spec("prepare", "make a data set of photos or video", "gsfw.commands.prepare:run"),
         Spec("train", "train a method on a data set", "gsfw.commands.train:run"),
         Spec("resume", "go on with a run that was stopped", "gsfw.commands.resume:run"),
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),

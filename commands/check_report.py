@@ -103,6 +103,15 @@ def tell(console: Console, document: Mapping[str, Any]) -> None:
         console.say(title)
     for note in document.get("notes", ()):
         console.say(f"note: {note}")
+    tell_findings(console, document)
+    if document["sheet"]:
+        console.say(f"cameras, points and pictures: {document['sheet']}")
+    if document["next"] and document["verdict"] != "will not train":
+        console.say(f"next: {document['next']}")
+
+
+def tell_findings(console: Console, document: Mapping[str, Any]) -> None:
+    """A sentence for each finding, and the verdict."""
     for finding in document["findings"]:
         console.say()
         console.say(f"{WEIGHTS[finding['weight']]} - {finding['kind']}: {finding['found']}")
@@ -110,10 +119,6 @@ def tell(console: Console, document: Mapping[str, Any]) -> None:
         console.say(f"  {finding['advice']}")
     console.say()
     console.say(f"verdict: {document['verdict']}{_summary(document)}")
-    if document["sheet"]:
-        console.say(f"cameras, points and pictures: {document['sheet']}")
-    if document["next"] and document["verdict"] != "will not train":
-        console.say(f"next: {document['next']}")
 
 
 def _summary(document: Mapping[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from importlib import metadata
 
@@ -34,6 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         SystemExit: it was ended by SIGTERM (143) or SIGHUP (129).
     """
     os.environ.setdefault("GOMP_SPINCOUNT", SPINS)  # Read when torch is loaded.
+    # Of EXIF that is damaged, and pictures that are large; what matters is told by messages.
+    warnings.filterwarnings("ignore", module=r"PIL\b")
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     console = Console(_flag(tokens, "json"))
     try:

@@ -60,6 +60,12 @@ class Finding:
         }
 
 
+def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The gravest first."""
+    order = (Weight.STOP, Weight.LIMIT, Weight.NOTE)
+    return tuple(sorted(findings, key=lambda finding: order.index(finding.weight)))
+
+
 SHOWN = 5
 """So many names are listed in a sentence."""
 

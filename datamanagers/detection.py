@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -10,16 +11,10 @@ from gsfw.datamanagers.pictures import EXTENSIONS
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 """Extensions of video files."""
 
-RECONSTRUCT = (
-    "gsfw does not compute camera poses yet: run COLMAP (colmap automatic_reconstructor, then "
-    "colmap image_undistorter) and give the folder it wrote"
-)
-
-
 def describe_unrecognised(path: Path) -> str:
     """What a path holds instead of a data set, and what to do about it; else empty."""
     if path.suffix.lower() in VIDEOS:
-        return _video(path.name)
+        return _video(path)
     if not path.is_dir():
         return ""
     for folder in (path, path / "images", path / "input"):
@@ -27,8 +22,8 @@ def describe_unrecognised(path: Path) -> str:
         pictures = [item for item in files if item.suffix.lower() in EXTENSIONS]
         if pictures:
             where = "" if folder == path else f" in {folder.name}/"
-            return f"{len(pictures)} pictures{where}, but no cameras; {RECONSTRUCT}"
-        videos = [item.name for item in files if item.suffix.lower() in VIDEOS]
+            return f"{len(pictures)} pictures{where}, but no cameras; {_reconstruct(folder)}"
+        videos = [item for item in files if item.suffix.lower() in VIDEOS]
         if videos:
             return _video(videos[0])
     inner = [f"{item.name}/" for item in sorted(path.iterdir()) if _is_data_set(item)]
@@ -49,8 +44,9 @@ def _files(folder: Path) -> list[Path]:
     return sorted(item for item in items if item.is_file())
 
 
-def _video(name: str) -> str:
-    return (
-        f"the video {name}; cut it into pictures first (ffmpeg -i {name} -vf fps=2 "
-        f"images/%04d.png); {RECONSTRUCT}"
-    )
+def _video(path: Path) -> str:
+    return f"the video {path.name}, but no cameras; {_reconstruct(path)}"
+
+
+def _reconstruct(path: Path) -> str:
+    return f"compute them with gsfw prepare {shlex.quote(str(path))} out=DIR, and give that folder"

@@ -76,8 +76,7 @@ class Workplace:
         """Take the folder, and keep it from others.
 
         Raises:
-            OutputError: it holds something else, lies where the pictures are, is in use, or cannot
-                be written to.
+            OutputError: it holds something else or an input, is in use, or cannot be written to.
         """
         self._check_apart(inputs)
         with readable_write_errors(self.path):
@@ -92,17 +91,17 @@ class Workplace:
             yield
 
     def _check_apart(self, inputs: tuple[Path, ...]) -> None:
-        """Check that no picture lies where the result will be written, or is taken for one.
+        """Check that no input lies where the result will be written.
 
         Raises:
             OutputError: one does.
         """
         out = self.path.resolve()
-        for given in (path.resolve() for path in inputs):
-            if given == out or out in given.parents or (given.is_dir() and given in out.parents):
+        for given in inputs:
+            if out == given.resolve() or out in given.resolve().parents:
                 raise OutputError(
-                    f"out={self.path} and the pictures in {given} are in one another.",
-                    "Give a folder beside the pictures: what they are made from stays as it is.",
+                    f"out={self.path} holds {given}, which the result is made from.",
+                    "Give a folder of its own: what is there already stays as it is.",
                 )
 
     def remove(self, *paths: Path) -> None:

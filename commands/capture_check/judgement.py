@@ -8,15 +8,12 @@ from gsfw.commands.capture_check.point_findings import point_findings
 from gsfw.commands.capture_check.survey import Survey
 from gsfw.commands.capture_check.time_findings import time_findings
 from gsfw.commands.capture_check.viewpoint_findings import viewpoint_findings
-from gsfw.core.finding import Finding, Weight
+from gsfw.core.finding import Finding, sorted_findings
 
 JUDGES = (viewpoint_findings, lens_findings, point_findings, picture_findings, time_findings)
-"""Each looks at one side of a capture; findings of tracks or matches would join them here."""
-
-ORDER = (Weight.STOP, Weight.LIMIT, Weight.NOTE)
+"""Each looks at one side of a capture."""
 
 
 def judge(survey: Survey) -> tuple[Finding, ...]:
     """All findings, the gravest first."""
-    findings = [finding for judge_side in JUDGES for finding in judge_side(survey)]
-    return tuple(sorted(findings, key=lambda finding: ORDER.index(finding.weight)))
+    return sorted_findings(finding for judge_side in JUDGES for finding in judge_side(survey))

@@ -15,24 +15,23 @@ def recognised(path) -> list:
     return [kind for _, kind in sorted(found, key=lambda item: -item[0])]
 
 
-def test_pictures_without_cameras_lead_to_colmap(tmp_path):
+def test_pictures_without_cameras_lead_to_prepare(tmp_path):
     for index in range(3):
         write_picture(tmp_path / "images" / f"{index}.png")
     assert describe_unrecognised(tmp_path) == (
-        "3 pictures in images/, but no cameras; gsfw does not compute camera poses yet: run COLMAP "
-        "(colmap automatic_reconstructor, then colmap image_undistorter) and give the folder it "
-        "wrote"
+        "3 pictures in images/, but no cameras; compute them with gsfw prepare "
+        f"{tmp_path / 'images'} out=DIR, and give that folder"
     )
     assert ColmapConfig.detect(tmp_path).found == describe_unrecognised(tmp_path)
     assert describe_unrecognised(tmp_path / "images").startswith("3 pictures, but no cameras")
 
 
-def test_a_video_leads_to_ffmpeg_and_colmap(tmp_path):
+def test_a_video_leads_to_prepare(tmp_path):
     (tmp_path / "walk.MP4").touch()
     for path in (tmp_path, tmp_path / "walk.MP4"):
-        described = describe_unrecognised(path)
-        assert described.startswith(
-            "the video walk.MP4; cut it into pictures first (ffmpeg -i walk.MP4 -vf fps=2 "
+        assert describe_unrecognised(path) == (
+            "the video walk.MP4, but no cameras; compute them with gsfw prepare "
+            f"{tmp_path / 'walk.MP4'} out=DIR, and give that folder"
         )
 
 

@@ -99,6 +99,38 @@ def test_a_cropped_video_has_the_box_of_the_upright_picture(tmp_path):
     assert np.array_equal(cropped.picture(1), video.picture(1)[6:36, 4:24])
 
 
+def test_pictures_with_others_between_are_the_same(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4"))
+    all_of_them = dict(video.pictures(range(10)))
+    chosen = dict(video.pictures([1, 5, 8]))
+    assert list(chosen) == [1, 5, 8]
+    assert all(np.array_equal(chosen[number], all_of_them[number]) for number in chosen)
+    assert list(video.pictures([])) == []
+
+
+def test_small_greys_are_the_pictures_shrunk(tmp_path):
+    video = Video.read(write_video(tmp_path / "a.mp4"))
+    assert [number for number, _ in video.greys(range(0, 10, 3), 32)] == [0, 3, 6, 9]
+    for number, grey in video.greys(range(10), WIDTH // 2):
+        assert grey.shape == (HEIGHT // 2, WIDTH // 2)
+        colors = video.picture(number).reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3)
+        assert np.abs(grey - colors.mean((1, 3, 4))).mean() < 3
+    assert next(video.greys([4], 1000))[1].shape == (HEIGHT, WIDTH)
+
+
+@pytest.mark.parametrize("degrees", [90, 180])
+def test_small_greys_are_upright_and_cropped(tmp_path, degrees):
+    video = Video.read(rotated(write_video(tmp_path / "a.mp4"), degrees))
+    box = (8, 4, 40, 36)
+    ((_, whole),) = video.greys([2], max(WIDTH, HEIGHT))
+    ((_, cropped),) = video.cropped(box).greys([2], 32)
+    assert whole.shape == (video.header.height, video.header.width)
+    assert np.array_equal(cropped, whole[4:36, 8:40])
+    ((_, half),) = video.cropped(box).greys([2], 16)
+    assert half.shape == (16, 16)
+    assert np.abs(half - cropped.reshape(16, 2, 16, 2).mean((1, 3))).max() < 4
+
+
 def test_a_varying_rate_is_refused_where_numbers_have_to_tell_the_time(tmp_path):
     stamps = [0, 1, 2, 3, 4, 5, 8, 9, 10, 11]
     video = Video.read(write_video(tmp_path / "a.mp4", stamps=stamps))

@@ -18,17 +18,23 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("given", "out"), [("a", "a"), ("a", "a/b"), ("a/b", "a"), ("a/v.mp4", "a")]
-)
-def test_pictures_and_result_are_kept_apart(tmp_path, given, out):
+@pytest.mark.parametrize(("given", "out"), [("a", "a"), ("a/b", "a"), ("a/v.mp4", "a")])
+def test_what_the_result_is_made_from_does_not_lie_in_it(tmp_path, given, out):
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "v.mp4").touch()
     place = Workplace(tmp_path / out)
-    with (
-        pytest.raises(OutputError, match="are in one another"),
-        place.claimed((tmp_path / given,)),
-    ):
+    with pytest.raises(OutputError) as caught, place.claimed((tmp_path / given,)):
+        pass
+    assert str(caught.value) == (
+        f"out={tmp_path / out} holds {tmp_path / given}, which the result is made from.\n"
+        "Give a folder of its own: what is there already stays as it is."
+    )
+
+
+@pytest.mark.parametrize("out", ["a/out", "b"])
+def test_the_result_may_lie_in_or_beside_the_input(tmp_path, out):
+    (tmp_path / "a").mkdir()
+    with Workplace(tmp_path / out).claimed((tmp_path / "a",)):
         pass
 
 

@@ -1,0 +1,253 @@
+"""`gsfw prepare`: a data set that trains, from photos, video, or another tool's data set."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from gsfw.commands.arguments import Options, read, words
+from gsfw.core.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from gsfw.commands.console import Console
+    from gsfw.plugins.settings import Settings
+    from gsfw.preparation.preparation import PreparationRule
+    from gsfw.preparation.workplace import Workplace
+
+PREPARED = Path("prepared")
+"""Where results go that nobody gave a place."""
+REFUSED = 1
+"""Exit code of a capture that will not train."""
+
+
+@dataclass(kw_only=True)
+class PrepareOptions(Options):
+    """Make a data set of photos, of videos, or of another tool's data set; say if it will train.
+
+    Cameras are computed with COLMAP, which is part of the installation. The same command goes on
+    where it was stopped. Exit codes: 0 good, or usable with limits; 1 will not train; 2 a mistake
+    in the command.
+    """
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw prepare photos out=scene",
+        "gsfw prepare walk.mp4 out=scene frames=200",
+        "gsfw prepare left/ right/ out=scene camera_model=OPENCV_FISHEYE",
+        "gsfw prepare metashape.xml out=scene lens=keep",
+    )
+
+    inputs: tuple[str, ...] = words("INPUT...")
+    """Folders of pictures, pictures, videos; or one data set that has cameras already."""
+    out: str = ""
+    """The folder of the result: new, or one of an earlier gsfw prepare. Empty: prepared/INPUT."""
+    frames: int = 150
+    """How many sharp, well-spaced frames are taken from videos, from all together."""
+    poses: Literal["auto", "compute", "keep"] = "auto"
+    """Compute cameras, keep those of a data set that has them, or auto: keep them if it has."""
+    cameras: Literal["auto", "one", "per-folder", "per-picture"] = "auto"
+    """Which pictures share a camera: auto goes by EXIF, size and folder."""
+    camera_model: str = "auto"
+    """COLMAP's camera model, such as SIMPLE_RADIAL, OPENCV or OPENCV_FISHEYE."""
+    focal: float | None = None
+    """Focal length in pixels of the pictures, as a first guess; none: from EXIF, or a usual one."""
+    feature_size: int | None = None
+    """Longest side in pixels of the pictures that features are found in; none: by the machine."""
+    features: int | None = None
+    """Most features of a picture; none: by the machine and the number of pictures."""
+    matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
+    """Which pictures are compared: all with all, neighbours in time, or those that look alike."""
+    exhaustive_up_to: int = 200
+    """Photos up to which auto compares all with all."""
+    overlap: int = 10
+    """Neighbours in time that sequential compares with each frame."""
+    vocabulary: str = ""
+    """A COLMAP vocabulary tree for retrieval. Empty: made from the pictures themselves."""
+    mapper: Literal["incremental", "global"] = "incremental"
+    """Place cameras one after the other (COLMAP) or all at once (GLOMAP)."""
+    refine_focal: bool = True
+    """Compute focal lengths, or keep the first guess."""
+    refine_principal_point: bool = False
+    """Compute principal points, or keep the middle of the picture."""
+    lens: Literal["pinhole", "keep"] = "pinhole"
+    """Undistort pictures to PINHOLE cameras, or keep files and lenses."""
+    jpeg_quality: int = 95
+    """Of JPEG files that are written anew."""
+    layout: Literal["auto", "colmap", "transforms"] = "auto"
+    """Of a data set with cameras: colmap, transforms, or auto: transforms where it has times."""
+    jobs: int = 0
+    """Cores to use; 0: all. The result does not depend on it."""
+    again: bool = False
+    """Begin anew, and forget what an earlier run of the command has finished."""
+
+
+def run(tokens: list[str]) -> int:
+    """Prepare a data set, look at it, and say what was found."""
+    options = read("prepare", PrepareOptions, tokens)
+    inputs = tuple(Path(text) for text in options.inputs)
+    place, rule = _place(options, inputs), _rule(options)
+
+    from gsfw.commands.console import Console
+    from gsfw.commands.prepare_report import tell
+
+    console = Console(options.json)
+    for path in inputs:
+        _check_exists(path)
+    with place.claimed(inputs):
+        if options.again:
+            place.remove(place.journal)
+        source = _data_set(options, inputs)
+        if source is None:
+            document = _prepare(console, inputs, place, rule)
+        else:
+            document = _convert(console, source, place, options, rule)
+    tell(console, document)
+    console.result(document)
+    return REFUSED if document["verdict"] == "will not train" else 0
+
+
+def _check_exists(path: Path) -> None:
+    """Check that an input is there.
+
+    Raises:
+        DataError: it is not; names what is.
+    """
+    from gsfw.plugins.registry import did_you_mean
+
+    if path.exists():
+        return
+    missing, parent = path, path.parent
+    while not parent.is_dir():
+        missing, parent = parent, parent.parent
+    near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
+    raise DataError(
+        f"{path}: there is no such file or folder.",
+        f"{parent.resolve()} holds no {missing.name!r}.{near}",
+    )
+
+
+def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workplace:
+    from gsfw.preparation.workplace import Workplace
+
+    return Workplace(Path(options.out) if options.out else PREPARED / inputs[0].resolve().stem)
+
+
+def _rule(options: PrepareOptions) -> PreparationRule:
+    """What was chosen for all stages.
+
+    Raises:
+        ConfigError: a value makes no sense.
+    """
+    from gsfw.preparation.camera_grouping import CameraRule
+    from gsfw.preparation.camera_plan import OutputRule
+    from gsfw.preparation.mapping_rule import MappingRule
+    from gsfw.preparation.pairs import MatchingRule
+    from gsfw.preparation.preparation import PreparationRule
+
+    if options.jobs < 0:
+        raise ConfigError(f"jobs={options.jobs}: expected 0 (all cores) or more.")
+    rule = PreparationRule(
+        frames=options.frames,
+        cameras=CameraRule(options.cameras, options.camera_model, options.focal),
+        feature_size=options.feature_size,
+        feature_count=options.features,
+        matching=MatchingRule(
+            matching=options.matching,
+            exhaustive_up_to=options.exhaustive_up_to,
+            overlap=options.overlap,
+            vocabulary=Path(options.vocabulary) if options.vocabulary else None,
+        ),
+        mapping=MappingRule(
+            mapper=options.mapper,
+            refine_focal=options.refine_focal,
+            refine_principal_point=options.refine_principal_point,
+        ),
+        output=OutputRule(options.lens, options.jpeg_quality),
+        jobs=options.jobs or os.cpu_count() or 1,
+    )
+    rule.check()
+    return rule
+
+
+def _data_set(options: PrepareOptions, inputs: tuple[Path, ...]) -> Settings | None:
+    """Settings to open the input with, where it has cameras and they are to be kept.
+
+    Raises:
+        ConfigError: cameras of several inputs are to be kept.
+        DataError: cameras are to be kept, and there are none.
+    """
+    from gsfw.plugins.automatic import choose_datamanager
+    from gsfw.plugins.registry import installed
+
+    if options.poses == "keep" and len(inputs) > 1:
+        raise ConfigError(
+            f"poses=keep: {len(inputs)} inputs are given.", "Give one data set at a time."
+        )
+    if options.poses == "compute" or len(inputs) > 1:
+        return None
+    try:
+        choose_datamanager(str(inputs[0]), installed())
+    except DataError:
+        if options.poses == "keep":
+            raise
+        return None
+    return _settings(inputs[0])
+
+
+def _settings(data: Path) -> Settings:
+    """Those that ``gsfw train data=...`` would begin with."""
+    from gsfw.commands.arguments import Arguments, layers
+    from gsfw.plugins.registry import installed
+    from gsfw.plugins.settings import resolve
+
+    return resolve(installed(), layers(Arguments((), (("data", str(data)), ("method", "3dgs")))))
+
+
+def _prepare(
+    console: Console, inputs: tuple[Path, ...], place: Workplace, rule: PreparationRule
+) -> dict[str, Any]:
+    """Compute cameras; the document."""
+    from gsfw.commands.prepare_report import document_of_preparation
+    from gsfw.commands.stage_bars import StageBars
+    from gsfw.preparation.native_log import log_into
+    from gsfw.preparation.preparation import Preparation
+
+    log_into(place.log)
+    prepared = Preparation(inputs, place, rule, StageBars(console)).run()
+    settings = _settings(place.path) if prepared.written else None
+    return document_of_preparation(inputs, place, prepared, settings)
+
+
+def _convert(
+    console: Console,
+    source: Settings,
+    place: Workplace,
+    options: PrepareOptions,
+    rule: PreparationRule,
+) -> dict[str, Any]:
+    """Keep the cameras of a data set; the document."""
+    from gsfw.commands.prepare_report import document_of_conversion
+    from gsfw.commands.stage_bars import StageBars
+    from gsfw.datamanagers.capture import Capture
+    from gsfw.plugins.compose import open_data
+    from gsfw.preparation.conversion import ConversionRule, convert
+
+    name = source.choices["datamanager"].name
+    console.say(
+        f"{source.config.data} has cameras already ({name}): they are kept; poses=compute makes "
+        "new ones from its pictures"
+    )
+    data = open_data(source)
+    try:
+        if not isinstance(data, Capture):
+            raise DataError(
+                f"{source.config.data}: data manager {name} gives no pictures as files.",
+                "Only formats whose pictures are files or videos can be converted.",
+            )
+        place.remove(place.images, place.sparse)
+        rules = ConversionRule(options.layout, rule.output)
+        converted = convert(data.recording, place.path, rules, StageBars(console))
+    finally:
+        data.close()
+    return document_of_conversion(source, place, converted, _settings(place.path))

@@ -1,0 +1,158 @@
+"""Writes what any format's file says as a transforms.json of nerfstudio, which keeps times.
+
+See https://docs.nerf.studio/quickstart/data_conventions.html; time, camera_index, motion_mask_path
+and depth_unit_scale_factor of frames are ours, and other readers pass over them.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+from plyfile import PlyData, PlyElement
+from torch import Tensor
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.core.json_text import json_text
+from gsfw.core.run_folder import write_atomically
+from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.lens import COEFFICIENTS, Lens
+from gsfw.datamanagers.transforms_file import DEPTH_KEY
+
+FILE, POINTS_FILE = "transforms.json", "points.ply"
+NERFSTUDIO_MODELS = {
+    "SIMPLE_PINHOLE": "PINHOLE",
+    "SIMPLE_RADIAL": "OPENCV",
+    "RADIAL": "OPENCV",
+    "SIMPLE_FISHEYE": "OPENCV_FISHEYE",
+    "FISHEYE": "OPENCV_FISHEYE",
+    "SIMPLE_RADIAL_FISHEYE": "OPENCV_FISHEYE",
+    "RADIAL_FISHEYE": "OPENCV_FISHEYE",
+}
+"""The same lenses by names that nerfstudio knows; further coefficients are 0."""
+
+
+def write_transforms(recording: Recording, folder: Path) -> int:
+    """Write transforms.json into ``folder``, and points.ply where there are points.
+
+    Args:
+        recording: what a format's file says; its files are in ``folder``.
+        folder: of the data set.
+
+    Returns:
+        Bytes written.
+
+    Raises:
+        DataError: a file is not in ``folder``, or a frame is a picture of a video.
+        OutputError: a file cannot be written.
+    """
+    content: dict[str, Any] = {}
+    lenses = [_lens(frame) for frame in recording.frames]
+    is_shared = all(lens == lenses[0] for lens in lenses)
+    if is_shared:
+        content |= lenses[0]
+    points = _ply(recording) if len(recording.points) else b""
+    if points:
+        content["ply_file_path"] = POINTS_FILE
+    content |= _splits(recording.frames, folder)
+    content["frames"] = [
+        _frame(frame, folder) | ({} if is_shared else lens)
+        for frame, lens in zip(recording.frames, lenses, strict=True)
+    ]
+    text = (json_text(content, indent=1) + "\n").encode()
+    if points:
+        write_atomically(folder / POINTS_FILE, points)
+    write_atomically(folder / FILE, text)
+    return len(points) + len(text)
+
+
+def _lens(frame: Frame) -> dict[str, Any]:
+    """The settings of a frame's lens, in pixels of its picture."""
+    lens: Lens = frame.lens.resized(frame.header.width, frame.header.height)
+    lens.check()
+    model = NERFSTUDIO_MODELS.get(lens.model, lens.model)
+    values = dict(zip(COEFFICIENTS[lens.model], lens.distortion, strict=True))
+    return {
+        "camera_model": model,
+        "fl_x": lens.fx,
+        "fl_y": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        "w": lens.width,
+        "h": lens.height,
+    } | {name: values.get(name, 0.0) for name in COEFFICIENTS[model]}
+
+
+def _splits(frames: Sequence[Frame], folder: Path) -> dict[str, list[str]]:
+    """The lists of names; none where the data set leaves it open what is held out."""
+    if all(frame.split is None for frame in frames):
+        return {}
+    train, held = (
+        [_inside(frame.path, folder) for frame in frames if (frame.split is Split.EVAL) == is_held]
+        for is_held in (False, True)
+    )
+    # nerfstudio wants all three lists where there is one.
+    return {"train_filenames": train, "val_filenames": held, "test_filenames": held}
+
+
+def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
+    if frame.shot is not None:
+        raise DataError(
+            f"{frame.name} is a picture of the video {frame.path}, which a {FILE} cannot name.",
+            f"Cut the video into pictures first (ffmpeg -i {frame.path.name} images/%06d.png).",
+        )
+    entry: dict[str, Any] = {
+        "file_path": _inside(frame.path, folder),
+        "transform_matrix": _to_opengl(frame.world_to_camera).tolist(),
+        "camera_index": frame.camera,
+    }
+    if frame.time is not None:
+        entry["time"] = frame.time
+    if frame.mask is not None:
+        entry["mask_path"] = _inside(frame.mask, folder)
+    if frame.moving is not None:
+        entry["motion_mask_path"] = _inside(frame.moving, folder)
+    if frame.depth is not None:
+        entry[DEPTH_KEY] = _inside(frame.depth.path, folder)
+        entry["depth_unit_scale_factor"] = frame.depth.unit
+    return entry
+
+
+def _to_opengl(world_to_camera: Float64[Tensor, "4 4"]) -> Float64[Tensor, "4 4"]:
+    """The camera-to-world matrix with OpenGL axes (x right, y up, z back) of a rigid pose."""
+    rotation, translation = world_to_camera[:3, :3], world_to_camera[:3, 3]
+    pose = torch.eye(4, dtype=torch.float64)
+    pose[:3, :3] = rotation.T * torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)
+    pose[:3, 3] = -(rotation.T @ translation)
+    return pose
+
+
+def _inside(file: Path, folder: Path) -> str:
+    """A file's name relative to the folder."""
+    relative = Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    if relative.startswith("../"):
+        raise DataError(
+            f"{file} is not in {folder}, which names in {FILE} are relative to.",
+            "Copy the files there, or give a folder that holds all of them.",
+        )
+    return relative
+
+
+def _ply(recording: Recording) -> bytes:
+    """Positions in double precision, and colours of 8 bits."""
+    layout = [(axis, "<f8") for axis in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")]
+    vertices = np.zeros(len(recording.points), np.dtype(layout))
+    colors = (recording.point_colors.clamp(0, 1) * 255).round().byte()
+    for number, (axis, name) in enumerate(zip("xyz", ("red", "green", "blue"), strict=True)):
+        vertices[axis] = recording.points[:, number].numpy()
+        vertices[name] = colors[:, number].numpy()
+    buffer = io.BytesIO()
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(buffer)
+    return buffer.getvalue()

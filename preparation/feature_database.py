@@ -1,0 +1,93 @@
+"""COLMAP's database: pictures, their cameras and features, one picture at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from gsfw.core.run_folder import readable_write_errors
+from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.sift import PictureFeatures
+
+
+def picture_numbers(pictures: PictureSet) -> dict[str, int]:
+    """COLMAP's image ids by name: positions in the set, counted from 1."""
+    return {picture.name: number for number, picture in enumerate(pictures.pictures, 1)}
+
+
+class FeatureDatabase:
+    """A database that features are written into; open while it is used as a context."""
+
+    def __init__(self, path: Path, pictures: PictureSet, groups: Sequence[CameraGroup]) -> None:
+        """Open it, or make it.
+
+        Raises:
+            OutputError: its folder cannot be written to.
+            DataError: the file is no database.
+        """
+        import pycolmap
+
+        self._path = path
+        with readable_write_errors(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with readable_native_errors("open the features", path):
+            self._database = pycolmap.Database.open(path)
+        self._numbers = picture_numbers(pictures)
+        self._groups: Mapping[str, CameraGroup] = {
+            name: group for group in groups for name in group.pictures
+        }
+
+    def __enter__(self) -> FeatureDatabase:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._database.close()
+
+    def has(self, name: str) -> bool:
+        """Whether a picture and its features are there."""
+        number = self._numbers[name]
+        return bool(
+            self._database.exists_image(number) and self._database.exists_descriptors(number)
+        )
+
+    def write(self, features: PictureFeatures) -> None:
+        """Write a picture and its features, and its camera where it is the first of it.
+
+        All of it or, if the process ends in between, nothing.
+
+        Raises:
+            DataError: the database does not take them.
+        """
+        import pycolmap
+
+        number, group = self._numbers[features.name], self._groups[features.name]
+        with (
+            readable_native_errors("store features", self._path),
+            pycolmap.DatabaseTransaction(self._database),
+        ):
+            if not self._database.exists_camera(group.number):
+                self._write_camera(group)
+            image = pycolmap.Image(name=features.name, camera_id=group.number, image_id=number)
+            self._database.write_image(image, use_image_id=True)
+            frame = pycolmap.Frame(frame_id=number, rig_id=group.number)
+            frame.add_data_id(image.data_id)
+            self._database.write_frame(frame, use_frame_id=True)
+            self._database.write_keypoints(number, features.keypoints)
+            sift = pycolmap.FeatureExtractorType.SIFT
+            descriptors = pycolmap.FeatureDescriptors(type=sift, data=features.descriptors)
+            self._database.write_descriptors(number, descriptors)
+
+    def _write_camera(self, group: CameraGroup) -> None:
+        """A camera, and the rig of one camera that COLMAP wants."""
+        import pycolmap
+
+        camera = pycolmap.Camera.create_from_model_name(
+            group.number, group.model, group.focal, group.width, group.height
+        )
+        camera.has_prior_focal_length = bool(group.focal_origin)
+        self._database.write_camera(camera, use_camera_id=True)
+        rig = pycolmap.Rig(rig_id=group.number)
+        rig.add_ref_sensor(camera.sensor_id)
+        self._database.write_rig(rig, use_rig_id=True)

@@ -1,0 +1,278 @@
+"""Features of all pictures: how many on what size, by several processes, into COLMAP's database.
+
+What is finished stays finished: a line of ``features.jsonl`` beside the database for each picture.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import multiprocessing
+import signal
+import threading
+from collections import deque
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from gsfw.core.errors import ConfigError, UnavailableError
+from gsfw.core.json_text import json_text
+from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.datamanagers.picture_quality import MEASURED_SIDE, PictureQuality
+from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.feature_database import FeatureDatabase
+from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.progress import Progress
+from gsfw.preparation.sift import PictureFeatures, PictureTask, find_features, start_worker
+
+SIZES = ((1600, 4000), (1000, 2000))
+"""Longest side and most features: for as long as it takes at most ``LONG``, else the last."""
+LONG = 3600.0
+"""Seconds for features and matches, beyond which less is looked for."""
+LEAST_SIZE, LEAST_COUNT = 64, 50
+"""Below, no picture of anything has enough features to be matched."""
+MEGAPIXEL_SECONDS = 1.2
+"""Of one core, to decode, measure and find up to 4000 features (Xeon at 2.0 GHz)."""
+PAIR_SECONDS = 0.094
+"""Of one core, to match 4000 features with 4000; goes with the square."""
+EXHAUSTIVE = 200
+"""Pictures up to which all pairs are counted in the estimate."""
+NEIGHBORS = 30
+"""Pairs for each picture that are counted beyond."""
+WORKER_SECONDS = 2.0
+"""For a process to start: work that takes less than twice that is done in this one."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FeatureReport:
+    """What is known of a picture after its features were looked for."""
+
+    count: int
+    """Features."""
+    quality: PictureQuality
+    blur_direction: float | None
+    """Along which fine detail is missing most, in degrees from the x towards the y axis;
+    ``None`` for a picture without features."""
+    blur_ratio: float
+    """Fine detail along it, in parts of that across; 1 where there is no direction."""
+    failure: str = ""
+    """Why the picture could not be decoded (it is not in the database); else empty."""
+
+    @staticmethod
+    def of(document: Mapping[str, Any]) -> FeatureReport:
+        """The report that ``dataclasses.asdict`` made plain data of.
+
+        Raises:
+            KeyError: there is something missing.
+            TypeError: it is no such data.
+        """
+        quality = PictureQuality(**document["quality"])
+        return FeatureReport(**{**document, "quality": quality})
+
+
+@dataclasses.dataclass(frozen=True)
+class FeatureSettings:
+    """How much is looked for in each picture."""
+
+    max_size: int = 1600
+    """Longest side in pixels; larger pictures are shrunk for it."""
+    count: int = 4000
+    """Most features; those of the largest scale are kept."""
+    jobs: int = 1
+    """Processes; the result does not depend on it."""
+
+    @staticmethod
+    def for_machine(
+        pictures: PictureSet, cores: int, size: int | None, count: int | None
+    ) -> tuple[FeatureSettings, str]:
+        """Settings for a set and a machine, and the sentence that states them.
+
+        Args:
+            pictures: all of them.
+            cores: of the machine.
+            size: longest side, if the user chose it.
+            count: most features, if the user chose it.
+
+        Raises:
+            ConfigError: the user chose too little to find anything.
+        """
+        for what, value, least in (("size", size, LEAST_SIZE), ("count", count, LEAST_COUNT)):
+            if value is not None and value < least:
+                raise ConfigError(
+                    f"features of {what} {value} were asked for: expected at least {least}.",
+                    "Leave it out to have it chosen.",
+                )
+        jobs = max(1, min(cores, len(pictures.pictures)))
+        choices = [
+            FeatureSettings(size or usual_size, count or usual_count, jobs)
+            for usual_size, usual_count in SIZES
+        ]
+        chosen = next(
+            (one for one in choices if sum(one.seconds(pictures, cores)) <= LONG), choices[-1]
+        )
+        finding, matching = chosen.seconds(pictures, cores)
+        return chosen, (
+            f"features: at most {chosen.count} in each of {len(pictures.pictures)} pictures, on up "
+            f"to {chosen.max_size} pixels, with {cores} core{'s' if cores > 1 else ''}: about "
+            f"{_duration(finding)}, then about {_duration(matching)} for matching."
+        )
+
+    def seconds(self, pictures: PictureSet, cores: int) -> tuple[float, float]:
+        """About how long finding and matching take."""
+        number = len(pictures.pictures)
+        megapixels = 0.0
+        for picture in pictures.pictures:
+            width, height = picture.header.width, picture.header.height
+            scale = min(1.0, self.max_size / max(width, height))
+            megapixels += width * height * scale**2 / 1e6
+        pairs = number * (number - 1) / 2 if number <= EXHAUSTIVE else number * NEIGHBORS
+        matching = pairs * PAIR_SECONDS * (self.count / 4000) ** 2
+        return megapixels * MEGAPIXEL_SECONDS / self.jobs, matching / cores
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def extract_features(
+    database: Path,
+    pictures: PictureSet,
+    groups: Sequence[CameraGroup],
+    settings: FeatureSettings,
+    progress: Progress,
+) -> dict[str, FeatureReport]:
+    """Find the features of all pictures that the database does not have yet.
+
+    Args:
+        database: COLMAP's file; made where there is none.
+        pictures: all of them.
+        groups: each picture is in one.
+        settings: those of the earlier calls on the same database.
+        progress: is told how many pictures are done.
+
+    Returns:
+        By name, in the order of the set. The database has all but those with a ``failure``.
+
+    Raises:
+        OutputError: the disk is full, or the folder cannot be written to.
+        DataError: the file is no database of COLMAP.
+        UnavailableError: a process was ended from outside.
+    """
+    log = database.with_name("features.jsonl")
+    total = len(pictures.pictures)
+    with (
+        FeatureDatabase(database, pictures, groups) as store,
+        progress.stage("features", total) as advance,
+    ):
+        reports = {
+            name: report
+            for name, report in _read_log(log).items()
+            if name in pictures.by_name and (report.failure or store.has(name))
+        }
+        # Written anew, as its last line may be half a line.
+        write_atomically(log, "".join(map(_line, reports.items())).encode())
+        advance(len(reports))
+        tasks = [task for task in _tasks(pictures, settings) if task.name not in reports]
+        # Closed at once, and not when the last reference to it goes: it holds processes.
+        with closing(_find_all(tasks, settings, pictures)) as results:
+            for found in results:
+                if not found.failure and not store.has(found.name):
+                    store.write(found)
+                reports[found.name] = _report(found)
+                with readable_write_errors(log), log.open("a", encoding="utf-8") as file:
+                    file.write(_line((found.name, reports[found.name])))
+                advance(len(reports))
+    return {picture.name: reports[picture.name] for picture in pictures.pictures}
+
+
+def _tasks(pictures: PictureSet, settings: FeatureSettings) -> list[PictureTask]:
+    longest = [max(p.header.width, p.header.height) for p in pictures.pictures]
+    measured = min([MEASURED_SIDE, *longest])
+    return [
+        PictureTask(one.name, one.path, one.header, settings.max_size, settings.count, measured)
+        for one in pictures.pictures
+    ]
+
+
+def _find_all(
+    tasks: Sequence[PictureTask], settings: FeatureSettings, pictures: PictureSet
+) -> Generator[PictureFeatures, None, None]:
+    alone = dataclasses.replace(settings, jobs=1).seconds(pictures, 1)[0]
+    here = alone * len(tasks) / max(1, len(pictures.pictures))
+    if settings.jobs == 1 or here < 2 * WORKER_SECONDS:
+        yield from map(find_features, tasks)
+        return
+    with _workers(min(settings.jobs, len(tasks))) as executor:
+        with _deaf_to_interrupts():
+            waiting = deque(executor.submit(find_features, task) for task in tasks)
+        while waiting:
+            yield waiting.popleft().result()
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that are ended at once where work is broken off.
+
+    Processes, as COLMAP does not let go of the interpreter while it finds features of an array;
+    spawned ones, as a forked one may hold a lock that none of its threads will ever release.
+    """
+    others = set(multiprocessing.active_children())
+    executor = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker)
+    try:
+        yield executor
+    except BaseException as error:
+        # Nothing is cancelled: Python 3.11 fails on cancelled work of ended processes.
+        executor.shutdown(wait=False)
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        if isinstance(error, BrokenProcessPool):
+            raise UnavailableError(
+                f"one of {jobs} processes that look for features was ended from outside, most "
+                "likely because memory ran out.",
+                "Run the same command again with fewer processes, or look on smaller pictures: "
+                "it goes on with the pictures that are not done.",
+            ) from error
+        raise
+    executor.shutdown()
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes that are started here ignore Ctrl-C from their first instruction."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _report(found: PictureFeatures) -> FeatureReport:
+    direction, ratio = found.blur
+    count = len(found.keypoints)
+    return FeatureReport(count, found.quality, direction if count else None, ratio, found.failure)
+
+
+def _line(named: tuple[str, FeatureReport]) -> str:
+    return json_text({"name": named[0], **dataclasses.asdict(named[1])}) + "\n"
+
+
+def _read_log(log: Path) -> dict[str, FeatureReport]:
+    reports: dict[str, FeatureReport] = {}
+    if not log.exists():
+        return reports
+    for line in log.read_text("utf-8", errors="replace").splitlines():
+        try:
+            document = json.loads(line)
+            name = document.pop("name")
+            reports[name] = FeatureReport.of(document)
+        except (ValueError, TypeError, KeyError, AttributeError):
+            continue
+    return reports

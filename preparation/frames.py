@@ -1,0 +1,86 @@
+"""Frames: sharp, well-spaced pictures of videos, as files that the other stages work on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.video import Video
+from gsfw.preparation.exif import Exif
+from gsfw.preparation.journal import Journal, identity_of
+from gsfw.preparation.picture_set import SourcePicture
+from gsfw.preparation.progress import Progress
+from gsfw.preparation.workplace import Workplace
+
+FEWEST = 3
+"""Frames of a video, however short it is beside the others."""
+
+
+def frames_of_videos(
+    paths: Sequence[Path], count: int, place: Workplace, journal: Journal, progress: Progress
+) -> tuple[SourcePicture, ...]:
+    """Take frames from videos, from each as many as it is long.
+
+    Args:
+        paths: of the videos.
+        count: how many frames from all of them together.
+        place: where they are put.
+        journal: knows which videos are done.
+        progress: is told of each video.
+
+    Raises:
+        DataError: a video is damaged.
+        UnavailableError: PyAV is not installed.
+        OutputError: frames cannot be written.
+    """
+    videos = [Video.read(path) for path in paths]
+    seconds = [max(video.times[-1], 1e-3) for video in videos]
+    names = _names(paths)
+    taken: list[SourcePicture] = []
+    for name, video, length in zip(names, videos, seconds, strict=True):
+        share = max(FEWEST, round(count * length / sum(seconds)))
+        taken += _frames_of(video, name, share, place, journal, progress)
+    if len(videos) > 1:
+        return tuple(taken)
+    return tuple(SourcePicture(one.path.name, one.path, one.header, one.exif, "") for one in taken)
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """A folder for each video, named after it; numbered where names are equal."""
+    names: list[str] = []
+    for path in paths:
+        name, number = path.stem, 1
+        while name in names:
+            number += 1
+            name = f"{path.stem}_{number}"
+        names.append(name)
+    return names
+
+
+def _frames_of(
+    video: Video,
+    name: str,
+    count: int,
+    place: Workplace,
+    journal: Journal,
+    progress: Progress,
+) -> list[SourcePicture]:
+    from gsfw.preparation.video_frames import FrameChoice, choose_frames, write_frames
+
+    folder = place.frames / name
+    chosen = journal.stage(
+        f"choice of frames of {name}",
+        {"video": identity_of(video.path), "count": count},
+        lambda: choose_frames(video, count, progress).document(),
+        lambda: place.remove(folder),
+    )
+    choice = FrameChoice.of(chosen)
+    for note in choice.notes:
+        progress.say(f"note: {video.path.name}: {note}")
+    # Those that are there are kept, so this is quick where nothing is missing.
+    files = write_frames(video, choice, folder, progress)
+    return [
+        SourcePicture(f"{name}/{file.name}", file, read_header(file), Exif(), name)
+        for file in files
+    ]

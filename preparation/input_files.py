@@ -1,0 +1,205 @@
+"""Input files: the files that the inputs of a preparation mean, and what each is called."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path, PurePosixPath
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.detection import VIDEOS
+from gsfw.datamanagers.footage import in_order
+from gsfw.datamanagers.masks import FOLDER as MASKS
+from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.video import is_video
+
+PICTURE_FOLDERS = ("input", "images")
+"""Where data sets keep their pictures. Where both are there, ``images`` was made from ``input``."""
+
+NOISE = ("__macosx", "@eadir", "thumbs.db", "desktop.ini")
+"""Lower-case names that operating systems and network drives leave behind."""
+
+THUMBNAIL = ".thm"
+"""Extension of the small JPEG that cameras write beside a video."""
+
+RESULT = "prepare.json"
+"""Lies in every folder that a preparation has made."""
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that an input means."""
+
+    path: Path
+    name: str
+    """Relative to its input, with forward slashes; before it, of several, the input's name."""
+    asked: bool = False
+    """Whether the user named the file itself, and not a folder."""
+
+
+@dataclass
+class InputFiles:
+    """All files of all inputs, sorted by name in the order of the numbers in it."""
+
+    files: list[InputFile] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    """What was passed over without a look."""
+
+    @staticmethod
+    def find(paths: Sequence[Path], out: Path | None = None) -> InputFiles:
+        """Go through all inputs.
+
+        Args:
+            paths: folders, pictures and videos.
+            out: where results go; not looked at, should it lie in one of the folders.
+
+        Raises:
+            DataError: one of the paths is not there, or cannot be read.
+        """
+        found = InputFiles()
+        folders, asked = _sort_inputs(paths)
+        seen = set() if out is None else {out.resolve()}
+        batches = {root: found._files_in(root, seen) for root in folders}
+        known = {file.path.resolve() for batch in batches.values() for file in batch}
+        for path in asked:
+            if path.resolve() not in known:
+                file = InputFile(path, _writable(path.name), asked=True)
+                batches.setdefault(path.parent, []).append(file)
+        prefixes = _prefixes([root for root, batch in batches.items() if _needs_name(batch)])
+        for root, batch in batches.items():
+            prefix = prefixes.get(root, "")
+            found.files += [replace(file, name=prefix + file.name) for file in batch]
+        found.files.sort(key=lambda file: name_order(file.name))
+        return found
+
+    def _files_in(self, root: Path, seen: set[Path]) -> list[InputFile]:
+        start = self._start(root, seen)
+        if start.resolve() in seen:
+            return []
+        return [
+            InputFile(path, _writable(path.relative_to(start).as_posix()))
+            for path in self._below(start, seen)
+        ]
+
+    def _start(self, root: Path, seen: set[Path]) -> Path:
+        """The folder itself, or the one in it that holds a data set's pictures."""
+        items = _listed(root)
+        if any(_is_footage(item) for item in items):
+            return root
+        folders = [item for item in items if item.resolve() not in seen and _holds_footage(item)]
+        for name in PICTURE_FOLDERS:
+            start = root / name
+            if start in folders:
+                others = [item.name for item in folders if item != start]
+                if others:
+                    self.notes.append(
+                        f"{root}: only {name}/ is used; name the folders beside it as inputs of "
+                        f"their own if they hold other photos ({', '.join(others)})"
+                    )
+                return start
+        return root
+
+    def _below(self, folder: Path, seen: set[Path]) -> Iterator[Path]:
+        """Files in a folder and all folders in it; each folder once, whatever links there are."""
+        seen.add(folder.resolve())
+        for item in _listed(folder):
+            if _is_noise(item.name):
+                continue
+            if not item.is_dir():
+                # A link to nowhere is told of later; pipes and devices would block whoever reads.
+                if item.is_file() or not item.exists():
+                    yield item
+            elif item.resolve() in seen:
+                continue
+            elif (item / RESULT).is_file():
+                self.notes.append(f"{item} is not used: it is a result of gsfw prepare")
+            elif item.name.lower() == MASKS:
+                self.notes.append(f"{item} is not used: by its name, it holds masks")
+            else:
+                yield from self._below(item, seen)
+
+
+def name_order(name: str) -> tuple[object, ...]:
+    """Sorts img_2 before img_10, and so the folders."""
+    return tuple(in_order(Path(part)) for part in name.split("/"))
+
+
+def shot(name: str) -> tuple[str, str]:
+    """Equal for names that differ by extension only, as the files of one shot do."""
+    path = PurePosixPath(name)
+    return path.parent.as_posix(), path.stem.casefold()
+
+
+def _sort_inputs(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Folders and files, each once."""
+    folders: dict[Path, Path] = {}
+    files: dict[Path, Path] = {}
+    for path in paths:
+        if not path.exists():
+            raise DataError(f"{path}: there is no such file or folder.", _nearest(path))
+        (folders if path.is_dir() else files).setdefault(path.resolve(), path)
+    return list(folders.values()), list(files.values())
+
+
+def _nearest(path: Path) -> str:
+    parent = path.parent
+    names = [item.name for item in parent.iterdir()] if parent.is_dir() else []
+    near = get_close_matches(path.name, names, 1)
+    return f"Did you mean {near[0]!r}?" if near else "Give a folder of photos, or a video."
+
+
+def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
+    """What tells the pictures of several inputs apart: "name/", or "name_2/" the second time."""
+    prefixes: dict[Path, str] = {}
+    if len(roots) < 2:
+        return prefixes
+    for root in roots:
+        whole = root.resolve()
+        name = (whole.parent if whole.name.lower() in PICTURE_FOLDERS else whole).name or "input"
+        name = _writable(name)
+        choice, number = f"{name}/", 1
+        while choice.casefold() in {prefix.casefold() for prefix in prefixes.values()}:
+            number += 1
+            choice = f"{name}_{number}/"
+        prefixes[root] = choice
+    return prefixes
+
+
+def _needs_name(files: Sequence[InputFile]) -> bool:
+    """Whether pictures may be among them: the frames of a video get a folder of their own."""
+    return not all(file.asked and is_video(file.path) for file in files)
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError as error:
+        raise DataError(
+            f"{folder}: the folder cannot be read ({error.strerror}).",
+            "Make it readable, or take it out of the input.",
+        ) from error
+
+
+def _is_footage(path: Path) -> bool:
+    """Whether its name says that it is a picture or a video."""
+    return path.suffix.lower() in (*EXTENSIONS, *VIDEOS) and not _is_noise(path.name)
+
+
+def _holds_footage(path: Path) -> bool:
+    """Whether it is a folder with pictures or videos that are neither masks nor results."""
+    if not path.is_dir() or _is_noise(path.name) or path.name.lower() == MASKS:
+        return False
+    if (path / RESULT).is_file():
+        return False
+    return any(_is_footage(item) for item in path.rglob("*"))
+
+
+def _is_noise(name: str) -> bool:
+    lower = name.lower()
+    return lower.startswith(".") or lower in NOISE or lower.endswith(THUMBNAIL)
+
+
+def _writable(name: str) -> str:
+    """Without bytes that are no text, which some file systems allow in names."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")

@@ -1,0 +1,162 @@
+"""Matches between pictures: features that look alike, then those that one geometry explains.
+
+Verification draws random samples from a fixed seed for each pair, so that results do not depend on
+the number of threads, nor on which pairs were matched before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from gsfw.preparation.cancellation import cancellable
+from gsfw.preparation.match_list import Pair, listable_names, restore_names, write_match_list
+from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.pairs import PairPlan
+from gsfw.preparation.progress import Progress
+
+if TYPE_CHECKING:
+    from pycolmap import CancellationToken, Database, TwoViewGeometryOptions
+
+TILE = 10
+"""Pairs are matched in tiles of so many by so many pictures, for each of which COLMAP reads
+features once."""
+BLOCK = 100
+"""Pairs between two looks at the progress, which is also what an interruption may lose."""
+SEED = 0
+
+
+def match_pairs(
+    database: Path, plan: PairPlan, jobs: int, progress: Progress, guided: bool = False
+) -> None:
+    """Match and verify the planned pairs that the database does not have yet.
+
+    Args:
+        database: with features; matches go into it.
+        plan: pairs with a picture that is not in the database are left out.
+        jobs: threads.
+        progress: is told how many pairs are done.
+        guided: search again along epipolar lines where a geometry was found, which takes up to
+            twice as long.
+
+    Raises:
+        DataError: COLMAP cannot work with the database.
+    """
+    import pycolmap
+
+    with readable_native_errors("match features", database):
+        with pycolmap.Database.open(database) as opened:
+            restore_names(opened)
+            numbers = _numbers(opened)
+            pairs = _tiled(plan.pairs, numbers)
+            missing = [pair for pair in pairs if not _is_done(opened, numbers, pair)]
+        done = len(pairs) - len(missing)
+        with progress.stage("matches", len(pairs)) as advance, listable_names(database):
+            advance(done)
+            for first in range(0, len(missing), BLOCK):
+                block = missing[first : first + BLOCK]
+                _match(database, block, jobs, guided)
+                done += len(block)
+                advance(done)
+
+
+def match_more(database: Path, pairs: Iterable[Pair], jobs: int, progress: Progress) -> None:
+    """Match some pairs anew and more thoroughly, with ``guided``: those that would join models.
+
+    Raises:
+        DataError: COLMAP cannot work with the database.
+    """
+    import pycolmap
+
+    plan = PairPlan(tuple(pairs), "")
+    with (
+        readable_native_errors("match features", database),
+        pycolmap.Database.open(database) as opened,
+        pycolmap.DatabaseTransaction(opened),
+    ):
+        numbers = _numbers(opened)
+        for first, second in _tiled(plan.pairs, numbers):
+            opened.delete_matches(numbers[first], numbers[second])
+            opened.delete_two_view_geometry(numbers[first], numbers[second])
+    match_pairs(database, plan, jobs, progress, guided=True)
+
+
+def forget_matches(database: Path) -> None:
+    """Remove all matches, and keep the features; no database is fine, too.
+
+    Raises:
+        DataError: COLMAP cannot work with the database.
+    """
+    import pycolmap
+
+    if not database.exists():
+        return
+    with (
+        readable_native_errors("remove matches", database),
+        pycolmap.Database.open(database) as opened,
+    ):
+        restore_names(opened)
+        opened.clear_matches()
+        opened.clear_two_view_geometries()
+
+
+def verification() -> TwoViewGeometryOptions:
+    """COLMAP's two-view geometry, with a fixed seed."""
+    import pycolmap
+
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = SEED
+    return options
+
+
+def _match(database: Path, pairs: Sequence[Pair], jobs: int, guided: bool) -> None:
+    import pycolmap
+
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = jobs
+    matching.guided_matching = guided
+    with TemporaryDirectory(dir=database.parent, prefix="pairs_") as folder:
+        pairing = pycolmap.ImportedPairingOptions()
+        pairing.match_list_path = Path(folder) / "pairs.txt"
+        write_match_list(pairing.match_list_path, pairs)
+
+        def match(token: CancellationToken) -> None:
+            pycolmap.match_image_pairs(
+                database,
+                matching_options=matching,
+                pairing_options=pairing,
+                verification_options=verification(),
+                device=pycolmap.Device.cpu,
+                cancellation_token=token,
+            )
+
+        cancellable(match)
+
+
+def _numbers(database: Database) -> dict[str, int]:
+    return {image.name: image.image_id for image in database.read_all_images()}
+
+
+def _is_done(database: Database, numbers: dict[str, int], pair: Pair) -> bool:
+    first, second = (numbers[name] for name in pair)
+    return bool(
+        database.exists_matches(first, second) and database.exists_two_view_geometry(first, second)
+    )
+
+
+def _tiled(pairs: Iterable[Pair], numbers: dict[str, int]) -> list[Pair]:
+    """Each pair of two pictures of the database once, in tiles."""
+    chosen = {
+        (first, second) if numbers[first] < numbers[second] else (second, first)
+        for first, second in pairs
+        if first != second and first in numbers and second in numbers
+    }
+
+    def place(pair: Pair) -> tuple[int, int, int, int]:
+        first, second = (numbers[name] for name in pair)
+        return first // TILE, second // TILE, first, second
+
+    return sorted(chosen, key=place)

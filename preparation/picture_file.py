@@ -1,0 +1,87 @@
+"""PictureFile: a file that is found to hold a picture, whatever its name says, or why it does not.
+
+Only its beginning is looked at; whether all of it decodes is known when features are computed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from PIL import Image
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.pictures import EXTENSIONS, FORMATS, Header, read_header
+from gsfw.preparation.foreign_formats import HEAD, RAW, RAW_EXTENSIONS, foreign_format
+from gsfw.preparation.input_files import InputFile
+from gsfw.preparation.picture_set import LeftOut
+
+KNOWN = f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
+
+MAGIC = (b"\xff\xd8\xff", b"\x89PNG\r\n", b"RIFF", b"II*\0", b"MM\0*")
+"""How files of these formats begin; BMP's two letters are too few to tell."""
+
+
+@dataclass(frozen=True)
+class PictureFile:
+    """A file whose beginning is that of a picture."""
+
+    file: InputFile
+    header: Header
+    content: str
+    """Its format, as Pillow calls it."""
+    pages: int = 1
+    """How many pictures it holds; the first is used."""
+
+
+def examine(file: InputFile) -> PictureFile | LeftOut | None:
+    """Look at a file that is no video; ``None`` for one that does not claim to be a picture."""
+    suffix = file.path.suffix.lower()
+    claims = file.asked or suffix in EXTENSIONS
+    try:
+        with file.path.open("rb") as stream:
+            head = stream.read(HEAD)
+    except OSError as error:
+        return LeftOut(file.name, f"the file cannot be read ({error.strerror})", "Replace it.")
+    if suffix in RAW_EXTENSIONS:
+        # RAW files are TIFF files to Pillow, with a thumbnail as the picture.
+        return LeftOut(file.name, RAW.reason, RAW.advice)
+    if not head:
+        return empty(file) if claims else None
+    try:
+        header = read_header(file.path)
+        content, pages = _content(file)
+    except DataError as error:
+        foreign = foreign_format(suffix, head)
+        if foreign is not None:
+            return LeftOut(file.name, foreign.reason, foreign.advice)
+        return LeftOut(file.name, *_why(file, head, error)) if claims else None
+    return PictureFile(file, header, content, pages)
+
+
+def empty(file: InputFile) -> LeftOut:
+    """Of a file without content."""
+    return LeftOut(file.name, "the file is empty (0 bytes)", "Copy it again from the camera.")
+
+
+def _why(file: InputFile, head: bytes, error: DataError) -> tuple[str, str]:
+    """A reason and advice."""
+    if isinstance(error.__cause__, Image.DecompressionBombError):
+        return "it has too many pixels to be decoded safely", "Shrink all pictures by one factor."
+    if error.__cause__ is None:
+        return error.message.removeprefix(f"{file.path}: ").rstrip("."), error.advice
+    if head.startswith(MAGIC):
+        return "the picture is cut off or damaged: its header is not whole", "Copy it again."
+    return f"it is no {KNOWN} picture, by its content", "Replace or remove it."
+
+
+def _content(file: InputFile) -> tuple[str, int]:
+    """The format and the number of pictures."""
+    with Image.open(file.path, formats=FORMATS) as image:
+        content = str(image.format)
+        if content == "MPO":
+            # What phones put behind a JPEG is a preview or a depth map, not another photo.
+            return content, 1
+        try:
+            return content, int(getattr(image, "n_frames", 1))
+        except Exception:  # Pillow raises whatever a broken file makes it; the first one is there.
+            return content, 1

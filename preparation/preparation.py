@@ -1,0 +1,235 @@
+"""Preparation: photos or videos become a data set, one stage after the other.
+
+Each stage is kept in the journal, so that the same command goes on where it was stopped, and a
+changed setting repeats only the stages that depend on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsfw.core.errors import ConfigError
+from gsfw.preparation.camera_grouping import CameraRule, group_cameras
+from gsfw.preparation.camera_plan import OutputRule
+from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
+from gsfw.preparation.frames import frames_of_videos
+from gsfw.preparation.journal import Document, Journal, identity_of
+from gsfw.preparation.mapping_rule import MappingRule
+from gsfw.preparation.pairs import MatchingRule
+from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.progress import Progress
+from gsfw.preparation.source import read_source
+from gsfw.preparation.workplace import Workplace
+
+if TYPE_CHECKING:
+    from gsfw.preparation.camera_group import CameraGroup
+    from gsfw.preparation.diagnosis import Diagnosis
+    from gsfw.preparation.mapping import Mapping
+
+
+@dataclass(frozen=True)
+class PreparationRule:
+    """What the user chose."""
+
+    frames: int = 150
+    """How many are taken from videos, from all of them together."""
+    cameras: CameraRule = field(default_factory=CameraRule)
+    feature_size: int | None = None
+    """Longest side of pictures for features, in pixels; ``None`` to choose for the machine."""
+    feature_count: int | None = None
+    """Most features of a picture; ``None`` to choose for the machine."""
+    matching: MatchingRule = field(default_factory=MatchingRule)
+    mapping: MappingRule = field(default_factory=MappingRule)
+    output: OutputRule = field(default_factory=OutputRule)
+    jobs: int = 1
+    """How many cores are used; results do not depend on it."""
+
+    def check(self) -> None:
+        """Check the values.
+
+        Raises:
+            ConfigError: one of them makes no sense.
+        """
+        if self.frames < 3:
+            raise ConfigError(f"frames={self.frames}: expected at least 3.")
+        for rule in (self.cameras, self.matching, self.mapping, self.output):
+            rule.check()
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What came of it."""
+
+    diagnosis: Diagnosis
+    written: Document
+    """What is known of the data set, as plain data; empty where no camera was placed."""
+    chosen: Document
+    """How it was done, in words, by stage."""
+    seconds: dict[str, float]
+    """How long each stage took, over all runs."""
+
+
+class Preparation:
+    """The stages, over one set of inputs."""
+
+    def __init__(
+        self, inputs: Sequence[Path], place: Workplace, rule: PreparationRule, progress: Progress
+    ) -> None:
+        self._inputs, self._place, self._rule, self._progress = inputs, place, rule, progress
+        self._journal = Journal(place.journal)
+        self._chosen: Document = {}
+
+    def run(self) -> Prepared:
+        """Do what is not done yet.
+
+        Raises:
+            DataError: there is no usable picture, or COLMAP refuses what it is given.
+            ConfigError: a setting does not go with the pictures.
+            OutputError: something cannot be written.
+        """
+        from gsfw.preparation.diagnosis import diagnose
+
+        pictures = self._pictures()
+        groups = group_cameras(pictures, self._rule.cameras)
+        features = self._features(pictures, groups)
+        self._match(pictures)
+        mapping = self._map()
+        written = self._write(pictures, mapping)
+        diagnosis = diagnose(self._place.database, pictures, groups, features, mapping)
+        return Prepared(diagnosis, written, self._chosen, self._journal.seconds)
+
+    def _say(self, stage: str, text: str) -> None:
+        self._chosen[stage] = text
+        self._progress.say(text)
+
+    def _pictures(self) -> PictureSet:
+        source = read_source(self._inputs, self._place.path)
+        for note in source.notes:
+            self._progress.say(f"note: {note}")
+        if not source.videos:
+            return source.pictures
+        frames = frames_of_videos(
+            source.videos, self._rule.frames, self._place, self._journal, self._progress
+        )
+        return replace(
+            source.pictures,
+            pictures=(*source.pictures.pictures, *frames),
+            in_order=not source.pictures.pictures,
+        )
+
+    def _features(
+        self, pictures: PictureSet, groups: Sequence[CameraGroup]
+    ) -> dict[str, FeatureReport]:
+        rule = self._rule
+        settings, why = FeatureSettings.for_machine(
+            pictures, rule.jobs, rule.feature_size, rule.feature_count
+        )
+        self._say("features", why)
+        database = self._place.database
+        reports: dict[str, FeatureReport] = {}
+
+        def find() -> Document:
+            reports.update(extract_features(database, pictures, groups, settings, self._progress))
+            return {name: asdict(report) for name, report in reports.items()}
+
+        found = self._journal.stage(
+            "features",
+            {
+                "pictures": [[one.name, *identity_of(one.path)] for one in pictures.pictures],
+                "groups": [asdict(group) for group in groups],
+                "size": settings.max_size,
+                "count": settings.count,
+            },
+            find,
+            lambda: self._place.remove(*database.parent.glob("database.db*"), self._feature_log),
+            database.is_file,
+        )
+        return {name: FeatureReport.of(report) for name, report in found.items()}
+
+    @property
+    def _feature_log(self) -> Path:
+        return self._place.database.with_name("features.jsonl")
+
+    def _match(self, pictures: PictureSet) -> None:
+        from gsfw.preparation.matching import forget_matches, match_pairs
+        from gsfw.preparation.pairs import plan_pairs
+
+        rule, database = self._rule, self._place.database
+
+        def match() -> Document:
+            plan = plan_pairs(pictures, rule.matching, database, self._progress)
+            self._progress.say(plan.how)
+            match_pairs(database, plan, rule.jobs, self._progress)
+            return {"how": plan.how, "pairs": len(plan.pairs)}
+
+        found = self._journal.stage(
+            "matches", asdict(rule.matching), match, lambda: forget_matches(database)
+        )
+        self._chosen["matches"] = found["how"]
+
+    def _map(self) -> Mapping:
+        from gsfw.preparation.mapping import Mapping, map_cameras
+
+        place, rule = self._place, self._mapping_rule
+        settings = {name: value for name, value in asdict(rule).items() if name != "jobs"}
+        found = self._journal.stage(
+            "cameras",
+            settings,
+            lambda: map_cameras(place.database, place.models, rule, self._progress).document(),
+            lambda: place.remove(place.models),
+            place.models.is_dir,
+        )
+        mapping = Mapping.of(found, place.models)
+        if len(mapping.models) > 1:
+            mapping = self._bridge(mapping)
+        self._say("cameras", mapping.how)
+        return mapping
+
+    def _bridge(self, mapping: Mapping) -> Mapping:
+        """Compare pictures of different models again, more closely, and go on from the largest."""
+        from gsfw.preparation.mapping import Mapping, continue_mapping
+        from gsfw.preparation.matching import match_more
+        from gsfw.preparation.merging import bridge_pairs
+
+        place, rule, progress = self._place, self._mapping_rule, self._progress
+
+        def bridge() -> Document:
+            pairs = bridge_pairs(place.database, mapping.models)
+            progress.say(
+                f"cameras: {len(mapping.models)} parts that do not hang together "
+                f"({', '.join(map(str, mapping.sizes))} pictures); looking for what joins them"
+            )
+            match_more(place.database, pairs, rule.jobs, progress)
+            joined = continue_mapping(place.database, place.models, mapping, rule, progress)
+            return joined.document()
+
+        found = self._journal.stage("bridges", {}, bridge, is_there=place.models.is_dir)
+        return Mapping.of(found, place.models)
+
+    @property
+    def _mapping_rule(self) -> MappingRule:
+        return replace(self._rule.mapping, jobs=self._rule.jobs)
+
+    def _write(self, pictures: PictureSet, mapping: Mapping) -> Document:
+        from gsfw.preparation.data_set import write_data_set
+
+        place, rule = self._place, self._rule.output
+
+        def write() -> Document:
+            from pycolmap import Reconstruction
+
+            if not mapping.models:
+                return {}
+            model = Reconstruction(mapping.models[0])
+            return asdict(write_data_set(model, pictures, place.path, rule, self._progress))
+
+        return self._journal.stage(
+            "data set",
+            asdict(rule),
+            write,
+            lambda: place.remove(place.images, place.sparse),
+            lambda: not mapping.models or place.sparse.is_dir(),
+        )

@@ -1,0 +1,149 @@
+"""Features of one picture, found in a process of its own: SIFT (Lowe 2004) by COLMAP."""
+
+from __future__ import annotations
+
+import signal
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.area import shrink
+from gsfw.datamanagers.picture_quality import PictureQuality
+from gsfw.datamanagers.pictures import Header, decode
+from gsfw.preparation.blur import direction_of_blur
+
+if TYPE_CHECKING:
+    from pycolmap import FeatureExtractor
+
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+"""What red, green and blue add to grey (ITU-R BT.601)."""
+OPAQUE = 128
+"""Alpha from which a pixel shows something."""
+ERRORS = 2
+"""COLMAP's name for errors: what a worker may say; it has no terminal of its own."""
+
+
+@dataclass(frozen=True)
+class PictureTask:
+    """A picture, and what is to be measured of it."""
+
+    name: str
+    path: Path
+    header: Header
+    size: int
+    """Longest side on which features are looked for, in pixels."""
+    count: int
+    """Most features."""
+    measured: int
+    """Longest side on which sharpness is measured, in pixels: the same for all pictures."""
+
+
+@dataclass(frozen=True)
+class PictureFeatures:
+    """What was found in a picture."""
+
+    name: str
+    quality: PictureQuality
+    blur: tuple[float, float]
+    """Direction in degrees, and how much fine detail is left along it."""
+    keypoints: Float32[np.ndarray, "n 6"]
+    """x, y in pixels of the upright picture at its full size, and the affine shape by rows."""
+    descriptors: UInt8[np.ndarray, "n 128"]
+    failure: str = ""
+    """Why the picture could not be decoded, then all else is empty; or nothing."""
+
+
+def start_worker() -> None:
+    """Leave Ctrl-C to the parent process, which ends its workers, and be silent."""
+    import pycolmap
+
+    warnings.filterwarnings("ignore", module=r"PIL\b")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    pycolmap.logging.minloglevel = ERRORS
+
+
+def find_features(task: PictureTask) -> PictureFeatures:
+    """Decode a picture, measure it, and find its features."""
+    try:
+        pixels = decode(task.path, task.header)
+    except DataError as error:
+        return _undecoded(task, error.message)
+    expected = (task.header.height, task.header.width)
+    if pixels.shape[:2] != expected:
+        return _undecoded(task, f"{task.path}: the picture was replaced while it was prepared.")
+    shown, counts = _over_grey(_shrunk(pixels, task.measured))
+    grey = shown @ LUMA
+    keypoints, descriptors = _sift(_shrunk(pixels, task.size), task.count)
+    across, down = (side / small for side, small in zip(expected[::-1], _small(task), strict=True))
+    # Centres are at +0.5, so that positions and shapes scale about the picture's corner.
+    keypoints *= np.array([across, down, across, across, down, down], np.float32)
+    return PictureFeatures(
+        task.name,
+        PictureQuality.of(shown, counts if task.header.has_alpha else None),
+        direction_of_blur(grey),
+        keypoints,
+        descriptors,
+    )
+
+
+def _undecoded(task: PictureTask, failure: str) -> PictureFeatures:
+    nothing = PictureQuality(0.0, 0.0, 0.0, 0.0)
+    keypoints, descriptors = np.zeros((0, 6), np.float32), np.zeros((0, 128), np.uint8)
+    return PictureFeatures(task.name, nothing, (0.0, 1.0), keypoints, descriptors, failure)
+
+
+def _small(task: PictureTask) -> tuple[int, int]:
+    return _fitted(task.header.width, task.header.height, task.size)
+
+
+def _fitted(width: int, height: int, longest: int) -> tuple[int, int]:
+    scale = min(1.0, longest / max(width, height))
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
+def _shrunk(pixels: UInt8[np.ndarray, "h w d"], longest: int) -> UInt8[np.ndarray, "h2 w2 d"]:
+    height, width = pixels.shape[:2]
+    return shrink(pixels, *_fitted(width, height, longest))
+
+
+def _over_grey(
+    pixels: UInt8[np.ndarray, "h w d"],
+) -> tuple[Float32[np.ndarray, "h w 3"], np.ndarray]:
+    """Colours in [0, 1] over mid-grey, and where there is something."""
+    colors = pixels[..., :3].astype(np.float32) / 255
+    if pixels.shape[2] == 3:
+        return colors, np.ones(pixels.shape[:2], bool)
+    alpha = pixels[..., 3:].astype(np.float32) / 255
+    return colors * alpha + 0.5 * (1 - alpha), pixels[..., 3] >= OPAQUE
+
+
+def _sift(
+    pixels: UInt8[np.ndarray, "h w d"], count: int
+) -> tuple[Float32[np.ndarray, "n 6"], UInt8[np.ndarray, "n 128"]]:
+    shown, counts = _over_grey(pixels)
+    grey = np.rint(shown @ LUMA * 255).astype(np.uint8)
+    found, described = _extractor(count, max(grey.shape)).extract_from_uint8_array(grey)
+    rows = [(p.x, p.y, p.a11, p.a12, p.a21, p.a22) for p in found]
+    keypoints = np.array(rows, np.float32).reshape(-1, 6)
+    descriptors = np.asarray(described.data, np.uint8).reshape(-1, 128)
+    last = np.array(grey.shape[::-1]) - 1
+    column, row = keypoints[:, :2].astype(int).clip(0, last).T
+    kept = counts[row, column]
+    return keypoints[kept], descriptors[kept]
+
+
+@lru_cache(maxsize=4)
+def _extractor(count: int, longest: int) -> FeatureExtractor:
+    import pycolmap
+
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.max_image_size = longest
+    options.sift.max_num_features = count
+    return pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)

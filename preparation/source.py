@@ -1,0 +1,149 @@
+"""Source: the pictures and videos that the user gave, and why other files are not used."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+from gsfw.core.errors import DataError
+from gsfw.core.finding import listed
+from gsfw.datamanagers.detection import VIDEOS
+from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.video import is_video
+from gsfw.preparation.exif import read_exif
+from gsfw.preparation.file_copies import find_copies
+from gsfw.preparation.foreign_formats import HEIC, HEIC_EXTENSIONS, RAW
+from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
+from gsfw.preparation.picture_file import KNOWN, PictureFile, empty, examine
+from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.picture_set import LeftOut, PictureSet, SourcePicture
+from gsfw.preparation.source_notes import notes_on
+
+LIVE_CLIP = ".mov"
+"""iPhones write such clips beside photos; other cameras put posters of the name beside videos."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a preparation starts from."""
+
+    pictures: PictureSet
+    """The photos; frames of the videos are not among them yet."""
+    videos: tuple[Path, ...]
+    notes: tuple[str, ...]
+    """What the user may want to know of the choice; clauses without a period."""
+
+
+def read_source(paths: Sequence[Path], out: Path | None = None) -> Source:
+    """Find what can be used among the inputs, by the headers of files.
+
+    Args:
+        paths: folders, which are searched through, pictures, and videos.
+        out: where results go; not looked at, should it lie in one of the folders.
+
+    Raises:
+        DataError: a path is not there or cannot be read, or nothing can be used.
+    """
+    inputs = InputFiles.find(paths, out)
+    videos, left_out = _videos(inputs.files)
+    looks = _examined(inputs.files)
+    left_out += [look for look in looks.values() if isinstance(look, LeftOut)]
+    found = [look for look in looks.values() if isinstance(look, PictureFile)]
+    others = [file for file, look in looks.items() if look is None]
+    copies = find_copies([*videos, *(picture.file for picture in found)])
+    for copy, original in copies.items():
+        left_out.append(LeftOut(copy.name, f"it is the same file as {original.name}"))
+    videos = [video for video in videos if video not in copies]
+    found = [picture for picture in found if picture.file not in copies]
+    if not found and not videos:
+        raise _nothing(paths, left_out, others)
+    pictures = _pictures(found)
+    left_out = _without_shots_in_use(left_out, [picture.file for picture in found])
+    left_out.sort(key=lambda item: name_order(item.name))
+    ordered = sorted(pictures, key=lambda picture: name_order(picture.name))
+    return Source(
+        PictureSet(tuple(ordered), tuple(left_out)),
+        tuple(video.path for video in videos),
+        (*inputs.notes, *notes_on(found, pictures, others)),
+    )
+
+
+def _videos(files: Sequence[InputFile]) -> tuple[list[InputFile], list[LeftOut]]:
+    """Videos to use, and others; a live photo is a photo and a clip of the same name."""
+    stills = (*EXTENSIONS, *HEIC_EXTENSIONS)
+    photos = {shot(file.name): file for file in files if file.path.suffix.lower() in stills}
+    videos, left_out = [], []
+    for file in files:
+        if not is_video(file.path):
+            continue
+        photo = photos.get(shot(file.name))
+        if file.path.stat().st_size == 0:
+            left_out.append(empty(file))
+        elif photo is not None and file.path.suffix.lower() == LIVE_CLIP and not file.asked:
+            reason = f"it is the clip of the live photo {photo.name}"
+            left_out.append(LeftOut(file.name, reason, "Name the file as an input to use it."))
+        else:
+            videos.append(file)
+    return videos, left_out
+
+
+def _examined(files: Sequence[InputFile]) -> dict[InputFile, PictureFile | LeftOut | None]:
+    with warnings.catch_warnings():
+        # Pillow warns of damaged Exif, which is as good as none, and of large pictures.
+        warnings.simplefilter("ignore")
+        return {file: examine(file) for file in files if not is_video(file.path)}
+
+
+def _pictures(found: Sequence[PictureFile]) -> list[SourcePicture]:
+    """Pictures under the names that they have in the result, in the order of ``found``."""
+    names = unique_names(with_right_suffix(look.file.name, look.content) for look in found)
+    folders = {_folder(name) for name in names}
+    return [
+        SourcePicture(
+            name=name,
+            path=look.file.path,
+            header=look.header,
+            exif=read_exif(look.file.path),
+            group=_folder(name) if len(folders) > 1 else "",
+        )
+        for name, look in zip(names, found, strict=True)
+    ]
+
+
+def _folder(name: str) -> str:
+    parent = PurePosixPath(name).parent
+    return "" if parent == PurePosixPath() else parent.as_posix()
+
+
+def _without_shots_in_use(left_out: Sequence[LeftOut], used: Sequence[InputFile]) -> list[LeftOut]:
+    """Cameras write RAW or HEIC files beside JPEG ones: then nothing needs to be converted."""
+    shots = {shot(file.name): file.name for file in used}
+    foreign = (RAW.reason, HEIC.reason)
+    return [
+        replace(item, reason=f"{item.reason}; {shots[shot(item.name)]} is used", advice="")
+        if item.reason in foreign and shot(item.name) in shots
+        else item
+        for item in left_out
+    ]
+
+
+def _nothing(
+    paths: Sequence[Path], left_out: Sequence[LeftOut], others: Sequence[InputFile]
+) -> DataError:
+    """The error where nothing can be used; counts files by reason, the most frequent first."""
+    reasons = Counter(item.reason for item in left_out)
+    if others:
+        reasons["they are no pictures and no videos, by their names and contents"] = len(others)
+    counts = [f"{count} x {reason}" for reason, count in reasons.most_common()]
+    found = f"found {'; '.join(counts)}" if counts else "found no files"
+    advice = list(dict.fromkeys(item.advice for item in left_out if item.advice))
+    return DataError(
+        f"{listed(tuple(str(path) for path in paths))}: there is no picture and no video that can "
+        f"be used; {found}.",
+        "\n".join(
+            advice or [f"Give a folder of {KNOWN} pictures, or a video ({', '.join(VIDEOS)})."]
+        ),
+    )

@@ -1,0 +1,53 @@
+"""Usual: what pictures of a capture are like when nothing is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsfw.datamanagers.picture_quality import PictureQuality
+from gsfw.preparation.features import FeatureReport
+
+
+@dataclass(frozen=True)
+class Usual:
+    """Typical figures of a capture's pictures."""
+
+    count: float
+    """Features."""
+    brightness: float
+    contrast: float
+    clipped: float
+    sharpness: float
+    """As in light of the usual brightness."""
+
+    @staticmethod
+    def of(reports: Iterable[FeatureReport], quantile: float) -> Usual:
+        """Quantiles, where more is better; medians of what has no better."""
+        known = list(reports) or [FeatureReport(0, PictureQuality(0.0, 0.0, 0.0, 0.0), None, 1.0)]
+        brightness = float(np.median([one.quality.brightness for one in known]))
+        return Usual(
+            count=float(np.quantile([one.count for one in known], quantile)),
+            brightness=brightness,
+            contrast=float(np.quantile([one.quality.contrast for one in known], quantile)),
+            clipped=float(np.median([one.quality.clipped for one in known])),
+            sharpness=float(
+                np.quantile([lit_sharpness(one.quality, brightness) for one in known], quantile)
+            ),
+        )
+
+
+def usual_of(features: Mapping[str, FeatureReport], placed: Iterable[str]) -> Usual:
+    """Of pictures that were placed; of the better ones, where most may be bad as none was."""
+    reports = [features[name] for name in placed if name in features]
+    if reports:
+        return Usual.of(reports, 0.5)
+    return Usual.of([one for one in features.values() if not one.failure], 0.75)
+
+
+def lit_sharpness(quality: PictureQuality, brightness: float) -> float:
+    """Sharpness as it would be in the usual light: a darker picture has weaker edges."""
+    light = max(quality.brightness, 1 / 255) / max(brightness, 1 / 255)
+    return quality.sharpness / min(light, 1.0) ** 2

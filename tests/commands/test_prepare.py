@@ -1,0 +1,173 @@
+"""`gsfw prepare`: from photos, video and other tools' data sets to one that trains."""
+
+import json
+import shutil
+
+import captured
+import numpy as np
+import pycolmap
+import pytest
+from matched_captures import pose_errors
+from PIL import Image
+from small_captures import ring, write_pictures, write_transforms
+from small_videos import write_video
+
+from gsfw.commands.main import main
+from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.run_folder import RunFolder
+from gsfw.datamanagers.colmap.config import ColmapConfig
+
+PHOTOS = 9
+FRAMES = 48
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    """Photos on an arc, one of them stored sideways with an EXIF orientation, and a broken one."""
+    folder = tmp_path_factory.mktemp("prepare") / "photos"
+    pictures = captured.photos(captured.arc(PHOTOS))
+    captured.write(folder, pictures, ".jpg")
+    exif = Image.Exif()
+    exif[0x0112] = 6  # To be turned by 90 degrees clockwise.
+    turned = Image.fromarray(np.ascontiguousarray(np.rot90(pictures[3])))
+    turned.save(folder / "photo_003.jpg", quality=95, exif=exif)
+    (folder / "photo_900.jpg").write_bytes(b"")
+    (folder / "notes.txt").write_text("of the trip")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def prepared(photos, tmp_path_factory):
+    """The folder of a data set that was made of them."""
+    out = tmp_path_factory.mktemp("prepare") / "scene"
+    assert main(["prepare", str(photos), f"out={out}", "jobs=1"]) == 0
+    return out
+
+
+def document(out):
+    return json.loads((out / "prepare.json").read_text())
+
+
+def model_of(out):
+    return pycolmap.Reconstruction(out / "sparse" / "0")
+
+
+def size_of(path):
+    """Width and height, and the EXIF orientation."""
+    with Image.open(path) as picture:
+        return *picture.size, picture.getexif().get(0x0112, 1)
+
+
+@pytest.mark.slow
+def test_photos_become_a_data_set_with_a_verdict_a_report_and_a_sheet(prepared, photos):
+    report = document(prepared)
+    assert report["verdict"] == "usable with limits"  # There are few pictures.
+    assert report["given"] == PHOTOS
+    assert len(report["registered"]) == PHOTOS
+    assert [item["name"] for item in report["left_out"]] == ["photo_900.jpg"]
+    assert report["left_out"][0]["reason"] == "the file is empty (0 bytes)"
+    assert report["model"]["error"] < 1.0
+    assert report["next"].startswith(f"gsfw train method=3dgs data={prepared}")
+    assert set(report["seconds"]) == {"features", "matches", "cameras", "data set"}
+    truth = captured.arc(PHOTOS).world_to_camera.numpy()[:, :3]
+    names = [f"photo_{number:03d}.jpg" for number in range(PHOTOS)]
+    degrees, distance = pose_errors(model_of(prepared), dict(zip(names, truth, strict=True)))
+    assert degrees < 0.5
+    assert distance < 0.02
+    (camera,) = model_of(prepared).cameras.values()
+    assert abs(camera.focal_length_x / captured.FOCAL - 1) < 0.03
+    assert size_of(prepared / "prepare.png")[0] == 1200
+    assert len(list(photos.iterdir())) == PHOTOS + 2, "what it is made from stays as it was"
+
+
+def test_the_same_command_has_nothing_left_to_do(prepared, photos, capsys):
+    before = (prepared / "sparse/0/images.bin").read_bytes()
+    assert main(["prepare", str(photos), f"out={prepared}", "json=true"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == document(prepared)
+    assert "cameras: " not in said.err
+    assert (prepared / "sparse/0/images.bin").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_another_setting_repeats_only_what_depends_on_it(prepared, photos, capsys):
+    assert main(["prepare", str(photos), f"out={prepared}", "lens=keep"]) == 0
+    said = capsys.readouterr().out
+    assert f"pictures: {PHOTOS} of {PHOTOS}" in said
+    assert "matches: " not in said
+    assert document(prepared)["data_set"]["lens"] == "SIMPLE_RADIAL as given"
+    assert size_of(prepared / "images" / "photo_003.jpg") == (320, 240, 1)
+
+
+@pytest.mark.slow
+def test_a_video_becomes_splats_with_two_commands(tmp_path):
+    truth = captured.arc(FRAMES, step=2.0)
+    pictures = captured.photos(truth)
+    video = write_video(
+        tmp_path / "walk.mp4", FRAMES, 320, 240, draw=lambda number, *_: pictures[number]
+    )
+    scene, run = tmp_path / "scene", tmp_path / "run"
+    assert main(["prepare", str(video), f"out={scene}", "frames=16", "jobs=1"]) == 0
+    true = {f"{i:06d}.jpg": pose for i, pose in enumerate(truth.world_to_camera.numpy()[:, :3])}
+    assert document(scene)["given"] >= 14
+    assert document(scene)["unregistered"] == []
+    degrees, distance = pose_errors(model_of(scene), true)
+    assert degrees < 1.0
+    assert distance < 0.03
+    settings = ("device=cpu", "steps=150", "eval_every=0", f"out={run}")
+    assert main(["train", "method=3dgs", f"data={scene}", *settings]) == 0
+    assert json.loads(RunFolder(run).summary.read_text())["psnr"] > 16
+    assert RunFolder(run).splats.is_file()
+
+
+def test_pictures_that_show_nothing_will_not_train(tmp_path, capsys):
+    captured.write(tmp_path / "a", [np.full((48, 64, 3), 128, np.uint8)] * 2, ".jpg")
+    Image.fromarray(np.full((48, 64, 3), 90, np.uint8)).save(tmp_path / "a" / "x.jpg")
+    assert main(["prepare", str(tmp_path / "a"), f"out={tmp_path / 'out'}", "jobs=1"]) == 1
+    said = capsys.readouterr().out
+    assert "verdict: will not train" in said
+    report = document(tmp_path / "out")
+    assert (report["data_set"], report["next"]) == ({}, "")
+    assert not (tmp_path / "out" / "sparse").exists()
+    assert size_of(tmp_path / "out" / "prepare.png")[0] == 1200
+
+
+def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):
+    write_pictures(tmp_path / "a", ring())
+    write_transforms(tmp_path / "a" / "transforms.json", ring())
+    code = main(["prepare", str(tmp_path / "a"), f"out={tmp_path / 'out'}"])
+    said = capsys.readouterr().out
+    assert "has cameras already (transforms): they are kept; poses=compute makes new ones" in said
+    report = document(tmp_path / "out")
+    assert code == (1 if report["verdict"] == "will not train" else 0)
+    assert report["format"] == "transforms"
+    assert (tmp_path / "out" / "sparse" / "0" / "cameras.bin").is_file()
+    data = ColmapConfig().build(DataRequest(tmp_path / "out", eval_every_nth=0))
+    assert len(data.views(Split.TRAIN)) == len(ring().poses)
+    data.close()
+
+
+def told(capsys, *arguments):
+    assert main(["prepare", *map(str, arguments)]) == 2
+    return capsys.readouterr().err
+
+
+def test_mistakes_are_told_in_a_sentence(tmp_path, capsys):
+    (tmp_path / "photos").mkdir()
+    out = f"out={tmp_path / 'out'}"
+    assert "gsfw prepare: INPUT... is missing." in told(capsys, out)
+    wrong = told(capsys, tmp_path / "potos", out)
+    assert f"{tmp_path / 'potos'}: there is no such file or folder." in wrong
+    assert "photos" in wrong
+    photos = tmp_path / "photos"
+    assert "photos" in told(capsys, photos, out)
+    assert "frames=2: expected at least 3." in told(capsys, photos, out, "frames=2")
+    assert "jobs=-1: expected 0 (all cores) or more." in told(capsys, photos, out, "jobs=-1")
+    assert "camera_model=" in told(capsys, photos, out, "camera_model=PINWHEEL")
+    assert "poses=keep: 2 inputs are given." in told(capsys, photos, tmp_path, out, "poses=keep")
+    assert "unknown key 'frame'" in told(capsys, photos, out, "frame=3")
+    assert "which the result is made from" in told(capsys, photos, f"out={photos}")
+    shutil.rmtree(tmp_path / "out", ignore_errors=True)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").touch()
+    assert "is not empty" in told(capsys, photos, out)

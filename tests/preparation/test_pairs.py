@@ -1,0 +1,152 @@
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.picture_quality import PictureQuality
+from gsfw.datamanagers.pictures import Header
+from gsfw.preparation import pairs
+from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.exif import Exif
+from gsfw.preparation.feature_database import FeatureDatabase
+from gsfw.preparation.pairs import MatchingRule, PairPlan, plan_pairs
+from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.progress import Silent
+from gsfw.preparation.sift import PictureFeatures
+
+
+def imagined(groups: dict[str, int], in_order: bool = False) -> PictureSet:
+    """So many pictures of each group."""
+    header = Header(160, 120, has_alpha=False)
+    return PictureSet(
+        tuple(
+            SourcePicture(f"{group}{number:03d}.png", Path("nowhere"), header, Exif(), group)
+            for group, count in groups.items()
+            for number in range(count)
+        ),
+        in_order=in_order,
+    )
+
+
+def stored(folder: Path, pictures: PictureSet, leave_out: str = "") -> Path:
+    """A database of the pictures without any feature."""
+    names = tuple(picture.name for picture in pictures.pictures)
+    group = CameraGroup(1, "SIMPLE_RADIAL", 160, 120, 150.0, "", names)
+    nothing = PictureQuality(0.0, 0.0, 0.0, 0.0)
+    with FeatureDatabase(folder / "d.db", pictures, (group,)) as database:
+        for name in names:
+            if name != leave_out:
+                keypoints, descriptors = np.zeros((0, 6), np.float32), np.zeros((0, 128), np.uint8)
+                database.write(PictureFeatures(name, nothing, (0.0, 1.0), keypoints, descriptors))
+    return folder / "d.db"
+
+
+@pytest.fixture
+def nearest_by_number(monkeypatch):
+    """Likeness goes by numbers, groups come in order: none knows of the other."""
+
+    def ranked(database, vocabulary, progress):
+        with pycolmap.Database.open(database) as opened:
+            names = [image.name for image in opened.read_all_images()]
+        return {
+            name: sorted(
+                set(names) - {name},
+                key=lambda other: (other[0] != name[0], abs(int(other[1:4]) - int(name[1:4]))),
+            )
+            for name in names
+        }
+
+    monkeypatch.setattr(pairs, "look_alikes", ranked)
+
+
+def planned(folder: Path, pictures: PictureSet, rule: MatchingRule | None = None) -> PairPlan:
+    plan = plan_pairs(pictures, rule or MatchingRule(), stored(folder, pictures), Silent())
+    names = [picture.name for picture in pictures.pictures]
+    # Every pair is there once, the earlier picture first.
+    assert len(set(plan.pairs)) == len(plan.pairs)
+    assert all(names.index(first) < names.index(second) for first, second in plan.pairs)
+    return plan
+
+
+@pytest.mark.parametrize(("count", "number"), [(3, 3), (200, 19_900)])
+def test_all_pairs_of_few_photos_are_compared(tmp_path, count, number):
+    plan = planned(tmp_path, imagined({"a": count}))
+    assert len(plan.pairs) == number
+    assert plan.how == (f"pairs: all {number} of {count} pictures, as there are at most 200.")
+
+
+def test_a_picture_that_could_not_be_decoded_is_in_no_pair(tmp_path):
+    pictures = imagined({"a": 4})
+    database = stored(tmp_path, pictures, leave_out="a001.png")
+    plan = plan_pairs(pictures, MatchingRule("exhaustive"), database, Silent())
+    assert plan.pairs == tuple(combinations(("a000.png", "a002.png", "a003.png"), 2))
+    assert plan.how == "pairs: all 3 of 3 pictures."
+
+
+def test_look_alikes_of_many_photos_are_compared(tmp_path, nearest_by_number):
+    plan = planned(tmp_path, imagined({"a": 201}))
+    assert 201 * 15 <= len(plan.pairs) <= 201 * 30
+    assert plan.how == (
+        f"pairs: {len(plan.pairs)} of 20100 of 201 pictures: each with the 30 most alike, by a "
+        "vocabulary of their own features, as there are more than 200."
+    )
+
+
+def test_look_alikes_are_also_taken_from_other_folders(tmp_path, nearest_by_number):
+    rule = MatchingRule("retrieval", neighbors=5)
+    plan = planned(tmp_path, imagined({"a": 20, "b": 20}), rule)
+    across = [pair for pair in plan.pairs if pair[0][0] != pair[1][0]]
+    assert {name for pair in across for name in pair} == {
+        f"{group}{number:03d}.png" for group in "ab" for number in range(20)
+    }
+    assert "each with the 5 most alike, 10 of them from other folders, by a" in plan.how
+
+
+def test_frames_of_a_video_are_compared_with_their_neighbours_and_to_close_loops(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(pairs, "look_alikes", lambda *_: {"a000.png": ["a001.png", "a039.png"]})
+    plan = planned(tmp_path, imagined({"a": 40}, in_order=True), MatchingRule(overlap=6))
+    steps = {int(b[1:4]) - int(a[1:4]) for a, b in plan.pairs}
+    assert steps == {1, 2, 3, 4, 5, 6, 8, 16, 32, 39}
+    assert ("a000.png", "a039.png") in plan.pairs
+    assert plan.how == (
+        f"pairs: {len(plan.pairs)} of 780 of 40 pictures: each with its neighbours up to 6 before "
+        "and after and some further ones, as they follow each other in time, and, to close loops, "
+        "with the 10 most alike elsewhere, by a vocabulary of their own features."
+    )
+
+
+def test_look_alikes_join_two_videos(tmp_path, nearest_by_number):
+    plan = planned(tmp_path, imagined({"a": 30, "b": 30}, in_order=True))
+    across = {name for pair in plan.pairs if pair[0][0] != pair[1][0] for name in pair}
+    assert len(across) == 60
+    # The last frame of one video is no neighbour in time of the first of the next.
+    assert ("a029.png", "b000.png") not in plan.pairs
+    assert "10 most alike elsewhere and 10 of other videos or folders, by a" in plan.how
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        (
+            MatchingRule("some"),
+            "matching=some: expected one of auto, exhaustive, sequential, retrieval.",
+        ),
+        (MatchingRule(overlap=0), "overlap=0: expected at least 1."),
+        (MatchingRule(neighbors=0), "neighbors=0: expected at least 1."),
+        (MatchingRule(exhaustive_up_to=-1), "exhaustive_up_to=-1: expected at least 0."),
+        (
+            MatchingRule(vocabulary=Path("words.bin")),
+            "vocabulary=words.bin: there is no such file.\n"
+            "Leave it out to build a vocabulary of the pictures themselves.",
+        ),
+    ],
+)
+def test_rules_that_make_no_sense_are_refused(rule, message):
+    with pytest.raises(ConfigError) as caught:
+        rule.check()
+    assert str(caught.value) == message
