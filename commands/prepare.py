@@ -77,7 +77,7 @@ class PrepareOptions(Options):
     layout: Literal["auto", "colmap", "transforms"] = "auto"
     """Of a data set with cameras: colmap, transforms, or auto: transforms where it has times."""
     jobs: int = 0
-    """Cores to use; 0: all. The result does not depend on it."""
+    """Cores to use; 0: all. With 1 the same pictures give the same bits, with more nearly so."""
     again: bool = False
     """Begin anew, and forget what an earlier run of the command has finished."""
 

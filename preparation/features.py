@@ -34,8 +34,10 @@ LONG = 3600.0
 """Seconds for features and matches, beyond which less is looked for."""
 LEAST_SIZE, LEAST_COUNT = 64, 50
 """Below, no picture of anything has enough features to be matched."""
+FILE_SECONDS = 0.05
+"""Of one core, to decode a million pixels and shrink them."""
 MEGAPIXEL_SECONDS = 1.2
-"""Of one core, to decode, measure and find up to 4000 features (Xeon at 2.0 GHz)."""
+"""Of one core, to find up to 4000 features on a million of the pixels that are left."""
 PAIR_SECONDS = 0.094
 """Of one core, to match 4000 features with 4000; goes with the square."""
 EXHAUSTIVE = 200
@@ -123,14 +125,15 @@ class FeatureSettings:
     def seconds(self, pictures: PictureSet, cores: int) -> tuple[float, float]:
         """About how long finding and matching take."""
         number = len(pictures.pictures)
-        megapixels = 0.0
+        finding = 0.0
         for picture in pictures.pictures:
             width, height = picture.header.width, picture.header.height
             scale = min(1.0, self.max_size / max(width, height))
-            megapixels += width * height * scale**2 / 1e6
+            pixels = width * height / 1e6
+            finding += pixels * (FILE_SECONDS + scale**2 * MEGAPIXEL_SECONDS)
         pairs = number * (number - 1) / 2 if number <= EXHAUSTIVE else number * NEIGHBORS
         matching = pairs * PAIR_SECONDS * (self.count / 4000) ** 2
-        return megapixels * MEGAPIXEL_SECONDS / self.jobs, matching / cores
+        return finding / self.jobs, matching / cores
 
 
 def _duration(seconds: float) -> str:
@@ -229,7 +232,8 @@ def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
         # Nothing is cancelled: Python 3.11 fails on cancelled work of ended processes.
         executor.shutdown(wait=False)
         for worker in set(multiprocessing.active_children()) - others:
-            worker.terminate()
+            # COLMAP prints a stack trace when it is asked to terminate.
+            worker.kill()
         if isinstance(error, BrokenProcessPool):
             raise UnavailableError(
                 f"one of {jobs} processes that look for features was ended from outside, most "

@@ -6,7 +6,7 @@ the first pair twice where nothing can be started; ``RELAXED`` goes on from ther
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -52,6 +52,7 @@ def run_incremental(
     strictness: Strictness,
     registered: Callable[[int], None] = lambda count: None,
     start_from: Path | None = None,
+    among: Sequence[str] = (),
 ) -> Models:
     """Compute poses.
 
@@ -62,6 +63,7 @@ def run_incremental(
         strictness: how much evidence is asked for.
         registered: told how many pictures have been added by now, to all models together.
         start_from: folder of a model that is to grow; otherwise new ones are begun.
+        among: names of the pictures that may get poses; empty for all.
 
     Returns:
         Models, the largest first; none where nothing could be reconstructed.
@@ -79,6 +81,7 @@ def run_incremental(
 
     pycolmap.set_random_seed(SEED)
     options = incremental_options(rule, strictness)
+    options.image_names = list(among)
     models = cancellable(
         lambda token: pycolmap.incremental_mapping(
             database_path=database,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,7 +114,12 @@ def map_cameras(database: Path, folder: Path, rule: MappingRule, progress: Progr
 
 
 def continue_mapping(
-    database: Path, folder: Path, mapping: Mapping, rule: MappingRule, progress: Progress
+    database: Path,
+    folder: Path,
+    mapping: Mapping,
+    rule: MappingRule,
+    progress: Progress,
+    without: Collection[str] = (),
 ) -> Mapping:
     """Add to the largest model what relaxed thresholds let in, and join the others to it.
 
@@ -126,6 +131,7 @@ def continue_mapping(
         mapping: of which the largest model grows; where there is none, all begins anew.
         rule: how to do it; growing is incremental in any case.
         progress: of stage "cameras", in pictures.
+        without: names of pictures that are not worth a pose that rests on little.
 
     Returns:
         The new models; of the same pictures as the old where nothing could be added.
@@ -138,7 +144,7 @@ def continue_mapping(
     if not mapping.models:
         return map_cameras(database, folder, rule, progress)
     rule.check()
-    start = time.perf_counter()
+    began = time.perf_counter()
     total = count_pictures(database)
     with _trial(folder, database) as trial, progress.stage("cameras", total) as advance:
         before = [Reconstruction(path) for path in mapping.models]
@@ -147,7 +153,9 @@ def continue_mapping(
         def registered(count: int) -> None:
             advance(min(known + count, total))
 
-        grown = run_incremental(database, trial, rule, RELAXED, registered, mapping.models[0])
+        among = _names_but(database, without)
+        start = mapping.models[0]
+        grown = run_incremental(database, trial, rule, RELAXED, registered, start, among)
         largest = next((model for model in grown if _is_better(model, before[:1])), before[0])
         models = [largest, *before[1:]]
         models, merged = _finished(models, database, trial, rule)
@@ -155,9 +163,18 @@ def continue_mapping(
         paths = _published(models, trial, folder, JOINED)
     sizes = _sizes(models)
     merged += mapping.merged
-    seconds = mapping.seconds + time.perf_counter() - start
+    seconds = mapping.seconds + time.perf_counter() - began
     how = f"{mapping.how}, continued with relaxed thresholds (+{sizes[0] - known} pictures)"
     return Mapping(paths, sizes, merged, seconds, how)
+
+
+def _names_but(database: Path, without: Collection[str]) -> list[str]:
+    """Names of all pictures of a database but some."""
+    from pycolmap import Database
+
+    with Database.open(database) as opened:
+        names = [image.name for image in opened.read_all_images()]
+    return [name for name in names if name not in without]
 
 
 def count_pictures(database: Path) -> int:

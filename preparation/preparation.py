@@ -22,6 +22,7 @@ from gsfw.preparation.pairs import MatchingRule
 from gsfw.preparation.picture_set import PictureSet
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.source import read_source
+from gsfw.preparation.usual import blurred_beside
 from gsfw.preparation.workplace import Workplace
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ class PreparationRule:
     mapping: MappingRule = field(default_factory=MappingRule)
     output: OutputRule = field(default_factory=OutputRule)
     jobs: int = 1
-    """How many cores are used; results do not depend on it."""
+    """How many cores are used. With one the same pictures give the same bits; with more, poses
+    differ in their last digits."""
 
     def check(self) -> None:
         """Check the values.
@@ -96,7 +98,7 @@ class Preparation:
         groups = group_cameras(pictures, self._rule.cameras)
         features = self._features(pictures, groups)
         self._match(pictures)
-        mapping = self._map()
+        mapping = self._map(features)
         written = self._write(pictures, mapping)
         diagnosis = diagnose(self._place.database, pictures, groups, features, mapping)
         return Prepared(diagnosis, written, self._chosen, self._journal.seconds)
@@ -170,8 +172,8 @@ class Preparation:
         )
         self._chosen["matches"] = found["how"]
 
-    def _map(self) -> Mapping:
-        from gsfw.preparation.mapping import Mapping, map_cameras
+    def _map(self, features: dict[str, FeatureReport]) -> Mapping:
+        from gsfw.preparation.mapping import Mapping, count_pictures, map_cameras
 
         place, rule = self._place, self._mapping_rule
         settings = {name: value for name, value in asdict(rule).items() if name != "jobs"}
@@ -183,13 +185,15 @@ class Preparation:
             place.models.is_dir,
         )
         mapping = Mapping.of(found, place.models)
-        if len(mapping.models) > 1:
-            mapping = self._bridge(mapping)
+        if mapping.models and mapping.sizes[0] < count_pictures(place.database):
+            mapping = self._bridge(mapping, features)
         self._say("cameras", mapping.how)
         return mapping
 
-    def _bridge(self, mapping: Mapping) -> Mapping:
-        """Compare pictures of different models again, more closely, and go on from the largest."""
+    def _bridge(self, mapping: Mapping, features: dict[str, FeatureReport]) -> Mapping:
+        """Compare what the largest model lacks with it again, more closely, and go on from it."""
+        from pycolmap import Reconstruction
+
         from gsfw.preparation.mapping import Mapping, continue_mapping
         from gsfw.preparation.matching import match_more
         from gsfw.preparation.merging import bridge_pairs
@@ -197,13 +201,22 @@ class Preparation:
         place, rule, progress = self._place, self._mapping_rule, self._progress
 
         def bridge() -> Document:
-            pairs = bridge_pairs(place.database, mapping.models)
+            placed = [image.name for image in Reconstruction(mapping.models[0]).images.values()]
+            # A blurred picture that only just fits does more harm than good in training.
+            blurred = blurred_beside(features, placed)
             progress.say(
-                f"cameras: {len(mapping.models)} parts that do not hang together "
-                f"({', '.join(map(str, mapping.sizes))} pictures); looking for what joins them"
+                f"cameras: the largest of {len(mapping.models)} models has {mapping.sizes[0]} "
+                "pictures; comparing the others with it again, more closely"
             )
+            pairs = [
+                pair
+                for pair in bridge_pairs(place.database, mapping.models)
+                if not blurred.intersection(pair)
+            ]
             match_more(place.database, pairs, rule.jobs, progress)
-            joined = continue_mapping(place.database, place.models, mapping, rule, progress)
+            joined = continue_mapping(
+                place.database, place.models, mapping, rule, progress, blurred
+            )
             return joined.document()
 
         found = self._journal.stage("bridges", {}, bridge, is_there=place.models.is_dir)

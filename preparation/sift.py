@@ -135,7 +135,11 @@ def _sift(
     last = np.array(grey.shape[::-1]) - 1
     column, row = keypoints[:, :2].astype(int).clip(0, last).T
     kept = counts[row, column]
-    return keypoints[kept], descriptors[kept]
+    keypoints, descriptors = keypoints[kept], descriptors[kept]
+    # COLMAP stops between levels of scale, and counts several orientations of a place as one.
+    areas = np.abs(keypoints[:, 2] * keypoints[:, 5] - keypoints[:, 3] * keypoints[:, 4])
+    largest = np.sort(np.argsort(-areas, kind="stable")[:count])
+    return keypoints[largest], descriptors[largest]
 
 
 @lru_cache(maxsize=4)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsfw.datamanagers.picture_quality import PictureQuality
+from gsfw.datamanagers.picture_quality import BLURRED, PictureQuality
 from gsfw.preparation.features import FeatureReport
 
 
@@ -45,6 +45,18 @@ def usual_of(features: Mapping[str, FeatureReport], placed: Iterable[str]) -> Us
     if reports:
         return Usual.of(reports, 0.5)
     return Usual.of([one for one in features.values() if not one.failure], 0.75)
+
+
+def blurred_beside(features: Mapping[str, FeatureReport], placed: Iterable[str]) -> set[str]:
+    """Pictures that were not placed, and are blurred beside those that were."""
+    known = set(placed)
+    usual = usual_of(features, known)
+    return {
+        name
+        for name, report in features.items()
+        if name not in known
+        and lit_sharpness(report.quality, usual.brightness) < BLURRED * usual.sharpness
+    }
 
 
 def lit_sharpness(quality: PictureQuality, brightness: float) -> float:
