@@ -1,6 +1,7 @@
 import dataclasses
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import captured
 import numpy as np
@@ -318,3 +319,18 @@ def test_too_little_to_find_anything_is_refused(size, count, message):
     with pytest.raises(ConfigError) as caught:
         FeatureSettings.for_machine(imagined(3), 1, size, count)
     assert str(caught.value) == f"{message}\nLeave it out to have it chosen."
+
+
+def test_features_do_not_depend_on_the_picture_before():
+    def found(name: str, pixels: np.ndarray, folder: Path) -> PictureFeatures:
+        path = save(folder / name, pixels)
+        return find_features(PictureTask(name, path, read_header(path), 320, 1000, 320))
+
+    (photo,) = captured.photos(captured.arc(1))
+    glaring = (photo.astype(int) * 6 + 140).clip(0, 255).astype(np.uint8)
+    with TemporaryDirectory() as folder:
+        before = found("a.png", photo, Path(folder))
+        assert len(found("b.png", glaring, Path(folder)).keypoints) < 50
+        after = found("a.png", photo, Path(folder))
+    np.testing.assert_array_equal(before.keypoints, after.keypoints)
+    np.testing.assert_array_equal(before.descriptors, after.descriptors)
