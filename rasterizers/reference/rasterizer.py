@@ -21,6 +21,7 @@ from gsfw.rasterizers.reference.color import view_colors
 from gsfw.rasterizers.reference.layers import brushes
 from gsfw.rasterizers.reference.measure import Measurements
 from gsfw.rasterizers.reference.project import project, visible_extents
+from gsfw.rasterizers.request import DTYPES
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,10 @@ class ReferenceRasterizer(Rasterizer):
             raise ValueError(
                 "cameras.distortion: expected None, because the reference rasterizer draws without "
                 "lens distortion; undistort the images first"
+            )
+        if splats.means.dtype not in DTYPES:
+            raise ValueError(
+                f"splats.means: expected float32 or float64, found {splats.means.dtype}"
             )
         statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
         pictures = [

@@ -1,0 +1,63 @@
+"""How good the affine projection is on the held-out views of a finished run.
+
+    OMP_NUM_THREADS=1 python benchmarks/projection_of_run.py RUN [VIEWS]
+
+draws up to VIEWS of them (2 when left out) by splatting and by peaks on rays, in the run's own
+precision, and prints a table: PSNR against splatting, PSNR against the photo, and CPU time.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import torch
+
+from gsfw.core.datamanager import Split
+from gsfw.core.evaluation import draw
+from gsfw.core.metrics import psnr
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.run_folder import RunFolder
+from gsfw.plugins.registry import installed
+from gsfw.plugins.restore import restore
+from gsfw.rasterizers.ray.peak import Peak
+from gsfw.rasterizers.ray.rasterizer import RayRasterizer
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+
+WAYS = {
+    "splatting (reference)": ReferenceRasterizer(),
+    "peaks, sorted by their means": RayRasterizer(Peak("mean")),
+    "peaks, sorted along each ray": RayRasterizer(Peak("ray")),
+}
+
+
+def projection_of_run(run: Path, count: int) -> str:
+    """The table."""
+    composition = restore(RunFolder(run), installed()).composition
+    parts, background = composition.parts, composition.plan.settings.background
+    assert background is not None
+    views = range(min(count, len(parts.data.views(Split.EVAL))))
+    sums = {name: [0.0, 0.0, 0.0] for name in WAYS}
+    for index in views:
+        (batch,) = parts.data.load(Split.EVAL, [index], torch.device("cpu"))
+        splatted = None
+        for name, way in WAYS.items():
+            before = time.process_time()
+            settings = RenderSettings(background=background)
+            picture = draw(parts.model, way, batch.cameras, settings, batch.time).color[0]
+            sums[name][2] += time.process_time() - before
+            splatted = picture if splatted is None else splatted
+            if splatted is not picture:
+                sums[name][0] += psnr(picture, splatted)
+            sums[name][1] += psnr(picture, batch.target(background)[0])
+    text = "| way | PSNR against splatting (dB) | against the photo (dB) | CPU (s) per view |\n"
+    text += "| --- | ---: | ---: | ---: |\n"
+    for name, figures in sums.items():
+        apart, photo, seconds = (figure / len(views) for figure in figures)
+        text += f"| {name} | {f'{apart:.1f}' if apart else '-'} | {photo:.2f} | {seconds:.2f} |\n"
+    return text
+
+
+if __name__ == "__main__":
+    print(projection_of_run(Path(sys.argv[1]), int((sys.argv[2:] or ["2"])[0])))  # noqa: T201

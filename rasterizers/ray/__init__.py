@@ -1,0 +1,1 @@
+"""The ray rasterizer: Gaussians along true rays, at their peak or as a volume; slow and exact."""

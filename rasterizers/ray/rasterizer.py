@@ -1,0 +1,211 @@
+"""The ray rasterizer: each Gaussian along the true ray of each pixel, in plain torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.capabilities import Capabilities, Determinism, Feature
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import Depth, RenderSettings
+from gsfw.core.splats import Splats
+from gsfw.rasterizers.ray.eye import Rays, rays_of, tiles
+from gsfw.rasterizers.ray.gaussians import Gaussians, place, within_reach
+from gsfw.rasterizers.ray.painted import Mode, recomputed
+from gsfw.rasterizers.ray.peak import Peak
+from gsfw.rasterizers.ray.tally import Tally
+from gsfw.rasterizers.reference.color import view_colors
+
+LACKING = frozenset(
+    {Feature.DISTORTION, Feature.ANTIALIAS, Feature.SCREEN_GRADIENT, Feature.ABSGRAD}
+)
+"""Nothing is projected, so that there is no centre in the image to take a gradient by, and no
+projected area to compensate."""
+
+LIVE_TENSORS = 64
+"""Numbers per pair of a ray and a Gaussian that are alive at once in the backward pass."""
+
+Part = tuple[Tensor, Tensor, Tensor, Tensor]
+"""Channels, depths, weights and what is left, of some rays."""
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """All that one camera has before it."""
+
+    gaussians: Gaussians
+    channels: Float[Tensor, "m d"]
+    reaches: Float[Tensor, " m"]
+    """How near a ray must come to be met, in scene units; infinite without cut-offs."""
+
+
+class RayRasterizer(Rasterizer):
+    """Draws in float32 and float64 on any torch device, slowly: what splatting approximates.
+
+    ``statistics.radii`` are those of the pixels that a splat reaches, and no outline's.
+    """
+
+    def __init__(
+        self, mode: Mode | None = None, matched: bool = True, chunk_mb: float = 64.0
+    ) -> None:
+        """Choose what is drawn.
+
+        Args:
+            mode: peaks in the order of splatting when ``None``.
+            matched: whether Gaussians grow by a pixel's footprint, as splatting dilates them.
+            chunk_mb: working memory, in megabytes; more where one ray with the Gaussians that may
+                reach its tile takes more.
+        """
+        self.mode = mode or Peak()
+        self.matched = matched
+        self.chunk_mb = chunk_mb
+        self.evaluations = 0
+        """Of a Gaussian at a ray, or at a sample of one, in the latest call of ``render``."""
+
+    @classmethod
+    def capabilities(cls) -> Capabilities:
+        """Everything but what needs a projection; never taken unless it is asked for."""
+        devices = {"cpu"} | ({"cuda"} if torch.cuda.is_available() else set())
+        return Capabilities(
+            devices=frozenset(devices),
+            camera_models=frozenset(CameraModel),
+            features=frozenset(Feature) - LACKING,
+            determinism=Determinism.BITWISE,
+            preference=-1,
+            details={"torch": torch.__version__},
+        )
+
+    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+        _check(cameras, settings)
+        self.evaluations = 0
+        statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
+        pictures = [
+            self._picture(splats, cameras.select(slice(i, i + 1)), settings, statistics, i)
+            for i in range(len(cameras))
+        ]
+        channels, depth, weights, left = (
+            torch.stack(parts) for parts in zip(*pictures, strict=True)
+        )
+        color, extra = channels.tensor_split([splats.channels], dim=3)
+        if settings.background is not None:
+            color = color + left * settings.background
+        if settings.depth is Depth.EXPECTED:
+            depth = depth / weights.clamp(min=settings.profile.depth_epsilon)
+        return RenderOutput(
+            color=color,
+            alpha=1 - left,
+            statistics=statistics,
+            depth=None if settings.depth is Depth.NONE else depth,
+            extra=None if splats.extra is None else extra,
+        )
+
+    def _picture(
+        self,
+        splats: Splats,
+        camera: Cameras,
+        settings: RenderSettings,
+        statistics: RenderStatistics,
+        index: int,
+    ) -> Part:
+        """What one camera sees, as images."""
+        gaussians = place(splats, camera, settings, self.matched)
+        channels = view_colors(splats, camera, gaussians.rows)
+        if splats.extra is not None:
+            extra = splats.extra.index_select(0, gaussians.rows)
+            channels = torch.cat([channels, extra], dim=1)
+        scene = _Scene(gaussians, channels, _reaches(gaussians, settings))
+        rays, tally = rays_of(camera), Tally.empty(splats.means)
+        parts: list[Part] = []
+        places: list[Tensor] = []
+        for number, tile in enumerate(tiles(camera, splats.means.device)):
+            parts += self._tile(scene, rays.select(tile), number, settings, tally)
+            places.append(tile)
+        tally.record(statistics, index)
+        order = torch.cat(places).argsort()
+        columns = (torch.cat(column).index_select(0, order) for column in zip(*parts, strict=True))
+        channels, depth, weights, left = (
+            column.view(camera.height, camera.width, -1) for column in columns
+        )
+        return channels, depth, weights, left
+
+    def _tile(
+        self, scene: _Scene, rays: Rays, number: int, settings: RenderSettings, tally: Tally
+    ) -> list[Part]:
+        """Paint the rays of a tile, some at a time."""
+        with torch.no_grad():
+            near = within_reach(scene.gaussians, rays, scene.reaches).nonzero()[:, 0]
+        gaussians, channels = scene.gaussians.select(near), scene.channels.index_select(0, near)
+        offsets = self.mode.offsets(len(rays.pixels), number).to(rays.pixels)
+        each = max(1, len(near) * self.mode.pairs())
+        self.evaluations += each * len(rays.pixels) if len(near) else 0
+        pairs = self.chunk_mb * 2**20 / (LIVE_TENSORS * channels.element_size())
+        everyone = torch.arange(len(rays.pixels), device=near.device)
+        parts = []
+        for rows in everyone.split(max(1, int(pairs / each))):
+            some = rays.select(rows)
+            *part, contributions, touched = self._paint(
+                some, offsets[rows], gaussians, channels, settings
+            )
+            tally.add(gaussians.rows, contributions.detach(), touched, some.pixels)
+            parts.append((part[0], part[1], part[2], part[3]))
+        return parts
+
+    def _paint(
+        self,
+        rays: Rays,
+        offsets: Float[Tensor, "r s"],
+        gaussians: Gaussians,
+        channels: Float[Tensor, "m d"],
+        settings: RenderSettings,
+    ) -> tuple[Tensor, ...]:
+        """What the mode makes of a chunk, without keeping how."""
+
+        def paint(
+            origins: Tensor,
+            directions: Tensor,
+            centres: Tensor,
+            axes: Tensor,
+            opacities: Tensor,
+            channels: Tensor,
+        ) -> tuple[Tensor, ...]:
+            painted = self.mode.paint(
+                replace(rays, origins=origins, directions=directions),
+                offsets,
+                replace(gaussians, centres=centres, axes=axes, opacities=opacities),
+                channels,
+                settings.profile,
+            )
+            return (
+                *(painted.channels, painted.depths, painted.weights, painted.left),
+                *(painted.contributions, painted.touched),
+            )
+
+        shapes = (gaussians.centres, gaussians.axes, gaussians.opacities)
+        return recomputed(paint, rays.origins, rays.directions, *shapes, channels)
+
+
+def _check(cameras: Cameras, settings: RenderSettings) -> None:
+    if cameras.distortion is not None:
+        raise ValueError(
+            "cameras.distortion: expected None, because the ray rasterizer draws without lens "
+            "distortion; undistort the images first"
+        )
+    lacking = sorted(feature.value for feature in settings.needs().features & LACKING)
+    if lacking:
+        raise ValueError(
+            f"settings: the ray rasterizer has no {' and no '.join(lacking)}, because it projects "
+            "nothing; use the reference rasterizer"
+        )
+
+
+def _reaches(gaussians: Gaussians, settings: RenderSettings) -> Float[Tensor, " m"]:
+    """Where o exp(-D^2 / 2) falls to ``alpha_min``, at most; in scene units."""
+    if settings.profile.alpha_min <= 0:
+        return torch.full_like(gaussians.extents, torch.inf)
+    ratio = gaussians.opacities.detach() / settings.profile.alpha_min
+    return (2 * ratio.log().clamp(min=0)).sqrt() * gaussians.extents
