@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 import torch
 from emulation.launcher import EmulatedLauncher
-from extremes import CAMERAS, SPLATS
 from projection_jobs import (
     BRUSH_CHANNELS,
     POSE_FIELDS,
@@ -27,6 +26,8 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh, Splats
+from gsfw.studies.stress.catalogue import CHANGES
+from gsfw.studies.stress.catalogue.camera import CAMERAS
 
 BINARY = math.sqrt(0.5 / math.log(2))
 """By how much u and v are larger where alpha is a power of two."""
@@ -238,10 +239,10 @@ def check_finite(splats: Splats, camera: Cameras) -> None:
 
 
 @pytest.mark.parametrize("model", CameraModel)
-@pytest.mark.parametrize("name", SPLATS)
+@pytest.mark.parametrize("name", CHANGES)
 def test_gradients_of_extreme_splats_are_finite(name, model):
     camera = replace(front_camera(20, 15), model=model)
-    check_finite(SPLATS[name](random_splats(20, 1)), camera)
+    check_finite(CHANGES[name](random_splats(20, 1)), camera)
 
 
 @pytest.mark.parametrize("name", CAMERAS)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 import torch
-from extremes import CAMERAS, SPLATS
 from scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel
@@ -14,6 +13,8 @@ from gsfw.core.splats import Sh
 from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
 from gsfw.rasterizers.ray.volume import Volume
+from gsfw.studies.stress.catalogue import CHANGES
+from gsfw.studies.stress.catalogue.camera import CAMERAS
 
 MODES = {
     "mean": RayRasterizer(Peak("mean")),
@@ -53,9 +54,9 @@ def draw_and_check(rasterizer, splats, cameras, settings=SETTINGS):
 
 
 @pytest.mark.parametrize(("mode", "dtype"), CASES)
-@pytest.mark.parametrize("name", list(SPLATS))
+@pytest.mark.parametrize("name", list(CHANGES))
 def test_extreme_splats_stay_finite(mode, name, dtype):
-    splats = SPLATS[name](random_splats(20, 1, dtype=dtype))
+    splats = CHANGES[name](random_splats(20, 1, dtype=dtype))
     smooth = replace(SETTINGS, profile=DEFAULT.without_cutoffs())
     open_ended = replace(SETTINGS, near=0.0, far=torch.inf)
     by_model = {
@@ -73,8 +74,8 @@ def test_extreme_splats_stay_finite(mode, name, dtype):
 def test_extreme_cameras_stay_finite(mode, name, dtype):
     for model in CameraModel:
         camera = CAMERAS[name](replace(front_camera(12, 9, dtype=dtype), model=model))
-        for change in ("scales 1e6", "around the camera"):
-            splats = SPLATS[change](random_splats(20, 1, dtype=dtype))
+        for change in ("shape/scales-1e6", "depth/around-the-camera"):
+            splats = CHANGES[change](random_splats(20, 1, dtype=dtype))
             draw_and_check(MODES[mode], splats, camera)
 
 

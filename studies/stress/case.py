@@ -1,0 +1,131 @@
+"""StressCase: one extreme, and what is asked of a backend that meets it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import torch
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Sh, Splats
+
+
+class Section(Enum):
+    """A part of the catalogue; the first word of its cases' names."""
+
+    SHAPE = "shape"
+    ROTATION = "rotation"
+    OPACITY = "opacity"
+    DEPTH = "depth"
+    POSITION = "position"
+    CAMERA = "camera"
+    IMAGE = "image"
+    LAYERS = "layers"
+    COLOUR = "colour"
+    INPUT = "input"
+    SIZE = "size"
+    TIME = "time"
+    PRECISION = "precision"
+    FOUND = "found"
+    """What a search for the worst has found, kept."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What a rasterizer is given."""
+
+    splats: Splats
+    cameras: Cameras
+    settings: RenderSettings
+
+    def double(self) -> Drawing:
+        """The same, to the last bit, in float64."""
+        background = self.settings.background
+        if background is not None:
+            wanted = background.requires_grad
+            background = background.detach().double().requires_grad_(wanted)
+        return Drawing(
+            self.splats.map(lambda tensor: tensor.double()),
+            self.cameras.to(dtype=torch.float64),
+            replace(self.settings, background=background),
+        )
+
+    def to(self, device: torch.device) -> Drawing:
+        """The same on another device."""
+        background = self.settings.background
+        splats = self.splats.map(lambda t: t if t.is_meta else t.to(device))
+        if background is not None:
+            background = background.detach().to(device).requires_grad_(background.requires_grad)
+        colors = splats.colors
+        if isinstance(colors, Sh) and colors.offsets is not None:
+            splats = replace(splats, colors=replace(colors, offsets=colors.offsets.to(device)))
+        return Drawing(
+            splats, self.cameras.to(device=device), replace(self.settings, background=background)
+        )
+
+    def needs(self) -> Needs:
+        """What it asks of a rasterizer."""
+        splats, colors = self.splats, self.splats.colors
+        asked = {
+            Feature.GRADIENT: True,
+            Feature.POSE_GRADIENT: True,
+            Feature.SH: isinstance(colors, Sh),
+            Feature.RAGGED_SH: isinstance(colors, Sh) and colors.offsets is not None,
+            Feature.COVARIANCES: splats.covariances is not None,
+            Feature.EXTRA: splats.extra is not None,
+            Feature.FLOAT64: splats.means.dtype == torch.float64,
+        }
+        features = frozenset(feature for feature, needed in asked.items() if needed)
+        models = frozenset({self.cameras.model})
+        return Needs(models, features, splats.channels) | self.settings.needs()
+
+
+@dataclass(frozen=True)
+class StressCase:
+    """One extreme."""
+
+    name: str
+    """Section, what is extreme, and how it is drawn: ``shape/needles/fisheye``."""
+    make: Callable[[], Drawing]
+    """What is drawn, in the numbers of float32; the same at every call."""
+    truth: Callable[[], Drawing] | None = None
+    """What it should look like, in float64, where that is not what ``make`` says: before it was
+    rounded, for instance. Pictures are compared with it, and no gradients."""
+    conditioning: str = ""
+    """Why float32 cannot meet the ordinary tolerances here; it must then be no worse than the
+    reference is in float32. Empty: the ordinary tolerances hold."""
+    at_a_cut_off: int = 0
+    """So many splats lie on a cut-off, where any rounding decides whether they are drawn: pixels
+    may differ by as many flips, and gradients are not compared."""
+    bound: float = 1e-5
+    """With ``truth``: how far the picture may be from it, in relative L2."""
+    refusal: tuple[str, ...] = ()
+    """Parts of the message with which it must be refused; empty: it must be drawn."""
+    refused_number: int = 0
+    """The message must hold a number of at least this, as one of a count that has not overflowed;
+    0: any message does."""
+
+    @property
+    def section(self) -> Section:
+        """Where it is in the catalogue."""
+        return Section(self.name.partition("/")[0])
+
+
+Change = Callable[[Splats], Splats]
+"""What makes ordinary splats extreme."""
+
+
+def coefficients(splats: Splats) -> Tensor:
+    """Those of splats whose colours depend on the direction.
+
+    Raises:
+        TypeError: their colours are plain channels.
+    """
+    if not isinstance(splats.colors, Sh):
+        raise TypeError("these splats have plain channels")
+    return splats.colors.coefficients

@@ -1,0 +1,118 @@
+"""Variants: an extreme drawn by every camera model, with and without cut-offs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import torch
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.numerics import DEFAULT
+from gsfw.core.render_settings import Depth, RenderSettings, Statistic
+from gsfw.core.splats import Splats
+from gsfw.studies.stress.case import Change, Drawing, StressCase
+from gsfw.studies.stress.scene import front_camera, random_splats
+
+COUNT = 20
+"""Splats of an ordinary scene: enough to overlap, few enough to be drawn many times."""
+SIZE = (20, 15)
+"""Of its picture: several tiles, and not a whole number of them."""
+
+EVERYTHING = RenderSettings(
+    antialias=True, depth=Depth.ACCUMULATED, statistics=frozenset(Statistic), near=1e-7
+)
+"""All that can be asked of a backend, down to almost the camera's centre."""
+SMOOTH = replace(EVERYTHING, profile=DEFAULT.without_cutoffs())
+OPEN_ENDED = replace(EVERYTHING, near=0.0, far=torch.inf)
+EXPECTED = replace(EVERYTHING, depth=Depth.EXPECTED)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A way to draw."""
+
+    model: CameraModel
+    settings: RenderSettings
+
+
+VARIANTS: Mapping[str, Variant] = {
+    "": Variant(CameraModel.PINHOLE, EVERYTHING),
+    "no-cut-offs": Variant(CameraModel.PINHOLE, SMOOTH),
+    "expected-depth": Variant(CameraModel.PINHOLE, EXPECTED),
+    "orthographic": Variant(CameraModel.ORTHOGRAPHIC, OPEN_ENDED),
+    "fisheye": Variant(CameraModel.FISHEYE, EVERYTHING),
+    "fisheye-no-cut-offs": Variant(CameraModel.FISHEYE, SMOOTH),
+}
+"""By the last word of a case's name; none is the plain one."""
+
+
+def ordinary() -> Splats:
+    """Splats that nothing is wrong with."""
+    return random_splats(COUNT)
+
+
+def splat_cases(
+    changes: Mapping[str, Change], reasons: Mapping[str, str], variants: Iterable[str] = VARIANTS
+) -> tuple[StressCase, ...]:
+    """Ordinary splats made extreme, in front of an ordinary camera.
+
+    Args:
+        changes: by name, with the section.
+        reasons: why float32 cannot meet the ordinary tolerances, by name of the change or of one
+            case of it.
+        variants: the ways in which each is drawn.
+    """
+    return tuple(
+        _splat_case(_named(name, variant), change, variant, _reason(reasons, name, variant))
+        for name, change in changes.items()
+        for variant in variants
+    )
+
+
+def _splat_case(name: str, change: Change, variant: str, reason: str) -> StressCase:
+    way = VARIANTS[variant]
+
+    def make() -> Drawing:
+        camera = replace(front_camera(*SIZE), model=way.model)
+        return Drawing(change(ordinary()), camera, way.settings)
+
+    return StressCase(name, make, conditioning=reason)
+
+
+def camera_cases(
+    changes: Mapping[str, Callable[[Cameras], Cameras]],
+    splats: Mapping[str, Change],
+    reasons: Mapping[str, str],
+) -> tuple[StressCase, ...]:
+    """Cameras made extreme, before splats of several kinds, for every camera model."""
+    return tuple(
+        _camera_case(f"{name}{kind}/{model.value}", change, splat, model, reasons.get(name + kind))
+        for name, change in changes.items()
+        for kind, splat in splats.items()
+        for model in CameraModel
+    )
+
+
+def _camera_case(
+    name: str,
+    change: Callable[[Cameras], Cameras],
+    splat: Change,
+    model: CameraModel,
+    reason: str | None,
+) -> StressCase:
+    def make() -> Drawing:
+        camera = change(replace(front_camera(*SIZE), model=model))
+        return Drawing(splat(ordinary()), camera, EVERYTHING)
+
+    return StressCase(name, make, conditioning=reason or "")
+
+
+def _named(name: str, variant: str) -> str:
+    return f"{name}/{variant}" if variant else name
+
+
+def _reason(reasons: Mapping[str, str], name: str, variant: str) -> str:
+    return reasons.get(_named(name, variant) if variant else f"{name}/pinhole") or reasons.get(
+        name, ""
+    )

@@ -1,0 +1,79 @@
+"""Drawn: everything that a rasterizer draws and differentiates, and how far it is from another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput
+from gsfw.core.splats import Splats
+from gsfw.studies.stress.case import Drawing
+
+Drawn = Mapping[str, Tensor]
+"""Pictures, statistics and, as "gradient of NAME", gradients, by name; on the CPU."""
+
+PICTURES = ("color", "alpha", "depth", "extra")
+STATISTICS = ("radii", "screen_gradient", "absgrad", "contribution")
+GRADIENT = "gradient of "
+
+FROM_ONE = ("alpha", "gradient of background")
+"""What is 1 minus something: it has the rounding of 1, however small it is."""
+
+
+def leaves(splats: Splats) -> Splats:
+    """The same splats, with tensors that gather gradients."""
+    return splats.map(lambda tensor: tensor.detach().clone().requires_grad_())
+
+
+def draw_everything(rasterizer: Rasterizer, drawing: Drawing) -> Drawn:
+    """Draw, and go back from fixed random weights of every picture.
+
+    The gradients are those of every input, pose included, and of a background that wants its own.
+    """
+    scene, settings = leaves(drawing.splats), drawing.settings
+    view = drawing.cameras.world_to_camera.clone().requires_grad_()
+    inputs = scene.tensors() | {"world_to_camera": view}
+    if settings.background is not None and settings.background.requires_grad:
+        inputs["background"] = settings.background.detach().clone().requires_grad_()
+        settings = replace(settings, background=inputs["background"])
+    cameras = replace(drawing.cameras, world_to_camera=view)
+    output = rasterizer.render(scene, cameras, settings)
+    mixed(output).backward()
+    drawn: dict[str, Tensor | None] = {name: getattr(output, name) for name in PICTURES}
+    drawn |= {name: getattr(output.statistics, name) for name in (*STATISTICS, "visible")}
+    for name, tensor in inputs.items():  # An input that is not used may be left without one.
+        gradient = torch.zeros_like(tensor) if tensor.grad is None else tensor.grad
+        drawn[f"{GRADIENT}{name}"] = gradient
+    return {name: tensor.detach().cpu() for name, tensor in drawn.items() if tensor is not None}
+
+
+def mixed(output: RenderOutput) -> Tensor:
+    """A loss in which every number of every picture has its own weight."""
+    generator = torch.Generator().manual_seed(0)
+    total = output.color.new_zeros(())
+    for name in PICTURES:
+        picture = getattr(output, name)
+        if picture is not None:
+            weights = torch.randn(picture.shape, generator=generator, dtype=torch.float64)
+            total = total + (picture * weights.to(picture)).sum()
+    return total
+
+
+def distance(found: Tensor, expected: Tensor, name: str) -> float:
+    """|found - expected| / |expected|, in L2; of what is almost 0, the difference itself."""
+    size = expected.double().norm().item()
+    size = max(size, 1.0) if name in FROM_ONE else size if size > 1e-30 else 1.0
+    return (found.double() - expected.double()).norm().item() / size
+
+
+def same_bits(first: Drawn, second: Drawn) -> bool:
+    """Whether two drawings are equal; of NaN the place counts."""
+    return first.keys() == second.keys() and all(
+        torch.equal(tensor.nan_to_num(nan=0.0), second[name].nan_to_num(nan=0.0))
+        and torch.equal(tensor.isnan(), second[name].isnan())
+        for name, tensor in first.items()
+    )

@@ -1,0 +1,138 @@
+"""Judgement: the tolerances that backends are held to, as sentences on what exceeds them.
+
+Ordinary scenes: relative L2 of a picture 1e-5, but for at most 0.05 % of its pixels, whose list of
+splats may differ by a rounding at a cut-off (a flip); gradients 1e-3, without cut-offs 1e-4.
+Where a case is ill-conditioned, as near as plain float32 is. Float64: 1e-12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from torch import Tensor
+
+from gsfw.core.numerics import NumericsProfile
+from gsfw.studies.stress.drawn import PICTURES, Drawn, distance
+
+PIXEL = 1e-5
+"""A pixel that is further off has flipped."""
+FLIP = 1e-2
+"""Most by which a pixel may differ whose list of splats does."""
+FLIPS = 5e-4
+"""Most pixels that may flip, of all; always one."""
+GRADIENT, SMOOTH_GRADIENT, FLIPPED_GRADIENT = 1e-3, 1e-4, 1e-2
+"""Of gradients and statistics: with cut-offs, without, and where a pixel has flipped."""
+FLOAT64 = 1e-12
+
+ILL_PICTURE = 1e-4
+"""What an ill-conditioned picture may be off by in any case."""
+NO_WORSE = 3.0
+"""No worse than plain float32 means by at most this factor: each rounds in its own places."""
+HOPELESS = 0.1
+"""Where plain float32 is off by this much, float64 cannot be trusted to tell who is right."""
+FLOAT64_GAIN = 1e-6
+"""Float64, which has 29 bits more, is off by at most this part of what plain float32 is."""
+
+
+def not_finite(found: Drawn) -> list[str]:
+    """What holds a NaN or an infinity."""
+    return [f"{name} is not finite" for name, tensor in found.items() if not _is_finite(tensor)]
+
+
+def _is_finite(tensor: Tensor) -> bool:
+    return bool(tensor.isfinite().all())
+
+
+def flips(found: Tensor, expected: Tensor) -> int:
+    """Pixels of one picture that are off by more than rounding explains."""
+    return int((_per_pixel(found, expected) > PIXEL).sum())
+
+
+def _per_pixel(found: Tensor, expected: Tensor) -> Tensor:
+    unit = max(1.0, expected.abs().max().item()) if expected.numel() else 1.0
+    return (found.double() - expected.double()).abs().amax(-1) / unit
+
+
+def faults_of_float64(
+    found: Drawn, expected: Drawn, bounds: Mapping[str, float] = MappingProxyType({})
+) -> list[str]:
+    """Where a float64 backend is further from the reference than rounding explains."""
+    return [
+        _too_far(name, found[name], tensor, bounds.get(name, FLOAT64))
+        for name, tensor in expected.items()
+        if not distance(found[name], tensor, name) <= bounds.get(name, FLOAT64)
+    ]
+
+
+def faults_of_float32(found: Drawn, expected: Drawn, profile: NumericsProfile) -> list[str]:
+    """Where a float32 backend misses the tolerances of ordinary scenes."""
+    faults, flipped = not_finite(found), 0
+    if faults:
+        return faults
+    for name in PICTURES:
+        if name in expected:
+            count, of_picture = _faults_of_picture(found[name], expected[name], name)
+            flipped += count
+            faults += of_picture
+    smooth = profile.alpha_min == 0
+    if smooth and flipped:
+        faults.append(f"{flipped} pixels are off by more than {PIXEL:g}, and nothing is cut off")
+    tolerance = FLIPPED_GRADIENT if flipped else SMOOTH_GRADIENT if smooth else GRADIENT
+    return faults + [
+        _too_far(name, found[name], tensor, tolerance)
+        for name, tensor in expected.items()
+        if name not in PICTURES and not distance(found[name], tensor, name) <= tolerance
+    ]
+
+
+def _faults_of_picture(found: Tensor, expected: Tensor, name: str) -> tuple[int, list[str]]:
+    """How many pixels have flipped, and what is wrong."""
+    difference = _per_pixel(found, expected)
+    flipped = difference > PIXEL
+    count, faults = int(flipped.sum()), []
+    if count > max(1.0, FLIPS * difference.numel()):
+        faults.append(f"{name}: {count} of {difference.numel()} pixels are off")
+    # Expected depth is a ratio: at the rim of the only splat, it is that splat's or 0.
+    if name != "depth" and difference.numel() and difference.max() > FLIP:
+        faults.append(f"{name}: a pixel is off by {difference.max().item():.1e}")
+    if distance(found[~flipped], expected[~flipped], name) > PIXEL:
+        faults.append(_too_far(name, found[~flipped], expected[~flipped], PIXEL))
+    return count, faults
+
+
+def faults_of_flips(found: Drawn, expected: Drawn, splats: int) -> list[str]:
+    """Where a picture differs by more than some splats that lie on a cut-off may change it."""
+    differences = {
+        name: _per_pixel(found[name], expected[name]) for name in PICTURES if name in found
+    }
+    return [
+        f"{name}: a pixel is off by {off.max().item():.1e}, at most {splats * FLIP:g} allowed"
+        for name, off in differences.items()
+        if off.numel() and not off.max() <= splats * FLIP
+    ]
+
+
+def faults_where_ill(found: Drawn, expected: Drawn, plain: Drawn) -> list[str]:
+    """Where a float32 backend is worse than plain float32, of an ill-conditioned case."""
+    faults = not_finite(found)
+    for name, tensor in expected.items():
+        conditioned = distance(plain[name], tensor, name)
+        if faults or not conditioned < HOPELESS:
+            continue
+        bound = max(ILL_PICTURE if name in PICTURES else GRADIENT, NO_WORSE * conditioned)
+        if not distance(found[name], tensor, name) <= bound:
+            faults.append(_too_far(name, found[name], tensor, bound))
+    return faults
+
+
+def faults_of_float64_where_ill(found: Drawn, expected: Drawn, plain: Drawn) -> list[str]:
+    """Where a float64 backend is too far from the reference, of an ill-conditioned case."""
+    conditioned = {name: distance(plain[name], expected[name], name) for name in expected}
+    known = {name: tensor for name, tensor in expected.items() if conditioned[name] < HOPELESS}
+    bounds = {name: max(FLOAT64, FLOAT64_GAIN * conditioned[name]) for name in known}
+    return not_finite(found) or faults_of_float64(found, known, bounds)
+
+
+def _too_far(name: str, found: Tensor, expected: Tensor, bound: float) -> str:
+    return f"{name} is off by {distance(found, expected, name):.1e}, at most {bound:.1e} allowed"

@@ -1,0 +1,189 @@
+"""Measure: what a backend makes of a case, held against the reference in float64."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import torch
+
+from gsfw.core.capabilities import Determinism
+from gsfw.core.errors import UserError
+from gsfw.core.numerics import DEFAULT, PROFILES, NumericsProfile
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.studies.stress.case import Drawing, StressCase
+from gsfw.studies.stress.drawn import (
+    GRADIENT,
+    PICTURES,
+    Drawn,
+    distance,
+    draw_everything,
+    same_bits,
+)
+from gsfw.studies.stress.entrant import Entrant
+from gsfw.studies.stress.judgement import (
+    faults_of_flips,
+    faults_of_float32,
+    faults_of_float64,
+    faults_of_float64_where_ill,
+    faults_where_ill,
+    flips,
+    not_finite,
+)
+from gsfw.studies.stress.result import CaseResult
+
+Key = tuple[str, str, bool]
+
+NUMBER = re.compile(r"(?<![-.\d])\d+")
+"""A whole number that is not negative."""
+
+
+class Oracle:
+    """The reference: what a case looks like in float64, and what plain float32 makes of it."""
+
+    def __init__(self, reference: Rasterizer, keep: int = 4) -> None:
+        """Take the reference.
+
+        Args:
+            reference: draws in both types.
+            keep: so many of its latest drawings are kept for the next backend.
+        """
+        self._reference, self._keep = reference, keep
+        self._drawn: dict[Key, Drawn] = {}
+
+    def expected(self, case: StressCase, profile: NumericsProfile) -> Drawn:
+        """In float64; the truth of a case that has one of its own."""
+        return self._draw(case, profile, wide=True)
+
+    def plain(self, case: StressCase, profile: NumericsProfile) -> Drawn:
+        """In float32, which tells how well a case is conditioned."""
+        return self._draw(case, profile, wide=False)
+
+    def _draw(self, case: StressCase, profile: NumericsProfile, *, wide: bool) -> Drawn:
+        key = (case.name, profile.name, wide)
+        if key not in self._drawn:
+            drawing = case.truth() if wide and case.truth is not None else case.make()
+            drawing = _with_profile(drawing.double() if wide else drawing, profile)
+            self._drawn[key] = draw_everything(self._reference, drawing)
+            while len(self._drawn) > self._keep:
+                del self._drawn[next(iter(self._drawn))]
+        return self._drawn[key]
+
+
+def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Oracle) -> CaseResult:
+    """Draw a case, go back, repeat it, and compare; nothing is raised, whatever happens."""
+    name = str(dtype).removeprefix("torch.")
+    result = CaseResult(case.name, case.section.value, entrant.name, name, note=case.conditioning)
+    # What is refused may be so for its type.
+    drawing = case.make() if dtype == torch.float32 or case.refusal else case.make().double()
+    drawing = _with_profile(drawing, _profile_of(entrant, drawing))
+    if not case.refusal:
+        lacking = entrant.capabilities.lacking(drawing.needs(), entrant.device.type)
+        if lacking:
+            return replace(result, not_claimed=f"needs {', '.join(lacking)}", note="")
+    drawing = drawing.to(entrant.device)
+    try:
+        found, *again = [_drawn_with(threads, entrant, drawing) for threads in entrant.threads]
+    except Exception as error:  # Whatever a backend raises is its result.
+        return _raised(result, case, error)
+    if case.refusal:
+        return replace(result, faults=("was drawn, and has to be refused",))
+    result = _compared(result, case, found, drawing, oracle)
+    return _repeated(result, entrant, [same_bits(found, other) for other in again])
+
+
+def _profile_of(entrant: Entrant, drawing: Drawing) -> NumericsProfile:
+    """The case's own; of a backend that draws with one profile only, that one."""
+    profile, only = drawing.settings.profile, entrant.capabilities.profile
+    return PROFILES[only] if only in PROFILES and profile == DEFAULT else profile
+
+
+def _with_profile(drawing: Drawing, profile: NumericsProfile) -> Drawing:
+    return replace(drawing, settings=replace(drawing.settings, profile=profile))
+
+
+def _raised(result: CaseResult, case: StressCase, error: Exception) -> CaseResult:
+    """A refusal, if it is one and is asked for; else a fault."""
+    message = " ".join(str(error).split())
+    if not isinstance(error, ValueError | UserError):
+        return replace(result, faults=(f"fails with {type(error).__name__}: {message}",))
+    result = replace(result, refused=message)
+    missing = [part for part in case.refusal if part not in message]
+    if not case.refusal:
+        return replace(result, faults=("was refused, and has to be drawn",))
+    if not missing and max(map(int, NUMBER.findall(message)), default=0) < case.refused_number:
+        missing = [f"a number of at least {case.refused_number}"]
+    if missing:
+        return replace(result, faults=(f"the refusal does not say {', '.join(missing)}",))
+    return result
+
+
+def _compared(
+    result: CaseResult, case: StressCase, found: Drawn, drawing: Drawing, oracle: Oracle
+) -> CaseResult:
+    profile = drawing.settings.profile
+    expected = oracle.expected(case, profile)
+    if case.truth is not None:
+        expected = {name: tensor for name, tensor in expected.items() if name in PICTURES}
+    infinite = not_finite(found)
+    if infinite:
+        faults = infinite
+    elif case.truth is not None:
+        faults = [
+            f"{name} is off by {distance(found[name], tensor, name):.1e}, "
+            f"at most {case.bound:.1e} allowed"
+            for name, tensor in expected.items()
+            if not distance(found[name], tensor, name) <= case.bound
+        ]
+    elif case.at_a_cut_off:
+        faults = faults_of_flips(found, expected, case.at_a_cut_off)
+    elif case.conditioning:
+        judge = faults_where_ill if result.dtype == "float32" else faults_of_float64_where_ill
+        faults = judge(found, expected, oracle.plain(case, profile))
+    elif result.dtype == "float32":
+        faults = faults_of_float32(found, expected, profile)
+    else:
+        faults = faults_of_float64(found, expected)
+    if found["alpha"].numel() and not (found["alpha"].min() >= 0 and found["alpha"].max() <= 1):
+        faults.append("alpha is outside [0, 1]")
+    errors = {name: distance(found[name], tensor, name) for name, tensor in expected.items()}
+    color = (found["color"].double() - expected["color"].double()).abs()
+    return replace(
+        result,
+        faults=tuple(faults),
+        forward=color.max().item(),
+        relative=errors["color"],
+        gradient={n.removeprefix(GRADIENT): e for n, e in errors.items() if n.startswith(GRADIENT)},
+        others={n: e for n, e in errors.items() if n != "color" and not n.startswith(GRADIENT)},
+        flips=flips(found["color"], expected["color"]),
+        finite=not infinite,
+    )
+
+
+def _repeated(result: CaseResult, entrant: Entrant, same: Sequence[bool]) -> CaseResult:
+    """Hold a backend to what it says of its repeatability."""
+    if not same:
+        return result
+    result = replace(result, deterministic=all(same))
+    if all(same) or entrant.capabilities.determinism is Determinism.NONE:
+        return result
+    fault = f"has other bits when drawn again (threads: {', '.join(map(str, entrant.threads))})"
+    return replace(result, faults=(*result.faults, fault))
+
+
+def _drawn_with(threads: int, entrant: Entrant, drawing: Drawing) -> Drawn:
+    with _threads(threads):
+        return draw_everything(entrant.rasterizer, drawing)
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Let torch, and with it native kernels, use so many."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,267 @@
+"""Moving measure: what a dynamic method makes of an extreme of time, against a float64 model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from math import isnan, nan
+
+import torch
+from jaxtyping import Float, Float64, Int
+from torch import Tensor
+
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.numerics import DEFAULT, QUATERNION_MIN_NORM
+from gsfw.core.splats import Splats
+from gsfw.studies.stress.drawn import distance
+from gsfw.studies.stress.judgement import HOPELESS, NO_WORSE
+from gsfw.studies.stress.moving_case import MovingCase
+from gsfw.studies.stress.result import CaseResult
+
+ORDINARY = 1e-5
+"""Most by which splats in float32 may be off: positions and opacities, or, where larger, relative
+to themselves; covariances relative to their largest entry."""
+GRADIENT = 1e-3
+"""Most by which the gradient of a column may be off, in relative L2."""
+WOBBLE = 2.0**-22
+"""How far parameters are moved to see how well a case is conditioned: four roundings of float32,
+which it takes to turn them into splats."""
+NEGATIVE = 1e-6
+"""An eigenvalue may be below zero by this part of the largest entry: the rounding of float32."""
+FAINT = DEFAULT.alpha_min * 1.001
+"""Splats that are not more opaque than this may be left out, or not."""
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What a model shows at one time."""
+
+    rows: Int[Tensor, " m"]
+    """Rows of the model that are shown."""
+    values: Mapping[str, Tensor]
+    """means [m, 3], opacities [m] and covariances [m, 3, 3]."""
+    splats: Splats
+
+
+def measure_moving(
+    case: MovingCase, method: str, model: PrimitiveModel, dtype: torch.dtype
+) -> CaseResult:
+    """Look at a model at every time of a case; nothing is raised, whatever happens.
+
+    Args:
+        case: what is made extreme.
+        method: whose model it is.
+        model: in float32; it is left as it is.
+        dtype: of the model that is looked at.
+    """
+    name = str(dtype).removeprefix("torch.")
+    result = CaseResult(case.name, case.section.value, method, name, note=case.conditioning)
+    lacking = case.lacking(model)
+    if lacking:
+        return replace(result, not_claimed=lacking, note="")
+    try:
+        narrow, wide = deepcopy(model), deepcopy(model)
+        case.fill_(narrow)
+        case.fill_(wide, truth=True)
+        wide = wide.double()
+        wobbled = _wobbled(wide) if case.conditioning else None
+        return _looked_at(result, case, narrow.to(dtype), wide, wobbled)
+    except Exception as error:  # Whatever a model raises is its result.
+        return replace(result, faults=(f"fails with {type(error).__name__}: {error}",))
+
+
+@torch.no_grad()
+def _wobbled(model: PrimitiveModel) -> PrimitiveModel:
+    """A model in float64 whose every parameter is off by some roundings of float32."""
+    generator, wobbled = torch.Generator().manual_seed(3), deepcopy(model)
+    for parameter in wobbled.parameters():
+        noise = torch.rand(parameter.shape, generator=generator, dtype=torch.float64)
+        # What is zero throughout stands for something of size 1 that does not deviate, as rotations
+        # do that leave time alone: rounding in what is worked out from it is of that size.
+        size = parameter if bool(parameter.any()) else torch.ones_like(parameter)
+        parameter.add_(WOBBLE * (2.0 * noise - 1.0) * size)
+    return wobbled
+
+
+def _looked_at(
+    result: CaseResult,
+    case: MovingCase,
+    model: PrimitiveModel,
+    wide: PrimitiveModel,
+    wobbled: PrimitiveModel | None,
+) -> CaseResult:
+    faults, same = [], True
+    for time in case.times:
+        found = _instant(model, time)
+        wrong = (*_unfit(found.splats), *_left_out(found, _instant(wide, time)))
+        faults += [f"at t = {time:g} {fault}" for fault in wrong]
+        same &= all(
+            torch.equal(tensor, found.splats.tensors()[name])
+            for name, tensor in _instant(model, time).splats.tensors().items()
+        )
+    errors, forward = _errors(model, wide, case.times)
+    gradient = _gradients(model, wide, case.times)
+    for name in case.truth:  # By other numbers there are other gradients.
+        gradient.pop(name, None)
+    allowed: dict[str, float] = {}
+    if wobbled is not None:
+        allowed = {**_errors(wobbled, wide, case.times)[0], **_gradients(wobbled, wide, case.times)}
+    faults += [
+        *_exceeding(errors, ORDINARY, allowed),
+        *_exceeding(gradient, GRADIENT, allowed, "gradient of "),
+    ]
+    if not same:
+        faults.append("the same time has other bits when asked for again")
+    return replace(
+        result,
+        faults=tuple(dict.fromkeys(faults)),
+        forward=forward,
+        relative=max(errors.values()),
+        gradient=gradient,
+        others=errors,
+        finite=not any("finite" in fault for fault in faults),
+        deterministic=same,
+    )
+
+
+def _errors(
+    model: PrimitiveModel, wide: PrimitiveModel, times: tuple[float, ...]
+) -> tuple[dict[str, float], float]:
+    """Relative errors of everything, the worst of all times; and the largest absolute one."""
+    errors, forward = {"means": 0.0, "opacities": 0.0, "covariances": 0.0}, 0.0
+    for time in times:
+        compared = _compared(_instant(model, time), _instant(wide, time))
+        for name, (absolute, error) in compared.items():
+            errors[name] = max(errors[name], error)
+            forward = forward if name == "covariances" else max(forward, absolute)
+    return errors, forward
+
+
+def _exceeding(
+    errors: Mapping[str, float], ordinary: float, allowed: Mapping[str, float], what: str = ""
+) -> list[str]:
+    """What is off by more than is ordinary, and than an ill-conditioned case lets it be."""
+    found = []
+    for name, error in errors.items():
+        conditioned = allowed.get(name, 0.0)
+        bound = max(ordinary, NO_WORSE * conditioned)
+        if isnan(error):
+            found.append(f"{what}{name} is not finite")
+        elif conditioned < HOPELESS and error > bound:
+            found.append(f"{what}{name} is off by {error:.1e}, at most {bound:.1e} allowed")
+    return found
+
+
+def _instant(model: PrimitiveModel, time: float) -> Instant:
+    # The time that float32 has, also for the float64 model.
+    like = model.columns()["means"].values
+    splats = model.splats(torch.tensor(time, dtype=torch.float32).to(like))
+    rows = torch.arange(len(splats)) if splats.rows is None else splats.rows
+    if splats.covariances is not None:
+        covariances = splats.covariances
+    else:
+        assert splats.quats is not None
+        assert splats.scales is not None
+        covariances = _covariances(splats.quats, splats.scales)
+    values = {"means": splats.means, "opacities": splats.opacities, "covariances": covariances}
+    return Instant(rows, values, splats)
+
+
+def _covariances(
+    quats: Float[Tensor, "m 4"], scales: Float[Tensor, "m 3"]
+) -> Float[Tensor, "m 3 3"]:
+    """Of quaternions of any norm, in float64, so that rounding here is not taken for a model's."""
+    quats, scales = quats.double(), scales.double()
+    norms = quats.norm(dim=1, keepdim=True)
+    identity = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
+    w, x, y, z = torch.where(norms > QUATERNION_MIN_NORM, quats / norms, identity).unbind(1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
+    ]
+    axes = torch.stack(rows, dim=1) * scales[:, None]
+    return axes @ axes.transpose(1, 2)
+
+
+def _unfit(splats: Splats) -> list[str]:
+    """Why a rasterizer would refuse these, or draw nonsense."""
+    tensors = splats.tensors()
+    found = [f"{name} is not finite" for name, t in tensors.items() if not bool(t.isfinite().all())]
+    if found:
+        return found
+    opacities = splats.opacities
+    if bool(((opacities < 0) | (opacities > 1)).any()):
+        found.append("opacities are outside [0, 1]")
+    if splats.scales is not None and bool((splats.scales < 0).any()):
+        found.append("scales are negative")
+    if splats.covariances is not None:
+        covariances = splats.covariances.detach().double()
+        largest = covariances.flatten(1).abs().amax(1)
+        negative = torch.linalg.eigvalsh(covariances)[:, 0] < -NEGATIVE * largest
+        if bool(negative.any()):
+            share = int(negative.sum()) / len(negative)
+            found.append(f"{share:.0%} of the covariances are not positive semi-definite")
+        if not torch.equal(covariances, covariances.transpose(1, 2)):
+            found.append("covariances are not symmetric")
+    return found
+
+
+def _left_out(found: Instant, expected: Instant) -> list[str]:
+    """Whether only one of two shows a row that can be seen."""
+    faults = []
+    for one, other in ((found, expected), (expected, found)):
+        alone = one.values["opacities"][~torch.isin(one.rows, other.rows)]
+        if bool((alone > FAINT).any()):
+            faults.append("other rows are left out than in float64")
+    return faults
+
+
+def _compared(found: Instant, expected: Instant) -> dict[str, tuple[float, float]]:
+    """Largest absolute and relative error of every value, over rows that both show."""
+    both = torch.isin(found.rows, expected.rows), torch.isin(expected.rows, found.rows)
+    if not bool(both[0].any()):
+        return {}
+    errors = {}
+    for name, values in found.values.items():
+        mine = _flat(values[both[0]])
+        theirs = _flat(expected.values[name][both[1]])
+        absolute = (mine - theirs).abs().amax(1)
+        size = theirs.abs().amax(1)
+        unit = size.clamp_min(1e-300) if name == "covariances" else size.clamp_min(1.0)
+        errors[name] = (_largest(absolute), _largest(absolute / unit))
+    return errors
+
+
+def _flat(values: Tensor) -> Float64[Tensor, "m k"]:
+    return values.detach().double().reshape(len(values), -1)
+
+
+def _largest(values: Tensor) -> float:
+    return nan if bool(values.isnan().any()) else float(values.max())
+
+
+def _gradients(
+    model: PrimitiveModel, wide: PrimitiveModel, times: tuple[float, ...]
+) -> dict[str, float]:
+    """Errors of the gradients of all columns, from random weights of what is shown, over times."""
+    gradients = []
+    for one in (model, wide):
+        total = one.columns()["means"].values.sum() * 0.0
+        for number, time in enumerate(times):
+            instant = _instant(one, time)
+            for values in instant.values.values():
+                generator = torch.Generator().manual_seed(number)
+                weights = torch.randn((one.num_rows, *values.shape[1:]), generator=generator)
+                scale = values.detach().abs().max().clamp_min(1e-30) if len(values) else 1.0
+                total = total + (weights[instant.rows].to(values) * values / scale).sum()
+        total.backward()
+        columns = {name: column.values for name, column in one.columns().items() if column.trained}
+        gradients.append({n: v.grad for n, v in columns.items() if v.grad is not None})
+    found, expected = gradients
+    return {
+        name: distance(tensor, expected[name], name) if bool(tensor.isfinite().all()) else nan
+        for name, tensor in found.items()
+        if name in expected
+    }

@@ -1,0 +1,79 @@
+"""Runner: every chosen case for every backend, method and dtype."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import torch
+
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.plugins.registry import Registry
+from gsfw.studies.stress.catalogue import CASES, chosen
+from gsfw.studies.stress.entrant import REFERENCE, Entrant, entrant_of
+from gsfw.studies.stress.measure import Oracle, measure
+from gsfw.studies.stress.moving_case import MOVING_CASES, moving_model
+from gsfw.studies.stress.moving_measure import measure_moving
+from gsfw.studies.stress.result import CaseResult
+
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+"""The types in which cases are drawn, by name."""
+
+NAMES = (*CASES, *(case.name for case in MOVING_CASES))
+"""Of all cases."""
+
+
+@dataclass(frozen=True)
+class StressPlan:
+    """What is to be measured."""
+
+    entrants: Sequence[Entrant]
+    methods: Sequence[str] = ()
+    """Dynamic methods, for the cases of time."""
+    dtypes: Sequence[str] = tuple(DTYPES)
+    only: Sequence[str] = field(default_factory=tuple)
+    """Names or patterns of cases; empty for all."""
+
+    @property
+    def names(self) -> list[str]:
+        """The cases.
+
+        Raises:
+            ConfigError: a pattern matches none.
+        """
+        return chosen(NAMES, self.only)
+
+    def __len__(self) -> int:
+        names = self.names
+        drawn = [CASES[name] for name in names if name in CASES]
+        once = sum(bool(case.refusal) for case in drawn)
+        per_entrant = once + (len(drawn) - once) * len(self.dtypes)
+        moving = (len(names) - len(drawn)) * len(self.dtypes)
+        return per_entrant * len(self.entrants) + moving * len(self.methods)
+
+
+def run(plan: StressPlan, registry: Registry) -> Iterator[CaseResult]:
+    """Measure, and give each result as soon as it is there.
+
+    Raises:
+        ConfigError: a pattern matches no case, or a method is not there.
+    """
+    names = set(plan.names)
+    oracle = Oracle(reference(registry))
+    for case in CASES.values():
+        if case.name in names:
+            # What is refused is so in any type: some are refused for theirs.
+            for dtype in plan.dtypes[:1] if case.refusal else plan.dtypes:
+                for entrant in plan.entrants:
+                    yield measure(entrant, case, DTYPES[dtype], oracle)
+    moving = [case for case in MOVING_CASES if case.name in names]
+    for method in plan.methods if moving else ():
+        model = moving_model(method, registry)
+        for moving_case in moving:
+            for dtype in plan.dtypes:
+                yield measure_moving(moving_case, method, model, DTYPES[dtype])
+
+
+def reference(registry: Registry) -> Rasterizer:
+    """What all are measured against."""
+    return entrant_of(REFERENCE, registry).rasterizer
