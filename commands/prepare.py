@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.arguments import Options, read, words
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.commands.interrupt import interrupted_once
+from gsfw.core.errors import ConfigError, DataError, UnavailableError
 
 if TYPE_CHECKING:
     from gsfw.commands.console import Console
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 PREPARED = Path("prepared")
 """Where results go that nobody gave a place."""
+STOPPING = "stopping, which may take some seconds; the same command will go on from here"
 REFUSED = 1
 """Exit code of a capture that will not train."""
 
@@ -85,7 +87,8 @@ class PrepareOptions(Options):
 def run(tokens: list[str]) -> int:
     """Prepare a data set, look at it, and say what was found."""
     options = read("prepare", PrepareOptions, tokens)
-    inputs = tuple(Path(text) for text in options.inputs)
+    inputs = _inputs(options)
+    _check_colmap()
     place, rule = _place(options, inputs), _rule(options)
 
     from gsfw.commands.console import Console
@@ -94,17 +97,59 @@ def run(tokens: list[str]) -> int:
     console = Console(options.json)
     for path in inputs:
         _check_exists(path)
-    with place.claimed(inputs):
-        if options.again:
-            place.remove(place.journal)
-        source = _data_set(options, inputs)
-        if source is None:
-            document = _prepare(console, inputs, place, rule)
-        else:
-            document = _convert(console, source, place, options, rule)
+    with interrupted_once(STOPPING), place.claimed(inputs):
+        document = _document(console, options, inputs, place, rule)
     tell(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
+
+
+def _document(
+    console: Console,
+    options: PrepareOptions,
+    inputs: tuple[Path, ...],
+    place: Workplace,
+    rule: PreparationRule,
+) -> dict[str, Any]:
+    """What came of it, once everything is written."""
+    if options.again:
+        place.remove(place.journal)
+    source = _data_set(options, inputs)
+    if source is None:
+        return _prepare(console, inputs, place, rule)
+    return _convert(console, source, place, options, rule)
+
+
+def _inputs(options: PrepareOptions) -> tuple[Path, ...]:
+    """The inputs as paths.
+
+    Raises:
+        ConfigError: one is an empty word, which would stand for the folder one is in.
+    """
+    if not all(options.inputs):
+        raise ConfigError(
+            "gsfw prepare: an INPUT is empty.",
+            "Is a variable of the shell not set? For the folder that you are in, write a dot.",
+        )
+    return tuple(Path(text) for text in options.inputs)
+
+
+def _check_colmap() -> None:
+    """Check that COLMAP can be used, before anything is looked at.
+
+    Raises:
+        UnavailableError: it cannot.
+    """
+    from gsfw.preparation.native_signals import load_colmap
+
+    try:
+        load_colmap()
+    except (ImportError, RuntimeError) as error:
+        said = " ".join(str(error.__cause__ or error.__context__ or error).split()).rstrip(".")
+        raise UnavailableError(
+            f"pycolmap, which computes cameras, cannot be loaded: {said}.",
+            "Install it anew with: pip install --force-reinstall 'pycolmap>=4.2'",
+        ) from error
 
 
 def _check_exists(path: Path) -> None:
@@ -140,13 +185,14 @@ def _rule(options: PrepareOptions) -> PreparationRule:
         ConfigError: a value makes no sense.
     """
     from gsfw.preparation.camera_grouping import CameraRule
-    from gsfw.preparation.camera_plan import OutputRule
-    from gsfw.preparation.mapping_rule import MappingRule
+    from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
     from gsfw.preparation.preparation import PreparationRule
+    from gsfw.preparation.writing.output_rule import OutputRule
 
     if options.jobs < 0:
         raise ConfigError(f"jobs={options.jobs}: expected 0 (all cores) or more.")
+    cores = os.cpu_count() or 1
     rule = PreparationRule(
         frames=options.frames,
         cameras=CameraRule(options.cameras, options.camera_model, options.focal),
@@ -164,7 +210,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
             refine_principal_point=options.refine_principal_point,
         ),
         output=OutputRule(options.lens, options.jpeg_quality),
-        jobs=options.jobs or os.cpu_count() or 1,
+        jobs=min(options.jobs or cores, cores),
     )
     rule.check()
     return rule
@@ -192,16 +238,21 @@ def _data_set(options: PrepareOptions, inputs: tuple[Path, ...]) -> Settings | N
         if options.poses == "keep":
             raise
         return None
-    return _settings(inputs[0])
+    settings = _settings(inputs[0])
+    if settings.choices["datamanager"].name == "transforms":
+        # Training asks for depths where a plugin wants them; what is written anew keeps them.
+        return _settings(inputs[0], ("datamanager.depth", "true"))
+    return settings
 
 
-def _settings(data: Path) -> Settings:
-    """Those that ``gsfw train data=...`` would begin with."""
+def _settings(data: Path, *more: tuple[str, str]) -> Settings:
+    """Those that ``gsfw train data=...`` would begin with, and more of them."""
     from gsfw.commands.arguments import Arguments, layers
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import resolve
 
-    return resolve(installed(), layers(Arguments((), (("data", str(data)), ("method", "3dgs")))))
+    given = (("data", str(data)), ("method", "3dgs"), *more)
+    return resolve(installed(), layers(Arguments((), given)))
 
 
 def _prepare(
@@ -231,7 +282,7 @@ def _convert(
     from gsfw.commands.stage_bars import StageBars
     from gsfw.datamanagers.capture import Capture
     from gsfw.plugins.compose import open_data
-    from gsfw.preparation.conversion import ConversionRule, convert
+    from gsfw.preparation.writing.conversion import ConversionRule, convert
 
     name = source.choices["datamanager"].name
     console.say(
@@ -245,9 +296,10 @@ def _convert(
                 f"{source.config.data}: data manager {name} gives no pictures as files.",
                 "Only formats whose pictures are files or videos can be converted.",
             )
-        place.remove(place.images, place.sparse)
+        # No stage of an earlier preparation is finished any more once its data set is gone.
+        place.remove(place.journal, place.images, place.sparse)
         rules = ConversionRule(options.layout, rule.output)
-        converted = convert(data.recording, place.path, rules, StageBars(console))
+        converted = convert(data.recording, place.path, rules, StageBars(console), rule.jobs)
     finally:
         data.close()
     return document_of_conversion(source, place, converted, _settings(place.path))

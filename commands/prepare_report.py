@@ -23,15 +23,17 @@ from gsfw.core.run_folder import write_atomically
 from gsfw.datamanagers.pictures import decode, read_header
 from gsfw.plugins.settings import Settings
 from gsfw.plugins.specs import PROJECT
+from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.preparation import Prepared
-from gsfw.preparation.unregistered import Unregistered
 from gsfw.preparation.workplace import Workplace
 
 if TYPE_CHECKING:
-    from gsfw.preparation.conversion import Converted
+    from gsfw.preparation.writing.written_data_set import WrittenDataSet
 
 UNPLACED = COLUMNS
 """So many pictures without a camera are on the sheet: one row."""
+NAME = 40
+"""So many letters of a name are in a table."""
 ROWS_SHOWN = 20
 """So many files that are not used are listed."""
 
@@ -59,7 +61,7 @@ def document_of_preparation(
 
 
 def document_of_conversion(
-    source: Settings, place: Workplace, converted: Converted, settings: Settings
+    source: Settings, place: Workplace, converted: WrittenDataSet, settings: Settings
 ) -> dict[str, Any]:
     """The same of a data set whose cameras were kept."""
     body = {"format": source.choices["datamanager"].name, "data_set": asdict(converted)}
@@ -123,6 +125,11 @@ def _preview(path: Path) -> tuple[Image.Image | None, str]:
         return None, "does not decode"
 
 
+def _brief(name: str) -> str:
+    """The end of a name, which tells more than its beginning, as much as a table has room for."""
+    return name if len(name) <= NAME else f"...{name[-NAME:]}"
+
+
 def tell(console: Console, document: Mapping[str, Any]) -> None:
     """The document for people."""
     console.say()
@@ -140,8 +147,10 @@ def tell(console: Console, document: Mapping[str, Any]) -> None:
 def _tell_unplaced(console: Console, document: Mapping[str, Any]) -> None:
     """A table of pictures without a camera, and of files that are no pictures."""
     unplaced = document.get("unregistered", [])
-    rows = [(item["name"], item["reason"], item["found"]) for item in unplaced]
-    rows += [(item["name"], "left out", item["reason"]) for item in document.get("left_out", [])]
+    rows = [(_brief(item["name"]), item["reason"], item["found"]) for item in unplaced]
+    rows += [
+        (_brief(item["name"]), "left out", item["reason"]) for item in document.get("left_out", [])
+    ]
     if not rows:
         return
     console.table(["not used", "reason", ""], rows[:ROWS_SHOWN])

@@ -17,6 +17,9 @@ try:
 except ImportError:  # Windows: nothing keeps two programs from one folder there.
     fcntl = None
 
+LOCK = ".lock"
+"""The file that is locked; it stays, and tells whose folder it is in."""
+
 
 @contextmanager
 def only_one(folder: Path, others: str) -> Iterator[int | None]:
@@ -33,7 +36,7 @@ def only_one(folder: Path, others: str) -> Iterator[int | None]:
     """
     with readable_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         if fcntl is not None:
             try:

@@ -11,6 +11,7 @@ from gsfw.datamanagers.pictures import EXTENSIONS
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 """Extensions of video files."""
 
+
 def describe_unrecognised(path: Path) -> str:
     """What a path holds instead of a data set, and what to do about it; else empty."""
     if path.suffix.lower() in VIDEOS:

@@ -25,6 +25,18 @@ MEASURED_SIDE = 1024
 are rarely sharp at every pixel."""
 
 
+def lit_sharpness(sharpness: float, brightness: float, usual_brightness: float) -> float:
+    """Sharpness as it would be in the usual light: a darker picture has weaker edges.
+
+    Args:
+        sharpness: variance of the Laplacian.
+        brightness: mean grey level of the picture, in [0, 1].
+        usual_brightness: of the set.
+    """
+    light = max(brightness, 1 / 255) / max(usual_brightness, 1 / 255)
+    return sharpness / min(light, 1.0) ** 2
+
+
 @dataclass(frozen=True)
 class PictureQuality:
     """Figures of one picture, of the pixels that count."""

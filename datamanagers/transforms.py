@@ -69,7 +69,7 @@ def _recording(file: TransformsFile) -> Recording:
     return Recording(
         name=folder.name,
         path=file.path,
-        frames=tuple(number_cameras(frames)),
+        frames=tuple(frames if file.numbers_cameras else number_cameras(frames)),
         points=points,
         point_colors=colors,
         notes=(

@@ -27,6 +27,10 @@ SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "va
 """Of NeRF-synthetic and D-NeRF, which have one file per split."""
 
 DEPTH_KEY = "depth_file_path"
+CAMERA_KEY = "camera_index"
+"""Which camera took a frame, counted from 0; ours."""
+MOST_CAMERAS = 1_000_000
+"""A number beyond is none of a camera."""
 MILLIMETRE = 1e-3
 """In metres: the unit of depth maps where the file does not say (nerfstudio's default)."""
 
@@ -83,6 +87,11 @@ class TransformsFile:
             frames.append(replace(self._frame(name, entry, picture), split=split))
         return frames, missing
 
+    @property
+    def numbers_cameras(self) -> bool:
+        """Whether every frame says which camera took it, as those that gsfw wrote do."""
+        return all(CAMERA_KEY in entry for entry in self.content["frames"])
+
     def times(self) -> tuple[float, ...]:
         """The times of all frames, whether or not their pictures are on disk."""
         times = [number(entry, "time", str(self.path)) for entry in self.content["frames"]]
@@ -123,6 +132,7 @@ class TransformsFile:
             header=header,
             lens=self._lens(entry, header, where),
             world_to_camera=from_opengl(_matrix(entry, where), where),
+            camera=_camera(entry, where),
             time=number(entry, "time", where),
             mask=self._named(entry, "mask_path", "use every pixel", where),
             moving=self._named(
@@ -165,6 +175,17 @@ class TransformsFile:
 def plain_name(file_path: str) -> str:
     """A path as JSON files give it, with forward slashes and no leading "./"."""
     return file_path.replace("\\", "/").removeprefix("./")
+
+
+def _camera(entry: Mapping[str, Any], where: str) -> int:
+    """Which camera a frame says it is of; 0 where it does not say."""
+    index = entry.get(CAMERA_KEY, 0)
+    if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < MOST_CAMERAS:
+        raise DataError(
+            f"{where}: {CAMERA_KEY} is {json.dumps(index)}.",
+            f"Expected the camera's number, counted from 0, or no {CAMERA_KEY} in any frame.",
+        )
+    return index
 
 
 def _matrix(entry: Mapping[str, Any], where: str) -> torch.Tensor:

@@ -1,7 +1,7 @@
 """Writes what any format's file says as a transforms.json of nerfstudio, which keeps times.
 
 See https://docs.nerf.studio/quickstart/data_conventions.html; time, camera_index, motion_mask_path
-and depth_unit_scale_factor of frames are ours, and other readers pass over them.
+and depth_unit_scale_factor of frames are ours: gsfw reads them, and others pass over them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gsfw.core.json_text import json_text
 from gsfw.core.run_folder import write_atomically
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
-from gsfw.datamanagers.transforms_file import DEPTH_KEY
+from gsfw.datamanagers.transforms_file import CAMERA_KEY, DEPTH_KEY
 
 FILE, POINTS_FILE = "transforms.json", "points.ply"
 NERFSTUDIO_MODELS = {
@@ -111,7 +111,7 @@ def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "file_path": _inside(frame.path, folder),
         "transform_matrix": _to_opengl(frame.world_to_camera).tolist(),
-        "camera_index": frame.camera,
+        CAMERA_KEY: frame.camera,
     }
     if frame.time is not None:
         entry["time"] = frame.time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -31,12 +32,22 @@ def snapshot(
     scene: Scene,
     antialiased: bool,
     time: Float[Tensor, ""] | None = None,
+    edit: Callable[[Splats], Splats] | None = None,
 ) -> Snapshot:
     """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU.
 
     Splats that a model gives by covariances get quaternions and scales.
+
+    Args:
+        model: whose splats are taken.
+        scene: that says where the world of the data is.
+        antialiased: whether the file shall say that it is to be drawn with antialiasing.
+        time: in [0, 1]; a static model ignores it.
+        edit: what is done to the splats before, in the scene frame; ``None`` for nothing.
     """
-    world = transform_splats(_on_cpu(model.splats(time)), scene.world_from_scene)
+    splats = model.splats(time)
+    splats = splats if edit is None else edit(splats)
+    world = transform_splats(_on_cpu(splats), scene.world_from_scene)
     finite = torch.stack(
         [tensor.flatten(1).isfinite().all(1) for tensor in _by_row(world)], dim=1
     ).all(1)

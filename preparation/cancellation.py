@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from threading import Thread
+from threading import Event, Thread
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -26,21 +26,28 @@ def cancellable(work: Callable[[CancellationToken], T]) -> T:
     token = CancellationToken()
     results: list[T] = []
     failures: list[BaseException] = []
+    begin, ended = Event(), Event()
 
     def run() -> None:
+        begin.wait()
         try:
             results.append(work(token))
         except BaseException as error:
             failures.append(error)
+        finally:
+            ended.set()
 
     thread = Thread(target=run, daemon=True)
+    # Ctrl-C while it starts leaves a thread that waits, and not one that works unseen.
     thread.start()
     try:
-        while thread.is_alive():
-            thread.join(PATIENCE)
+        begin.set()
+        # Not ``join``: before Python 3.13, one that Ctrl-C breaks off takes the thread for ended.
+        while not ended.wait(PATIENCE):
+            pass
     except BaseException:
         token.cancel()
-        thread.join()
+        ended.wait()
         raise
     if failures:
         raise failures[0]

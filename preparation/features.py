@@ -34,6 +34,8 @@ LONG = 3600.0
 """Seconds for features and matches, beyond which less is looked for."""
 LEAST_SIZE, LEAST_COUNT = 64, 50
 """Below, no picture of anything has enough features to be matched."""
+MOST_SIZE, MOST_COUNT = 100_000, 32_768
+"""Beyond, there are no pictures; and COLMAP matches no more features (``max_num_matches``)."""
 FILE_SECONDS = 0.05
 """Of one core, to decode a million pixels and shrink them."""
 MEGAPIXEL_SECONDS = 1.2
@@ -99,14 +101,9 @@ class FeatureSettings:
             count: most features, if the user chose it.
 
         Raises:
-            ConfigError: the user chose too little to find anything.
+            ConfigError: as of ``check_wanted``.
         """
-        for what, value, least in (("size", size, LEAST_SIZE), ("count", count, LEAST_COUNT)):
-            if value is not None and value < least:
-                raise ConfigError(
-                    f"features of {what} {value} were asked for: expected at least {least}.",
-                    "Leave it out to have it chosen.",
-                )
+        check_wanted(size, count)
         jobs = max(1, min(cores, len(pictures.pictures)))
         choices = [
             FeatureSettings(size or usual_size, count or usual_count, jobs)
@@ -117,8 +114,8 @@ class FeatureSettings:
         )
         finding, matching = chosen.seconds(pictures, cores)
         return chosen, (
-            f"features: at most {chosen.count} in each of {len(pictures.pictures)} pictures, on up "
-            f"to {chosen.max_size} pixels, with {cores} core{'s' if cores > 1 else ''}: about "
+            f"features: at most {chosen.count} in {_each(len(pictures.pictures))}, on up to "
+            f"{chosen.max_size} pixels, with {cores} core{'s' if cores > 1 else ''}: about "
             f"{_duration(finding)}, then about {_duration(matching)} for matching."
         )
 
@@ -136,10 +133,30 @@ class FeatureSettings:
         return finding / self.jobs, matching / cores
 
 
+def _each(number: int) -> str:
+    return "the only picture" if number == 1 else f"each of {number} pictures"
+
+
 def _duration(seconds: float) -> str:
     if seconds < 90:
         return f"{max(1, round(seconds))} s"
     return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def check_wanted(size: int | None, count: int | None) -> None:
+    """Check what the user chose.
+
+    Raises:
+        ConfigError: it is too little to find anything, or more than is possible.
+    """
+    for key, value, least, most in (
+        ("feature_size", size, LEAST_SIZE, MOST_SIZE),
+        ("features", count, LEAST_COUNT, MOST_COUNT),
+    ):
+        if value is not None and not least <= value <= most:
+            raise ConfigError(
+                f"{key}={value}: expected {least} to {most}.", "Leave it out to have it chosen."
+            )
 
 
 def extract_features(
@@ -238,8 +255,9 @@ def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
             raise UnavailableError(
                 f"one of {jobs} processes that look for features was ended from outside, most "
                 "likely because memory ran out.",
-                "Run the same command again with fewer processes, or look on smaller pictures: "
-                "it goes on with the pictures that are not done.",
+                "Run the same command again with fewer processes (jobs=1): it goes on with the "
+                "pictures that are not done. If that does not help, look on smaller pictures "
+                "(feature_size=1000).",
             ) from error
         raise
     executor.shutdown()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.video import Video
 from gsfw.preparation.exif import Exif
+from gsfw.preparation.input_files import writable
 from gsfw.preparation.journal import Journal, identity_of
 from gsfw.preparation.picture_set import SourcePicture
 from gsfw.preparation.progress import Progress
@@ -18,13 +19,19 @@ FEWEST = 3
 
 
 def frames_of_videos(
-    paths: Sequence[Path], count: int, place: Workplace, journal: Journal, progress: Progress
+    paths: Sequence[Path],
+    count: int,
+    photos: Sequence[SourcePicture],
+    place: Workplace,
+    journal: Journal,
+    progress: Progress,
 ) -> tuple[SourcePicture, ...]:
     """Take frames from videos, from each as many as it is long.
 
     Args:
         paths: of the videos.
         count: how many frames from all of them together.
+        photos: pictures beside the videos, whose names and cameras are others.
         place: where they are put.
         journal: knows which videos are done.
         progress: is told of each video.
@@ -36,24 +43,27 @@ def frames_of_videos(
     """
     videos = [Video.read(path) for path in paths]
     seconds = [max(video.times[-1], 1e-3) for video in videos]
-    names = _names(paths)
+    names = _names(paths, {photo.name.split("/")[0] for photo in photos})
     taken: list[SourcePicture] = []
     for name, video, length in zip(names, videos, seconds, strict=True):
         share = max(FEWEST, round(count * length / sum(seconds)))
         taken += _frames_of(video, name, share, place, journal, progress)
-    if len(videos) > 1:
+    if len(videos) > 1 or photos:
         return tuple(taken)
     return tuple(SourcePicture(one.path.name, one.path, one.header, one.exif, "") for one in taken)
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
-    """A folder for each video, named after it; numbered where names are equal."""
+def _names(paths: Sequence[Path], others: Collection[str]) -> list[str]:
+    """A folder for each video, named after it; numbered where some disk has such a name already."""
+    taken = {name.casefold() for name in others}
     names: list[str] = []
     for path in paths:
-        name, number = path.stem, 1
-        while name in names:
+        stem = writable(path.stem).strip(". ") or "video"
+        name, number = stem, 1
+        while name.casefold() in taken:
             number += 1
-            name = f"{path.stem}_{number}"
+            name = f"{stem}_{number}"
+        taken.add(name.casefold())
         names.append(name)
     return names
 

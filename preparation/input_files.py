@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -23,8 +24,15 @@ NOISE = ("__macosx", "@eadir", "thumbs.db", "desktop.ini")
 THUMBNAIL = ".thm"
 """Extension of the small JPEG that cameras write beside a video."""
 
-RESULT = "prepare.json"
-"""Lies in every folder that a preparation has made."""
+RESULTS = ("prepare.json", "work/stages.json")
+"""One of them lies in every folder that a preparation has made, or begun to make."""
+
+
+LONGEST = 200
+"""Bytes of a name; disks take 255, and some of what is written has a little more to its name."""
+
+UNSEEN = ("Cc", "Zl", "Zp")
+"""Categories of Unicode that are not written in a line: controls, and ends of lines."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +72,7 @@ class InputFiles:
         known = {file.path.resolve() for batch in batches.values() for file in batch}
         for path in asked:
             if path.resolve() not in known:
-                file = InputFile(path, _writable(path.name), asked=True)
+                file = InputFile(path, writable(path.name), asked=True)
                 batches.setdefault(path.parent, []).append(file)
         prefixes = _prefixes([root for root, batch in batches.items() if _needs_name(batch)])
         for root, batch in batches.items():
@@ -78,13 +86,17 @@ class InputFiles:
         if start.resolve() in seen:
             return []
         return [
-            InputFile(path, _writable(path.relative_to(start).as_posix()))
+            InputFile(path, writable(path.relative_to(start).as_posix()))
             for path in self._below(start, seen)
         ]
 
     def _start(self, root: Path, seen: set[Path]) -> Path:
         """The folder itself, or the one in it that holds a data set's pictures."""
         items = _listed(root)
+        if _is_result(root) and root / "images" in items:
+            # The contact sheet lies beside them.
+            self.notes.append(f"{root}: only images/ is used, as it is a result of gsfw prepare")
+            return root / "images"
         if any(_is_footage(item) for item in items):
             return root
         folders = [item for item in items if item.resolve() not in seen and _holds_footage(item)]
@@ -112,7 +124,7 @@ class InputFiles:
                     yield item
             elif item.resolve() in seen:
                 continue
-            elif (item / RESULT).is_file():
+            elif _is_result(item):
                 self.notes.append(f"{item} is not used: it is a result of gsfw prepare")
             elif item.name.lower() == MASKS:
                 self.notes.append(f"{item} is not used: by its name, it holds masks")
@@ -157,7 +169,7 @@ def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
     for root in roots:
         whole = root.resolve()
         name = (whole.parent if whole.name.lower() in PICTURE_FOLDERS else whole).name or "input"
-        name = _writable(name)
+        name = writable(name)
         choice, number = f"{name}/", 1
         while choice.casefold() in {prefix.casefold() for prefix in prefixes.values()}:
             number += 1
@@ -190,9 +202,13 @@ def _holds_footage(path: Path) -> bool:
     """Whether it is a folder with pictures or videos that are neither masks nor results."""
     if not path.is_dir() or _is_noise(path.name) or path.name.lower() == MASKS:
         return False
-    if (path / RESULT).is_file():
+    if _is_result(path):
         return False
     return any(_is_footage(item) for item in path.rglob("*"))
+
+
+def _is_result(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in RESULTS)
 
 
 def _is_noise(name: str) -> bool:
@@ -200,6 +216,20 @@ def _is_noise(name: str) -> bool:
     return lower.startswith(".") or lower in NOISE or lower.endswith(THUMBNAIL)
 
 
-def _writable(name: str) -> str:
-    """Without bytes that are no text, which some file systems allow in names."""
-    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+def writable(name: str) -> str:
+    """Without line ends and other control characters, bytes that are no text, and excess length.
+
+    Some file systems allow them in names; no table and no list of names does.
+    """
+    text = name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    text = "".join("_" if unicodedata.category(one) in UNSEEN else one for one in text)
+    return "/".join(map(_shortened, text.split("/")))
+
+
+def _shortened(part: str) -> str:
+    """A name without the end of its stem, where it is too long."""
+    if len(part.encode()) <= LONGEST:
+        return part
+    suffix = PurePosixPath(part).suffix if part[-6:].count(".") else ""
+    stem = part.encode()[: LONGEST - len(suffix.encode())]
+    return stem.decode("utf-8", "ignore") + suffix

@@ -48,7 +48,7 @@ class Journal:
         settings: Mapping[str, Any],
         make: Callable[[], Document],
         clear: Callable[[], None] = lambda: None,
-        is_there: Callable[[], bool] = lambda: True,
+        is_there: Callable[[Document], bool] = lambda result: True,
     ) -> Document:
         """The result of a stage, made only where it is not there.
 
@@ -58,7 +58,8 @@ class Journal:
             make: does the work, going on with what an interrupted run left; its result is plain
                 data.
             clear: removes what the stage left under other settings.
-            is_there: whether the files that a finished stage has left are still there.
+            is_there: whether the files that a finished stage has left are still there, by its
+                result.
 
         Raises:
             OutputError: the journal cannot be written.
@@ -67,7 +68,11 @@ class Journal:
         self._key = hashlib.sha256(content.encode()).hexdigest()
         self._asked.append(name)
         entry = self._stages.get(name)
-        if entry is None or entry["key"] != self._key or (entry["finished"] and not is_there()):
+        if (
+            entry is None
+            or entry["key"] != self._key
+            or (entry["finished"] and not is_there(entry["result"]))
+        ):
             clear()
             self._stages = {known: self._stages[known] for known in self._asked[:-1]}
             entry = {"key": self._key, "finished": False, "seconds": 0.0, "result": {}}

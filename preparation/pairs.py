@@ -84,6 +84,8 @@ def plan_pairs(
     """
     held = _held(database)
     chosen = tuple(picture for picture in pictures.pictures if picture.name in held)
+    if len(chosen) < 2:
+        return PairPlan((), "pairs: none, as there are no two pictures to compare.")
     matching = rule.matching
     if matching == "auto":
         few = len(chosen) <= rule.exhaustive_up_to

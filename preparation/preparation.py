@@ -13,22 +13,32 @@ from typing import TYPE_CHECKING
 
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
-from gsfw.preparation.camera_plan import OutputRule
-from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
+from gsfw.preparation.diagnosis.usual import blurred_beside
+from gsfw.preparation.features import (
+    FeatureReport,
+    FeatureSettings,
+    check_wanted,
+    extract_features,
+)
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.journal import Document, Journal, identity_of
-from gsfw.preparation.mapping_rule import MappingRule
+from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.pairs import MatchingRule
 from gsfw.preparation.picture_set import PictureSet
 from gsfw.preparation.progress import Progress
+from gsfw.preparation.retrieval import check_vocabulary
 from gsfw.preparation.source import read_source
-from gsfw.preparation.usual import blurred_beside
 from gsfw.preparation.workplace import Workplace
+from gsfw.preparation.writing.output_rule import OutputRule
 
 if TYPE_CHECKING:
     from gsfw.preparation.camera_group import CameraGroup
-    from gsfw.preparation.diagnosis import Diagnosis
-    from gsfw.preparation.mapping import Mapping
+    from gsfw.preparation.diagnosis.diagnosis import Diagnosis
+    from gsfw.preparation.mapping.mapping import Mapping
+
+
+MODEL = "cameras.bin"
+"""Where it is, COLMAP's model is."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +67,7 @@ class PreparationRule:
         """
         if self.frames < 3:
             raise ConfigError(f"frames={self.frames}: expected at least 3.")
+        check_wanted(self.feature_size, self.feature_count)
         for rule in (self.cameras, self.matching, self.mapping, self.output):
             rule.check()
 
@@ -92,8 +103,10 @@ class Preparation:
             ConfigError: a setting does not go with the pictures.
             OutputError: something cannot be written.
         """
-        from gsfw.preparation.diagnosis import diagnose
+        from gsfw.preparation.diagnosis.diagnosis import diagnose
 
+        if self._rule.matching.vocabulary is not None:
+            check_vocabulary(self._rule.matching.vocabulary)
         pictures = self._pictures()
         groups = group_cameras(pictures, self._rule.cameras)
         features = self._features(pictures, groups)
@@ -113,13 +126,14 @@ class Preparation:
             self._progress.say(f"note: {note}")
         if not source.videos:
             return source.pictures
+        photos = source.pictures.pictures
         frames = frames_of_videos(
-            source.videos, self._rule.frames, self._place, self._journal, self._progress
+            source.videos, self._rule.frames, photos, self._place, self._journal, self._progress
         )
         return replace(
             source.pictures,
-            pictures=(*source.pictures.pictures, *frames),
-            in_order=not source.pictures.pictures,
+            pictures=(*photos, *frames),
+            in_order=not photos,
         )
 
     def _features(
@@ -147,7 +161,7 @@ class Preparation:
             },
             find,
             lambda: self._place.remove(*database.parent.glob("database.db*"), self._feature_log),
-            database.is_file,
+            lambda found: database.is_file(),
         )
         return {name: FeatureReport.of(report) for name, report in found.items()}
 
@@ -173,7 +187,7 @@ class Preparation:
         self._chosen["matches"] = found["how"]
 
     def _map(self, features: dict[str, FeatureReport]) -> Mapping:
-        from gsfw.preparation.mapping import Mapping, count_pictures, map_cameras
+        from gsfw.preparation.mapping.mapping import Mapping, count_pictures, map_cameras
 
         place, rule = self._place, self._mapping_rule
         settings = {name: value for name, value in asdict(rule).items() if name != "jobs"}
@@ -182,7 +196,7 @@ class Preparation:
             settings,
             lambda: map_cameras(place.database, place.models, rule, self._progress).document(),
             lambda: place.remove(place.models),
-            place.models.is_dir,
+            self._are_models_there,
         )
         mapping = Mapping.of(found, place.models)
         if mapping.models and mapping.sizes[0] < count_pictures(place.database):
@@ -194,9 +208,9 @@ class Preparation:
         """Compare what the largest model lacks with it again, more closely, and go on from it."""
         from pycolmap import Reconstruction
 
-        from gsfw.preparation.mapping import Mapping, continue_mapping
+        from gsfw.preparation.mapping.mapping import Mapping, continue_mapping
+        from gsfw.preparation.mapping.merging import bridge_pairs
         from gsfw.preparation.matching import match_more
-        from gsfw.preparation.merging import bridge_pairs
 
         place, rule, progress = self._place, self._mapping_rule, self._progress
 
@@ -219,15 +233,19 @@ class Preparation:
             )
             return joined.document()
 
-        found = self._journal.stage("bridges", {}, bridge, is_there=place.models.is_dir)
+        found = self._journal.stage("bridges", {}, bridge, is_there=self._are_models_there)
         return Mapping.of(found, place.models)
+
+    def _are_models_there(self, found: Document) -> bool:
+        return all((self._place.models / name / MODEL).is_file() for name in found["models"])
 
     @property
     def _mapping_rule(self) -> MappingRule:
         return replace(self._rule.mapping, jobs=self._rule.jobs)
 
     def _write(self, pictures: PictureSet, mapping: Mapping) -> Document:
-        from gsfw.preparation.data_set import write_data_set
+        from gsfw.preparation.writing.data_set import write_data_set
+        from gsfw.preparation.writing.written_files import is_all_there
 
         place, rule = self._place, self._rule.output
 
@@ -237,12 +255,15 @@ class Preparation:
             if not mapping.models:
                 return {}
             model = Reconstruction(mapping.models[0])
-            return asdict(write_data_set(model, pictures, place.path, rule, self._progress))
+            written = write_data_set(
+                model, pictures, place.path, rule, self._progress, self._rule.jobs
+            )
+            return asdict(written)
 
         return self._journal.stage(
             "data set",
             asdict(rule),
             write,
-            lambda: place.remove(place.images, place.sparse),
-            lambda: not mapping.models or place.sparse.is_dir(),
+            lambda: place.remove(place.images, place.sparse, place.report, place.sheet),
+            lambda written: not mapping.models or is_all_there(place.path),
         )

@@ -16,6 +16,8 @@ from gsfw.datamanagers.area import shrink
 from gsfw.datamanagers.picture_quality import PictureQuality
 from gsfw.datamanagers.pictures import Header, decode
 from gsfw.preparation.blur import direction_of_blur
+from gsfw.preparation.native_signals import load_colmap
+from gsfw.preparation.parent_process import end_with_parent
 
 if TYPE_CHECKING:
     from pycolmap import FeatureExtractor
@@ -60,11 +62,13 @@ class PictureFeatures:
 
 def start_worker() -> None:
     """Leave Ctrl-C to the parent process, which ends its workers, and be silent."""
-    import pycolmap
+    load_colmap()
+    from pycolmap import logging
 
     warnings.filterwarnings("ignore", module=r"PIL\b")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    pycolmap.logging.minloglevel = ERRORS
+    logging.minloglevel = ERRORS
+    end_with_parent()
 
 
 def find_features(task: PictureTask) -> PictureFeatures:

@@ -55,7 +55,9 @@ def read_source(paths: Sequence[Path], out: Path | None = None) -> Source:
     others = [file for file, look in looks.items() if look is None]
     copies = find_copies([*videos, *(picture.file for picture in found)])
     for copy, original in copies.items():
-        left_out.append(LeftOut(copy.name, f"it is the same file as {original.name}"))
+        # Videos of several folders may have the same name.
+        same = original.name if original.name != copy.name else original.path
+        left_out.append(LeftOut(copy.name, f"it is the same file as {same}"))
     videos = [video for video in videos if video not in copies]
     found = [picture for picture in found if picture.file not in copies]
     if not found and not videos:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.errors import OutputError
-from gsfw.core.folder_lock import only_one
+from gsfw.core.folder_lock import LOCK, only_one
 from gsfw.core.run_folder import readable_write_errors
 
 OTHERS = "another gsfw prepare"
@@ -81,7 +81,8 @@ class Workplace:
         self._check_apart(inputs)
         with readable_write_errors(self.path):
             held = sorted(self.path.iterdir()) if self.path.is_dir() else []
-        if held and not self.work.is_dir():
+        # Users may remove work/, and have one of their own where they have never been.
+        if held and not ((self.work / LOCK).is_file() or self.report.is_file()):
             raise OutputError(
                 f"out={self.path} is not empty, and not a folder of gsfw prepare "
                 f"(it holds {held[0].name}{' and more' if len(held) > 1 else ''}).",

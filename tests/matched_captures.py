@@ -101,8 +101,8 @@ def partial_model(capture: MatchedCapture, folder: Path, numbers: Iterable[int])
         folder: for files; made where it is missing.
         numbers: ids of the pictures.
     """
-    from gsfw.preparation.incremental_mapping import USUAL, incremental_options
-    from gsfw.preparation.mapping_rule import MappingRule
+    from gsfw.preparation.mapping.incremental_mapping import USUAL, incremental_options
+    from gsfw.preparation.mapping.mapping_rule import MappingRule
 
     folder.mkdir(exist_ok=True)
     options = incremental_options(MappingRule(), USUAL)

@@ -52,7 +52,7 @@ def write_contact_sheet(
     height = pictures_at + HEADING + rows * (SIZE[1] + CAPTION) + MARGIN
     sheet = Image.new("RGB", (WIDTH, height), PAPER)
     draw = ImageDraw.Draw(sheet)
-    _title(draw, name, verdict)
+    _title(draw, name.replace("\n", " "), verdict)
     if survey is None:
         small = ImageFont.load_default(14)
         draw.text((MARGIN, 55), "no camera was placed", INK, small, "lm")

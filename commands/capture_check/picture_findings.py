@@ -9,7 +9,7 @@ import numpy as np
 from gsfw.commands.capture_check.looks import Look
 from gsfw.commands.capture_check.survey import Survey
 from gsfw.core.finding import Finding, Weight, listed
-from gsfw.datamanagers.picture_quality import BLURRED, CLIPPED, EMPTY, SOFT
+from gsfw.datamanagers.picture_quality import BLURRED, CLIPPED, EMPTY, SOFT, lit_sharpness
 
 MANY_BLURRED = 0.3
 """Part of the pictures: so many that leaving them out is no answer."""
@@ -72,10 +72,9 @@ def _blur(survey: Survey) -> Iterator[Finding]:
     looks = _textured(survey)
     if not looks:
         return
-    # A darker picture has weaker edges; that is another finding.
-    light = np.array([max(look.brightness, 1 / 255) for look in looks])
-    light = np.minimum(light / np.median(light), 1.0)
-    sharpness = np.array([look.sharpness for look in looks]) / np.square(light)
+    light = float(np.median([look.brightness for look in looks]))
+    # Dark pictures are another finding.
+    sharpness = np.array([lit_sharpness(look.sharpness, look.brightness, light) for look in looks])
     middle = float(np.median(sharpness))
     if middle < SOFT:
         yield Finding(

@@ -49,7 +49,8 @@ class Tile:
         self._caption(draw, (x, y + SIZE[1]))
 
     def _caption(self, draw: ImageDraw.ImageDraw, corner: tuple[int, int]) -> None:
-        font, name = ImageFont.load_default(13), self.name
+        # Pillow does not measure text of several lines, and a name may have a line end.
+        font, name = ImageFont.load_default(13), self.name.replace("\n", " ")
         while draw.textlength(name, font) > SIZE[0] and len(name) > 4:
             name = f"...{name[4:] if name.startswith('...') else name[1:]}"
         draw.text((corner[0], corner[1] + 4), name, INK, font)

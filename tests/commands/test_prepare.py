@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 
 import captured
 import numpy as np
@@ -12,10 +13,12 @@ from PIL import Image
 from small_captures import ring, write_pictures, write_transforms
 from small_videos import write_video
 
+from gsfw.commands import prepare_report
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
+from gsfw.preparation import native_signals
 
 PHOTOS = 9
 FRAMES = 48
@@ -132,6 +135,35 @@ def test_pictures_that_show_nothing_will_not_train(tmp_path, capsys):
     assert size_of(tmp_path / "out" / "prepare.png")[0] == 1200
 
 
+def test_a_vocabulary_is_looked_at_before_anything_is_computed(tmp_path, capsys):
+    captured.write(tmp_path / "a", [np.full((48, 64, 3), 128, np.uint8)], ".jpg")
+    (tmp_path / "words.bin").write_text("no vocabulary")
+    out, words = tmp_path / "out", tmp_path / "words.bin"
+    assert f"vocabulary={words} is" in told(
+        capsys, tmp_path / "a", f"out={out}", f"vocabulary={words}"
+    )
+    assert not (out / "work" / "database.db").exists()
+
+
+def test_a_missing_colmap_is_told_with_what_to_do(tmp_path, capsys, monkeypatch):
+    def load():
+        raise ModuleNotFoundError("No module named 'pycolmap'")
+
+    monkeypatch.setattr(native_signals, "load_colmap", load)
+    assert told(capsys, tmp_path, f"out={tmp_path / 'out'}") == (
+        "error: pycolmap, which computes cameras, cannot be loaded: No module named 'pycolmap'.\n"
+        "Install it anew with: pip install --force-reinstall 'pycolmap>=4.2'\n"
+    )
+
+
+def test_long_names_leave_room_in_the_table():
+    document = {"out": "", "left_out": [{"name": "y" * 99 + ".jpg", "reason": "it is empty"}]}
+    told = []
+    console = SimpleNamespace(table=lambda columns, rows: told.extend(rows))
+    prepare_report._tell_unplaced(console, document)
+    assert told == [(f"...{'y' * 36}.jpg", "left out", "it is empty")]
+
+
 def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):
     write_pictures(tmp_path / "a", ring())
     write_transforms(tmp_path / "a" / "transforms.json", ring())
@@ -145,6 +177,16 @@ def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):
     data = ColmapConfig().build(DataRequest(tmp_path / "out", eval_every_nth=0))
     assert len(data.views(Split.TRAIN)) == len(ring().poses)
     data.close()
+
+
+def test_a_data_set_with_depths_keeps_them(tmp_path):
+    write_pictures(tmp_path / "a", ring())
+    Image.fromarray(np.full((48, 64), 2000, np.uint16)).save(tmp_path / "a" / "depth.png")
+    settings = [{"depth_file_path": "depth.png"} for _ in ring().poses]
+    write_transforms(tmp_path / "a" / "transforms.json", ring(), settings)
+    main(["prepare", str(tmp_path / "a"), f"out={tmp_path / 'out'}"])
+    depths = [path.read_bytes() for path in (tmp_path / "out" / "depths").iterdir()]
+    assert depths == len(ring().poses) * [(tmp_path / "a" / "depth.png").read_bytes()]
 
 
 def told(capsys, *arguments):
@@ -162,6 +204,8 @@ def test_mistakes_are_told_in_a_sentence(tmp_path, capsys):
     photos = tmp_path / "photos"
     assert "photos" in told(capsys, photos, out)
     assert "frames=2: expected at least 3." in told(capsys, photos, out, "frames=2")
+    assert "features=5: expected 50 to 32768." in told(capsys, photos, out, "features=5")
+    assert "gsfw prepare: an INPUT is empty." in told(capsys, "", out)
     assert "jobs=-1: expected 0 (all cores) or more." in told(capsys, photos, out, "jobs=-1")
     assert "camera_model=" in told(capsys, photos, out, "camera_model=PINWHEEL")
     assert "poses=keep: 2 inputs are given." in told(capsys, photos, tmp_path, out, "poses=keep")

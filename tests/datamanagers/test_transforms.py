@@ -99,6 +99,27 @@ def test_settings_of_a_frame_go_before_those_of_the_file(folder):
     assert [int(camera.camera_index[0]) for camera in cameras] == [0, 1, 0, 0]
 
 
+def test_cameras_are_those_that_frames_name_where_all_do(folder):
+    write(folder, [{"camera_index": index} for index in (1, 0, 2, 1)])
+    cameras = build(folder).views(Split.TRAIN).cameras
+    assert [int(camera.camera_index[0]) for camera in cameras] == [1, 0, 2, 1]
+    write(folder, [{"camera_index": 1}, {}, {}, {}])
+    cameras = build(folder).views(Split.TRAIN).cameras
+    assert [int(camera.camera_index[0]) for camera in cameras] == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("index", [-1, 0.5, "left", True, None, 10**30])
+def test_camera_indices_that_count_nothing_are_refused(folder, index):
+    write(folder, [{"camera_index": index}, {}, {}, {}])
+    with pytest.raises(DataError) as error:
+        build(folder)
+    assert str(error.value) == (
+        f"{folder}/transforms.json: frame view_000.png: camera_index is "
+        f"{json.dumps(index)}.\n"
+        "Expected the camera's number, counted from 0, or no camera_index in any frame."
+    )
+
+
 def test_file_paths_may_lack_their_extension_and_use_backslashes(tmp_path):
     write_pictures(tmp_path / "images", ring())
     names = [f".\\images\\{name.removesuffix('.png')}" for name in ring().names]

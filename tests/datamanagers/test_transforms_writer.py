@@ -113,13 +113,13 @@ def test_every_list_of_names_is_there_where_one_is(tmp_path):
     assert len(content(tmp_path)["train_filenames"]) == 3
 
 
-def test_times_and_cameras_are_written(tmp_path):
+def test_times_and_cameras_come_back(tmp_path):
     recording = with_frames(
         source(tmp_path), lambda frame, number: replace(frame, time=2.0 * number, camera=number % 2)
     )
     write_transforms(recording, tmp_path)
     assert read(tmp_path).scene.time_range == (0.0, 6.0)
-    assert [frame["camera_index"] for frame in content(tmp_path)["frames"]] == [0, 1, 0, 1]
+    assert [frame.camera for frame in read(tmp_path).recording.frames] == [0, 1, 0, 1]
 
 
 def test_without_points_there_is_no_file_of_them(tmp_path):

@@ -271,8 +271,9 @@ def test_a_process_that_is_ended_from_outside_is_named(tmp_path, monkeypatch):
         extract_features(tmp_path / "d.db", pictures, captured.one_group(pictures), two, Silent())
     assert str(caught.value) == (
         "one of 2 processes that look for features was ended from outside, most likely because "
-        "memory ran out.\nRun the same command again with fewer processes, or look on smaller "
-        "pictures: it goes on with the pictures that are not done."
+        "memory ran out.\nRun the same command again with fewer processes (jobs=1): it goes on "
+        "with the pictures that are not done. If that does not help, look on smaller pictures "
+        "(feature_size=1000)."
     )
 
 
@@ -299,6 +300,11 @@ def test_settings_are_chosen_for_the_machine_and_said():
     )
 
 
+def test_the_sentence_suits_a_single_picture():
+    _, how = FeatureSettings.for_machine(imagined(1), 1, None, None)
+    assert how.startswith("features: at most 4000 in the only picture, on up to 1600 pixels, with")
+
+
 def test_a_large_set_on_a_small_machine_gets_fewer_features():
     settings, how = FeatureSettings.for_machine(imagined(2000), 2, None, None)
     assert settings == FeatureSettings(1000, 2000, 2)
@@ -311,11 +317,12 @@ def test_a_large_set_on_a_small_machine_gets_fewer_features():
 @pytest.mark.parametrize(
     ("size", "count", "message"),
     [
-        (10, None, "features of size 10 were asked for: expected at least 64."),
-        (None, 5, "features of count 5 were asked for: expected at least 50."),
+        (10, None, "feature_size=10: expected 64 to 100000."),
+        (None, 5, "features=5: expected 50 to 32768."),
+        (None, 10**12, "features=1000000000000: expected 50 to 32768."),
     ],
 )
-def test_too_little_to_find_anything_is_refused(size, count, message):
+def test_too_few_features_or_more_than_can_be_matched_are_refused(size, count, message):
     with pytest.raises(ConfigError) as caught:
         FeatureSettings.for_machine(imagined(3), 1, size, count)
     assert str(caught.value) == f"{message}\nLeave it out to have it chosen."

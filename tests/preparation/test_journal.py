@@ -29,7 +29,7 @@ class Stages:
                 {"x": settings.get(name, 0)},
                 make,
                 lambda name=name: self.cleared.append(name),
-                lambda name=name: there or name != "b",
+                lambda found, name=name: found["of"] == name and (there or name != "b"),
             )
             assert result == {"of": name, "number": 1.5}
         return journal

@@ -86,6 +86,12 @@ def test_a_picture_that_could_not_be_decoded_is_in_no_pair(tmp_path):
     assert plan.how == "pairs: all 3 of 3 pictures."
 
 
+@pytest.mark.parametrize("in_order", [False, True])
+def test_one_picture_has_no_pair(tmp_path, in_order):
+    plan = planned(tmp_path, imagined({"a": 1}, in_order))
+    assert plan == PairPlan((), "pairs: none, as there are no two pictures to compare.")
+
+
 def test_look_alikes_of_many_photos_are_compared(tmp_path, nearest_by_number):
     plan = planned(tmp_path, imagined({"a": 201}))
     assert 201 * 15 <= len(plan.pairs) <= 201 * 30

@@ -77,6 +77,43 @@ def test_bytes_in_a_name_that_are_no_text_are_replaced(tmp_path):
     assert source.pictures.pictures[0].path == path
 
 
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        ("two\nlines.png", "two_lines.png"),
+        ("tab\t.png", "tab_.png"),
+        ("y" * 251 + ".png", "y" * 196 + ".png"),
+        ("\u00e9" * 125 + ".png", "\u00e9" * 98 + ".png"),
+    ],
+)
+def test_names_that_no_list_or_disk_takes_are_changed(tmp_path, name, written):
+    assert names(read_source([photos(tmp_path, name)])) == [written]
+
+
+def test_what_another_preparation_has_only_begun_is_not_used(folder):
+    photo(folder / "scene" / "work" / "frames" / "c.png")
+    (folder / "scene" / "work" / "stages.json").touch()
+    source = read_source([folder])
+    assert names(source) == ["a.png", "b.png"]
+    assert source.notes == (f"{folder / 'scene'} is not used: it is a result of gsfw prepare",)
+
+
+def test_of_a_result_only_its_pictures_are_used(tmp_path):
+    photos(tmp_path / "images", "a.png")
+    photos(tmp_path, "prepare.png", "work/frames/b.png")
+    (tmp_path / "prepare.json").touch()
+    source = read_source([tmp_path])
+    assert names(source) == ["a.png"]
+    assert source.notes == (f"{tmp_path}: only images/ is used, as it is a result of gsfw prepare",)
+
+
+def test_copies_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    paths = [written(tmp_path / place / "v.mp4", b"a video") for place in ("a", "b")]
+    assert only_left_out(read_source(paths)) == LeftOut(
+        "v.mp4", f"it is the same file as {paths[0]}"
+    )
+
+
 def test_sizes_are_those_of_the_upright_picture(tmp_path):
     exif = Image.Exif()
     exif[Base.Orientation] = 6

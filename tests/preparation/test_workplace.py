@@ -18,6 +18,25 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
     )
 
 
+def test_a_folder_that_has_its_own_work_in_it_is_left_alone(tmp_path):
+    (tmp_path / "work").mkdir()
+    (tmp_path / "images").mkdir()
+    with (
+        pytest.raises(
+            OutputError, match=r"not a folder of gsfw prepare \(it holds images and more"
+        ),
+        Workplace(tmp_path).claimed(()),
+    ):
+        pass
+
+
+def test_a_result_whose_work_was_removed_is_still_one(tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "prepare.json").touch()
+    with Workplace(tmp_path).claimed(()):
+        assert (tmp_path / "work").is_dir()
+
+
 @pytest.mark.parametrize(("given", "out"), [("a", "a"), ("a/b", "a"), ("a/v.mp4", "a")])
 def test_what_the_result_is_made_from_does_not_lie_in_it(tmp_path, given, out):
     (tmp_path / "a" / "b").mkdir(parents=True)

@@ -1,0 +1,195 @@
+"""What the computed model says: how well it fits, and whether its cameras are ones that exist.
+
+Angles of view, baselines and points of the written data set are judged by ``gsfw check``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from gsfw.core.finding import Finding, Weight, listed
+from gsfw.preparation.diagnosis.evidence import Evidence
+from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
+
+FEWEST_POINTS = 100
+"""Points of a model that is more than chance: three photos of the built-in scene of 320 pixels have
+382. Models of next to none are dropped before (``LEAST_POINTS`` of the mapper)."""
+LARGE_ERROR = 1.5
+"""Pixels, mean: fox has 0.7; lenses that a model does not fit and rolling shutters make 2 and more,
+up to the 4 at which COLMAP drops observations."""
+BAD_PICTURE, BAD_ERROR = 2.0, 1.5
+"""A picture fits badly from so many usual errors and pixels on."""
+SHORT_TRACK = 3.0
+"""Pictures that see a point, mean: two that see a point agree on it whatever their poses are."""
+UNLIKE = 1.15
+"""Ratio of two focal lengths of one lens that are too different: autofocus moves it by some per
+cent."""
+SURE = 3
+"""Pictures from which a focal length is computed that others can be compared with."""
+BENT = 0.5
+"""Shift of a corner by distortion, in parts of its radius: phones stay below 0.1, action cameras
+below 0.4."""
+
+
+def camera_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Everything that the largest model shows; nothing where there is none."""
+    figures = evidence.figures
+    if figures is None:
+        return
+    if figures.points < FEWEST_POINTS:
+        yield _hollow(figures)
+        return
+    yield from _errors(figures)
+    yield from _stretch(figures)
+    yield from _tracks(figures)
+    yield from _focal_guesses(figures)
+    yield from _focals_of_one_lens(evidence, figures)
+    yield from _distortion(figures)
+
+
+def _hollow(figures: ModelFigures) -> Finding:
+    points = f"{figures.points} point{'' if figures.points == 1 else 's'}"
+    return Finding(
+        "hollow model",
+        Weight.STOP,
+        f"The cameras of {figures.registered} pictures rest on {points}.",
+        "So few agree by chance: poses are as good as invented.",
+        "Take sharp pictures of something with texture, from places around it, each overlapping "
+        "the next by two thirds.",
+    )
+
+
+def _errors(figures: ModelFigures) -> Iterator[Finding]:
+    if figures.error > LARGE_ERROR:
+        yield Finding(
+            "reprojection error",
+            Weight.LIMIT,
+            f"Points are {figures.error:.1f} pixels from where pictures show them (mean); below 1 "
+            "is usual.",
+            "Poses are as uncertain, and the result as blurred.",
+            "Choose a camera model that fits the lens (camera_model=OPENCV, or OPENCV_FISHEYE for "
+            "a very wide one), turn electronic stabilisation off, and avoid fast movement: rolling "
+            "shutters bend the picture.",
+        )
+    usual = float(np.median(list(figures.errors.values())))
+    limit = max(BAD_PICTURE * usual, BAD_ERROR)
+    bad = sorted(
+        (name for name, error in figures.errors.items() if error > limit),
+        key=lambda name: -figures.errors[name],
+    )
+    if bad:
+        yield Finding(
+            "pictures that fit badly",
+            Weight.LIMIT,
+            f"{len(bad)} of {figures.registered} pictures are {limit:.1f} pixels or more off where "
+            f"{usual:.1f} are usual: {listed(tuple(bad))}.",
+            "Their poses are wrong or uncertain, and blur what others show sharply.",
+            "Look at them, and leave them out if they are blurred or show something that moved.",
+            tuple(bad),
+        )
+
+
+def _stretch(figures: ModelFigures) -> Iterator[Finding]:
+    stretch = figures.stretch
+    if stretch.is_suspicious:
+        yield Finding(
+            "rolling shutter",
+            Weight.LIMIT,
+            f"Pictures are stretched by {stretch.pixels:.1f} pixels at their edges (median), each "
+            f"in another way, {stretch.ratio:.0f} times what noise explains.",
+            "A shutter that reads row after row bends pictures of a moving camera, and no pose "
+            "fits all of one.",
+            "Stand still for each photo, or move slowly in good light; turn electronic "
+            "stabilisation off.",
+        )
+
+
+def _tracks(figures: ModelFigures) -> Iterator[Finding]:
+    tracks = figures.tracks
+    if tracks.mean_length < SHORT_TRACK:
+        yield Finding(
+            "short tracks",
+            Weight.LIMIT,
+            f"A point is seen by {tracks.mean_length:.1f} pictures (mean), and "
+            f"{100 * tracks.share_of_pairs:.0f} % of the points by two only.",
+            "Little ties the pictures to each other, so that poses may drift.",
+            "Take pictures closer to each other: each should overlap the next by two thirds.",
+        )
+
+
+def _focal_guesses(figures: ModelFigures) -> Iterator[Finding]:
+    for camera in figures.cameras:
+        ratio = camera.focal_ratio
+        if ratio is None or not camera.focal_origin or camera.pictures < SURE:
+            continue
+        if max(ratio, 1 / ratio) > UNLIKE:
+            origin = "EXIF says" if camera.focal_origin == "EXIF" else "was given"
+            yield Finding(
+                "focal length unlike EXIF"
+                if camera.focal_origin == "EXIF"
+                else "focal length unlike the given one",
+                Weight.LIMIT,
+                f"{_named(camera)} has a focal length of {camera.focal:.0f} pixels, where "
+                f"{origin} {camera.first_focal:.0f}.",
+                "One of them is wrong: cropped or zoomed pictures keep their EXIF, and a model "
+                "from poor matches bends space.",
+                "If pictures are as the camera took them, keep its focal length with "
+                "refine_focal=false, and compare.",
+            )
+
+
+def _focals_of_one_lens(evidence: Evidence, figures: ModelFigures) -> Iterator[Finding]:
+    """Upright and sideways photos of one phone are two cameras of one lens."""
+    groups = {group.number: group for group in evidence.groups}
+    lenses: dict[object, list[CameraFigures]] = {}
+    for camera in figures.cameras:
+        exif = evidence.pictures.by_name[groups[camera.number].pictures[0]].exif
+        if exif.names_camera and camera.pictures >= SURE:
+            lenses.setdefault(exif.camera, []).append(camera)
+    for cameras in lenses.values():
+        relative = [camera.focal / max(camera.width, camera.height) for camera in cameras]
+        if max(relative) > UNLIKE * min(relative):
+            all_of_it = ", ".join(
+                f"{camera.focal:.0f} pixels for {camera.width}x{camera.height}"
+                for camera in cameras
+            )
+            yield Finding(
+                "one lens, several focal lengths",
+                Weight.LIMIT,
+                f"Pictures of one camera and lens have different focal lengths: {all_of_it}.",
+                "If it was not zoomed, the model has bent space to fit one of them.",
+                "Give the focal length that is right (focal=PIXELS refine_focal=false), or take "
+                "all pictures one way up.",
+            )
+
+
+def _distortion(figures: ModelFigures) -> Iterator[Finding]:
+    for camera in figures.cameras:
+        moved = corner_shift(camera)
+        if abs(moved) > BENT:
+            yield Finding(
+                "distortion",
+                Weight.LIMIT,
+                f"{_named(camera)} moves the corners of its pictures by {100 * abs(moved):.0f} % "
+                f"{'outwards' if moved > 0 else 'inwards'}.",
+                "Hardly any lens does; the model has bent space to fit poor matches, or the lens "
+                "is a fisheye.",
+                "For a fisheye, use camera_model=OPENCV_FISHEYE; else camera_model=SIMPLE_RADIAL "
+                "has less to go wrong.",
+            )
+
+
+def corner_shift(camera: CameraFigures) -> float:
+    """How far radial distortion moves a corner, in parts of its radius; 0 for fisheye models."""
+    terms = camera.distortion
+    if "FISHEYE" in camera.model:
+        return 0.0
+    square = (math.hypot(camera.width, camera.height) / 2 / camera.focal) ** 2
+    return terms.get("k", terms.get("k1", 0.0)) * square + terms.get("k2", 0.0) * square**2
+
+
+def _named(camera: CameraFigures) -> str:
+    return f"Camera {camera.number} ({camera.pictures} pictures)"

@@ -1,0 +1,103 @@
+"""Diagnosis: what became of every picture, how good the model is, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gsfw.core.finding import Finding, Verdict, sorted_findings
+from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.diagnosis.camera_findings import camera_findings
+from gsfw.preparation.diagnosis.evidence import Evidence
+from gsfw.preparation.diagnosis.figure_words import words_of
+from gsfw.preparation.diagnosis.match_graph import Bridge, Component
+from gsfw.preparation.diagnosis.model_figures import ModelFigures
+from gsfw.preparation.diagnosis.registration_findings import registration_findings
+from gsfw.preparation.diagnosis.unregistered import Unregistered
+from gsfw.preparation.diagnosis.view_findings import view_findings
+from gsfw.preparation.features import FeatureReport
+from gsfw.preparation.mapping.mapping import Mapping as CameraMapping
+from gsfw.preparation.picture_set import LeftOut, PictureSet
+
+JUDGES = (registration_findings, view_findings, camera_findings)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that is to be said before the written data set is looked at."""
+
+    given: int
+    """How many pictures there are, those included that do not decode."""
+    registered: tuple[str, ...]
+    """Pictures that the largest model has, in the order of the set."""
+    unregistered: tuple[Unregistered, ...]
+    """All others, each with its reason."""
+    left_out: tuple[LeftOut, ...]
+    """Files that are no pictures of the set, each with its reason."""
+    components: tuple[Component, ...]
+    """Groups of pictures that match, the one with most placed pictures first."""
+    bridges: tuple[Bridge, ...]
+    """Where each of the others comes nearest to those before."""
+    model: ModelFigures | None
+    """``None`` where no camera was placed."""
+    figures: tuple[str, ...]
+    """The same in words; empty without."""
+    findings: tuple[Finding, ...]
+    """The gravest first."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the findings come to."""
+        return Verdict.of(self.findings)
+
+    def document(self) -> dict[str, Any]:
+        """Plain data; without the findings, which are reported with those of ``gsfw check``."""
+        return {
+            "given": self.given,
+            "registered": list(self.registered),
+            "unregistered": [item.document() for item in self.unregistered],
+            "left_out": [
+                {"name": item.name, "reason": item.reason, "advice": item.advice}
+                for item in self.left_out
+            ],
+            "groups": [component.document() for component in self.components],
+            "bridges": [bridge.document() for bridge in self.bridges],
+            "model": self.model.document() if self.model is not None else None,
+            "figures": list(self.figures),
+        }
+
+
+def diagnose(
+    database: Path,
+    pictures: PictureSet,
+    groups: Sequence[CameraGroup],
+    features: Mapping[str, FeatureReport],
+    mapping: CameraMapping,
+) -> Diagnosis:
+    """Look at what all stages have left behind; nothing is computed anew.
+
+    Args:
+        database: COLMAP's, with features and matches.
+        pictures: all of them.
+        groups: their cameras.
+        features: what is known of each picture.
+        mapping: its models; there may be none.
+
+    Raises:
+        DataError: the database or a model cannot be read.
+    """
+    evidence = Evidence.gather(database, pictures, groups, features, mapping.models)
+    figures = evidence.figures
+    return Diagnosis(
+        given=evidence.given,
+        registered=evidence.registered,
+        unregistered=evidence.unregistered,
+        left_out=pictures.left_out,
+        components=evidence.components,
+        bridges=evidence.bridges,
+        model=figures,
+        figures=tuple(words_of(figures, evidence.given)) if figures is not None else (),
+        findings=sorted_findings(finding for judge in JUDGES for finding in judge(evidence)),
+    )

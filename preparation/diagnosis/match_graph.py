@@ -1,0 +1,224 @@
+"""MatchGraph: which pictures show the same things, as their matches tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy import sparse
+
+from gsfw.preparation.diagnosis.feature_places import FeaturePlaces
+from gsfw.preparation.diagnosis.link import Link
+from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.picture_set import PictureSet
+
+CHANCE = 25
+"""Features that may look alike although nothing else does: of 304 pairs of a photo of fox and one
+of plush, 4000 features each, one has 21 and none has more, nor any verified match."""
+STILL = 0.1
+"""Part of the matches of two pictures that stays in place while the view moves, beyond which
+something does not belong to the scene: fox and plush have 0.00."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """Pictures that are joined to each other, directly or through others."""
+
+    pictures: tuple[str, ...]
+    """In the order of the set."""
+    placed: int
+    """How many of them the model has."""
+
+    def document(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"pictures": list(self.pictures), "placed": self.placed}
+
+
+@dataclass(frozen=True)
+class Bridge:
+    """Where two components come nearest."""
+
+    first: str
+    second: str
+    why: str
+    """A clause that says what they have in common."""
+
+    @property
+    def advice(self) -> str:
+        """Which photos to take."""
+        return f"take photos between {self.first} and {self.second} ({self.why})"
+
+    def document(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"first": self.first, "second": self.second, "why": self.why}
+
+
+@dataclass(frozen=True)
+class MatchGraph:
+    """All pictures, and every pair of them that was compared and has anything in common."""
+
+    names: tuple[str, ...]
+    """Of all pictures, in the order of the set."""
+    links: tuple[Link, ...]
+    still: float = 0.0
+    """Typical part of two pictures' matches that stays in place although the view moves."""
+
+    @staticmethod
+    def read(database: Path, pictures: PictureSet) -> MatchGraph:
+        """The matches of a database whose image ids are positions in the set, counted from 1.
+
+        Raises:
+            DataError: the database cannot be read.
+        """
+        import pycolmap
+
+        kinds = pycolmap.TwoViewGeometryConfiguration
+        flat_kinds = [int(k) for k in (kinds.PLANAR, kinds.PANORAMIC, kinds.PLANAR_OR_PANORAMIC)]
+        names = tuple(picture.name for picture in pictures.pictures)
+        if not database.exists():
+            return MatchGraph(names, ())
+        with (
+            readable_native_errors("read the matches", database),
+            pycolmap.Database.open(database) as opened,
+        ):
+            matches = dict(zip(*opened.read_num_matches(), strict=True))
+            verified = dict(zip(*opened.read_two_view_geometry_num_inliers(), strict=True))
+            places = FeaturePlaces(opened, pictures)
+            links = []
+            for pair in sorted(matches.keys() | verified.keys()):
+                first, second = pycolmap.pair_id_to_image_pair(pair)
+                ends = names[first - 1], names[second - 1]
+                if verified.get(pair):
+                    motion = opened.read_two_view_geometry(first, second)
+                    shift = float(np.median(places.shifts(*ends, motion.inlier_matches)))
+                    counts = matches.get(pair, 0), verified[pair]
+                    flat = motion.config in flat_kinds
+                    turn = _turn(motion.H) if flat else 1.0
+                    links.append(Link(*ends, *counts, shift, flat, turn))
+                elif matches.get(pair):
+                    links.append(Link(*ends, matches[pair]))
+            return MatchGraph(names, tuple(links), places.still(links))
+
+    @property
+    def has_overlay(self) -> bool:
+        """Whether something is in the same place in all pictures."""
+        return self.still > STILL
+
+    @cached_property
+    def by_picture(self) -> Mapping[str, tuple[Link, ...]]:
+        """The links of each picture, those with most verified matches first."""
+        found: dict[str, list[Link]] = {name: [] for name in self.names}
+        for link in self.links:
+            found[link.first].append(link)
+            found[link.second].append(link)
+        return {
+            name: tuple(sorted(links, key=lambda link: (-link.verified, -link.matches)))
+            for name, links in found.items()
+        }
+
+    def best(self, name: str, among: Iterable[str] | None = None) -> Link | None:
+        """The link of a picture with most verified matches, to any or to some others."""
+        others = None if among is None else frozenset(among)
+        for link in self.by_picture[name]:
+            if others is None or link.other(name) in others:
+                return link
+        return None
+
+    def components(self, placed: Iterable[str] = ()) -> tuple[Component, ...]:
+        """Of two pictures or more, those first that have most placed pictures."""
+        number = self._numbers
+        pairs = [(number[link.first], number[link.second]) for link in self.links if link.joins]
+        rows, columns = np.array(pairs, int).reshape(-1, 2).T
+        size = len(self.names)
+        graph = sparse.coo_array((np.ones(len(rows)), (rows, columns)), (size, size))
+        _, labels = sparse.csgraph.connected_components(graph, directed=False)
+        members: dict[int, list[str]] = {}
+        for name, label in zip(self.names, labels.tolist(), strict=True):
+            members.setdefault(label, []).append(name)
+        known = frozenset(placed)
+        found = [
+            Component(tuple(names), sum(name in known for name in names))
+            for names in members.values()
+            if len(names) > 1
+        ]
+        return tuple(sorted(found, key=lambda one: (-one.placed, -len(one.pictures))))
+
+    def bridges(self, components: Sequence[Component]) -> tuple[Bridge, ...]:
+        """Where every component but the first comes nearest to those before, the nearest first."""
+        if not components:
+            return ()
+        waiting = {index: component.pictures for index, component in enumerate(components)}
+        found: list[Bridge] = []
+        reached = waiting.pop(0)
+        nearest: dict[int, tuple[tuple[int, int, int], Bridge]] = {}
+        # Prim's tree: only what was reached last can be nearer than what was before.
+        while waiting:
+            for index, pictures in waiting.items():
+                link = self._nearest(reached, pictures)
+                if index not in nearest or link[0] > nearest[index][0]:
+                    nearest[index] = link
+            best = max(waiting, key=lambda index: nearest[index][0])
+            found.append(nearest[best][1])
+            reached = waiting.pop(best)
+        return tuple(found)
+
+    def bridge(self, ours: Sequence[str], theirs: Sequence[str]) -> Bridge:
+        """Where two groups of pictures come nearest; none is empty."""
+        return self._nearest(ours, theirs)[1]
+
+    def _nearest(
+        self, ours: Sequence[str], theirs: Sequence[str]
+    ) -> tuple[tuple[int, int, int], Bridge]:
+        """How near two components are, and where."""
+        few, many = sorted((ours, theirs), key=len)
+        known = frozenset(many)
+        links = [
+            link for name in few for link in self.by_picture[name] if link.other(name) in known
+        ]
+        best = max(links, key=lambda link: (link.verified, link.matches), default=None)
+        gap, first, second = self._neighbors(ours, theirs)
+        if best is not None and best.verified:
+            why = f"{best.verified} verified matches"
+            return (best.verified, best.matches, -gap), _bridge(best, ours, why)
+        if best is not None and best.matches > CHANCE:
+            why = f"{best.matches} features look alike, but fit no motion of a camera"
+            return (0, best.matches, -gap), _bridge(best, ours, why)
+        return (0, 0, -gap), Bridge(first, second, "nearest to each other by name")
+
+    def _neighbors(self, ours: Sequence[str], theirs: Sequence[str]) -> tuple[int, str, str]:
+        """The two pictures that are nearest by name, and how many steps apart they are."""
+        here = np.sort([self._numbers[name] for name in ours])
+        there = np.array([self._numbers[name] for name in theirs])
+        after = np.searchsorted(here, there)
+        sides = np.stack([here[np.maximum(after - 1, 0)], here[np.minimum(after, len(here) - 1)]])
+        gaps = np.abs(sides - there)
+        side, place = np.unravel_index(gaps.argmin(), gaps.shape)
+        ends = self.names[sides[side, place]], self.names[there[place]]
+        return int(gaps[side, place]), *ends
+
+    @cached_property
+    def _numbers(self) -> Mapping[str, int]:
+        return {name: index for index, name in enumerate(self.names)}
+
+
+def _turn(homography: Float[np.ndarray, "3 3"] | None) -> float:
+    """Largest logarithm of an eigenvalue's size.
+
+    A camera that turns by R moves pixels by K R K^-1, whatever its calibration K, and the
+    eigenvalues of that are those of R: all of size 1.
+    """
+    scale = 0.0 if homography is None else float(np.cbrt(np.linalg.det(homography)))
+    if homography is None or abs(scale) < 1e-9:
+        return 1.0
+    sizes = np.abs(np.linalg.eigvals(homography / scale))
+    return float(np.abs(np.log(np.maximum(sizes, 1e-9))).max())
+
+
+def _bridge(link: Link, ours: Sequence[str], why: str) -> Bridge:
+    ends = (link.first, link.second) if link.first in ours else (link.second, link.first)
+    return Bridge(*ends, why)

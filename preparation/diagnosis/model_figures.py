@@ -1,0 +1,243 @@
+"""ModelFigures: how good a reconstruction is, in numbers.
+
+Everything is computed from the model's own points, poses and cameras: nothing here knows pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.diagnosis.residuals import Stretch, residuals_of, stretch_of
+from gsfw.preparation.diagnosis.triangulation_angles import widest_angles
+from gsfw.preparation.mapping.observations import Observations
+
+if TYPE_CHECKING:
+    from pycolmap import Camera, Reconstruction
+
+NARROW = 5.0
+"""Degrees; depths of points that are seen within less are uncertain by tenths of them."""
+TOO_NARROW = 1.5
+"""Degrees; COLMAP itself drops points of less."""
+
+
+@dataclass(frozen=True)
+class CameraFigures:
+    """One camera of a model."""
+
+    number: int
+    """COLMAP's id."""
+    model: str
+    """COLMAP's name of it, such as SIMPLE_RADIAL."""
+    width: int
+    """Pixels."""
+    height: int
+    pictures: int
+    """How many pictures with a pose it took."""
+    focal: float
+    """Pixels, the mean of both directions."""
+    first_focal: float | None
+    """What was assumed before; ``None`` where that is not known."""
+    focal_origin: str
+    """Where that came from: "EXIF", "given", or "" for a usual one."""
+    view_degrees: float
+    """Angle of view along the longer side, by the focal length alone."""
+    principal_point: tuple[float, float]
+    """Pixels."""
+    distortion: dict[str, float]
+    """The other parameters, by COLMAP's names."""
+
+    @property
+    def focal_ratio(self) -> float | None:
+        """Focal length over the assumed one; ``None`` where that is not known."""
+        return self.focal / self.first_focal if self.first_focal else None
+
+
+@dataclass(frozen=True)
+class TrackFigures:
+    """How points are seen; not-a-number where a model has none."""
+
+    mean_length: float
+    """Pictures that see a point."""
+    share_of_pairs: float
+    """Of points that only two pictures see."""
+    median_degrees: float
+    """Of the widest angle between two rays to a point."""
+    low_degrees: float
+    """10th percentile of that."""
+    share_too_narrow: float
+    """Of points seen within less than ``TOO_NARROW``."""
+    share_narrow: float
+    """Of points seen within less than ``NARROW``."""
+
+
+@dataclass(frozen=True)
+class BaselineFigures:
+    """How cameras stand; not-a-number where there is only one."""
+
+    spread: float
+    """Root mean square distance of the cameras from their middle, in units of the model."""
+    to_depth: float
+    """Median over cameras: distance to the nearest other one, over the median depth of the points
+    that it sees."""
+    degrees: float
+    """Median over cameras: angle between its viewing direction and that of this other one."""
+    cloud_to_spread: float
+    """Size of the point cloud (twice the distance of 90 % of the points from their median) over
+    twice the spread of the cameras."""
+
+
+@dataclass(frozen=True)
+class ModelFigures:
+    """A model in numbers; a mean over nothing is not-a-number."""
+
+    registered: int
+    """Pictures with a pose."""
+    points: int
+    observations: int
+    error: float
+    """Mean reprojection error in pixels over observations; COLMAP takes the mean over points, in
+    which long tracks count for less."""
+    errors: dict[str, float]
+    """The same of each picture that sees a point, by name."""
+    seen: dict[str, int]
+    """How many points each picture sees, by name."""
+    tracks: TrackFigures
+    baselines: BaselineFigures
+    cameras: tuple[CameraFigures, ...]
+    stretch: Stretch
+    """Of pictures by their own motion, as a rolling shutter makes it."""
+
+    @staticmethod
+    def of(model: Reconstruction, groups: Sequence[CameraGroup] = ()) -> ModelFigures:
+        """Measure a model.
+
+        Args:
+            model: with points and poses.
+            groups: what was assumed of its cameras, by the same numbers.
+        """
+        seen = Observations.of(model)
+        names = [model.image(int(number)).name for number in seen.picture_ids]
+        counts = seen.counts
+        places, offsets = residuals_of(model, seen)
+        residuals = np.linalg.norm(offsets, axis=1)
+        sums = np.bincount(seen.pictures, residuals, minlength=len(names))
+        means = sums / np.maximum(counts, 1)
+        return ModelFigures(
+            registered=len(names),
+            points=len(seen.positions),
+            observations=len(seen.points),
+            error=_mean(residuals),
+            errors={
+                name: float(mean)
+                for name, mean, count in zip(names, means, counts, strict=True)
+                if count
+            },
+            seen=dict(zip(names, counts.tolist(), strict=True)),
+            tracks=_tracks(model, seen),
+            baselines=_baselines(model, seen),
+            cameras=_cameras(model, groups),
+            stretch=stretch_of(model, seen, places, offsets),
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+
+def _tracks(model: Reconstruction, seen: Observations) -> TrackFigures:
+    centers = np.array([model.image(int(n)).projection_center() for n in seen.picture_ids])
+    angles = widest_angles(seen, centers.reshape(-1, 3))
+    return TrackFigures(
+        mean_length=_mean(seen.lengths),
+        share_of_pairs=_mean(seen.lengths == 2),
+        median_degrees=_percentile(angles, 50),
+        low_degrees=_percentile(angles, 10),
+        share_too_narrow=_mean(angles < TOO_NARROW),
+        share_narrow=_mean(angles < NARROW),
+    )
+
+
+def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
+    images = [model.image(int(number)) for number in seen.picture_ids]
+    if len(images) < 2:
+        return BaselineFigures(*[float("nan")] * 4)
+    centers = np.array([image.projection_center() for image in images])
+    views = np.array([image.viewing_direction() for image in images])
+    distances, neighbors = _nearest(centers)
+    cosines = np.clip((views * views[neighbors]).sum(axis=1), -1, 1)
+    depths = ((seen.positions[seen.points] - centers[seen.pictures]) * views[seen.pictures]).sum(1)
+    ratios = [
+        distance / np.median(depths[own])
+        for distance, (_, own) in zip(distances, seen.by_picture(), strict=True)
+        if len(own)
+    ]
+    spread = float(np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return BaselineFigures(
+        spread=spread,
+        to_depth=_percentile(np.array(ratios), 50),
+        degrees=float(np.median(np.degrees(np.arccos(cosines)))),
+        cloud_to_spread=_cloud_radius(seen.positions) / spread if spread else float("nan"),
+    )
+
+
+def _nearest(
+    centers: Float64[np.ndarray, "r 3"],
+) -> tuple[Float64[np.ndarray, " r"], np.ndarray]:
+    """Of each camera, the distance to the nearest other one, and which that is."""
+    from scipy.spatial import KDTree
+
+    distances, neighbors = KDTree(centers).query(centers, k=2)
+    # Where two stand in one place, either may come first.
+    itself = neighbors[:, 0] == np.arange(len(centers))
+    return distances[:, 1], np.where(itself, neighbors[:, 1], neighbors[:, 0])
+
+
+def _cloud_radius(positions: Float64[np.ndarray, "p 3"]) -> float:
+    if not len(positions):
+        return float("nan")
+    return _percentile(np.linalg.norm(positions - np.median(positions, axis=0), axis=1), 90)
+
+
+def _cameras(model: Reconstruction, groups: Sequence[CameraGroup]) -> tuple[CameraFigures, ...]:
+    assumed = {group.number: group for group in groups}
+    used = [model.image(number).camera_id for number in model.reg_image_ids()]
+    return tuple(
+        _camera(model.camera(number), used.count(number), assumed.get(number))
+        for number in sorted(set(used))
+    )
+
+
+def _camera(camera: Camera, pictures: int, assumed: CameraGroup | None) -> CameraFigures:
+    names = [name.strip() for name in camera.params_info.split(",")]
+    extra = camera.extra_params_idxs()
+    longer = max(camera.width, camera.height)
+    half = longer / 2 / camera.mean_focal_length()
+    # An equidistant fisheye's angle grows with the radius; a pinhole's tangent does.
+    angle = half if "FISHEYE" in camera.model.name else np.arctan(half)
+    return CameraFigures(
+        number=camera.camera_id,
+        model=camera.model.name,
+        width=camera.width,
+        height=camera.height,
+        pictures=pictures,
+        focal=float(camera.mean_focal_length()),
+        first_focal=assumed.focal if assumed else None,
+        focal_origin=assumed.focal_origin if assumed else "",
+        view_degrees=float(np.degrees(2 * angle)),
+        principal_point=(float(camera.principal_point_x), float(camera.principal_point_y)),
+        distortion={names[index]: float(camera.params[index]) for index in extra},
+    )
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if values.size else float("nan")
+
+
+def _percentile(values: np.ndarray, percent: int) -> float:
+    return float(np.percentile(values, percent)) if values.size else float("nan")

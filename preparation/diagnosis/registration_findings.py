@@ -1,0 +1,162 @@
+"""What it means that pictures have no place in the model, or files none among the pictures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from gsfw.core.finding import Finding, Weight, listed
+from gsfw.preparation.diagnosis.evidence import Evidence
+from gsfw.preparation.diagnosis.match_graph import Bridge
+
+MOST = 0.9
+"""Part of the pictures that a capture without fault places: fox and plush place all."""
+HALF = 0.5
+"""Part of the pictures below which the model is of something else than was photographed."""
+ENOUGH = 20
+"""Placed pictures that train nevertheless, to a model of a part; as in ``gsfw check``."""
+FEWEST = 3
+"""Pictures that a model needs: a point that two show is confirmed by the third."""
+MANY = 0.1
+"""Part of the pictures, or of the files, that is missed."""
+SHOWN = 3
+"""So many bridges and reasons are told in a sentence."""
+
+
+def registration_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Everything that is missing."""
+    if not evidence.registered:
+        yield _no_model(evidence)
+    elif evidence.unregistered:
+        yield _unplaced(evidence)
+    yield from _groups(evidence)
+    yield from _models(evidence)
+    yield from _left_out(evidence)
+
+
+def _no_model(evidence: Evidence) -> Finding:
+    given = evidence.given
+    found = f"None of {given} pictures could be placed: {_reasons(evidence)}."
+    if given < FEWEST:
+        pictures = "is only one picture" if given == 1 else f"are only {given} pictures"
+        advice = "Take 50 to 150, each overlapping the next by two thirds."
+        why = f"Depth needs {FEWEST} pictures from different places at least."
+        return Finding("no cameras", Weight.STOP, f"There {pictures}.", why, advice)
+    worst = Counter(item.reason for item in evidence.unregistered).most_common(1)[0][0]
+    advice = next(item.advice for item in evidence.unregistered if item.reason == worst)
+    return Finding(
+        "no cameras",
+        Weight.STOP,
+        found,
+        "Training needs to know where each picture was taken from.",
+        advice,
+        tuple(item.name for item in evidence.unregistered),
+    )
+
+
+def _unplaced(evidence: Evidence) -> Finding:
+    placed, given = len(evidence.registered), evidence.given
+    missed = evidence.unregistered
+    weight = Weight.NOTE if placed >= MOST * given else Weight.LIMIT
+    if placed < HALF * given and placed < ENOUGH:
+        weight = Weight.STOP
+    reasons = Counter(item.reason for item in missed).most_common(SHOWN)
+    advice = [
+        next(item.advice for item in missed if item.reason == reason) for reason, _ in reasons
+    ]
+    return Finding(
+        "pictures not placed",
+        weight,
+        f"{placed} of {given} pictures were placed; the others: {_reasons(evidence)}.",
+        "What only the others show will be missing."
+        if weight is not Weight.STOP
+        else "What is left is too small a part of what was photographed.",
+        " ".join(dict.fromkeys(advice)),
+        tuple(item.name for item in missed),
+    )
+
+
+def _reasons(evidence: Evidence) -> str:
+    """Which reasons how many pictures have, the most frequent first."""
+    counts = Counter(item.reason for item in evidence.unregistered)
+    return ", ".join(f"{reason} ({count})" for reason, count in counts.most_common())
+
+
+def _groups(evidence: Evidence) -> Iterator[Finding]:
+    """Pictures that match each other and not the others."""
+    # Other groups may have been placed by many weak matches.
+    components = [c for c in evidence.components if c == evidence.components[0] or not c.placed]
+    whole = len(components) == len(evidence.components)
+    bridges = evidence.bridges if whole else evidence.graph.bridges(components)
+    joined = sum(len(component.pictures) for component in components)
+    # Without a model, a few pairs among many pictures are not what was wrong.
+    if len(components) < 2 or not (evidence.registered or joined > HALF * evidence.given):
+        return
+    apart = [name for component in components[1:] for name in component.pictures]
+    sizes = _and([len(component.pictures) for component in components])
+    more = f"; {len(bridges) - SHOWN} more are in the report" if len(bridges) > SHOWN else ""
+    advice = "; ".join(bridge.advice for bridge in bridges[:SHOWN]) + more
+    yield Finding(
+        "separate groups",
+        Weight.NOTE if len(apart) < MANY * evidence.given else Weight.LIMIT,
+        f"The pictures fall into {len(components)} groups, of {sizes}, that hardly a match joins.",
+        "Nothing tells how they lie to each other, so that only one of them is kept.",
+        f"{advice[0].upper()}{advice[1:]}; if they show different things, prepare each by itself.",
+        tuple(apart),
+    )
+
+
+def _models(evidence: Evidence) -> Iterator[Finding]:
+    """Models of pictures that match those of another, and still could not be joined to it."""
+    reached = list(evidence.models[:1])
+    weak: list[tuple[frozenset[str], Bridge]] = []
+    for model in evidence.models[1:]:
+        ours = [name for name in evidence.graph.names if any(name in one for one in reached)]
+        theirs = [name for name in evidence.graph.names if name in model and name not in ours]
+        if theirs and any(
+            link.joins and link.other(name) in ours
+            for name in theirs
+            for link in evidence.graph.by_picture[name]
+        ):
+            weak.append((model, evidence.graph.bridge(ours, theirs)))
+        reached.append(model)
+    if weak:
+        sizes = _and([len(model) for model, _ in weak])
+        advice = "; ".join(bridge.advice for _, bridge in weak[:SHOWN])
+        yield Finding(
+            "separate models",
+            Weight.LIMIT,
+            f"There {'is' if len(weak) == 1 else 'are'} {len(weak)} more model"
+            f"{'' if len(weak) == 1 else 's'}, of {sizes} pictures, with too few matches to be "
+            "joined to others.",
+            "Only the largest model is kept.",
+            f"{advice[0].upper()}{advice[1:]}.",
+        )
+
+
+def _and(numbers: list[int]) -> str:
+    first = ", ".join(str(number) for number in numbers[:-1])
+    return f"{first} and {numbers[-1]}" if first else str(numbers[-1])
+
+
+def _left_out(evidence: Evidence) -> Iterator[Finding]:
+    left_out = evidence.pictures.left_out
+    if not left_out:
+        return
+    # Where nothing needs to be done, such as for the same file twice, nothing is lost.
+    lost = [item for item in left_out if item.advice]
+    files = len(left_out) + evidence.given
+    counts = Counter(item.reason for item in left_out).most_common()
+    reasons = "; ".join(
+        f"{listed(tuple(item.name for item in left_out if item.reason == reason))}: {reason}"
+        for reason, _ in counts[:SHOWN]
+    )
+    more = f"; {len(counts) - SHOWN} more reasons are in the report" if counts[SHOWN:] else ""
+    advice = " ".join(dict.fromkeys(item.advice for item in lost))
+    yield Finding(
+        "files left out",
+        Weight.LIMIT if len(lost) > MANY * files else Weight.NOTE,
+        f"{len(left_out)} of {files} files are not used: {reasons}{more}.",
+        "What only they show will be missing." if lost else "Nothing is missing without them.",
+        advice or "Nothing needs to be done.",
+    )

@@ -1,0 +1,1 @@
+"""Camera poses and points from matched pictures, by the mappers of COLMAP."""

@@ -1,0 +1,137 @@
+"""Incremental mapping: camera poses by COLMAP, one picture after another.
+
+Schönberger and Frahm 2016, "Structure-from-Motion Revisited". COLMAP halves its own thresholds for
+the first pair twice where nothing can be started; ``RELAXED`` goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from gsfw.preparation.cancellation import cancellable
+from gsfw.preparation.mapping.mapping_rule import MappingRule
+
+if TYPE_CHECKING:
+    from pycolmap import IncrementalPipelineOptions, Reconstruction
+
+SMALLEST = 3
+"""Pictures; two alone tell nothing that a third could confirm."""
+LEAST_POINTS = 15
+"""A model of fewer points is none: each picture has to see so many, even by ``RELAXED``, before
+outliers go. Eight photos that were taken while turning on the spot are left with one."""
+SEED = 0
+
+Models: TypeAlias = "list[Reconstruction]"
+
+
+@dataclass(frozen=True)
+class Strictness:
+    """How much evidence a picture needs."""
+
+    first_pair_matches: int
+    first_pair_degrees: float
+    """Median angle between the rays to points that the first pair sees."""
+    forward_motion: float
+    """Largest share of the first pair's motion that may point along the view."""
+    picture_points: int
+    """So many points of the model must a picture see to be added."""
+    picture_share: float
+    """And so large a share of its matches must agree."""
+
+
+USUAL = Strictness(100, 16.0, 0.95, 30, 0.25)
+"""COLMAP's defaults."""
+RELAXED = Strictness(30, 4.0, 1.0, 15, 0.15)
+"""For captures of few or weakly linked pictures; 15 is also the fewest matches of any pair."""
+
+
+def run_incremental(
+    database: Path,
+    folder: Path,
+    rule: MappingRule,
+    strictness: Strictness,
+    registered: Callable[[int], None] = lambda count: None,
+    start_from: Path | None = None,
+    among: Sequence[str] = (),
+) -> Models:
+    """Compute poses.
+
+    Args:
+        database: COLMAP's, with features and verified matches.
+        folder: an existing one; models are left in folders below it.
+        rule: of which all but the principal point is heeded.
+        strictness: how much evidence is asked for.
+        registered: told how many pictures have been added by now, to all models together.
+        start_from: folder of a model that is to grow; otherwise new ones are begun.
+        among: names of the pictures that may get poses; empty for all.
+
+    Returns:
+        Models, the largest first; none where nothing could be reconstructed.
+    """
+    import pycolmap
+
+    count = _counter(registered)
+    pycolmap.set_random_seed(SEED)
+    options = incremental_options(rule, strictness)
+    options.image_names = list(among)
+    models = cancellable(
+        lambda token: pycolmap.incremental_mapping(
+            database_path=database,
+            # Where pictures are does not matter: their colours are not read here.
+            image_path=folder,
+            output_path=folder,
+            options=options,
+            input_path=start_from or "",
+            # Also called where a model goes on, which then has its first pair already.
+            initial_image_pair_callback=count(0 if start_from else 2),
+            next_image_callback=count(1),
+            cancellation_token=token,
+        )
+    )
+    return solid(models.values())
+
+
+def _counter(registered: Callable[[int], None]) -> Callable[[int], Callable[[], None]]:
+    """Makes callbacks that add so many pictures to one count, and tell it."""
+    counts = [0]
+
+    def count(pictures: int) -> Callable[[], None]:
+        def added() -> None:
+            counts[0] += pictures
+            registered(counts[0])
+
+        return added
+
+    return count
+
+
+def incremental_options(rule: MappingRule, strictness: Strictness) -> IncrementalPipelineOptions:
+    """COLMAP's options."""
+    from pycolmap import IncrementalPipelineOptions
+
+    options = IncrementalPipelineOptions()
+    options.extract_colors = False
+    options.min_model_size = SMALLEST
+    options.num_threads = rule.jobs
+    options.random_seed = SEED
+    options.ba_refine_focal_length = rule.refine_focal
+    options.mapper.abs_pose_refine_focal_length = rule.refine_focal
+    options.mapper.init_min_num_inliers = strictness.first_pair_matches
+    options.mapper.init_min_tri_angle = strictness.first_pair_degrees
+    options.mapper.init_max_forward_motion = strictness.forward_motion
+    options.mapper.abs_pose_min_num_inliers = strictness.picture_points
+    options.mapper.abs_pose_min_inlier_ratio = strictness.picture_share
+    return options
+
+
+def solid(models: Iterable[Reconstruction]) -> Models:
+    """Models that rest on ``LEAST_POINTS`` or more, the largest first."""
+    return largest_first(model for model in models if model.num_points3D() >= LEAST_POINTS)
+
+
+def largest_first(models: Iterable[Reconstruction]) -> Models:
+    """Models by registered pictures; of two with as many, the one with more points."""
+    return sorted(models, key=lambda m: (-m.num_reg_images(), -m.num_points3D()))

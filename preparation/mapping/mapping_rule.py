@@ -1,0 +1,34 @@
+"""MappingRule: how camera poses are computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gsfw.core.errors import ConfigError
+
+MAPPERS = ("incremental", "global")
+
+
+@dataclass(frozen=True)
+class MappingRule:
+    """What the user chose."""
+
+    mapper: str = "incremental"
+    """"incremental" (COLMAP: picture after picture) or "global" (GLOMAP: all at once)."""
+    refine_focal: bool = True
+    """Whether focal lengths are computed, or stay as they were given."""
+    refine_principal_point: bool = False
+    """Whether principal points are computed, or stay in the middle of the picture."""
+    jobs: int = 1
+    """How many threads work."""
+
+    def check(self) -> None:
+        """Check the values.
+
+        Raises:
+            ConfigError: one of them makes no sense.
+        """
+        if self.mapper not in MAPPERS:
+            raise ConfigError(f"mapper={self.mapper}: expected one of {', '.join(MAPPERS)}.")
+        if self.jobs < 1:
+            raise ConfigError(f"jobs={self.jobs}: expected at least 1.")

@@ -1,0 +1,86 @@
+"""Observations: which picture of a model sees which point where, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction
+
+Integers = Int64[np.ndarray, " o"]
+"""One for each observation."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Of o observations, ordered by their points."""
+
+    pictures: Integers
+    """Positions in ``picture_ids``."""
+    points: Integers
+    """Positions in ``positions``."""
+    features: Integers
+    """Numbers of the features in their pictures."""
+    picture_ids: Int64[np.ndarray, " r"]
+    """COLMAP's ids of the registered pictures, ascending."""
+    point_ids: Int64[np.ndarray, " p"]
+    """COLMAP's ids of the points."""
+    positions: Float64[np.ndarray, "p 3"]
+    """Of the points, in the model's units."""
+
+    @staticmethod
+    def of(model: Reconstruction) -> Observations:
+        """Read a model."""
+        seen: list[tuple[int, int]] = []
+        ids, positions, lengths = [], [], []
+        for number, point in model.points3D.items():
+            elements = point.track.elements
+            ids.append(number)
+            positions.append(point.xyz)
+            lengths.append(len(elements))
+            seen += [(element.image_id, element.point2D_idx) for element in elements]
+        table = np.array(seen, dtype=np.int64).reshape(-1, 2)
+        picture_ids = np.array(sorted(model.reg_image_ids()), dtype=np.int64)
+        return Observations(
+            pictures=np.searchsorted(picture_ids, table[:, 0]).astype(np.int64),
+            points=np.repeat(np.arange(len(ids), dtype=np.int64), lengths),
+            features=table[:, 1],
+            picture_ids=picture_ids,
+            point_ids=np.array(ids, dtype=np.int64),
+            positions=np.array(positions, dtype=np.float64).reshape(-1, 3),
+        )
+
+    @cached_property
+    def lengths(self) -> Int64[np.ndarray, " p"]:
+        """How many pictures see each point."""
+        return np.bincount(self.points, minlength=len(self.positions)).astype(np.int64)
+
+    @cached_property
+    def counts(self) -> Int64[np.ndarray, " r"]:
+        """How many points each picture sees."""
+        return np.bincount(self.pictures, minlength=len(self.picture_ids)).astype(np.int64)
+
+    def by_picture(self) -> Iterator[tuple[int, np.ndarray]]:
+        """COLMAP's id of each picture, and which observations are its own."""
+        order = np.argsort(self.pictures, kind="stable")
+        parts = np.split(order, np.cumsum(self.counts))[:-1]
+        yield from zip(self.picture_ids.tolist(), parts, strict=True)
+
+    def features_of(self, picture_id: int) -> Integers:
+        """Numbers of the features of a picture that see a point."""
+        return self.features[self.picture_ids[self.pictures] == picture_id]
+
+    def points_of(self, picture_id: int) -> Float64[np.ndarray, "f 3"]:
+        """Positions of the points that these see, in the same order."""
+        return self.positions[self.points[self.picture_ids[self.pictures] == picture_id]]
+
+    def seen_by(self, picture_ids: set[int]) -> np.ndarray:
+        """Of each point, whether one of these pictures sees it: booleans."""
+        chosen = np.isin(self.picture_ids, list(picture_ids))
+        return np.bincount(self.points[chosen[self.pictures]], minlength=len(self.positions)) > 0

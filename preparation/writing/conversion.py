@@ -1,0 +1,152 @@
+"""Conversion: a data set with poses, of any format, written in one that other programs read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from gsfw.core.errors import ConfigError
+from gsfw.core.run_folder import write_atomically
+from gsfw.datamanagers.colmap.writer import write_model
+from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
+from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE, write_transforms
+from gsfw.datamanagers.warp import MapCache
+from gsfw.preparation.progress import Progress
+from gsfw.preparation.writing.conversion_notes import SPLIT_LIST, conversion_notes, write_split_list
+from gsfw.preparation.writing.converted_frame import FrameTask, tasks_of
+from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.worker_threads import in_order, workers_for
+from gsfw.preparation.writing.written_data_set import WrittenDataSet
+from gsfw.preparation.writing.written_files import check_sources_stay, place_model, start_over
+
+LAYOUTS = ("auto", "colmap", "transforms")
+AS_GIVEN = OutputRule("keep")
+
+
+@dataclass(frozen=True)
+class ConversionRule:
+    """What a data set is converted to."""
+
+    layout: str = "auto"
+    """colmap, transforms, or auto: transforms where there are times or depths, else colmap."""
+    output: OutputRule = AS_GIVEN
+    """What becomes of lenses and pictures."""
+    masks: MaskRule = USUAL_MASKS
+    """Which masks there are; written masks are bright where pixels count."""
+
+    def check(self) -> None:
+        """Check the values.
+
+        Raises:
+            ConfigError: one of them makes no sense.
+        """
+        self.output.check()
+        if self.layout not in LAYOUTS:
+            raise ConfigError(f"layout={self.layout}: expected one of {', '.join(LAYOUTS)}.")
+
+    def layout_of(self, frames: Sequence[Frame]) -> str:
+        """Either colmap or transforms."""
+        if self.layout != "auto":
+            return self.layout
+        needs_more = any(frame.time is not None or frame.depth is not None for frame in frames)
+        return "transforms" if needs_more else "colmap"
+
+
+def convert(
+    recording: Recording, out: Path, rule: ConversionRule, progress: Progress, jobs: int = 1
+) -> WrittenDataSet:
+    """Write a data set's pictures, masks and depths, then its cameras and points.
+
+    Args:
+        recording: what a format's file says, as ``Capture.recording`` has it.
+        out: the folder that images/, masks/ and so on are written to.
+        rule: what it is converted to.
+        progress: gets the stage "pictures".
+        jobs: how many pictures are worked on at a time, where memory allows it.
+
+    Raises:
+        DataError: a picture, mask or depth map cannot be used, or a lens cannot be undistorted.
+        OutputError: something cannot be written, or would be written over what is read.
+    """
+    by_name = sorted(recording.frames, key=lambda frame: frame.name)
+    frames, _ = find_masks(recording, by_name, rule.masks)
+    layout = rule.layout_of(frames)
+    tasks = tasks_of(frames, rule.masks, rule.output.lens == "keep", layout == "transforms")
+    names = [name for task in tasks for name in task.files.values()]
+    check_sources_stay([path for task in tasks for path in task.sources], [out / n for n in names])
+    start_over(out, [*names, FILE, POINTS_FILE, SPLIT_LIST])
+    size = _write_files(tasks, out, rule.output.jpeg_quality, progress, jobs)
+    written = replace(recording, frames=tuple(task.written_frame(out) for task in tasks))
+    size += _write_cameras(written, layout, out)
+    return _converted(recording, written, tasks, layout, size, out)
+
+
+def _write_files(
+    tasks: Sequence[FrameTask], out: Path, quality: int, progress: Progress, jobs: int
+) -> int:
+    """Write what belongs to each picture, worked on by several threads.
+
+    Returns:
+        Bytes written.
+    """
+    work = partial(_made, maps=MapCache(), quality=quality)
+    largest = max(task.frame.header.width * task.frame.header.height for task in tasks)
+    results = in_order(work, _decoded(tasks), workers_for(largest, jobs))
+    size = 0
+    with progress.stage("pictures", len(tasks)) as advance, closing(results):
+        for done, files in enumerate(results, 1):
+            for name, content in files.items():
+                write_atomically(out / name, content)
+                size += len(content)
+            advance(done)
+    return size
+
+
+def _decoded(tasks: Sequence[FrameTask]) -> Iterator[FrameTask]:
+    """The tasks, with the pictures of those of videos, which are decoded in order."""
+    videos: dict[Path, dict[int, FrameTask]] = {}
+    for task in tasks:
+        if task.frame.shot is None:
+            yield task
+        else:
+            videos.setdefault(task.frame.path, {})[task.frame.shot.number] = task
+    for own in videos.values():
+        shot = next(iter(own.values())).frame.shot
+        assert shot is not None
+        for number, pixels in shot.video.pictures(range(min(own), max(own) + 1)):
+            if number in own:
+                yield replace(own[number], pixels=pixels)
+
+
+def _made(task: FrameTask, maps: MapCache, quality: int) -> dict[str, bytes]:
+    return task.made(maps, quality)
+
+
+def _write_cameras(written: Recording, layout: str, out: Path) -> int:
+    if layout == "transforms":
+        return write_transforms(written, out)
+    write = partial(write_model, written, pictures=out / "images")
+    size = place_model(write, len(written.frames), len(written.points), out)
+    return size + write_split_list(written, out)
+
+
+def _converted(
+    recording: Recording,
+    written: Recording,
+    tasks: Sequence[FrameTask],
+    layout: str,
+    size: int,
+    out: Path,
+) -> WrittenDataSet:
+    return WrittenDataSet.of(
+        layout,
+        [task.change.plan for task in tasks],
+        masks=sum(frame.mask is not None for frame in written.frames),
+        points=len(written.points),
+        size=size,
+        notes=conversion_notes(recording, written, layout, out),
+    )

@@ -1,0 +1,166 @@
+"""FrameTask: one picture of a data set that is converted, with the files that belong to it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from jaxtyping import UInt8
+
+from gsfw.datamanagers.depth_map import DepthMap
+from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.masks import MaskRule
+from gsfw.datamanagers.pictures import Header, decode, fit_mask, load_mask
+from gsfw.datamanagers.warp import MapCache, Warp
+from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.writing.camera_plan import CameraPlan
+from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
+from gsfw.preparation.writing.written_files import MASKS, PICTURES
+
+MOVING, DEPTH = "motion_masks", "depths"
+"""Folders of the written files, besides those of every data set."""
+
+
+@dataclass(frozen=True)
+class FrameTask:
+    """What is to be written of a frame."""
+
+    frame: Frame
+    change: PictureChange
+    masks: MaskRule
+    files: dict[str, str]
+    """Names of the files that are written, relative to the data set, by their folders."""
+    pixels: UInt8[np.ndarray, "h w 3"] | None = None
+    """Of a picture of a video, once it is decoded."""
+
+    @property
+    def sources(self) -> list[Path]:
+        """The files that are read."""
+        frame = self.frame
+        depth = None if frame.depth is None else frame.depth.path
+        return [path for path in (frame.path, frame.mask, frame.moving, depth) if path is not None]
+
+    def made(self, maps: MapCache, quality: int) -> dict[str, bytes]:
+        """The content of each file, by its name.
+
+        Raises:
+            DataError: the picture, a mask or the depths do not decode or do not fit.
+        """
+        warp = self.change.warp(maps)
+        content = {PICTURES: self.change.content(self._decode, warp, quality)}
+        if MASKS in self.files:
+            content[MASKS] = self._mask(warp)
+        if MOVING in self.files:
+            content[MOVING] = self._moving(warp)
+        if DEPTH in self.files:
+            content[DEPTH] = self._depth(warp)
+        return {self.files[folder]: data for folder, data in content.items()}
+
+    def written_frame(self, out: Path) -> Frame:
+        """The frame of the written files below ``out``."""
+        paths = {folder: out / name for folder, name in self.files.items()}
+        target, depth = self.change.plan.target, self.frame.depth
+        return replace(
+            self.frame,
+            name=self.files[PICTURES],
+            path=paths[PICTURES],
+            header=Header(target.width, target.height, self.frame.header.has_alpha),
+            lens=target,
+            mask=paths.get(MASKS),
+            moving=paths.get(MOVING),
+            shot=None,
+            depth=None
+            if depth is None or DEPTH not in paths
+            else replace(depth, path=paths[DEPTH]),
+        )
+
+    def _decode(self) -> UInt8[np.ndarray, "h w d"]:
+        return decode(self.frame.path, self.frame.header) if self.pixels is None else self.pixels
+
+    def _mask(self, warp: Warp | None) -> bytes:
+        target = self.change.plan.target
+        inside = fit_mask(self.masks.load(self.frame), target.width, target.height, warp)
+        assert inside is not None
+        return encoded_mask(inside)
+
+    def _moving(self, warp: Warp | None) -> bytes:
+        frame, target = self.frame, self.change.plan.target
+        assert frame.moving is not None
+        still = ~load_mask(frame.moving, frame.path, frame.header)
+        # Where any of the pixels beneath moves, their mean does.
+        fitted = fit_mask(still, target.width, target.height, warp)
+        assert fitted is not None
+        return encoded_mask(~fitted)
+
+    def _depth(self, warp: Warp | None) -> bytes:
+        """The file as it is, or undistorted numbers in the same unit."""
+        depth: DepthMap | None = self.frame.depth
+        assert depth is not None
+        if warp is None:
+            return depth.path.read_bytes()
+        target = self.change.plan.target
+        depths = depth.load(self.frame.header, target.width, target.height, warp)
+        buffer = io.BytesIO()
+        np.save(buffer, depths / np.float32(depth.unit))
+        return buffer.getvalue()
+
+
+def tasks_of(
+    frames: Sequence[Frame], masks: MaskRule, keep: bool, with_depth: bool
+) -> list[FrameTask]:
+    """One for each frame.
+
+    Args:
+        frames: with the masks that were found.
+        masks: what masks mean.
+        keep: whether lenses stay as they are.
+        with_depth: whether the layout holds depths, and masks of what moves.
+
+    Raises:
+        DataError: a lens cannot be undistorted.
+    """
+    changes = [_change(frame, keep) for frame in frames]
+    names = unique_names(
+        with_right_suffix(_plain(frame.name), change.format)
+        for frame, change in zip(frames, changes, strict=True)
+    )
+    return [
+        FrameTask(frame, change, masks, _files(frame, change, name, with_depth))
+        for frame, change, name in zip(frames, changes, names, strict=True)
+    ]
+
+
+def _change(frame: Frame, keep: bool) -> PictureChange:
+    header = frame.header
+    plan = CameraPlan.of(frame.lens.resized(header.width, header.height), keep)
+    stored = None if frame.shot is not None else StoredPicture.read(frame.path, header)
+    return PictureChange(stored, plan)
+
+
+def _files(frame: Frame, change: PictureChange, name: str, with_depth: bool) -> dict[str, str]:
+    """What is written of a frame, by folder."""
+    undistortion = change.plan.undistortion
+    files = {PICTURES: f"{PICTURES}/{name}"}
+    if frame.mask is not None or (undistortion is not None and undistortion.has_blanks):
+        files[MASKS] = f"{MASKS}/{name}.png"
+    if with_depth and frame.moving is not None:
+        files[MOVING] = f"{MOVING}/{name}.png"
+    if with_depth and frame.depth is not None:
+        suffix = frame.depth.path.suffix if undistortion is None else ".npy"
+        files[DEPTH] = f"{DEPTH}/{name}{suffix}"
+    return files
+
+
+def _plain(name: str) -> str:
+    """A frame's name as a path below images/."""
+    parts = [
+        part
+        for part in PurePosixPath(name.replace("\\", "/")).parts
+        if part not in ("/", "..") and not part.endswith(":")
+    ]
+    if len(parts) > 1 and parts[0] == PICTURES:
+        parts = parts[1:]
+    return "/".join(parts)

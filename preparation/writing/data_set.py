@@ -1,0 +1,248 @@
+"""Data sets of estimated cameras: pictures in images/, and a COLMAP model of them in sparse/0."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+
+from gsfw.core.run_folder import write_atomically
+from gsfw.datamanagers.pictures import decode
+from gsfw.datamanagers.warp import MapCache
+from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.progress import Progress
+from gsfw.preparation.writing.camera_plan import CameraPlan
+from gsfw.preparation.writing.moved_model import (
+    NO_POINT,
+    Sightings,
+    lens_of_camera,
+    moved_model,
+)
+from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
+from gsfw.preparation.writing.worker_threads import in_order, workers_for
+from gsfw.preparation.writing.written_data_set import WrittenDataSet
+from gsfw.preparation.writing.written_files import (
+    MASKS,
+    PICTURES,
+    check_sources_stay,
+    place_model,
+    start_over,
+)
+
+if TYPE_CHECKING:
+    from pycolmap import Image, Reconstruction
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A picture that is to be written."""
+
+    number: int
+    """Of its image in the model."""
+    picture: SourcePicture
+    change: PictureChange
+    seen: Sightings
+    name: str
+
+    @property
+    def has_mask(self) -> bool:
+        """Whether the lens did not see all of the written picture."""
+        undistortion = self.change.plan.undistortion
+        return undistortion is not None and undistortion.has_blanks
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What is written of a picture, and the colours where it was looked at."""
+
+    content: bytes
+    mask: bytes | None
+    points: Float64[np.ndarray, "m 3"]
+
+
+def write_data_set(
+    model: Reconstruction,
+    pictures: PictureSet,
+    out: Path,
+    rule: OutputRule,
+    progress: Progress,
+    jobs: int = 1,
+) -> WrittenDataSet:
+    """Write pictures and model; the model comes last, so that with it a data set is complete.
+
+    All pictures are written by every run, whatever an interrupted one has left: all have to be
+    decoded for the colours of points, and none of another estimate can stay.
+
+    Args:
+        model: estimated cameras and points; only registered images are written.
+        pictures: holds every image of the model, by name.
+        out: the folder that images/, masks/ (where a lens did not see a whole picture) and sparse/0
+            are written to.
+        rule: what becomes of lenses and files.
+        progress: gets the stage "pictures".
+        jobs: how many pictures are worked on at a time, where memory allows it.
+
+    Raises:
+        DataError: a lens cannot be undistorted.
+        OutputError: something cannot be written, or would be written over what is read.
+    """
+    tasks = _tasks(model, pictures, rule)
+    _make_room(tasks, out)
+    colors = _MeanColors(model)
+    size = 0
+    with (
+        progress.stage("pictures", len(tasks)) as advance,
+        closing(_made(tasks, rule, jobs)) as results,
+    ):
+        for done, (task, made) in enumerate(zip(tasks, results, strict=True), 1):
+            write_atomically(out / PICTURES / task.name, made.content)
+            if made.mask is not None:
+                write_atomically(out / MASKS / f"{task.name}.png", made.mask)
+            size += len(made.content) + len(made.mask or b"")
+            colors.add(task.seen, made.points)
+            advance(done)
+    moved = moved_model(
+        model,
+        {model.images[task.number].camera_id: task.change.plan for task in tasks},
+        {task.number: task.name for task in tasks},
+        {task.number: task.seen for task in tasks},
+        colors.result(),
+    )
+    size += place_model(moved.write_binary, len(tasks), moved.num_points3D(), out)
+    return _written(model, moved, tasks, size)
+
+
+def _make_room(tasks: Sequence[_Task], out: Path) -> None:
+    """Check that nothing is in the way that is read, and remove what an earlier run has left."""
+    targets = [f"{PICTURES}/{task.name}" for task in tasks]
+    check_sources_stay([task.picture.path for task in tasks], [out / name for name in targets])
+    start_over(out, [*targets, *(f"{MASKS}/{task.name}.png" for task in tasks if task.has_mask)])
+
+
+def _tasks(model: Reconstruction, pictures: PictureSet, rule: OutputRule) -> list[_Task]:
+    """One for each registered image, in the order of their names."""
+    images = sorted((model.images[number] for number in model.reg_image_ids()), key=_name)
+    own = [pictures.by_name[image.name] for image in images]
+    stored = [StoredPicture.read(picture.path, picture.header) for picture in own]
+    keep = rule.lens == "keep"
+    plans = {
+        number: CameraPlan.of(lens_of_camera(model.cameras[number], number), keep)
+        for number in sorted({image.camera_id for image in images})
+    }
+    changes = [
+        PictureChange(file, plans[image.camera_id])
+        for image, file in zip(images, stored, strict=True)
+    ]
+    names = unique_names(
+        with_right_suffix(image.name, change.format)
+        for image, change in zip(images, changes, strict=True)
+    )
+    return [
+        _Task(image.image_id, picture, change, Sightings.of(image), name)
+        for image, picture, change, name in zip(images, own, changes, names, strict=True)
+    ]
+
+
+def _name(image: Image) -> str:
+    return str(image.name)
+
+
+def _made(tasks: Sequence[_Task], rule: OutputRule, jobs: int) -> Generator[_Made, None, None]:
+    """What is to be written, in order, worked on by several threads."""
+    maps = MapCache()
+    largest = max(task.picture.header.width * task.picture.header.height for task in tasks)
+    work = partial(_make, maps=maps, quality=rule.jpeg_quality)
+    return in_order(work, tasks, workers_for(largest, jobs))
+
+
+def _make(task: _Task, maps: MapCache, quality: int) -> _Made:
+    """Decode a picture once: for the colours of its points, and for what is written of it."""
+    pixels = decode(task.picture.path, task.picture.header)
+    warp = task.change.warp(maps)
+    mask = None if warp is None else warp.mask(None)
+    return _Made(
+        task.change.content(lambda: pixels, warp, quality),
+        None if mask is None else encoded_mask(mask),
+        _sampled(pixels, task.seen.pixels[task.seen.points != NO_POINT]),
+    )
+
+
+def _sampled(
+    pixels: UInt8[np.ndarray, "h w d"], places: Float64[np.ndarray, "m 2"]
+) -> Float64[np.ndarray, "m 3"]:
+    """Colours between pixel centres, which lie at halves; beyond the outermost, theirs."""
+    last = np.array([pixels.shape[1], pixels.shape[0]]) - 1
+    inside = (places - 0.5).clip(0, last)
+    first = np.minimum(inside.astype(np.int64), np.maximum(last - 1, 0))
+    second = np.minimum(first + 1, last)
+    right, down = (inside - first).T[..., None]
+    (x0, y0), (x1, y1) = first.T, second.T
+    upper = pixels[y0, x0, :3] * (1 - right) + pixels[y0, x1, :3] * right
+    lower = pixels[y1, x0, :3] * (1 - right) + pixels[y1, x1, :3] * right
+    colors: Float64[np.ndarray, "m 3"] = upper * (1 - down) + lower * down
+    return colors
+
+
+class _MeanColors:
+    """The mean colour of each point over the pictures that see it."""
+
+    def __init__(self, model: Reconstruction) -> None:
+        """Nothing is seen yet."""
+        self._ids = np.array(sorted(model.point3D_ids()), np.int64)
+        self._sums = np.zeros((len(self._ids), 3))
+        self._counts = np.zeros(len(self._ids), np.int64)
+
+    def add(self, seen: Sightings, colors: Float64[np.ndarray, "m 3"]) -> None:
+        """Colours of the points that one picture has seen."""
+        rows = np.searchsorted(self._ids, seen.points[seen.points != NO_POINT])
+        np.add.at(self._sums, rows, colors)
+        np.add.at(self._counts, rows, 1)
+
+    def result(self) -> dict[int, UInt8[np.ndarray, " 3"]]:
+        """By the number of the point; black where no picture sees it."""
+        means = self._sums / np.maximum(self._counts, 1)[:, None]
+        rounded = np.rint(means).clip(0, 255).astype(np.uint8)
+        return dict(zip(self._ids.tolist(), rounded, strict=True))
+
+
+def _is_turned(change: PictureChange) -> bool:
+    return change.stored is not None and change.stored.is_turned
+
+
+def _written(
+    model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task], size: int
+) -> WrittenDataSet:
+    return WrittenDataSet.of(
+        "colmap",
+        [task.change.plan for task in tasks],
+        masks=sum(task.has_mask for task in tasks),
+        points=moved.num_points3D(),
+        size=size,
+        notes=_notes(model, moved, tasks),
+    )
+
+
+def _notes(model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task]) -> Iterator[str]:
+    renamed = [task for task in tasks if task.name != task.picture.name]
+    if renamed:
+        first = renamed[0]
+        yield (
+            f"{len(renamed)} pictures have another name, which fits their format: "
+            f"{first.picture.name} is {first.name}, for one"
+        )
+    turned = sum(_is_turned(task.change) for task in tasks)
+    if turned:
+        yield f"{turned} pictures that only an EXIF tag turned are stored upright"
+    if any(task.has_mask for task in tasks):
+        yield f"{MASKS}/ marks what lenses did not see"
+    lost = model.num_points3D() - moved.num_points3D()
+    if lost:
+        yield f"{lost} points, which fewer than two undistorted pictures show, are left out"

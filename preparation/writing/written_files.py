@@ -1,0 +1,110 @@
+"""Written files: which there are of an earlier run, so that none of them stays beside new ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from gsfw.core.errors import DataError, OutputError
+from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.datamanagers.colmap.reader import read_model
+
+LIST = "work/written.txt"
+"""Names of written files, relative to the data set."""
+PICTURES, MASKS = "images", "masks"
+MODEL_FOLDER = "sparse/0"
+PARTS = ("rigs.bin", "frames.bin", "images.bin", "points3D.bin", "cameras.bin")
+"""Files of a model; the last is the one that readers look for. The first two came with COLMAP 4."""
+
+
+def start_over(out: Path, names: Sequence[str]) -> None:
+    """Remove the model and the files that an earlier run wrote, and note those of this one.
+
+    Args:
+        out: the data set.
+        names: of files that will be written, relative to it.
+
+    Raises:
+        OutputError: they cannot be removed, or the list cannot be written.
+    """
+    file = out / LIST
+    with readable_write_errors(out):
+        for part in reversed(PARTS):
+            (out / MODEL_FOLDER / part).unlink(missing_ok=True)
+        earlier = file.read_text("utf-8").splitlines() if file.is_file() else []
+        for name in earlier:
+            (out / name).unlink(missing_ok=True)
+    write_atomically(file, "".join(f"{name}\n" for name in names).encode())
+
+
+def is_all_there(out: Path) -> bool:
+    """Whether the model and all files that the last run wrote are still there."""
+    file = out / LIST
+    return (
+        all((out / MODEL_FOLDER / part).is_file() for part in PARTS[2:])
+        and file.is_file()
+        and all((out / name).is_file() for name in file.read_text("utf-8").splitlines())
+    )
+
+
+def check_sources_stay(sources: Sequence[Path], targets: Sequence[Path]) -> None:
+    """Check that no picture that is read would be written over.
+
+    Raises:
+        OutputError: one would; it is named.
+    """
+    read = {source.parent.resolve() / source.name: source for source in sources}
+    for target in targets:
+        place = target.parent.resolve() / target.name
+        if place in read:
+            raise OutputError(
+                f"{read[place]} is one of the pictures that are read, and would be written over.",
+                "Choose another place with out=DIR.",
+            )
+
+
+def place_model(write: Callable[[Path], object], images: int, points: int, out: Path) -> int:
+    """Write a model below ``out``, its cameras last: where they are, all of it is.
+
+    Args:
+        write: writes the files of a binary model into a folder.
+        images: how many the model has.
+        points: likewise.
+        out: the data set.
+
+    Returns:
+        Bytes written.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    folder, making = out / MODEL_FOLDER, out / "sparse/.part"
+    with readable_write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        making.mkdir(exist_ok=True)
+        write(making)
+        _check_written(making, images, points)
+        written = [part for part in PARTS if (making / part).is_file()]
+        size = sum((making / part).stat().st_size for part in written)
+        for part in written:
+            (making / part).replace(folder / part)
+        making.rmdir()
+    return size
+
+
+def _check_written(folder: Path, images: int, points: int) -> None:
+    """COLMAP does not say when a disk is full, so read what it wrote.
+
+    Raises:
+        OutputError: it is not all there.
+    """
+    try:
+        found = read_model(folder)
+        is_whole = (len(found.images), len(found.points)) == (images, points)
+    except DataError:
+        is_whole = False
+    if not is_whole:
+        raise OutputError(
+            f"the model could not be written to {folder}: what is there ends too early.",
+            "The disk is probably full: free some space, or choose another place with out=DIR.",
+        )

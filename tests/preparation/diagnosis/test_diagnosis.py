@@ -1,0 +1,370 @@
+"""Captures that were made to fail, from files to findings, and what is found in figures alone."""
+
+import io
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from captured import arc, photos
+from PIL import Image
+from scipy import ndimage
+
+from gsfw.core.camera_path import look_at
+from gsfw.core.finding import Finding, Verdict, Weight
+from gsfw.core.json_text import json_text
+from gsfw.datamanagers.picture_quality import PictureQuality
+from gsfw.datamanagers.pictures import Header
+from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraRule, group_cameras
+from gsfw.preparation.diagnosis.camera_findings import camera_findings
+from gsfw.preparation.diagnosis.diagnosis import Diagnosis, diagnose
+from gsfw.preparation.diagnosis.evidence import Evidence
+from gsfw.preparation.diagnosis.link import Link
+from gsfw.preparation.diagnosis.match_graph import MatchGraph
+from gsfw.preparation.diagnosis.model_figures import (
+    BaselineFigures,
+    CameraFigures,
+    ModelFigures,
+    TrackFigures,
+)
+from gsfw.preparation.diagnosis.registration_findings import registration_findings
+from gsfw.preparation.diagnosis.residuals import Stretch
+from gsfw.preparation.diagnosis.view_findings import view_findings
+from gsfw.preparation.exif import Exif
+from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
+from gsfw.preparation.mapping.mapping import map_cameras
+from gsfw.preparation.mapping.mapping_rule import MappingRule
+from gsfw.preparation.matching import match_pairs
+from gsfw.preparation.pairs import MatchingRule, plan_pairs
+from gsfw.preparation.picture_set import LeftOut, PictureSet, SourcePicture
+from gsfw.preparation.progress import Silent
+from gsfw.preparation.source import read_source
+
+Pixels = np.ndarray
+
+
+@pytest.fixture(scope="module")
+def sharp() -> list[Pixels]:
+    return photos(arc(9))
+
+
+def blurred(pixels: Pixels, sigma: float) -> Pixels:
+    return ndimage.gaussian_filter(pixels, (sigma, sigma, 0))
+
+
+def moved(pixels: Pixels, length: int) -> Pixels:
+    """As seen by a camera that moves sideways while its shutter is open."""
+    return ndimage.uniform_filter1d(pixels, length, axis=1)
+
+
+def noisy(pixels: Pixels, seed: int) -> Pixels:
+    noise = np.random.default_rng(seed).integers(-2, 3, pixels.shape)
+    return (pixels.astype(int) + noise).clip(0, 255).astype(np.uint8)
+
+
+def wall(seed: int = 0) -> Pixels:
+    across = np.linspace(140, 180, 320)[None, :, None] + np.zeros((240, 1, 3))
+    return noisy(across.astype(np.uint8), seed)
+
+
+def bright(pixels: Pixels) -> Pixels:
+    return (pixels.astype(int) * 6 + 140).clip(0, 255).astype(np.uint8)
+
+
+def encoded(pixels: Pixels, kind: str, **options: object) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, kind, **options)
+    return file.getvalue()
+
+
+def turned_file(pixels: Pixels) -> bytes:
+    """A photo that was taken sideways, and says so."""
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    return encoded(np.rot90(pixels).copy(), "JPEG", quality=95, exif=exif)
+
+
+def prepare(folder: Path, files: Mapping[str, bytes | Pixels]) -> Diagnosis:
+    """Run all stages that come before the diagnosis."""
+    (folder / "photos").mkdir()
+    for name, content in files.items():
+        data = content if isinstance(content, bytes) else encoded(content, "PNG")
+        (folder / "photos" / name).write_bytes(data)
+    pictures = read_source([folder / "photos"]).pictures
+    groups = group_cameras(pictures, CameraRule())
+    database = folder / "work" / "database.db"
+    settings = FeatureSettings(max_size=320, count=1000)
+    features = extract_features(database, pictures, groups, settings, Silent())
+    plan = plan_pairs(pictures, MatchingRule("exhaustive"), database, Silent())
+    match_pairs(database, plan, 1, Silent())
+    mapping = map_cameras(database, folder / "work" / "models", MappingRule(), Silent())
+    diagnosis = diagnose(database, pictures, groups, features, mapping)
+    json_text(diagnosis.document())
+    return diagnosis
+
+
+def named(pictures: list[Pixels]) -> dict[str, Pixels]:
+    return {f"{number}.png": pixels for number, pixels in enumerate(pictures)}
+
+
+def reasons(diagnosis: Diagnosis) -> dict[str, str]:
+    return {item.name: item.reason for item in diagnosis.unregistered}
+
+
+def kinds(diagnosis: Diagnosis) -> dict[str, Weight]:
+    return {finding.kind: finding.weight for finding in diagnosis.findings}
+
+
+def test_every_picture_of_a_damaged_capture_has_its_own_reason(tmp_path, sharp):
+    truncated = encoded(sharp[6], "JPEG", quality=95)
+    diagnosis = prepare(
+        tmp_path,
+        {
+            "0.png": sharp[0],
+            "1.png": sharp[1],
+            "2.png": blurred(sharp[2], 7),
+            "3.jpg": turned_file(sharp[3]),
+            "4.png": moved(sharp[4], 25),
+            "5.jpg": truncated[: len(truncated) // 2],
+            "6.jpg": encoded(sharp[2], "PNG"),
+            "7.png": sharp[5],
+            "8.png": sharp[7],
+            "dark.png": (sharp[6] * 0.015).astype(np.uint8),
+            "empty.jpg": b"",
+            "bright.png": bright(sharp[8]),
+            "text.jpg": b"no picture at all",
+            "wall.png": wall(),
+        },
+    )
+    assert diagnosis.registered == ("0.png", "1.png", "3.jpg", "6.png", "7.png", "8.png")
+    assert reasons(diagnosis) == {
+        "2.png": "blurred",
+        "4.png": "motion blur",
+        "5.jpg": "does not decode",
+        "bright.png": "over-exposed",
+        "dark.png": "too dark",
+        "wall.png": "few features",
+    }
+    assert {item.name for item in diagnosis.left_out} == {"empty.jpg", "text.jpg"}
+    assert kinds(diagnosis) == {
+        "pictures not placed": Weight.LIMIT,
+        "files left out": Weight.LIMIT,
+        "motion blur": Weight.NOTE,
+    }
+    assert diagnosis.verdict is Verdict.LIMITED
+    assert diagnosis.figures[0].startswith("6 of 12 pictures were placed; ")
+    assert diagnosis.figures[-1].startswith("Camera 1 (SIMPLE_RADIAL, 6 pictures) has a focal ")
+
+
+def test_a_capture_that_is_all_blurred_says_so(tmp_path, sharp):
+    diagnosis = prepare(tmp_path, named([blurred(pixels, 6) for pixels in sharp[:5]]))
+    assert set(reasons(diagnosis).values()) == {"blurred"}
+    assert diagnosis.findings[0].found == "None of 5 pictures could be placed: blurred (5)."
+    assert diagnosis.findings[0].advice == "Take such pictures again in focus."
+    assert kinds(diagnosis) == {"no cameras": Weight.STOP, "whole capture blurred": Weight.LIMIT}
+    assert diagnosis.model is None
+    assert diagnosis.figures == ()
+
+
+def test_two_groups_that_show_different_things_are_told_with_a_bridge(tmp_path, sharp):
+    # Features are not found again in a mirror.
+    mirrored = [pixels[:, ::-1].copy() for pixels in sharp[:3]]
+    diagnosis = prepare(tmp_path, named(sharp[:4] + mirrored))
+    assert diagnosis.registered == ("0.png", "1.png", "2.png", "3.png")
+    assert set(reasons(diagnosis).values()) == {"matched only within its group"}
+    assert [(c.pictures, c.placed) for c in diagnosis.components] == [
+        (("0.png", "1.png", "2.png", "3.png"), 4),
+        (("4.png", "5.png", "6.png"), 0),
+    ]
+    assert kinds(diagnosis)["separate groups"] is Weight.LIMIT
+    finding = next(one for one in diagnosis.findings if one.kind == "separate groups")
+    assert (
+        finding.found == "The pictures fall into 2 groups, of 4 and 3, that hardly a match joins."
+    )
+    assert finding.advice.startswith("Take photos between ")
+    assert finding.advice.endswith("; if they show different things, prepare each by itself.")
+    assert finding.pictures == ("4.png", "5.png", "6.png")
+
+
+def test_three_pictures_are_placed_and_two_are_too_few(tmp_path, sharp):
+    (tmp_path / "three").mkdir()
+    (tmp_path / "two").mkdir()
+    three = prepare(tmp_path / "three", named(sharp[:3]))
+    assert len(three.registered) == 3
+    assert three.verdict is Verdict.GOOD
+    two = prepare(tmp_path / "two", named(sharp[:2]))
+    assert two.findings[0].found == "There are only 2 pictures."
+    assert two.verdict is Verdict.WILL_NOT_TRAIN
+
+
+def test_plain_walls_have_few_features(tmp_path):
+    diagnosis = prepare(tmp_path, named([wall(seed) for seed in range(4)]))
+    assert set(reasons(diagnosis).values()) == {"few features"}
+    assert diagnosis.unregistered[0].found == "0 features were found."
+    assert diagnosis.verdict is Verdict.WILL_NOT_TRAIN
+
+
+def test_black_and_white_pictures_were_exposed_wrongly(tmp_path, sharp):
+    dark = [(pixels * 0.015).astype(np.uint8) for pixels in sharp[:2]]
+    diagnosis = prepare(tmp_path, named([*dark, *map(bright, sharp[:3])]))
+    assert list(reasons(diagnosis).values()) == ["too dark"] * 2 + ["over-exposed"] * 3
+
+
+def test_copies_of_one_picture_are_one_view(tmp_path, sharp):
+    diagnosis = prepare(tmp_path, named([noisy(sharp[0], seed) for seed in range(4)]))
+    assert set(reasons(diagnosis).values()) == {"duplicate"}
+    finding = next(one for one in diagnosis.findings if one.kind == "one view")
+    assert finding.weight is Weight.STOP
+    assert finding.found == (
+        "4 pictures show 1 different view: their features are in the same places."
+    )
+
+
+def test_turning_on_the_spot_gives_no_model_that_counts(tmp_path):
+    angles = torch.deg2rad(8.0 * torch.arange(4, dtype=torch.float64) - 12)
+    place = torch.tensor([2.2, 0.0, 1.9], dtype=torch.float64)
+    zero = torch.zeros_like(angles)
+    ahead = torch.stack([-3 * angles.cos(), 3 * angles.sin(), zero - 1.8 + 0.1 * angles], 1)
+    up = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    poses = torch.cat([look_at(place[None], place + each, up) for each in ahead])
+    diagnosis = prepare(tmp_path, named(photos(replace(arc(4), world_to_camera=poses))))
+    assert set(reasons(diagnosis).values()) == {"matched, but not placed"}
+    assert kinds(diagnosis)["turning on the spot"] is Weight.STOP
+    assert diagnosis.verdict is Verdict.WILL_NOT_TRAIN
+
+
+def figures(**changes: object) -> ModelFigures:
+    camera = CameraFigures(
+        number=1,
+        model="SIMPLE_RADIAL",
+        width=1000,
+        height=800,
+        pictures=50,
+        focal=900.0,
+        first_focal=950.0,
+        focal_origin="EXIF",
+        view_degrees=58.0,
+        principal_point=(500.0, 400.0),
+        distortion={"k": 0.05},
+    )
+    usual = ModelFigures(
+        registered=50,
+        points=10_000,
+        observations=60_000,
+        error=0.7,
+        errors={f"{number}.jpg": 0.7 for number in range(50)},
+        seen={f"{number}.jpg": 1200 for number in range(50)},
+        tracks=TrackFigures(6.0, 0.2, 15.0, 5.0, 0.0, 0.1),
+        baselines=BaselineFigures(2.0, 0.1, 6.0, 3.0),
+        cameras=(camera,),
+        stretch=Stretch(0.1, 1.0, 1000),
+    )
+    return replace(usual, **changes)
+
+
+def found_in(model: ModelFigures) -> list[Finding]:
+    header, exif = Header(1000, 800, False), Exif(make="Acme", model="One", focal_mm=4.2)
+    pictures = tuple(SourcePicture(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))
+    groups = tuple(
+        CameraGroup(number, "SIMPLE_RADIAL", 1000, 800, 950.0, "EXIF", (f"{number}.jpg",))
+        for number in (1, 2)
+    )
+    graph = MatchGraph(("1.jpg", "2.jpg"), ())
+    return list(camera_findings(Evidence(PictureSet(pictures), groups, {}, graph, (), model)))
+
+
+def test_a_usual_model_has_no_findings():
+    assert found_in(figures()) == []
+
+
+def test_a_model_without_points_is_hollow():
+    (finding,) = found_in(figures(points=1, registered=3))
+    assert finding.weight is Weight.STOP
+    assert finding.found == "The cameras of 3 pictures rest on 1 point."
+
+
+def test_large_errors_and_the_pictures_that_have_them_are_told():
+    errors = {"a.jpg": 0.7, "b.jpg": 0.7, "c.jpg": 0.8, "d.jpg": 2.5, "e.jpg": 3.0}
+    all_of_it, some = found_in(figures(error=2.1, errors=errors, registered=5))
+    assert all_of_it.found.startswith("Points are 2.1 pixels from where pictures show them (mean)")
+    assert [all_of_it.kind, some.kind] == ["reprojection error", "pictures that fit badly"]
+    (some,) = found_in(figures(errors={**errors, "e.jpg": 0.6}, registered=5))
+    assert some.found == ("1 of 5 pictures are 1.5 pixels or more off where 0.7 are usual: d.jpg.")
+
+
+def test_short_tracks_are_told():
+    tracks = TrackFigures(2.3, 0.8, 15.0, 5.0, 0.0, 0.1)
+    (finding,) = found_in(figures(tracks=tracks))
+    assert (
+        finding.found
+        == "A point is seen by 2.3 pictures (mean), and 80 % of the points by two only."
+    )
+
+
+def test_pictures_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter():
+    (finding,) = found_in(figures(stretch=Stretch(0.8, 30.0, 1000)))
+    assert finding.kind == "rolling shutter"
+    assert finding.found == (
+        "Pictures are stretched by 0.8 pixels at their edges (median), each in another way, 30 "
+        "times what noise explains."
+    )
+
+
+def test_focal_lengths_are_compared_with_what_was_said():
+    camera = figures().cameras[0]
+    (finding,) = found_in(figures(cameras=(replace(camera, first_focal=700.0),)))
+    assert finding.kind == "focal length unlike EXIF"
+    assert finding.found == (
+        "Camera 1 (50 pictures) has a focal length of 900 pixels, where EXIF says 700."
+    )
+    given = replace(camera, first_focal=700.0, focal_origin="given")
+    assert found_in(figures(cameras=(given,)))[0].kind == "focal length unlike the given one"
+    guessed = replace(camera, first_focal=1200.0, focal_origin="")
+    assert found_in(figures(cameras=(guessed,))) == []
+
+
+def test_one_lens_has_one_focal_length():
+    camera = figures().cameras[0]
+    other = replace(camera, number=2, width=800, height=1000, focal=1080.0)
+    (finding,) = found_in(figures(cameras=(camera, other)))
+    assert finding.found == (
+        "Pictures of one camera and lens have different focal lengths: 900 pixels for 1000x800, "
+        "1080 pixels for 800x1000."
+    )
+    assert found_in(figures(cameras=(camera, replace(other, focal=930.0)))) == []
+
+
+def test_distortion_that_no_lens_has_is_told():
+    bent = replace(figures().cameras[0], distortion={"k": -1.2})
+    (finding,) = found_in(figures(cameras=(bent,)))
+    assert finding.found == (
+        "Camera 1 (50 pictures) moves the corners of its pictures by 61 % inwards."
+    )
+    fisheye = replace(bent, model="OPENCV_FISHEYE")
+    assert found_in(figures(cameras=(fisheye,))) == []
+
+
+def test_a_wall_and_a_watermark_are_told():
+    links = tuple(Link(a, b, 90, 80, 0.2, flat=True, turn=0.3) for a, b in ("ab", "bc", "ac"))
+    nothing = PictureQuality(0.0, 0.5, 0.2, 0.0)
+    features = {name: FeatureReport(500, nothing, 0.0, 1.0) for name in "abc"}
+    graph = MatchGraph(tuple("abc"), links, 0.3)
+    flat, still = view_findings(Evidence(PictureSet(()), (), features, graph, (), None))
+    assert (flat.kind, still.kind) == ("flat scene", "something stands still")
+    assert flat.found == "In 100 % of 3 pairs of pictures all matches lie in one plane."
+    assert still.found == (
+        "30 % of the matches of two pictures stay in place while the view moves (median)."
+    )
+
+
+def test_files_that_need_nothing_to_be_done_are_a_note():
+    left_out = (LeftOut("a.jpg", "it is the same file as b.jpg"),)
+    evidence = Evidence(PictureSet((), left_out), (), {}, MatchGraph(("b.jpg",), ()), (), None)
+    placed = replace(evidence, models=(frozenset({"b.jpg"}),))
+    (finding,) = registration_findings(placed)
+    assert finding.weight is Weight.NOTE
+    assert finding.found == ("1 of 2 files are not used: a.jpg: it is the same file as b.jpg.")
+    assert finding.advice == "Nothing needs to be done."

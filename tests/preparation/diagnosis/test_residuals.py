@@ -1,0 +1,69 @@
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from matched_captures import MatchedCapture, matched_capture
+
+from gsfw.preparation.diagnosis.model_figures import ModelFigures
+from gsfw.preparation.diagnosis.residuals import Stretch
+from gsfw.preparation.mapping.mapping import map_cameras
+from gsfw.preparation.mapping.mapping_rule import MappingRule
+from gsfw.preparation.progress import Silent
+
+
+def roll(capture: MatchedCapture, degrees: float, generator: np.random.Generator) -> None:
+    """Let cameras turn by so much, each about an axis of its own, while rows are read."""
+    database = pycolmap.Database.open(capture.database)
+    for image in capture.truth.images.values():
+        turn = generator.normal(size=3)
+        turn *= np.radians(degrees) / np.linalg.norm(turn)
+        features = database.read_keypoints(image.image_id).copy()
+        pose, camera = image.cam_from_world(), image.camera
+        for feature, point in enumerate(image.points2D):
+            if not point.has_point3D():
+                continue
+            local = pose * capture.truth.point3D(point.point3D_id).xyz
+            place = camera.img_from_cam(local)
+            noise = features[feature, :2] - place
+            # A point is seen in the row that is read when it is there.
+            for _ in range(4):
+                moment = place[1] / camera.height - 0.5
+                place = camera.img_from_cam(pycolmap.Rotation3d(turn * moment) * local)
+            features[feature, :2] = place + noise
+        database.update_keypoints(image.image_id, features)
+    database.close()
+
+
+def stretch(folder: Path, degrees: float, noise: float) -> Stretch:
+    capture = matched_capture(folder, noise=noise)
+    if degrees:
+        roll(capture, degrees, np.random.default_rng(0))
+    mapping = map_cameras(capture.database, folder / "models", MappingRule(), Silent())
+    assert mapping.sizes == (10,)
+    return ModelFigures.of(pycolmap.Reconstruction(mapping.models[0])).stretch
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0])
+def test_noise_alone_is_not_taken_for_a_rolling_shutter(tmp_path: Path, noise: float) -> None:
+    found = stretch(tmp_path, 0.0, noise)
+    assert found.pixels < 0.25
+    assert found.ratio < 2
+    assert not found.is_suspicious
+    assert found.longer_side == 1024
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0])
+def test_a_camera_that_turns_while_rows_are_read_is_told_from_one_that_does_not(
+    tmp_path: Path, noise: float
+) -> None:
+    found = stretch(tmp_path, 0.2, noise)
+    assert found.is_suspicious
+    assert 0.8 < found.pixels < 2
+    assert found.ratio > 10
+
+
+def test_a_model_of_too_few_points_says_nothing(tmp_path: Path) -> None:
+    model = matched_capture(tmp_path, points=20).truth
+    assert not ModelFigures.of(model).stretch.is_suspicious
+    assert np.isnan(ModelFigures.of(model).stretch.pixels)

@@ -1,0 +1,162 @@
+from pathlib import Path
+
+from gsfw.datamanagers.picture_quality import PictureQuality
+from gsfw.datamanagers.pictures import Header
+from gsfw.preparation.diagnosis.link import Link
+from gsfw.preparation.diagnosis.match_graph import MatchGraph
+from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
+from gsfw.preparation.exif import Exif
+from gsfw.preparation.features import FeatureReport
+from gsfw.preparation.picture_set import PictureSet, SourcePicture
+
+PLACED = ("a", "b", "c")
+
+
+def report(
+    count: int = 2000,
+    sharpness: float = 1e-3,
+    brightness: float = 0.5,
+    contrast: float = 0.25,
+    clipped: float = 0.0,
+    blur: float = 0.6,
+    failure: str = "",
+) -> FeatureReport:
+    quality = PictureQuality(sharpness, brightness, contrast, clipped)
+    return FeatureReport(count, quality, 40.0 if count else None, blur, failure)
+
+
+def why(
+    other: FeatureReport,
+    *links: Link,
+    placed: tuple[str, ...] = PLACED,
+    models: tuple[frozenset[str], ...] = (),
+    still: float = 0.0,
+) -> Unregistered:
+    """Why picture x is not placed, beside a usual a, b, c and d."""
+    names = ("a", "b", "c", "d", "x")
+    header = Header(1000, 500, False)
+    pictures = PictureSet(tuple(SourcePicture(n, Path(n), header, Exif()) for n in names))
+    reports = {name: report() for name in names[:-1]} | {"x": other}
+    graph = MatchGraph(names, links, still)
+    largest = (frozenset(placed),) if placed else ()
+    return why_unregistered(pictures, reports, graph, (*largest, *models))[-1]
+
+
+def test_a_picture_that_does_not_decode_says_why():
+    found = why(report(0, failure="x.jpg: the picture does not decode: truncated."))
+    assert found.reason == "does not decode"
+    assert found.found == "x.jpg: the picture does not decode: truncated."
+    assert found.advice == "Replace the file, or remove it."
+    assert found.path == Path("x")
+
+
+def test_dark_and_bright_pictures_are_not_called_empty():
+    black = why(report(0, 0.0, brightness=0.0, contrast=0.0, clipped=1.0))
+    assert black.reason == "too dark"
+    assert black.found == (
+        "Its mean brightness is 0 % and 100 % of it pure black or white; 0 features were found "
+        "where 2,000 are usual."
+    )
+    white = why(report(0, 0.0, brightness=1.0, contrast=0.0, clipped=1.0))
+    assert white.reason == "over-exposed"
+
+
+def test_one_colour_is_empty_and_a_wall_has_few_features():
+    assert why(report(0, 0.0, contrast=0.001)).reason == "empty"
+    wall = why(report(1, 1e-4, contrast=0.04))
+    assert wall.reason == "few features"
+    assert wall.found == (
+        "It shows a plain surface, with 16 % of the usual contrast; 1 feature was found where "
+        "2,000 are usual."
+    )
+
+
+def test_blur_is_the_cause_of_few_features_and_not_the_other_way_round():
+    found = why(report(60, 2e-4))
+    assert found.reason == "blurred"
+    assert found.found == (
+        "It has 20 % of the usual sharpness; 60 features were found where 2,000 are usual."
+    )
+    assert why(report(60)).reason == "few features"
+
+
+def test_blur_along_a_line_is_motion_and_may_leave_more_sharpness():
+    found = why(report(300, 5e-4, blur=0.05))
+    assert found.reason == "motion blur"
+    assert "50 % of the usual sharpness, and least along 40 degrees" in found.found
+    assert why(report(300, 9e-4, blur=0.05)).reason == "few matches"
+
+
+def test_a_darker_picture_is_not_called_blurred():
+    assert why(report(900, 1e-3 / 9, brightness=0.5 / 3)).reason == "few matches"
+
+
+def test_looks_are_not_to_blame_where_a_placed_picture_shows_the_same():
+    found = why(report(600, 1e-4), Link("a", "x", 200, 120, 0.1))
+    assert found.reason == "matched, but not placed"
+    assert found.found == (
+        "It has 120 verified matches with a, but too few of them are on points that the model has."
+    )
+
+
+def test_few_matches_name_the_best_partner_and_where_to_take_photos():
+    found = why(report(), Link("b", "x", 30, 0), Link("c", "x", 40, 18, 0.1))
+    assert found.reason == "few matches"
+    assert found.found == (
+        "Its best partner is c with 18 verified matches, where 15 to 30 are needed; 2,000 "
+        "features were found where 2,000 are usual."
+    )
+    assert found.advice == "Take photos between it and c, each overlapping the next by two thirds."
+    assert "It has nothing in common with any picture" in why(report()).found
+
+
+def test_a_group_of_its_own_is_told_with_a_bridge():
+    found = why(report(), Link("d", "x", 90, 70, 0.1), Link("b", "d", 40, 0))
+    assert found.reason == "matched only within its group"
+    assert found.found == (
+        "It and 1 other picture match each other only; the largest model has 3 pictures."
+    )
+    assert found.advice.startswith("Take photos between b and d (40 features look alike")
+
+
+def test_a_model_of_its_own_is_a_group_even_if_some_matches_lead_elsewhere():
+    links = Link("d", "x", 90, 70, 0.1), Link("b", "d", 40, 32, 0.1)
+    found = why(report(), *links, models=(frozenset({"d", "x"}),))
+    assert found.found == (
+        "It and 1 other picture make up a model of their own; the largest model has 3 pictures."
+    )
+    assert found.advice == "Take photos between b and d (32 verified matches)."
+
+
+def test_copies_are_told_apart_from_pictures_that_share_a_caption():
+    assert why(report(), Link("a", "x", 1900, 1800, 1e-4)).found == (
+        "It shows a once more: their 1800 verified matches do not move."
+    )
+    found = why(report(), Link("a", "x", 900, 800, 1e-4), still=0.4)
+    assert found.reason == "matched, but not placed"
+    assert found.advice == "Crop or mask what is in the same place in all pictures."
+
+
+def test_turning_on_the_spot_is_the_reason_where_no_depth_is_told():
+    found = why(report(), Link("a", "x", 900, 800, 0.2, flat=True, turn=1e-3))
+    assert found.reason == "matched, but not placed"
+    assert found.advice == "Take photos from a step aside."
+
+
+def test_without_a_model_blur_is_judged_by_itself():
+    found = why(report(60, 1e-5), Link("a", "x", 60, 50, 0.1), placed=())
+    assert found.reason == "blurred"
+    assert found.found == "It has 1 % of the usual sharpness; 60 features were found."
+    rest = why(report(), Link("a", "x", 60, 50, 0.1), placed=())
+    assert rest.found == (
+        "It has 50 verified matches with a, but no model of more than a few points came of it."
+    )
+
+
+def test_documents_are_plain_data():
+    assert why(report(60)).document() == {
+        "name": "x",
+        "reason": "few features",
+        "found": "60 features were found where 2,000 are usual.",
+        "advice": "Include something with texture: step back, or put patterned things there.",
+    }

@@ -1,0 +1,59 @@
+"""Frames of videos beside each other and beside photos."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_videos import write_video
+
+from gsfw.datamanagers.pictures import Header
+from gsfw.preparation.exif import Exif
+from gsfw.preparation.frames import frames_of_videos
+from gsfw.preparation.journal import Journal
+from gsfw.preparation.picture_set import SourcePicture
+from gsfw.preparation.progress import Silent
+from gsfw.preparation.workplace import Workplace
+
+
+def photo(name: str) -> SourcePicture:
+    return SourcePicture(name, Path(name), Header(64, 48, False, 1), Exif(), "")
+
+
+@pytest.fixture
+def taken(tmp_path):
+    """A function that takes frames of videos of such names, and gives their names and groups."""
+    noise = np.random.default_rng(0).integers(0, 255, (48, 96, 3), np.uint8)
+
+    def take(*videos: str, photos: tuple[str, ...] = ()) -> tuple[set[str], set[str]]:
+        paths = []
+        for place, name in enumerate(videos):
+            (tmp_path / str(place)).mkdir(exist_ok=True)
+            path = tmp_path / str(place) / name
+            write_video(path, 4, 64, 48, draw=lambda number, *_: noise[:, number : number + 64])
+            paths.append(path)
+        place = Workplace(tmp_path / "out")
+        beside = [photo(name) for name in photos]
+        journal = Journal(place.journal)
+        frames = frames_of_videos(paths, 3, beside, place, journal, Silent())
+        return {frame.name.rpartition("/")[0] for frame in frames}, {
+            frame.group for frame in frames
+        }
+
+    return take
+
+
+def test_frames_of_the_only_video_have_no_folder(taken):
+    assert taken("walk.mp4") == ({""}, {""})
+
+
+def test_frames_beside_photos_have_names_and_a_camera_of_their_own(taken):
+    assert taken("walk.mp4", photos=("000000.jpg",)) == ({"walk"}, {"walk"})
+    assert taken("walk.mp4", photos=("Walk/000000.jpg",)) == ({"walk_2"}, {"walk_2"})
+
+
+def test_videos_of_one_name_on_some_disk_have_folders_of_their_own(taken):
+    assert taken("walk.mp4", "Walk.mp4")[0] == {"walk", "Walk_2"}
+
+
+def test_a_name_that_is_no_folder_is_replaced(taken):
+    assert taken("...mp4", "a\nb.mp4")[0] == {"video", "a_b"}
