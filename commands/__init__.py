@@ -18,6 +18,16 @@ def gsfw_commands() -> list[Spec]:
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
         Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),
         Spec("study", "make a table of runs, and keep what is finished", "gsfw.commands.study:run"),
+        Spec(
+            "tradeoff",
+            "measure what a finished model can give up",
+            "gsfw.commands.tradeoff:run",
+        ),
+        Spec(
+            "stress",
+            "hold backends and methods to a catalogue of extremes",
+            "gsfw.commands.stress:run",
+        ),
         Spec("bench", "measure how fast drawing and training are here", "gsfw.commands.bench:run"),
         Spec("plugins", "list what is installed, slot by slot", "gsfw.commands.plugins:run"),
         Spec("config", "show every setting, and where it came from", "gsfw.commands.config:run"),

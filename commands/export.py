@@ -45,6 +45,11 @@ class ExportOptions(RunOptions):
     """Which checkpoint, by its step. none: the last."""
     time: float = 0.0
     """When a model that moves is written, in [0, 1]; a static one ignores it."""
+    keep: float = 1.0
+    """Part of the Gaussians that is written, in (0, 1]: those that add most to the training views.
+    What that costs: gsfw tradeoff RUN."""
+    sh_degree: int | None = None
+    """Degree of view dependence above which nothing is written. none: all of it."""
     times: str = ""
     """A numbered sequence of files instead of one: how many, evenly from time 0 to 1, or all, for
     the times of the data."""
@@ -65,6 +70,7 @@ def run(arguments: list[str]) -> int:
     registry = installed()
     exporter = load("exporter", registry.find("exporter", options.format))()
     console, found = Console(options.json), find_run(options.run)
+    _check_cut(options, exporter)
     restored = open_run(found, registry, options.changed(), options.step)
     if isinstance(exporter, ModelExporter):
         document = _export_model(restored, options, exporter, found, console)
@@ -93,6 +99,29 @@ def _check(options: ExportOptions) -> None:
         )
 
 
+def _check_cut(options: ExportOptions, exporter: object) -> None:
+    """Refuse to cut down what is not one set of splats.
+
+    Raises:
+        ConfigError: a number is out of range, or the format holds something else.
+    """
+    from gsfw.core.errors import ConfigError
+    from gsfw.core.exchange import Exporter
+
+    if not 0 < options.keep <= 1:
+        raise ConfigError(f"keep={options.keep:g}: expected a part above 0, and at most 1.")
+    if options.sh_degree is not None and options.sh_degree < 0:
+        raise ConfigError(f"sh_degree={options.sh_degree}: expected 0 or more.")
+    if (options.keep < 1 or options.sh_degree is not None) and (
+        options.times or not isinstance(exporter, Exporter)
+    ):
+        what = f"times={options.times}" if options.times else f"format={options.format}"
+        raise ConfigError(
+            f"{what}: keep and sh_degree cut down one set of splats.",
+            "Give them with format=ply, and without times.",
+        )
+
+
 def _name(restored: Restored, options: ExportOptions, found: RunArgument) -> str:
     """What files are called that are given no name."""
     if found.model_file is not None:
@@ -109,7 +138,7 @@ def _export_splats(
     console: Console,
 ) -> dict[str, Any]:
     """The model at one time, as one file; what is in it."""
-    taken = _take(restored, options.time)
+    taken = _take(restored, options)
     path = _place(options, found.folder.path, _name(restored, options, found), exporter.suffix)
     with _what_it_holds(path, options.format):
         exporter.write(path, taken.content)
@@ -246,15 +275,17 @@ def _what_it_holds(path: Path, form: str) -> Iterator[None]:
         raise DataError(f"{path}: format {form} cannot hold this model: {error}.") from error
 
 
-def _take(restored: Restored, time: float) -> Snapshot:
-    """The model as it is at ``time``."""
+def _take(restored: Restored, options: ExportOptions) -> Snapshot:
+    """The model as it is at a time, without what is not asked for."""
     import torch
 
+    from gsfw.commands.export_cut import cut
     from gsfw.plugins.snapshot import snapshot
 
     parts, settings = restored.composition.parts, restored.composition.plan.settings
-    instant = torch.tensor(time, device=parts.device)
-    return snapshot(parts.model, parts.data.scene, settings.antialias, instant)
+    instant = torch.tensor(options.time, device=parts.device)
+    edit = cut(restored, options.keep, options.sh_degree)
+    return snapshot(parts.model, parts.data.scene, settings.antialias, instant, edit)
 
 
 def _notes(taken: Snapshot) -> list[str]:

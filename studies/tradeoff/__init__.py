@@ -1,0 +1,1 @@
+"""Tradeoff: what a finished model can give up, without training, and what that costs."""

@@ -1,0 +1,221 @@
+"""Catalogue: all that a finished model can give up, axis by axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import torch
+
+from gsfw.core.capabilities import Feature
+from gsfw.core.numerics import NumericsProfile
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.plugins.automatic import load
+from gsfw.studies.tradeoff.contribution import Kept, most_useful
+from gsfw.studies.tradeoff.file_round_trip import PLY, round_trips
+from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
+from gsfw.studies.tradeoff.precision import TYPES, rounded
+from gsfw.studies.tradeoff.sh_truncation import ShTruncation, sh_degree
+from gsfw.studies.tradeoff.subject import Subject
+from gsfw.studies.tradeoff.variant import AS_IS, Variant, unchanged
+
+PARTS = (0.9, 0.75, 0.5, 0.25)
+"""Of the Gaussians, that pruning keeps."""
+CUT_OFFS = (
+    ("alpha 1/64", {"alpha_min": 1 / 64}),
+    ("alpha 1/16", {"alpha_min": 1 / 16}),
+    ("transmittance 1e-2", {"transmittance_min": 1e-2}),
+)
+"""Names and values of coarser cut-offs; the usual ones are 1/255 and 1e-4."""
+COMBINED = ((0.9, None, "fp16"), (0.9, 2, ""), (0.75, 2, "fp16"), (0.75, 1, ""), (0.5, 1, "fp16"))
+"""Part that is kept, SH degree and precision of the variants that give up several things."""
+MOVES = "the model moves: what it stores is not one set of splats that could be cut down"
+
+Made = list[Variant] | LeftOut
+
+
+def catalogue(model: FinishedModel, axes: Sequence[str]) -> tuple[list[Variant], list[LeftOut]]:
+    """The model as it is, then every variant of some axes; and what cannot be measured here."""
+    makers: dict[str, Callable[[FinishedModel], Made]] = {
+        "sh": _sh,
+        "prune": _pruned,
+        "precision": _precisions,
+        "format": _formats,
+        "cutoffs": _cut_offs,
+        "antialias": _antialias,
+        "resolution": _resolutions,
+        "backend": _backends,
+        "combined": _combined,
+    }
+    first = Variant(AS_IS, AS_IS, unchanged, ("export",), file=_file_of(model))
+    variants, left_out = [first], []
+    for axis in axes:
+        made = makers[axis](model)
+        if isinstance(made, LeftOut):
+            left_out.append(made)
+        else:
+            variants += made
+    return variants, left_out
+
+
+def _file_of(model: FinishedModel) -> str:
+    """The format that sizes of files are given in; empty where none holds the splats."""
+    trips = round_trips(model.restored, model.registry, model.is_still)
+    return PLY if any(trip.form == PLY for trip in trips) else ""
+
+
+def _cut(degree: int) -> Callable[[Subject], Subject]:
+    """Leave out the bands above a degree."""
+    return lambda subject: replace(subject, edits=(*subject.edits, ShTruncation(degree)))
+
+
+def _kept(model: FinishedModel, part: float) -> Callable[[Subject], Subject]:
+    """Keep the Gaussians that add most; contributions are measured when they are first needed."""
+
+    def change(subject: Subject) -> Subject:
+        kept = Kept(most_useful(model.scores, part))
+        return replace(subject, edits=(*subject.edits, kept))
+
+    return change
+
+
+def _sh(model: FinishedModel) -> Made:
+    if not model.is_still:
+        return LeftOut("sh", MOVES)
+    degree = sh_degree(model.subject.splats())
+    if degree == 0:
+        return LeftOut("sh", "its colours are the same from everywhere already")
+    return [
+        Variant("sh", f"degree {d}", _cut(d), ("export", f"sh_degree={d}"), file=_file_of(model))
+        for d in reversed(range(min(degree, 3)))
+    ]
+
+
+def _pruned(model: FinishedModel) -> Made:
+    why = _cannot_prune(model)
+    if why:
+        return LeftOut("prune", why)
+    return [
+        Variant(
+            "prune",
+            f"keep {part:.0%}",
+            _kept(model, part),
+            ("export", f"keep={part:g}"),
+            file=_file_of(model),
+        )
+        for part in PARTS
+    ]
+
+
+def _cannot_prune(model: FinishedModel) -> str:
+    if not model.is_still:
+        return MOVES
+    if Feature.CONTRIBUTION not in model.able[model.rasterizer].features:
+        return f"rasterizer {model.rasterizer} does not measure contributions"
+    return ""
+
+
+def _precisions(model: FinishedModel) -> Made:
+    return [Variant("precision", name, rounded(name), draws_alike=True) for name in TYPES]
+
+
+def _formats(model: FinishedModel) -> Made:
+    found = []
+    for trip in round_trips(model.restored, model.registry, model.is_still):
+        # Of a model file no other is made: it would be the same.
+        is_there = model.is_model_file and trip.holds_the_model
+        words = () if is_there else ("export", f"format={trip.form}")
+        change = trip.read_back
+        found.append(Variant("format", trip.form, change, words, draws_alike=True, file=trip.form))
+    return found
+
+
+def _cut_offs(model: FinishedModel) -> Made:
+    only = model.able[model.rasterizer].profile
+    if only:
+        return LeftOut("cutoffs", f"rasterizer {model.rasterizer} draws with {only!r} alone")
+    profile = model.subject.settings.profile
+    return [
+        Variant("cutoffs", name, _profile(replace(profile, name=name, **values)))
+        for name, values in CUT_OFFS
+    ]
+
+
+def _profile(profile: NumericsProfile) -> Callable[[Subject], Subject]:
+    return lambda subject: replace(subject, settings=replace(subject.settings, profile=profile))
+
+
+def _antialias(model: FinishedModel) -> Made:
+    if Feature.ANTIALIAS not in model.able[model.rasterizer].features:
+        return LeftOut("antialias", f"rasterizer {model.rasterizer} has none")
+    other = not model.subject.settings.antialias
+
+    def change(subject: Subject) -> Subject:
+        return replace(subject, settings=replace(subject.settings, antialias=other))
+
+    return [Variant("antialias", "on" if other else "off", change)]
+
+
+def _resolutions(model: FinishedModel) -> Made:
+    def change(subject: Subject) -> Subject:
+        return replace(subject, shrink=2)
+
+    return [Variant("resolution", "1/2, enlarged", change, ("render", "scale=0.5"))]
+
+
+def _backends(model: FinishedModel) -> Made:
+    """Other rasterizers that draw the same picture here, and types other than float32."""
+    needs = [model.restored.composition.settings.config.needs(), model.subject.settings.needs()]
+    found = []
+    for name, able in model.able.items():
+        if able.preference < 0 or any(able.lacking(need, model.device.type) for need in needs):
+            continue  # Below 0 are those that draw by another rule.
+        config = load("rasterizer", model.registry.find("rasterizer", name))()
+        if name != model.rasterizer:
+            built = config.build(model.device)
+            found.append(Variant("backend", f"{name}, float32", _drawn_by(built, torch.float32)))
+        elif Feature.FLOAT64 in able.features:
+            own = model.subject.rasterizer
+            found.append(Variant("backend", f"{name}, float64", _drawn_by(own, torch.float64)))
+    return found or LeftOut("backend", "no other rasterizer runs here")
+
+
+def _drawn_by(rasterizer: Rasterizer, dtype: torch.dtype) -> Callable[[Subject], Subject]:
+    return lambda subject: replace(subject, rasterizer=rasterizer, dtype=dtype)
+
+
+def _combined(model: FinishedModel) -> Made:
+    why = _cannot_prune(model)
+    if why:
+        return LeftOut("combined", why)
+    most = sh_degree(model.subject.splats())
+    return [
+        _combination(model, part, degree, kind)
+        for part, degree, kind in COMBINED
+        if degree is None or degree < most
+    ]
+
+
+def _combination(model: FinishedModel, part: float, degree: int | None, kind: str) -> Variant:
+    """A part of the Gaussians, with a lower degree and of another precision where given."""
+    names, changes = [f"keep {part:.0%}"], [_kept(model, part)]
+    words: tuple[str, ...] = ("export", f"keep={part:g}")
+    if degree is not None:
+        names.append(f"degree {degree}")
+        changes.append(_cut(degree))
+        words = (*words, f"sh_degree={degree}")
+    if kind:
+        names.append(kind)
+        changes.append(rounded(kind))
+        words = ()  # No verb stores it.
+    file = _file_of(model) if words else ""
+    return Variant("combined", ", ".join(names), _in_turn(changes), words, file=file)
+
+
+def _in_turn(changes: Sequence[Callable[[Subject], Subject]]) -> Callable[[Subject], Subject]:
+    def change(subject: Subject) -> Subject:
+        for one in changes:
+            subject = one(subject)
+        return subject
+
+    return change

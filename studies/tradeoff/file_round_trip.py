@@ -1,0 +1,122 @@
+"""FileRoundTrip: a model written to a file and read back."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from gsfw.core.errors import DataError
+from gsfw.core.exchange import Exporter, ModelExporter, TrackExporter
+from gsfw.core.frame import transform_splats
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Sh, Splats
+from gsfw.formats.model_file import read_model_file
+from gsfw.plugins.automatic import load, load_all
+from gsfw.plugins.rebuild import load_state, stored_model
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.restore import Restored
+from gsfw.plugins.snapshot import snapshot
+from gsfw.studies.tradeoff.subject import Subject
+
+PLY = "ply"
+"""What gsfw export writes unless told otherwise."""
+
+
+@dataclass(frozen=True)
+class FileRoundTrip:
+    """Files of one format of a run."""
+
+    form: str
+    exporter: Exporter | ModelExporter
+    restored: Restored
+    registry: Registry
+
+    @property
+    def holds_the_model(self) -> bool:
+        """Whether it holds the model at all times, as it was trained."""
+        return isinstance(self.exporter, ModelExporter)
+
+    def read_back(self, subject: Subject) -> Subject:
+        """The model as a file holds it.
+
+        Raises:
+            DataError: no importer reads the file.
+            ValueError: the format cannot hold the model.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            path = self._write(subject, Path(folder))
+            if isinstance(self.exporter, ModelExporter):
+                stored = read_model_file(path)
+                model = deepcopy(subject.model)
+                load_state(model, stored, path)
+                return replace(subject, model=model)
+            importers = load_all("importer", self.registry)
+            kind = next((kind for kind in importers.values() if kind.recognises(path)), None)
+            if kind is None:
+                raise DataError(f"no importer reads {self.form}")
+            splats = kind().read(path).splats
+        return replace(subject, read=_in_scene(splats, self._scene, subject))
+
+    def size(self, subject: Subject) -> int:
+        """Bytes of the file, as it lies on the disk.
+
+        Raises:
+            ValueError: the format cannot hold the model.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            return self._write(subject, Path(folder)).stat().st_size
+
+    def _write(self, subject: Subject, folder: Path) -> Path:
+        path = folder / f"model{self.exporter.suffix}"
+        if isinstance(self.exporter, ModelExporter):
+            self.exporter.write(path, stored_model(self.restored))
+        else:
+            antialias = self.restored.composition.plan.settings.antialias
+            taken = snapshot(subject.model, self._scene, antialias, edit=_all(subject))
+            self.exporter.write(path, taken.content)
+        return path
+
+    @property
+    def _scene(self) -> Scene:
+        return self.restored.composition.scene
+
+
+def _all(subject: Subject) -> Callable[[Splats], Splats]:
+    """The edits of a subject, one after the other."""
+
+    def edit(splats: Splats) -> Splats:
+        for one in subject.edits:
+            splats = one(splats)
+        return splats
+
+    return edit
+
+
+def _in_scene(splats: Splats, scene: Scene, subject: Subject) -> Splats:
+    """Splats of the world of the data, moved to the scene frame and the subject's device."""
+    moved = transform_splats(splats, scene.world_from_scene.inverse())
+    like = next(iter(subject.model.columns().values())).values
+    return moved.map(lambda tensor: tensor.to(like.device, torch.float32).contiguous())
+
+
+def round_trips(restored: Restored, registry: Registry, is_still: bool) -> list[FileRoundTrip]:
+    """Of every format that can hold the model: of a moving one, those that hold all times."""
+    trips = []
+    for name, spec in registry.slot("exporter").items():
+        exporter = load("exporter", spec)()
+        if isinstance(exporter, TrackExporter):
+            continue
+        if isinstance(exporter, ModelExporter) or (is_still and _has_sh(restored)):
+            trips.append(FileRoundTrip(name, exporter, restored, registry))
+    return trips
+
+
+def _has_sh(restored: Restored) -> bool:
+    """Whether files of splats can hold its colours."""
+    with torch.no_grad():
+        return isinstance(restored.composition.parts.model.splats().colors, Sh)

@@ -1,0 +1,137 @@
+"""Runner: measures variants one after the other, and then their times in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import UserError
+from gsfw.studies.tradeoff.exact import Exact
+from gsfw.studies.tradeoff.file_round_trip import FileRoundTrip, round_trips
+from gsfw.studies.tradeoff.finished_model import FinishedModel
+from gsfw.studies.tradeoff.record import Record
+from gsfw.studies.tradeoff.record_store import Key, RecordStore
+from gsfw.studies.tradeoff.subject import Subject
+from gsfw.studies.tradeoff.timing import Turn
+from gsfw.studies.tradeoff.variant import Variant
+
+TIMED_VIEWS = 3
+"""Views that are drawn in a round, spread evenly over those that accuracy is measured on."""
+SLOW_MS, SLOW_ROUNDS = 1000.0, 2
+"""Variants that take longer than this for a view are drawn in so many rounds only."""
+
+
+class Runner:
+    """Measures the variants of a model; what is finished is kept, and not measured again."""
+
+    def __init__(
+        self, model: FinishedModel, variants: Sequence[Variant], store: RecordStore
+    ) -> None:
+        self.model, self.variants, self.store = model, variants, store
+
+    @property
+    def missing(self) -> list[Variant]:
+        """Variants that were not measured yet."""
+        return [variant for variant in self.variants if variant.key not in self.store.records]
+
+    def measure(self) -> Iterator[Variant]:
+        """Measure the accuracy and the size of what is missing; each one when it is kept."""
+        for variant in self.missing:
+            self.store.keep(self._record(variant))
+            yield variant
+
+    def rounds_left(self, repeats: int) -> int:
+        """How many rounds it takes until every variant has its readings."""
+        known = [
+            len(self.store.records[v.key].readings) for v in self._timed() if not self._slow(v)
+        ]
+        return max(0, repeats - min(known, default=repeats))
+
+    def time(self, repeats: int) -> Iterator[int]:
+        """Take the times of all variants in turn, round by round; the number of each."""
+        rounds = self.rounds_left(repeats)
+        if not rounds:
+            return
+        model = self.model
+        step = max(1, len(model.cameras) // TIMED_VIEWS)
+        cameras = model.cameras[::step][:TIMED_VIEWS]
+        turns: dict[Key, Turn] = {}
+        for variant in self._timed():
+            turns[variant.key] = Turn.of(variant.change(model.subject), cameras)
+        for number in range(1, rounds + 1):
+            taking = [variant for variant in self._timed() if not self._slow(variant)]
+            self.store.add_round({v.key: turns[v.key].take(model.device) for v in taking})
+            yield number
+
+    def _timed(self) -> list[Variant]:
+        records = self.store.records
+        return [v for v in self.variants if not (v.draws_alike or records[v.key].failure)]
+
+    def _slow(self, variant: Variant) -> bool:
+        """Whether it was drawn often enough already, for the time that it takes."""
+        record = self.store.records[variant.key]
+        return len(record.readings) >= SLOW_ROUNDS and (record.ms or 0.0) > SLOW_MS
+
+    def _record(self, variant: Variant) -> Record:
+        """What can be said of a variant; where it cannot be drawn, why."""
+        subject = self.model.subject
+        try:
+            subject = variant.change(subject)
+            # The small pictures first: there every value is looked at.
+            error, per_view, failure = self._exact.error(subject), self._per_view(subject), ""
+        except (ValueError, UserError) as problem:
+            error, per_view, failure = None, [], " ".join(str(problem).split())
+        return Record(
+            axis=variant.axis,
+            name=variant.name,
+            per_view=per_view,
+            relative_l2=None if error is None else error.relative,
+            max_error=None if error is None else error.largest,
+            num_gaussians=subject.num_gaussians(),
+            floats=subject.num_floats(),
+            parameter_bytes=subject.num_floats() * subject.float_bytes,
+            file_bytes=self._files[variant.file].size(subject) if variant.file else None,
+            file=variant.file,
+            command=list(variant.command),
+            draws_alike=variant.draws_alike,
+            failure=failure,
+        )
+
+    @cached_property
+    def _exact(self) -> Exact:
+        return Exact(self.model.subject, self.model.probes, self.model.registry)
+
+    @cached_property
+    def _files(self) -> Mapping[str, FileRoundTrip]:
+        trips = round_trips(self.model.restored, self.model.registry, self.model.is_still)
+        return {trip.form: trip for trip in trips}
+
+    @torch.no_grad()
+    def _per_view(self, subject: Subject) -> list[dict[str, float]]:
+        """Figures of every view, under the run's own protocol."""
+        metrics = self.model.parts.metrics
+        still = subject.splats() if subject.is_still else None
+        found = []
+        for place, camera in enumerate(self.model.cameras):
+            target, valid = self._target(place)
+            moment = None if camera.time is None else camera.time[0]
+            splats = subject.splats(moment) if still is None else still
+            picture = subject.draw(splats, camera)
+            found.append({name: metric(picture, target, valid) for name, metric in metrics.items()})
+        return found
+
+    def _target(self, place: int) -> tuple[Tensor, Tensor | None]:
+        """The photo of a view and its valid pixels; without photos, a render."""
+        model = self.model
+        camera, subject = model.cameras[place], model.subject
+        if not model.parts.data.has_pictures:
+            moment = None if camera.time is None else camera.time[0]
+            return subject.draw(subject.splats(moment), camera), None
+        (batch,) = model.parts.data.load(Split.EVAL, [model.views[place]], model.device)
+        assert subject.settings.background is not None
+        valid = None if batch.valid is None else batch.valid[0]
+        return batch.target(subject.settings.background)[0], valid

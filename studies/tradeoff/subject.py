@@ -1,0 +1,113 @@
+"""Subject: a finished model, and how it is drawn: what variants change one thing of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Sh, Splats
+
+Edit = Callable[[Splats], Splats]
+"""What is done to splats before they are drawn or written."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A model and how it is drawn."""
+
+    model: PrimitiveModel
+    rasterizer: Rasterizer
+    settings: RenderSettings
+    is_still: bool
+    """Whether it looks the same at every time."""
+    read: Splats | None = None
+    """Splats of a file, in the scene frame, in place of the model's; ``None`` for the model's."""
+    edits: tuple[Edit, ...] = ()
+    """Done to the splats in this order."""
+    dtype: torch.dtype = torch.float32
+    """In which it is drawn."""
+    shrink: int = 1
+    """Pictures are drawn smaller by this factor, and enlarged."""
+    float_bytes: int = 4
+    """That a stored parameter takes."""
+
+    @torch.no_grad()
+    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+        """What is drawn at ``time`` in [0, 1]; one that is still ignores it."""
+        splats = self.model.splats(time) if self.read is None else self.read
+        for edit in self.edits:
+            splats = edit(splats)
+        return splats.map(lambda tensor: tensor.detach().to(self.dtype))
+
+    @torch.no_grad()
+    def render(self, splats: Splats, camera: Cameras) -> RenderOutput:
+        """What the rasterizer makes of one camera, in its own type and size.
+
+        Raises:
+            ValueError: the splats have values that cannot be drawn.
+        """
+        camera = self.model.cameras(camera)
+        sides = (max(1, round(side / self.shrink)) for side in (camera.width, camera.height))
+        settings = in_dtype(self.model.settings(self.settings), self.dtype)
+        small = camera.resized(*sides).to(dtype=self.dtype)
+        return self.rasterizer.render(splats, small, settings)
+
+    @torch.no_grad()
+    def draw(self, splats: Splats, camera: Cameras) -> Float[Tensor, "h w 3"]:
+        """A picture in the size of one camera; float32.
+
+        Raises:
+            ValueError: the splats have values that cannot be drawn.
+        """
+        output = self.render(splats, camera)
+        output = replace(output, color=output.color.float(), alpha=output.alpha.float())
+        height, width = output.color.shape[1:3]
+        decoded = self.model.decode(output, self.model.cameras(camera).resized(width, height))
+        return enlarged(decoded.color[0], camera)
+
+    def num_gaussians(self) -> int:
+        """That are stored."""
+        return len(self.splats()) if self.is_still else self.model.num_rows
+
+    def num_floats(self) -> int:
+        """Numbers that are stored: of the splats that are left, or all that a moving model has."""
+        if self.is_still:
+            return sum(tensor.numel() for tensor in _stored(self.splats()).tensors().values())
+        return round(float(self.model.summary()["model_bytes"]) / self.float_size())
+
+    def float_size(self) -> int:
+        """Bytes of a parameter of the model as it lies in memory."""
+        return next(iter(self.model.columns().values())).values.element_size()
+
+
+def _stored(splats: Splats) -> Splats:
+    """The splats without the coefficients of bands that are not drawn."""
+    colors = splats.colors
+    if not isinstance(colors, Sh) or colors.offsets is not None:
+        return splats
+    return replace(splats, colors=Sh(colors.dense(), colors.degree))
+
+
+def enlarged(picture: Float[Tensor, "a b d"], camera: Cameras) -> Float[Tensor, "h w d"]:
+    """A picture in the size of a camera, bilinear between the centres of pixels."""
+    size = (camera.height, camera.width)
+    if tuple(picture.shape[:2]) == size:
+        return picture
+    planes = picture.movedim(2, 0)[None]
+    return interpolate(planes, size, mode="bilinear", align_corners=False)[0].movedim(0, 2)
+
+
+def in_dtype(settings: RenderSettings, dtype: torch.dtype) -> RenderSettings:
+    """The same settings for splats of another type."""
+    background = settings.background
+    return replace(settings, background=None if background is None else background.to(dtype))

@@ -1,0 +1,191 @@
+"""Every figure of a variant is what an independent computation gives."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from tradeoff_models import finished_model
+
+from gsfw.commands.main import main
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError
+from gsfw.core.evaluation import evaluate
+from gsfw.core.metrics import psnr
+from gsfw.formats.ply import PlyImporter
+from gsfw.studies.tradeoff.catalogue import catalogue
+from gsfw.studies.tradeoff.finished_model import PROBE_SIDE, PROBES
+from gsfw.studies.tradeoff.record_store import RecordStore
+from gsfw.studies.tradeoff.runner import Runner
+from gsfw.studies.tradeoff.variant import AXES
+
+
+@pytest.fixture(scope="module")
+def model(finished_run):
+    return finished_model(finished_run)
+
+
+@pytest.fixture(scope="module")
+def variants(model):
+    found, left_out = catalogue(model, AXES)
+    assert left_out == []
+    return {variant.key: variant for variant in found}
+
+
+@pytest.fixture(scope="module")
+def records(model, variants, tmp_path_factory):
+    store = RecordStore(tmp_path_factory.mktemp("tradeoff") / "t.json", model.fingerprint())
+    runner = Runner(model, list(variants.values()), store)
+    assert [v.key for v in runner.measure()] == list(variants)
+    assert list(runner.time(2)) == [1, 2]
+    assert runner.rounds_left(2) == 0
+    return store.records
+
+
+def test_the_model_as_it_is_has_the_figures_of_gsfw_eval(model, records):
+    parts, settings = model.parts, model.subject.settings
+    expected = evaluate(
+        parts.model, parts.rasterizer, parts.data, parts.metrics, settings, parts.device
+    )
+    first = records[("as it is", "as it is")]
+    assert first.means == expected.means
+    assert first.floats == 150 * 59
+    assert first.parameter_bytes == parts.model.summary()["model_bytes"]
+    assert first.relative_l2 < 1e-5
+
+
+def test_every_axis_is_there_and_can_be_drawn(records):
+    assert {axis for axis, _ in records} == {"as it is", *AXES}
+    for record in records.values():
+        assert record.failure == "", record
+        assert len(record.readings) == (0 if record.draws_alike else 2)
+
+
+def test_sh_truncation_has_the_accuracy_of_zeroed_coefficients(model, records):
+    copy = finished_model(model.restored.folder.path)
+    with torch.no_grad():
+        copy.parts.model.sh_rest.values[:, 3:] = 0
+    (batch,) = copy.parts.data.load(Split.EVAL, [0], copy.device)
+    picture = copy.subject.draw(copy.subject.splats(), batch.cameras)
+    expected = psnr(picture, batch.target(copy.subject.settings.background)[0])
+    record = records[("sh", "degree 1")]
+    assert record.per_view[0]["psnr"] == pytest.approx(expected, abs=1e-4)
+    assert record.floats == 150 * (11 + 12)
+
+
+def test_precision_rounds_every_parameter_as_numpy_does(model, variants, records):
+    subject = variants[("precision", "fp16")].change(model.subject)
+    for name, column in model.parts.model.columns().items():
+        expected = column.values.detach().numpy().astype(np.float16).astype(np.float32)
+        found = subject.model.columns()[name].values.detach().numpy()
+        assert np.array_equal(found, expected), name
+    bits = model.parts.model.means.values.detach().numpy().view(np.uint32).astype(np.uint64)
+    nearest_even = ((bits + 0x7FFF + ((bits >> 16) & 1)) >> 16) << 16
+    rounded = variants[("precision", "bf16")].change(model.subject).model.means.values
+    assert np.array_equal(rounded.detach().numpy().view(np.uint32), nearest_even.astype(np.uint32))
+    assert records[("precision", "fp16")].parameter_bytes == 150 * 59 * 2
+
+
+def test_pruning_leaves_the_gaussians_that_add_most(model, variants, records):
+    kept = variants[("prune", "keep 25%")].change(model.subject).splats()
+    order = model.scores.argsort(descending=True)[:38]
+    assert records[("prune", "keep 25%")].num_gaussians == 38
+    assert torch.equal(kept.means, model.subject.splats().means[order.sort().values])
+
+
+def test_sizes_are_those_of_the_files_that_the_commands_write(model, records, tmp_path, capsys):
+    run = str(model.restored.folder.path)
+    written = [record for record in records.values() if record.file]
+    assert len(written) == 1 + 3 + 4 + 2 + 2
+    for number, record in enumerate(written[::3]):
+        verb, *words = record.command
+        out = tmp_path / f"{number}.bin"
+        assert main([verb, run, *words, f"out={out}"]) == 0
+        assert out.stat().st_size == record.file_bytes, record.name
+
+
+def test_an_exported_file_holds_the_splats_of_its_variant(model, variants, tmp_path, capsys):
+    out = tmp_path / "small.ply"
+    words = ["keep=0.75", "sh_degree=1"]
+    assert main(["export", str(model.restored.folder.path), *words, f"out={out}"]) == 0
+    content = PlyImporter().read(out).splats
+    subject = variants[("combined", "keep 75%, degree 1")].change(model.subject).splats()
+    assert (len(content), content.colors.degree) == (len(subject), 1)
+    assert content.opacities.numpy() == pytest.approx(subject.opacities.numpy(), abs=1e-6)
+
+
+def test_float64_and_reference_tell_errors_of_numbers_from_those_of_the_model(records):
+    assert records[("backend", "cpu, float64")].relative_l2 < 1e-13
+    assert records[("backend", "reference, float32")].relative_l2 < 1e-5
+    assert records[("sh", "degree 0")].relative_l2 > 1e-5
+    assert records[("prune", "keep 25%")].max_error > 0.01
+
+
+def test_half_the_resolution_is_drawn_and_enlarged(model, variants):
+    camera = model.cameras[0]
+    half = variants[("resolution", "1/2, enlarged")].change(model.subject)
+    splats = half.splats()
+    small = model.subject.draw(splats, camera.resized(16, 12))
+    picture = half.draw(splats, camera)
+    assert picture.shape == (24, 32, 3)
+    # Pixels of the small picture lie at odd positions of a grid of quarters: 9, 3, 3 and 1 of 16.
+    corners = small[2:4, 4:6]
+    weights = torch.tensor([[9.0, 3.0], [3.0, 1.0]])[..., None] / 16
+    torch.testing.assert_close(picture[5, 9], (corners * weights).sum((0, 1)))
+
+
+def test_what_is_measured_is_not_measured_again(model, variants, records, tmp_path):
+    store = RecordStore(tmp_path / "t.json", model.fingerprint())
+    runner = Runner(model, list(variants.values())[:4], store)
+    measuring = runner.measure()
+    next(measuring)
+    measuring.close()
+    again = Runner(model, runner.variants, RecordStore(store.path, model.fingerprint()))
+    assert [v.name for v in again.missing] == ["degree 2", "degree 1", "degree 0"]
+    list(again.measure())
+    list(again.time(1))
+    assert again.rounds_left(3) == 2
+
+
+def test_what_cannot_be_drawn_is_a_failure_with_its_reason(model, variants, tmp_path):
+    def ruined(subject):
+        return dataclasses.replace(
+            subject,
+            edits=(lambda splats: dataclasses.replace(splats, scales=splats.scales * torch.inf),),
+        )
+
+    broken = dataclasses.replace(variants[("precision", "fp16")], change=ruined)
+    store = RecordStore(tmp_path / "t.json", "x")
+    list(Runner(model, [broken], store).measure())
+    (record,) = store.records.values()
+    assert record.failure.startswith("splats.scales: expected finite values; 150 of 150 rows")
+    assert (record.psnr, record.relative_l2) == (None, None)
+
+
+def test_probes_are_few_and_small(model):
+    assert len(model.probes) == PROBES
+    assert all(max(camera.width, camera.height) <= PROBE_SIDE for camera in model.probes)
+
+
+def test_the_fingerprint_follows_parameters_and_views(finished_run, model):
+    fewer = finished_model(finished_run, views=1)
+    assert len(fewer.names) == 1
+    assert fewer.fingerprint() != model.fingerprint()
+    same = finished_model(finished_run)
+    assert same.fingerprint() == model.fingerprint()
+    with torch.no_grad():
+        same.parts.model.means.values[0, 0] += 1e-3
+    assert same.fingerprint() != model.fingerprint()
+
+
+def test_a_run_that_holds_nothing_out_is_refused(finished_run, monkeypatch):
+    from gsfw.core.datamanager import Views
+
+    found = finished_model(finished_run)
+    monkeypatch.setattr(type(found.parts.data), "views", lambda self, split: Views((), ()))
+    with pytest.raises(DataError) as caught:
+        type(found)(found.restored, found.registry, "runs/a", 4)
+    assert str(caught.value) == (
+        "runs/a has no held-out pictures to measure accuracy on.\n"
+        "Train a run that holds some out: holdout_every=8."
+    )

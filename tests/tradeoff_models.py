@@ -1,0 +1,14 @@
+"""Finished models that tests of tradeoff measure."""
+
+from gsfw.commands.open_run import open_run
+from gsfw.commands.run_argument import find_run
+from gsfw.plugins.registry import installed
+from gsfw.studies.tradeoff.finished_model import FinishedModel
+
+
+def finished_model(path, views=16):
+    """What RUN names, ready to be measured."""
+    found = find_run(str(path))
+    restored = open_run(found, installed())
+    is_file = found.model_file is not None
+    return FinishedModel(restored, installed(), str(path), views, is_file)
