@@ -53,6 +53,30 @@ def stop_on_signal(control: Control) -> Iterator[Interrupt]:
 
 
 @contextmanager
+def interrupted_once(text: str) -> Iterator[None]:
+    """Let the first Ctrl-C say a line and raise ``KeyboardInterrupt``, and further ones do nothing.
+
+    This is for work that takes seconds to stop, which a second one could only spoil.
+    """
+    interrupt = Interrupt()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if not interrupt.received:
+            interrupt.received = True
+            sys.stderr.write(f"\n{text}\n")
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
 def leave_on_signal() -> Iterator[None]:
     """Let the signals that end a program raise ``SystemExit`` with 128 + their number.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING, TypeVar
 
@@ -47,7 +48,10 @@ def cancellable(work: Callable[[CancellationToken], T]) -> T:
             pass
     except BaseException:
         token.cancel()
-        ended.wait()
+        # Native code that still works while the program ends would bring it down.
+        while not ended.is_set():
+            with suppress(KeyboardInterrupt, SystemExit):
+                ended.wait(PATIENCE)
         raise
     if failures:
         raise failures[0]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gsfw.core.run_folder import readable_write_errors
 from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.disk_room import check_room
 from gsfw.preparation.native_errors import readable_native_errors
 from gsfw.preparation.picture_set import PictureSet
 from gsfw.preparation.sift import PictureFeatures
@@ -24,7 +25,7 @@ class FeatureDatabase:
         """Open it, or make it.
 
         Raises:
-            OutputError: its folder cannot be written to.
+            OutputError: its folder cannot be written to, or the disk is nearly full.
             DataError: the file is no database.
         """
         import pycolmap
@@ -32,6 +33,7 @@ class FeatureDatabase:
         self._path = path
         with readable_write_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
+        check_room(path)
         with readable_native_errors("open the features", path):
             self._database = pycolmap.Database.open(path)
         self._numbers = picture_numbers(pictures)
@@ -59,9 +61,11 @@ class FeatureDatabase:
 
         Raises:
             DataError: the database does not take them.
+            OutputError: the disk is nearly full.
         """
         import pycolmap
 
+        check_room(self._path)
         number, group = self._numbers[features.name], self._groups[features.name]
         with (
             readable_native_errors("store features", self._path),

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from gsfw.preparation.cancellation import cancellable
+from gsfw.preparation.disk_room import check_room
 from gsfw.preparation.match_list import Pair, listable_names, restore_names, write_match_list
 from gsfw.preparation.native_errors import readable_native_errors
 from gsfw.preparation.pairs import PairPlan
@@ -43,9 +44,11 @@ def match_pairs(
 
     Raises:
         DataError: COLMAP cannot work with the database.
+        OutputError: the disk is nearly full.
     """
     import pycolmap
 
+    check_room(database)
     with readable_native_errors("match features", database):
         with pycolmap.Database.open(database) as opened:
             restore_names(opened)
@@ -57,6 +60,7 @@ def match_pairs(
             advance(done)
             for first in range(0, len(missing), BLOCK):
                 block = missing[first : first + BLOCK]
+                check_room(database)
                 _match(database, block, jobs, guided)
                 done += len(block)
                 advance(done)

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from gsfw.commands.interrupt import ENDING, leave_on_signal, stop_on_signal
+from gsfw.commands.interrupt import ENDING, interrupted_once, leave_on_signal, stop_on_signal
 from gsfw.core.callback import Control
 
 
@@ -48,6 +48,20 @@ def test_a_signal_that_is_ignored_stays_ignored():
             signal.raise_signal(signal.SIGTERM)
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def test_impatience_does_not_spoil_an_orderly_end(capsys):
+    def interrupt_twice():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), interrupted_once("stopping"):
+        interrupt_twice()
+    assert capsys.readouterr().err == "\nstopping\n"
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_training_still_stops_after_its_step():

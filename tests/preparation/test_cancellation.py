@@ -31,6 +31,23 @@ def test_ctrl_c_cancels_and_waits_for_the_end():
     assert ended == [True]
 
 
+def test_further_signals_do_not_end_the_wait():
+    ended = []
+
+    def work(token):
+        _thread.interrupt_main()
+        while not token.is_cancelled:
+            time.sleep(0.01)
+        time.sleep(0.05)
+        _thread.interrupt_main()
+        time.sleep(0.2)
+        ended.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        cancellable(work)
+    assert ended == [True]
+
+
 def test_ctrl_c_while_the_thread_starts_lets_no_work_begin(monkeypatch):
     class Interrupted(Thread):
         def start(self):

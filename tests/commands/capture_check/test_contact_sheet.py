@@ -33,6 +33,13 @@ def test_a_sheet_shows_cameras_of_both_splits_and_points(tmp_path):
     assert count(maps, HELD_OUT) > 50
 
 
+def test_names_with_line_ends_are_drawn_in_one_line(tmp_path):
+    tiles = [Tile("a\nb.png", "", Weight.NOTE, None)]
+    for name in ("a\nb", "a b"):
+        write_contact_sheet(tmp_path / f"{name}.png", name, Verdict.GOOD, None, tiles)
+    assert (tmp_path / "a\nb.png").read_bytes() == (tmp_path / "a b.png").read_bytes()
+
+
 def test_above_and_side_are_at_right_angles_to_up(tmp_path):
     above, side, how = map_views(write_ball(tmp_path / "a").survey())
     assert how == "up as the data says"
