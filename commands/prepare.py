@@ -158,18 +158,10 @@ def _check_exists(path: Path) -> None:
     Raises:
         DataError: it is not; names what is.
     """
-    from gsfw.plugins.registry import did_you_mean
+    from gsfw.plugins.registry import what_is_missing
 
-    if path.exists():
-        return
-    missing, parent = path, path.parent
-    while not parent.is_dir():
-        missing, parent = parent, parent.parent
-    near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
-    raise DataError(
-        f"{path}: there is no such file or folder.",
-        f"{parent.resolve()} holds no {missing.name!r}.{near}",
-    )
+    if not path.exists():
+        raise DataError(f"{path}: there is no such file or folder.", what_is_missing(path))
 
 
 def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workplace:

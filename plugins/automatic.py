@@ -10,7 +10,7 @@ from typing import Any
 
 from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.plugins.registry import Registry, did_you_mean
+from gsfw.plugins.registry import Registry, what_is_missing
 from gsfw.plugins.specs import Spec
 
 BUILT_IN_SCENE = "synthetic"
@@ -118,14 +118,7 @@ def _check_exists(path: Path) -> None:
                 "Give the folder that holds the pictures and their cameras.",
             )
         return
-    missing, parent = path, path.parent
-    while not parent.is_dir():
-        missing, parent = parent, parent.parent
-    near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
-    raise DataError(
-        f"data={path}: there is no such file or folder.",
-        f"{parent.resolve()} holds no {missing.name!r}.{near}",
-    )
+    raise DataError(f"data={path}: there is no such file or folder.", what_is_missing(path))
 
 
 def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from pathlib import Path
 from types import MappingProxyType
 
 from gsfw.core.errors import ConfigError
@@ -33,6 +34,15 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     """A sentence that suggests the nearest known name, with a leading space; or nothing."""
     near = difflib.get_close_matches(given, list(known), 1, cutoff=0.6)
     return f" Did you mean {near[0]!r}?" if near else ""
+
+
+def what_is_missing(path: Path) -> str:
+    """A sentence about a path that is not there: where it ends, and the nearest name there is."""
+    missing, parent = path, path.parent
+    while not parent.is_dir():
+        missing, parent = parent, parent.parent
+    near = did_you_mean(missing.name, [item.name for item in parent.iterdir()])
+    return f"{parent.resolve()} holds no {missing.name!r}.{near}"
 
 
 class Registry:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float64, UInt8
 
+from gsfw.core.errors import DataError
 from gsfw.core.run_folder import write_atomically
+from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import decode
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.picture_names import unique_names, with_right_suffix
@@ -120,6 +122,17 @@ def write_data_set(
     return _written(model, moved, tasks, size)
 
 
+def _plan(lens: Lens, keep: bool) -> CameraPlan:
+    try:
+        return CameraPlan.of(lens, keep)
+    except DataError as error:
+        raise DataError(
+            error.message,
+            "Compute it with fewer parameters (camera_model=SIMPLE_RADIAL), from more pictures "
+            "(cameras=one), or leave pictures as they are (lens=keep).",
+        ) from error
+
+
 def _make_room(tasks: Sequence[_Task], out: Path) -> None:
     """Check that nothing is in the way that is read, and remove what an earlier run has left."""
     targets = [f"{PICTURES}/{task.name}" for task in tasks]
@@ -134,7 +147,7 @@ def _tasks(model: Reconstruction, pictures: PictureSet, rule: OutputRule) -> lis
     stored = [StoredPicture.read(picture.path, picture.header) for picture in own]
     keep = rule.lens == "keep"
     plans = {
-        number: CameraPlan.of(lens_of_camera(model.cameras[number], number), keep)
+        number: _plan(lens_of_camera(model.cameras[number], number), keep)
         for number in sorted({image.camera_id for image in images})
     }
     changes = [
