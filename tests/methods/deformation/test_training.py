@@ -60,8 +60,8 @@ def test_regularizers_are_logged_in_the_fine_phase_only(tmp_path):
 def test_a_short_training_follows_what_static_gaussians_blur(tmp_path, encoder):
     settings = (
         "datamanager.moving=true", "datamanager.times=6", "datamanager.views=36",
-        "datamanager.eval_views=4", "datamanager.width=64", "datamanager.height=48",
-        "datamanager.points=800", "strategy=none", "steps=250", "eval_every=0", "device=cpu",
+        "datamanager.eval_views=4", "datamanager.width=48", "datamanager.height=36",
+        "datamanager.points=800", "strategy=none", "steps=200", "eval_every=0", "device=cpu",
     )  # fmt: skip
     figures = {}
     for name, own in {

@@ -70,7 +70,7 @@ def test_data_without_times_are_refused_before_training(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_scene_that_moves_is_drawn_better_than_as_if_it_stood_still(tmp_path):
-    settings = ("datamanager.views=40", "datamanager.width=64", "datamanager.height=48")
+    settings = ("datamanager.views=40", "datamanager.width=48", "datamanager.height=36")
     settings += ("datamanager.points=1000", "datamanager.eval_views=4", "steps=300", "eval_every=0")
     moving = train(tmp_path / "moving", "method=4d-rotor", *settings)
     still = ("method=3dgs", "ignore_time=true", "sampler.views_per_step=2")
