@@ -5,12 +5,36 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+
+from gsfw.core.errors import DataError
 
 
 def json_text(document: object, indent: int | None = None) -> str:
     """A document of plain data as JSON; NaN and infinities, which JSON does not have, as null."""
     return json.dumps(_readable(document), indent=indent, allow_nan=False)
+
+
+def read_document(path: Path, schema: int, advice: str) -> Mapping[str, Any]:
+    """An object that a file holds as JSON, of a layout that is known.
+
+    Args:
+        path: of the file.
+        schema: the number of the layout, as the object's ``schema`` has to say.
+        advice: what to do where it is something else.
+
+    Raises:
+        DataError: it cannot be read, or is something else.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} cannot be read: {error}.", advice) from None
+    if not isinstance(document, dict) or document.get("schema") != schema:
+        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
+        raise DataError(f"{path}: expected schema {schema}, found {found}.", advice)
+    return document
 
 
 def _readable(value: object) -> Any:  # noqa: ANN401 - plain data of any kind

@@ -118,8 +118,8 @@ def _plot(lines: Sequence[tuple[str, tuple[int, int, int], list[Point]]]) -> Ima
     return image.resize(SIZE, Image.Resampling.BOX)
 
 
-def _axes(draw: ImageDraw.ImageDraw, across: Axis, upward: Axis) -> None:
-    """Grid, marks and what they mean."""
+def draw_grid(draw: ImageDraw.ImageDraw, across: Axis, upward: Axis) -> None:
+    """Grid, marks and both axes of a plot that is drawn ``OVERSAMPLING`` times too large."""
     scale = OVERSAMPLING
     font = ImageFont.load_default(13 * scale)
     for mark in upward.marks:
@@ -132,6 +132,13 @@ def _axes(draw: ImageDraw.ImageDraw, across: Axis, upward: Axis) -> None:
         draw.text((x, upward.first + 8 * scale), f"{mark:g}", INK, font, anchor="mt")
     corner = [(across.first, upward.last), (across.first, upward.first)]
     draw.line([*corner, (across.last, upward.first)], fill=INK, width=scale)
+
+
+def _axes(draw: ImageDraw.ImageDraw, across: Axis, upward: Axis) -> None:
+    """The grid, and what it means."""
+    draw_grid(draw, across, upward)
+    scale = OVERSAMPLING
+    font = ImageFont.load_default(13 * scale)
     middle = (across.first + across.last) / 2
     draw.text((middle, upward.first + 32 * scale), "time, as the data has it", INK, font, "mt")
     draw.text((10 * scale, (upward.first + upward.last) / 2), "dB", INK, font, anchor="lm")

@@ -145,10 +145,9 @@ class Preparation:
         )
         self._say("features", why)
         database = self._place.database
-        reports: dict[str, FeatureReport] = {}
 
         def find() -> Document:
-            reports.update(extract_features(database, pictures, groups, settings, self._progress))
+            reports = extract_features(database, pictures, groups, settings, self._progress)
             return {name: asdict(report) for name, report in reports.items()}
 
         found = self._journal.stage(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields
@@ -10,12 +9,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from gsfw.core.errors import DataError
-from gsfw.core.json_text import json_text
+from gsfw.core.json_text import json_text, read_document
 from gsfw.core.run_folder import write_atomically
 from gsfw.studies.result import Failure, Result
 
 SCHEMA = 1
 """Number of the layout; raised when an older gsfw could not read a newer file."""
+
+ADVICE = "Move it away to begin anew: runs that are finished are found again in their folders."
+"""What to do with a file that is not one of these."""
 
 TYPES = (
     *((name, str, "text") for name in ("row", "scene", "fingerprint", "date", "run")),
@@ -43,7 +45,7 @@ class ResultStore:
         self.results: dict[Key, Result] = {}
         self.failures: dict[Key, Failure] = {}
         if path.exists():
-            document = _read(path)
+            document = read_document(path, SCHEMA, ADVICE)
             self.results = _records(path, document, "results", Result)
             self.failures = _records(path, document, "failures", Failure)
 
@@ -91,18 +93,6 @@ class ResultStore:
             "failures": [self.failures[key].document() for key in sorted(self.failures)],
         }
         write_atomically(self.path, (json_text(document, indent=1) + "\n").encode())
-
-
-def _read(path: Path) -> Mapping[str, Any]:
-    advice = "Move it away to begin anew: runs that are finished are found again in their folders."
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path} cannot be read: {error}.", advice) from None
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise DataError(f"{path}: expected schema {SCHEMA}, found {found}.", advice)
-    return document
 
 
 def _records(

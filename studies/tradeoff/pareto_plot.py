@@ -9,7 +9,7 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from gsfw.core.run_folder import write_atomically
-from gsfw.core.time_plot import GRID, INK, OVERSAMPLING, PAPER, Axis
+from gsfw.core.time_plot import INK, OVERSAMPLING, PAPER, Axis, draw_grid
 from gsfw.studies.dot_plot import COLORS
 from gsfw.studies.tradeoff.front import Point, size_front, time_front
 from gsfw.studies.tradeoff.record import Record
@@ -145,19 +145,10 @@ def _overlap(first: Box, second: Box) -> bool:
 
 
 def _axes(draw: ImageDraw.ImageDraw, across: Axis, upward: Axis, unit: str, note: str) -> None:
-    """Grid, marks and what they mean."""
+    """The grid, and what it means."""
+    draw_grid(draw, across, upward)
     scale = OVERSAMPLING
     font = ImageFont.load_default(13 * scale)
-    for mark in upward.marks:
-        y = upward.at(mark)
-        draw.line([(across.first, y), (across.last, y)], fill=GRID, width=scale)
-        draw.text((across.first - 8 * scale, y), f"{mark:g}", INK, font, anchor="rm")
-    for mark in across.marks:
-        x = across.at(mark)
-        draw.line([(x, upward.first), (x, upward.last)], fill=GRID, width=scale)
-        draw.text((x, upward.first + 8 * scale), f"{mark:g}", INK, font, anchor="mt")
-    corner = [(across.first, upward.last), (across.first, upward.first)]
-    draw.line([*corner, (across.last, upward.first)], fill=INK, width=scale)
     middle = (across.first + across.last) / 2
     draw.text((middle, upward.first + 28 * scale), unit, INK, font, "mt")
     draw.text((across.last, upward.first + 28 * scale), note, INK, font, "rt")

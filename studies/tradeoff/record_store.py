@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import DataError
-from gsfw.core.json_text import json_text
+from gsfw.core.json_text import json_text, read_document
 from gsfw.core.run_folder import write_atomically
 from gsfw.studies.tradeoff.record import Record
 
 SCHEMA = 1
 """Number of the layout; raised when an older gsfw could not read a newer file."""
+
+ADVICE = "Move it away to measure anew."
+"""What to do with a file that is not one of these."""
 
 Key = tuple[str, str]
 Head = Callable[["RecordStore"], Mapping[str, Any]]
@@ -40,7 +42,7 @@ class RecordStore:
         self.forgotten = 0
         """How many records were let go."""
         if path.exists():
-            document = _read(path)
+            document = read_document(path, SCHEMA, ADVICE)
             records = _records(path, document)
             if document.get("fingerprint") == fingerprint:
                 if document.get("clock") != clock:
@@ -86,18 +88,6 @@ class RecordStore:
             "records": [record.document() for record in self.records.values()],
         }
         write_atomically(self.path, (json_text(document, indent=1) + "\n").encode())
-
-
-def _read(path: Path) -> Mapping[str, Any]:
-    advice = "Move it away to measure anew."
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path} cannot be read: {error}.", advice) from None
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise DataError(f"{path}: expected schema {SCHEMA}, found {found}.", advice)
-    return document
 
 
 def _records(path: Path, document: Mapping[str, Any]) -> list[Record]:
