@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.similarity import Similarity
-from gsfw.core.spherical_harmonics import rotate_sh
+from gsfw.core.spherical_harmonics import degree_of, rotate_sh
 from gsfw.core.splats import Sh, Splats
 
 
@@ -78,16 +78,7 @@ def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
         turn = quaternion_of(rotation).expand_as(splats.quats)
         moved = replace(moved, quats=multiply_quaternions(turn, splats.quats.double()))
     if isinstance(splats.colors, Sh):
-        stored = replace(splats.colors, degree=_stored_degree(splats.colors))
+        stored = replace(splats.colors, degree=degree_of(splats.colors.width))
         coefficients = rotate_sh(stored.dense().double(), rotation)
         moved = replace(moved, colors=Sh(coefficients, splats.colors.degree))
     return moved
-
-
-def _stored_degree(colors: Sh) -> int:
-    """The highest degree that any splat has coefficients for."""
-    if colors.offsets is None:
-        count = colors.width
-    else:
-        count = int(colors.offsets.diff().max()) if len(colors.offsets) > 1 else 1
-    return round(count**0.5) - 1

@@ -111,8 +111,9 @@ def _check_shapes(splats: Splats, cameras: Cameras) -> None:
     }
     colors = splats.colors
     if isinstance(colors, Sh):
-        expected["colors"] = (n, ANY, 3) if colors.offsets is None else (ANY, 3)
+        expected["colors"] = (n, ANY, 3)
         if colors.offsets is not None:
+            expected["rest"] = (ANY, 3)
             _check_shape("splats.colors.offsets", colors.offsets, (n + 1,))
         if not 0 <= colors.degree <= MAX_DEGREE:
             raise ValueError(f"splats.colors: expected degree 0 to 4, found {colors.degree}")
@@ -125,8 +126,8 @@ def _check_shapes(splats: Splats, cameras: Cameras) -> None:
 
 
 def _check_parts(colors: Sh) -> None:
-    if colors.rest is not None and colors.offsets is not None:
-        raise ValueError("splats.colors: expected rest or offsets, found both")
+    if colors.offsets is not None and colors.rest is None:
+        raise ValueError("splats.colors: expected rest beside offsets, found None")
     if colors.offsets is None:
         degree_of(colors.width)
     if colors.rest is not None and colors.coefficients.shape[1] != 1:

@@ -18,21 +18,24 @@ class Sh:
     centre to the mean.
     """
 
-    coefficients: Float[Tensor, "n k 3"] | Float[Tensor, "m 3"]
-    """Dense [n, k, 3] with k = 1, 4, 9, 16 or 25; or, with ``offsets``, every splat's own
-    coefficients one after the other."""
+    coefficients: Float[Tensor, "n k 3"]
+    """k = 1, 4, 9, 16 or 25; 1, the constant one, when the others are in ``rest``."""
     degree: int
     """Bands above this are ignored (the degree schedule); 0 to 4."""
+    rest: Float[Tensor, "n k_minus_1 3"] | Float[Tensor, "m 3"] | None = None
+    """All but the constant coefficient, as models keep them: dense, or, with ``offsets``, every
+    splat's own 0, 3, 8, 15 or 24, one splat after the other; ``None`` when they are together."""
     offsets: Int[Tensor, " n_plus_1"] | None = None
-    """Ragged form: splat i has coefficients offsets[i] to offsets[i + 1]; ``None`` when dense."""
-    rest: Float[Tensor, "n k_minus_1 3"] | None = None
-    """Dense form in two parts, as models keep them: all but the constant coefficient, which alone
-    is in ``coefficients`` then; ``None`` when they are together."""
+    """Ragged form: splat i has rows offsets[i] to offsets[i + 1] of ``rest``; else ``None``."""
 
     @property
     def width(self) -> int:
-        """Coefficients that a dense row has room for, k."""
-        return self.coefficients.shape[1] + (0 if self.rest is None else self.rest.shape[1])
+        """Coefficients that the widest row has room for, k; ragged ones are counted for it."""
+        if self.rest is None:
+            return self.coefficients.shape[1]
+        if self.offsets is None:
+            return 1 + self.rest.shape[1]
+        return 1 + (int(self.offsets.diff().max()) if len(self.offsets) > 1 else 0)
 
     def tensors(self) -> dict[str, Tensor]:
         """What can be differentiated: the coefficients, and ``rest`` if it is there."""
@@ -46,19 +49,40 @@ class Sh:
     def dense(self) -> Float[Tensor, "n k 3"]:
         """The coefficients of the active degree, zero where a splat has none.
 
-        Differentiable; k = (degree + 1) squared.
+        Differentiable; k = (degree + 1) squared, or fewer where dense rows have no more.
         """
         count = (self.degree + 1) ** 2
-        if self.rest is not None:
-            return torch.cat([self.coefficients, self.rest[:, : count - 1]], dim=1)
-        if self.offsets is None:
+        if self.rest is None:
             return self.coefficients[:, :count]
-        lengths = self.offsets.diff()
-        columns = torch.arange(count, device=lengths.device)
-        present = columns < lengths[:, None]
-        padded = self.coefficients.new_zeros(len(lengths), count, 3)
+        if self.offsets is None:
+            return torch.cat([self.coefficients, self.rest[:, : count - 1]], dim=1)
+        columns = torch.arange(count - 1, device=self.offsets.device)
+        present = columns < self.offsets.diff()[:, None]
+        padded = self.rest.new_zeros(len(self.coefficients), count - 1, 3)
         source = (self.offsets[:-1, None] + columns)[present]
-        return padded.masked_scatter(present[:, :, None], self.coefficients[source])
+        padded = padded.masked_scatter(present[:, :, None], self.rest[source])
+        return torch.cat([self.coefficients, padded], dim=1)
+
+    def of_degrees(self, degrees: Int[Tensor, " n"]) -> Sh:
+        """The ragged form, in which each splat has the coefficients of its own degree only.
+
+        Args:
+            degrees: of each splat; at most the active one.
+        """
+        dense, lengths = self.dense(), (degrees + 1) ** 2 - 1
+        present = torch.arange(dense.shape[1] - 1, device=lengths.device) < lengths[:, None]
+        offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
+        return Sh(dense[:, :1], self.degree, dense[:, 1:][present], offsets)
+
+    def take(self, rows: Int[Tensor, " r"]) -> Sh:
+        """The colours of some splats, in the order of ``rows``."""
+        if self.rest is None or self.offsets is None:
+            return self.map(lambda tensor: tensor[rows])
+        lengths = self.offsets.diff()[rows]
+        offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
+        shift = (self.offsets[:-1][rows] - offsets[:-1]).repeat_interleave(lengths)
+        places = torch.arange(len(shift), device=shift.device) + shift
+        return Sh(self.coefficients[rows], self.degree, self.rest[places], offsets)
 
 
 @dataclass(frozen=True)
@@ -120,3 +144,25 @@ class Splats:
             covariances=apply(self.covariances),
             extra=apply(self.extra),
         )
+
+    def take(self, rows: Int[Tensor, " r"]) -> Splats:
+        """Some of the splats, in the order of ``rows``."""
+        drawn = None if self.rows is None else self.rows[rows]
+        if not isinstance(self.colors, Sh):
+            bare = replace(self, rows=None).map(lambda tensor: tensor[rows])
+            return replace(bare, rows=drawn)
+        bare = replace(self, rows=None, colors=self.means).map(lambda tensor: tensor[rows])
+        return replace(bare, colors=self.colors.take(rows), rows=drawn)
+
+    def to(self, device: torch.device | str) -> Splats:
+        """The same on another device; splats of no device, which only have shapes, stay."""
+
+        def moved(tensor: Tensor | None) -> Tensor | None:
+            return tensor if tensor is None or tensor.is_meta else tensor.to(device)
+
+        colors = self.colors
+        splats = self.map(lambda tensor: tensor if tensor.is_meta else tensor.to(device))
+        if isinstance(colors, Sh):
+            assert isinstance(splats.colors, Sh)
+            splats = replace(splats, colors=replace(splats.colors, offsets=moved(colors.offsets)))
+        return replace(splats, rows=moved(self.rows))

@@ -14,7 +14,7 @@ from gsfw.core.frame import transform_splats
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.principal_axes import with_axes
 from gsfw.core.scene import Scene
-from gsfw.core.splats import Sh, Splats
+from gsfw.core.splats import Splats
 
 
 @dataclass(frozen=True)
@@ -47,26 +47,14 @@ def snapshot(
     """
     splats = model.splats(time)
     splats = splats if edit is None else edit(splats)
-    world = transform_splats(_on_cpu(splats), scene.world_from_scene)
+    world = transform_splats(replace(splats.to("cpu"), rows=None), scene.world_from_scene)
     finite = torch.stack(
         [tensor.flatten(1).isfinite().all(1) for tensor in _by_row(world)], dim=1
     ).all(1)
     kept = finite.nonzero()[:, 0]
-    content = SplatFile(with_axes(_select(world, kept)), antialiased=antialiased, up=scene.up)
+    content = SplatFile(with_axes(world.take(kept)), antialiased=antialiased, up=scene.up)
     return Snapshot(content, len(finite) - len(kept))
 
 
 def _by_row(splats: Splats) -> list[Tensor]:
     return [tensor.reshape(len(splats), -1) for tensor in splats.tensors().values()]
-
-
-def _on_cpu(splats: Splats) -> Splats:
-    moved = replace(splats.map(Tensor.cpu), rows=None)
-    colors = moved.colors
-    if isinstance(colors, Sh) and colors.offsets is not None:
-        moved = replace(moved, colors=replace(colors, offsets=colors.offsets.cpu()))
-    return moved
-
-
-def _select(splats: Splats, rows: Tensor) -> Splats:
-    return splats.map(lambda tensor: tensor[rows])

@@ -62,11 +62,7 @@ class _Move(torch.autograd.Function):
 
 
 def _indices_moved(splats: Splats) -> Splats:
-    colors = splats.colors
-    offsets = getattr(colors, "offsets", None)
-    if offsets is not None:
-        splats = replace(splats, colors=replace(colors, offsets=offsets.to(DEVICE)))
-    return splats
+    return splats.to(DEVICE)
 
 
 def _statistics(there: RenderStatistics, pairs: list[tuple[Tensor, Tensor]]) -> RenderStatistics:

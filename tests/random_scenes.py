@@ -83,10 +83,7 @@ class Kind:
             return Sh(held, self.degree // 2)
         if self.layout == "ragged":
             degrees = torch.randint(self.degree + 1, (self.count,), generator=generator)
-            lengths = (degrees + 1) ** 2
-            present = torch.arange(held.shape[1]) < lengths[:, None]
-            offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-            return Sh(held[present], self.degree, offsets)
+            return colors.of_degrees(degrees)
         return colors
 
     def _cameras(self, generator: torch.Generator) -> Cameras:

@@ -58,14 +58,12 @@ class Drawing:
     def to(self, device: torch.device) -> Drawing:
         """The same on another device."""
         background = self.settings.background
-        splats = self.splats.map(lambda t: t if t.is_meta else t.to(device))
         if background is not None:
             background = background.detach().to(device).requires_grad_(background.requires_grad)
-        colors = splats.colors
-        if isinstance(colors, Sh) and colors.offsets is not None:
-            splats = replace(splats, colors=replace(colors, offsets=colors.offsets.to(device)))
         return Drawing(
-            splats, self.cameras.to(device=device), replace(self.settings, background=background)
+            self.splats.to(device),
+            self.cameras.to(device=device),
+            replace(self.settings, background=background),
         )
 
     def needs(self) -> Needs:

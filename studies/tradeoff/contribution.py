@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.render_settings import RenderSettings, Statistic
-from gsfw.core.splats import Sh, Splats
+from gsfw.core.splats import Splats
 from gsfw.studies.tradeoff.subject import Subject, in_dtype
 
 
@@ -21,22 +21,29 @@ def contributions(
     cameras: Sequence[Cameras],
     advance: Callable[[int], None] | None = None,
 ) -> Float[Tensor, " n"]:
-    """Sum over views and pixels of alpha times transmittance, of each of a still model's splats.
+    """Sum over views and pixels of alpha times transmittance, of each splat or row of a model.
 
     Args:
-        subject: whose rasterizer measures contributions.
+        subject: whose rasterizer measures contributions; one that moves is drawn at the time of
+            each view.
         cameras: of the training views; no picture is needed.
         advance: is told how many views are done.
     """
     splats = subject.splats()
     settings = in_dtype(subject.model.settings(subject.settings), subject.dtype)
     settings = _measuring(settings)
-    total = torch.zeros(len(splats), dtype=torch.float64, device=splats.means.device)
+    count = len(splats) if subject.is_still else subject.model.num_rows
+    total = torch.zeros(count, dtype=torch.float64, device=splats.means.device)
     for number, camera in enumerate(cameras, start=1):
-        seen = subject.model.cameras(camera.to(splats.means.device, subject.dtype))
-        output = subject.rasterizer.render(splats, seen, settings)
+        seen = camera.to(splats.means.device, subject.dtype)
+        if not subject.is_still:
+            splats = subject.splats(None if seen.time is None else seen.time[0])
+        output = subject.rasterizer.render(splats, subject.model.cameras(seen), settings)
         assert output.statistics.contribution is not None
-        total += output.statistics.contribution.sum(0).double()
+        added = output.statistics.contribution.sum(0).double()
+        total += added if splats.rows is None else total.new_zeros(count).index_copy(
+            0, splats.rows, added
+        )
         if advance is not None:
             advance(number)
     return total
@@ -59,18 +66,12 @@ def most_useful(scores: Float[Tensor, " n"], part: float) -> Int[Tensor, " m"]:
 
 @dataclass(frozen=True)
 class Kept:
-    """Leaves out every splat but some."""
+    """Leaves out every splat but those of some rows."""
 
     rows: Int[Tensor, " m"]
 
     def __call__(self, splats: Splats) -> Splats:
-        """The splats of these rows."""
-        colors = splats.colors
-        if isinstance(colors, Sh) and colors.offsets is not None:
-            starts, lengths = colors.offsets[:-1][self.rows], colors.offsets.diff()[self.rows]
-            offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-            shift = (starts - offsets[:-1]).repeat_interleave(lengths)
-            place = torch.arange(int(offsets[-1]), device=shift.device) + shift
-            bare = replace(splats, colors=splats.means).map(lambda tensor: tensor[self.rows])
-            return replace(bare, colors=Sh(colors.coefficients[place], colors.degree, offsets))
-        return splats.map(lambda tensor: tensor[self.rows])
+        """The splats of these rows, as far as they are among those that are drawn."""
+        if splats.rows is None:
+            return splats.take(self.rows)
+        return splats.take(torch.isin(splats.rows, self.rows).nonzero()[:, 0])

@@ -22,23 +22,26 @@ class ShTruncation:
         if not isinstance(colors, Sh) or colors.degree <= self.degree:
             return splats
         count = num_coefficients(self.degree)
-        if colors.offsets is not None:
-            return replace(splats, colors=_shorter(colors, count, self.degree))
         if colors.rest is None:
             left = colors.coefficients[:, :count].contiguous()
             return replace(splats, colors=Sh(left, self.degree))
-        rest = colors.rest[:, : count - 1].contiguous() if count > 1 else None
-        return replace(splats, colors=Sh(colors.coefficients, self.degree, rest=rest))
+        if count == 1:
+            return replace(splats, colors=Sh(colors.coefficients, 0))
+        if colors.offsets is not None:
+            return replace(splats, colors=_shorter(colors, count - 1, self.degree))
+        rest = colors.rest[:, : count - 1].contiguous()
+        return replace(splats, colors=Sh(colors.coefficients, self.degree, rest))
 
 
 def _shorter(colors: Sh, count: int, degree: int) -> Sh:
-    """Ragged colours with at most ``count`` coefficients each."""
+    """Ragged colours with at most ``count`` coefficients each beside the constant one."""
+    assert colors.rest is not None
     assert colors.offsets is not None
     lengths = colors.offsets.diff()
-    place = torch.arange(len(colors.coefficients), device=lengths.device)
+    place = torch.arange(len(colors.rest), device=lengths.device)
     place = place - colors.offsets[:-1].repeat_interleave(lengths)
     offsets = torch.cat([lengths.new_zeros(1), lengths.clamp_max(count).cumsum(0)])
-    return Sh(colors.coefficients[place < count], degree, offsets)
+    return Sh(colors.coefficients, degree, colors.rest[place < count], offsets)
 
 
 def sh_degree(splats: Splats) -> int:

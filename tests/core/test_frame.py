@@ -114,10 +114,7 @@ def test_there_and_back_is_where_it_was_and_keeps_bands_that_are_not_active_yet(
 
 def test_ragged_colours_become_dense_and_look_the_same():
     dense = random_splats(6, 2, dtype=torch.float64)
-    lengths = torch.tensor([1, 4, 9, 1, 4, 9])
-    columns = torch.arange(9) < lengths[:, None]
-    offsets = torch.cat([torch.zeros(1, dtype=torch.int64), lengths.cumsum(0)])
-    ragged = replace(dense, colors=Sh(dense.colors.coefficients[columns], 2, offsets))
+    ragged = replace(dense, colors=dense.colors.of_degrees(torch.arange(6) % 3))
     moved = transform_splats(ragged, general())
     assert moved.colors.coefficients.shape == (6, 9, 3)
     assert float((draw(ragged) - draw(moved, general())).abs().max()) < 1e-9

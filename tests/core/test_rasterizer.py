@@ -188,9 +188,13 @@ def test_wrong_shapes_of_spherical_harmonics_are_refused():
     assert refusal(with_colors(Sh(torch.zeros(4, 4, 3), 5)), front_camera()) == (
         "splats.colors: expected degree 0 to 4, found 5"
     )
-    ragged = Sh(torch.zeros(9, 3), 1, torch.tensor([0, 1, 5, 9]))
+    constant, offsets = torch.zeros(4, 1, 3), torch.tensor([0, 0, 3, 6])
+    ragged = Sh(constant, 1, torch.zeros(6, 3), offsets)
     assert refusal(with_colors(ragged), front_camera()) == (
         "splats.colors.offsets: expected shape [5], found [4]"
+    )
+    assert refusal(with_colors(Sh(constant, 1, offsets=torch.arange(5))), front_camera()) == (
+        "splats.colors: expected rest beside offsets, found None"
     )
 
 

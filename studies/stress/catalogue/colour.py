@@ -59,11 +59,8 @@ def _degree(degree: int) -> Drawing:
 def _ragged() -> Drawing:
     """Each splat its own number of coefficients, some of none above the constant one."""
     splats = random_splats(20, 3)
-    held = coefficients(splats)
-    lengths = torch.tensor([1, 4, 9, 16]).repeat(5)
-    present = torch.arange(16) < lengths[:, None]
-    offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
-    colors = Sh(held[present], 3, offsets)
+    assert isinstance(splats.colors, Sh)
+    colors = splats.colors.of_degrees(torch.arange(20) % 4)
     return Drawing(replace(splats, colors=colors), front_camera(*SIZE), EVERYTHING)
 
 

@@ -11,12 +11,9 @@ from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.tradeoff.sh_truncation import ShTruncation, sh_degree
 
 
-def ragged(splats):
-    """The same splats with 1, 4, 9 and 16 coefficients in turn."""
-    lengths = torch.tensor([1, 4, 9, 16]).repeat(len(splats))[: len(splats)]
-    rows = [row[:length] for row, length in zip(splats.colors.coefficients, lengths, strict=True)]
-    offsets = torch.cat([torch.zeros(1, dtype=torch.int64), lengths.cumsum(0)])
-    return replace(splats, colors=Sh(torch.cat(rows), 3, offsets))
+def of_mixed_degrees(splats):
+    """The same splats with degrees 0 to 3 in turn."""
+    return replace(splats, colors=splats.colors.of_degrees(torch.arange(len(splats)) % 4))
 
 
 def in_two_parts(splats):
@@ -25,7 +22,7 @@ def in_two_parts(splats):
     return replace(splats, colors=Sh(both[:, :1], 3, rest=both[:, 1:]))
 
 
-@pytest.mark.parametrize("form", [lambda splats: splats, in_two_parts, ragged])
+@pytest.mark.parametrize("form", [lambda splats: splats, in_two_parts, of_mixed_degrees])
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_truncation_draws_what_zeroed_coefficients_draw(form, degree):
     splats = form(random_splats(12, degree=3))
@@ -39,9 +36,9 @@ def test_truncation_draws_what_zeroed_coefficients_draw(form, degree):
 
 
 def test_ragged_colours_lose_only_what_is_above_the_degree():
-    splats = ragged(random_splats(12, degree=3))
+    splats = of_mixed_degrees(random_splats(12, degree=3))
     cut = ShTruncation(1)(splats)
-    assert cut.colors.offsets.diff().tolist() == [1, 4, 4, 4] * 3
+    assert cut.colors.offsets.diff().tolist() == [0, 3, 3, 3] * 3
     torch.testing.assert_close(cut.colors.dense(), splats.colors.dense()[:, :4])
 
 
