@@ -121,6 +121,7 @@ def _check_shapes(splats: Splats, cameras: Cameras) -> None:
         _check_shape(f"splats.{name}", tensor, expected[name])
     if isinstance(colors, Sh):
         _check_parts(colors)
+        _check_type_of_offsets(colors, splats.means.device)
     _check_shape("cameras.world_to_camera", cameras.world_to_camera, (c, 4, 4))
     _check_shape("cameras.intrinsics", cameras.intrinsics, (c, 3, 3))
 
@@ -135,6 +136,17 @@ def _check_parts(colors: Sh) -> None:
             "splats.colors: expected one constant coefficient beside rest, "
             f"found {colors.coefficients.shape[1]}"
         )
+
+
+def _check_type_of_offsets(colors: Sh, device: torch.device) -> None:
+    offsets = colors.offsets
+    if offsets is None:
+        return
+    name = "splats.colors.offsets"
+    if offsets.dtype != torch.int64:
+        raise ValueError(f"{name}: expected torch.int64, found {offsets.dtype}")
+    if offsets.device != device:
+        raise ValueError(f"{name}: expected device {device}, found {offsets.device}")
 
 
 def _check_shape(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
@@ -161,12 +173,27 @@ def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
         _refuse(name, ~tensor.isfinite(), "finite values", tensor)
     if splats.scales is not None:
         _refuse("splats.scales", splats.scales < 0, "scales >= 0", splats.scales)
+    if isinstance(splats.colors, Sh):
+        _check_values_of_offsets(splats.colors)
     opacities = splats.opacities
     _refuse("splats.opacities", (opacities < 0) | (opacities > 1), "values in [0, 1]", opacities)
     focal = torch.stack([cameras.intrinsics[:, 0, 0], cameras.intrinsics[:, 1, 1]], dim=1)
     _refuse("cameras.intrinsics", focal <= 0, "focal lengths > 0", focal)
     skew = cameras.intrinsics[:, 0, 1]
     _refuse("cameras.intrinsics", skew != 0, "no skew", skew)
+
+
+def _check_values_of_offsets(colors: Sh) -> None:
+    if colors.offsets is None or colors.rest is None:
+        return
+    name, lengths = "splats.colors.offsets", colors.offsets.diff()
+    _refuse(name, lengths < 0, "row lengths >= 0", lengths)
+    ends, expected = colors.offsets[[0, -1]].tolist(), [0, len(colors.rest)]
+    if ends != expected:
+        raise ValueError(
+            f"{name}: expected {expected[0]} first and the {expected[1]} rows of rest last, "
+            f"found {ends[0]} and {ends[1]}"
+        )
 
 
 def _refuse(name: str, wrong: Tensor, expected: str, values: Tensor) -> None:

@@ -58,9 +58,13 @@ class Sh:
             return torch.cat([self.coefficients, self.rest[:, : count - 1]], dim=1)
         columns = torch.arange(count - 1, device=self.offsets.device)
         present = columns < self.offsets.diff()[:, None]
-        padded = self.rest.new_zeros(len(self.coefficients), count - 1, 3)
         source = (self.offsets[:-1, None] + columns)[present]
-        padded = padded.masked_scatter(present[:, :, None], self.rest[source])
+        padded = self.rest.new_zeros(len(self.coefficients) * (count - 1), 3)
+        # By whole rows: indexing by masks and by tensors has a backward pass that sorts.
+        padded = padded.index_copy(
+            0, present.flatten().nonzero()[:, 0], self.rest.index_select(0, source)
+        )
+        padded = padded.view(len(self.coefficients), count - 1, 3)
         return torch.cat([self.coefficients, padded], dim=1)
 
     def of_degrees(self, degrees: Int[Tensor, " n"]) -> Sh:

@@ -23,7 +23,7 @@ INPUTS = (
 """What a picture can be differentiated by; any of them may be ``None`` but the first."""
 
 ROWS = INPUTS[:-1]
-"""Those with a row per splat."""
+"""Those of the splats."""
 
 
 def draw(
@@ -53,10 +53,10 @@ def draw(
     channels, size = drawn_channels(splats, settings), splats.means.element_size()
     limit = PairLimit(pairs_mb, painter.pair_bytes(channels, size), painter.most_pairs)
     request = request_of(splats, cameras, settings, statistics, limit)
-    inputs = _inputs(splats, cameras)
+    inputs, offsets = _inputs(splats, cameras, constant=request.numbers["sh_degree"] == 0)
     wanted = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in inputs)
     request.numbers["differentiated"] = wanted
-    image, alpha = _Draw.apply(painter, request, log, *inputs)
+    image, alpha = _Draw.apply(painter, request, log, offsets, *inputs)
     return _output(image, alpha[..., None], splats, settings, statistics)
 
 
@@ -82,28 +82,29 @@ class _Draw(torch.autograd.Function):
         painter: Painter,
         request: Request,
         log: StageLog,
+        offsets: Tensor | None,
         *tensors: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
         cameras = request.cameras
         like = request.background
         shape = (len(cameras), cameras.height, cameras.width)
         image, alpha = like.new_empty(*shape, len(like)), like.new_empty(shape)
+        arrays = dict(zip(INPUTS, tensors, strict=True)) | {"offsets": offsets}
         pictures = [
-            _paint(painter, request, index, dict(zip(INPUTS, tensors, strict=True)), image, alpha)
-            for index in range(len(cameras))
+            _paint(painter, request, index, arrays, image, alpha) for index in range(len(cameras))
         ]
         log.record(pictures)
         ctx.set_materialize_grads(False)
-        ctx.save_for_backward(*tensors, image)
+        ctx.save_for_backward(*tensors, offsets, image)
         ctx.request, ctx.log, ctx.pictures = request, log, pictures
         return image, alpha
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, image: Tensor | None, alpha: Tensor | None) -> Any:  # noqa: ANN401
-        *inputs, drawn = ctx.saved_tensors
+        *inputs, _, drawn = ctx.saved_tensors
         tensors = dict(zip(INPUTS, inputs, strict=True))
-        wanted = dict(zip(INPUTS, ctx.needs_input_grad[3:], strict=True))
+        wanted = dict(zip(INPUTS, ctx.needs_input_grad[4:], strict=True))
         statistics = ctx.request.statistics
         cameras = ctx.request.cameras
         if image is None:
@@ -129,7 +130,7 @@ class _Draw(torch.autograd.Function):
             )
         ctx.log.record(ctx.pictures)
         pose = _pose_gradient(poses, cameras.world_to_camera) if wanted["world_to_camera"] else None
-        return None, None, None, *gradients.values(), pose
+        return None, None, None, None, *gradients.values(), pose
 
 
 def _row(tensor: Tensor | None, index: int) -> Tensor | None:
@@ -183,17 +184,22 @@ def _pose_gradient(
     return gradient
 
 
-def _inputs(splats: Splats, cameras: Cameras) -> list[Tensor | None]:
-    """The tensors of ``INPUTS``, contiguous, colours in flat rows."""
-    colors, rest = splats.colors, None
+def _inputs(
+    splats: Splats, cameras: Cameras, constant: bool
+) -> tuple[list[Tensor | None], Tensor | None]:
+    """The tensors of ``INPUTS``, and the offsets of ragged colours, all contiguous.
+
+    Rows of colours are flat. ``constant`` leaves out what is not drawn at degree 0.
+    """
+    colors, rest, offsets = splats.colors, None, None
     if isinstance(colors, Sh):
-        if colors.offsets is not None:
-            colors = Sh(colors.dense(), colors.degree)
-        rest = None if colors.rest is None or colors.degree == 0 else colors.rest.flatten(1)
+        if colors.rest is not None and not constant:
+            rest, offsets = colors.rest.flatten(1), colors.offsets
         colors = colors.coefficients.flatten(1)
     tensors = [splats.means, splats.quats, splats.scales, splats.covariances, splats.opacities]
     tensors += [colors, rest, splats.extra, cameras.world_to_camera]
-    return [None if tensor is None else tensor.contiguous() for tensor in tensors]
+    flat = [None if tensor is None else tensor.contiguous() for tensor in tensors]
+    return flat, None if offsets is None else offsets.contiguous()
 
 
 def _output(

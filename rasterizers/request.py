@@ -108,8 +108,8 @@ def _sh_degree(colors: Sh | Tensor) -> int:
     """The active degree, as far as there are coefficients of it; -1 for plain channels."""
     if not isinstance(colors, Sh):
         return -1
-    if colors.offsets is not None:  # Made dense up to the active degree.
-        return colors.degree
+    if colors.offsets is not None:  # The widest row is not known without waiting for a GPU.
+        return colors.degree if colors.rest is not None and len(colors.rest) else 0
     return min(colors.degree, degree_of(colors.width))
 
 

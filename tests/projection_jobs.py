@@ -59,6 +59,10 @@ SCENES = {
         depth=Depth.ACCUMULATED,
     ),
     "no cut-offs": Kind(7, (20, 50), PINHOLE, 33, degree=3, cut_offs=False, antialias=True),
+    "ragged": Kind(8, (37, 21), PINHOLE, 75, degree=3, layout="ragged"),
+    "ragged beyond the active degree": Kind(
+        *(9, (45, 33), FISHEYE, 70), degree=4, layout="ragged", covariances=True, antialias=True
+    ),
     "one splat": Kind(6, (20, 20), PINHOLE, 1, degree=3),
 }
 """Every camera model, form, layout and number of depth channels."""
@@ -73,6 +77,9 @@ def scene_of(name: str, dtype: torch.dtype = torch.float64) -> Scene:
     if name.startswith("constant"):
         assert isinstance(colors, Sh)
         colors = replace(colors, degree=0)
+    if name.endswith("active degree"):
+        assert isinstance(colors, Sh)
+        colors = replace(colors, degree=2)
     splats = replace(splats, means=means, colors=colors)
     return splats.map(lambda held: held.to(dtype)), cameras.to(dtype=dtype), settings
 
@@ -120,6 +127,7 @@ def flat_tensors(splats: Splats) -> dict[str, Tensor | None]:
     for name in ("colors", "rest"):
         tensor = named[name]
         named[name] = None if tensor is None else tensor.detach().flatten(1)
+    named["offsets"] = splats.colors.offsets if isinstance(splats.colors, Sh) else None
     return {name: None if held is None else held.detach() for name, held in named.items()}
 
 
@@ -137,9 +145,10 @@ def projection_of(splats: Splats, cameras: Cameras, settings: RenderSettings) ->
     stride = -(-(BRUSH_CHANNELS + channels) // 4) * 4
     name = NAMES[like.dtype]
     shape = "Axes" if splats.covariances is None else "Symmetric3"
+    ragged = "false" if named["offsets"] is None else "true"
     wide = {torch.float32: torch.int32, torch.float64: torch.int64}[like.dtype]
     projection = Projection(
-        arguments=f"{name}, {shape}<{name}>, {numbers['sh_degree']}",
+        arguments=f"{name}, {shape}<{name}>, {numbers['sh_degree']}, {ragged}",
         tensors=tensors,
         brushes=torch.full((n, stride), torch.nan, dtype=like.dtype),
         depth_keys=torch.full((n,), 7, dtype=wide),
@@ -171,7 +180,8 @@ def _job(
         view=jobs.View(address(tensors["world_to_camera"]), address(tensors["intrinsics"]), **view),
         splats=jobs.SplatArrays(
             count=len(projection.radii),
-            **{name: address(tensors[name]) for name in ROWS},
+            **{name: address(tensors[name]) for name in (*ROWS, "offsets")},
+            rest_rows=0 if (rest := tensors["rest"]) is None else len(rest),
             color_stride=widths["colors"],
             rest_stride=widths["rest"],
             extras=widths["extra"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 
@@ -50,8 +51,14 @@ def _projections(dtype: torch.dtype, degrees: Sequence[int]) -> list[Entry]:
         chosen = Instances(dtype, covariances, degree, 3, torch.int16)
         entries.append((chosen.project, ProjectJob))
         entries.append((chosen.project_backward(pose=False), ProjectBackwardJob))
-    posed = Instances(dtype, False, degrees[-1], 3, torch.int16)
-    return [*entries, (posed.project_backward(pose=True), ProjectBackwardJob)]
+    last = Instances(dtype, False, degrees[-1], 3, torch.int16)
+    ragged = replace(last, ragged=True)
+    return [
+        *entries,
+        (last.project_backward(pose=True), ProjectBackwardJob),
+        (ragged.project, ProjectJob),
+        (ragged.project_backward(pose=False), ProjectBackwardJob),
+    ]
 
 
 def _blends(dtype: torch.dtype) -> list[Entry]:

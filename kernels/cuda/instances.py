@@ -29,6 +29,8 @@ class Instances:
     """-1 for plain channels."""
     channels: int
     tile_key: torch.dtype
+    ragged: bool = False
+    """Whether each splat has spherical harmonics of its own degree."""
 
     @property
     def width(self) -> int:
@@ -74,7 +76,7 @@ class Instances:
     def _projected(self) -> str:
         name = NAMES[self.dtype]
         shape = f"Symmetric3<{name}>" if self.covariances else f"Axes<{name}>"
-        return f"{name}, {shape}, {self.sh_degree}"
+        return f"{name}, {shape}, {self.sh_degree}, {_bool(self.ragged)}"
 
     def _blended(self) -> str:
         return f"{NAMES[self.dtype]}, {self.width}, {self.chunk}"

@@ -45,6 +45,8 @@ class SplatArrays(ctypes.Structure):
         ("opacities", POINTER),
         ("colors", POINTER),
         ("rest", POINTER),
+        ("offsets", POINTER),
+        ("rest_rows", INT64),
         ("extra", POINTER),
         ("color_stride", INT),
         ("rest_stride", INT),

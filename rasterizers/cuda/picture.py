@@ -55,6 +55,7 @@ def instances_of(arrays: Arrays, numbers: Numbers) -> Instances:
         sh_degree=int(numbers["sh_degree"]),
         channels=_given(arrays, "background").shape[0],
         tile_key=torch.int16 if grid.columns * grid.rows <= 2**16 else torch.int32,
+        ragged=arrays["offsets"] is not None,
     )
 
 
@@ -148,13 +149,17 @@ class CudaPicture(Picture):
 
     def _splats(self) -> jobs.SplatArrays:
         arrays, degree = self._arrays, int(self._numbers["sh_degree"])
-        names = ("means", "quats", "scales", "covariances", "opacities", "colors", "rest", "extra")
-        colors = _given(arrays, "colors")
+        names = (
+            *("means", "quats", "scales", "covariances", "opacities"),
+            *("colors", "rest", "offsets", "extra"),
+        )
+        colors, rest = _given(arrays, "colors"), arrays["rest"]
         return jobs.SplatArrays(
             count=len(colors),
             **{name: address(arrays[name]) for name in names},
+            rest_rows=0 if rest is None else len(rest),
             color_stride=colors.shape[1],
-            rest_stride=_width(arrays["rest"]),
+            rest_stride=_width(rest),
             extras=_width(arrays["extra"]),
             color_channels=3 if degree >= 0 else colors.shape[1],
             depth_channels=self._numbers["depth_channels"],

@@ -198,6 +198,34 @@ def test_wrong_shapes_of_spherical_harmonics_are_refused():
     )
 
 
+def ragged(offsets: torch.Tensor, rows: int = 6) -> Splats:
+    colors = Sh(torch.zeros(3, 1, 3), 1, torch.zeros(rows, 3), offsets)
+    return replace(random_splats(3), colors=colors)
+
+
+def test_offsets_are_whole_numbers_beside_the_splats():
+    Blank().render(ragged(torch.tensor([0, 3, 3, 6])), front_camera())
+    assert refusal(ragged(torch.tensor([0, 3, 3, 6]).int()), front_camera(), CHEAP) == (
+        "splats.colors.offsets: expected torch.int64, found torch.int32"
+    )
+    assert refusal(ragged(torch.tensor([0, 3, 3, 6]).to("meta")), front_camera(), CHEAP) == (
+        "splats.colors.offsets: expected device cpu, found meta"
+    )
+
+
+def test_offsets_rise_from_zero_to_the_rows_of_rest():
+    assert refusal(ragged(torch.tensor([0, 6, 3, 6])), front_camera()) == (
+        "splats.colors.offsets: expected row lengths >= 0; 1 of 3 rows are not, "
+        "the first is row 1: [-3]"
+    )
+    for offsets in ([0, 3, 3, 9], [0, 3, 3, 3], [3, 3, 3, 6]):
+        assert refusal(ragged(torch.tensor(offsets)), front_camera()) == (
+            "splats.colors.offsets: expected 0 first and the 6 rows of rest last, "
+            f"found {offsets[0]} and {offsets[-1]}"
+        )
+    Blank().render(ragged(torch.tensor([0, 6, 3, 6])), front_camera(), CHEAP)
+
+
 def test_wrong_shapes_of_cameras_are_refused():
     wrong = forced(front_camera(), intrinsics=torch.eye(3))
     assert refusal(random_splats(2), wrong) == (

@@ -103,16 +103,17 @@ def test_the_covariance_form_has_the_right_gradient(rasterizer, antialias):
 def test_ragged_and_dense_coefficients_get_the_same_gradient(rasterizer):
     splats = random_splats(6, 2, seed=3, dtype=torch.float64)
     assert isinstance(splats.colors, Sh)
-    kept = torch.tensor([1, 4, 9, 1, 9, 4])
-    offsets = torch.cat([torch.zeros(1, dtype=torch.long), kept.cumsum(0)])
-    mask = torch.arange(9) < kept[:, None]
-    dense = (splats.colors.coefficients * mask[:, :, None]).requires_grad_()
-    ragged = dense.detach()[mask].requires_grad_()
+    ragged = splats.colors.of_degrees(torch.tensor([0, 1, 2, 0, 2, 1]))
+    dense = Sh(ragged.dense(), 2).map(lambda tensor: tensor.detach().requires_grad_())
+    ragged = ragged.map(lambda tensor: tensor.detach().requires_grad_())
     camera = front_camera(12, 10, dtype=torch.float64)
-    for colors in (Sh(dense, 2), Sh(ragged, 2, offsets)):
+    for colors in (dense, ragged):
         rasterizer.render(replace(splats, colors=colors), camera).color.square().sum().backward()
-    assert dense.grad is not None
-    torch.testing.assert_close(dense.grad[mask], ragged.grad)
+    assert dense.coefficients.grad is not None
+    assert ragged.offsets is not None
+    present = torch.arange(8) < ragged.offsets.diff()[:, None]
+    torch.testing.assert_close(dense.coefficients.grad[:, :1], ragged.coefficients.grad)
+    torch.testing.assert_close(dense.coefficients.grad[:, 1:][present], ragged.rest.grad)
 
 
 def test_opposite_quaternions_draw_the_same_and_have_opposite_gradients(rasterizer):

@@ -49,6 +49,13 @@ T* array(const nb::dict& arrays, const char* name, std::initializer_list<int64_t
   return tensor.data() ? static_cast<T*>(tensor.data()) : &nothing;
 }
 
+/// Whether ``offsets`` rise from 0 to ``last`` in ``count`` steps, which keeps rows inside memory.
+bool rise_to(const int64_t* offsets, int64_t count, int64_t last) {
+  bool falls = false;
+  for (int64_t i = 0; i < count; ++i) falls |= offsets[i + 1] < offsets[i];
+  return !falls && offsets[0] == 0 && offsets[count] == last;
+}
+
 template <typename N>
 N number(const nb::dict& numbers, const char* name) {
   return nb::cast<N>(numbers[name]);
@@ -79,6 +86,24 @@ ViewParameters<T> view_of(const nb::dict& arrays, const nb::dict& numbers) {
   return view;
 }
 
+/// Check that rows have what the active degree reads of them; ``rest`` has ``rest_rows`` rows.
+template <typename T>
+void check_coefficients(const SplatArrays<T>& splats, int64_t rest_rows) {
+  const int needed = 3 * (splats.sh_degree + 1) * (splats.sh_degree + 1);
+  if (splats.sh_degree > 4) refuse("sh_degree", "at most 4");
+  if (splats.rest && (splats.sh_degree < 0 || splats.color_stride != 3)) {
+    refuse("rest", "one constant coefficient in colors");
+  }
+  if (splats.offsets) {
+    if (!splats.rest || splats.rest_stride != 3) refuse("rest", "rows of three numbers");
+    if (!rise_to(splats.offsets, splats.count, rest_rows)) {
+      refuse("offsets", "numbers that rise from 0 to the rows of rest");
+    }
+  } else if (splats.sh_degree >= 0 && splats.color_stride + splats.rest_stride < needed) {
+    refuse("colors", "the coefficients of its degree");
+  }
+}
+
 template <typename T>
 SplatArrays<T> splats_of(const nb::dict& arrays, const nb::dict& numbers) {
   SplatArrays<T> splats{};
@@ -93,20 +118,14 @@ SplatArrays<T> splats_of(const nb::dict& arrays, const nb::dict& numbers) {
   splats.colors = array<const T>(arrays, "colors", {n, ANY}, &colors);
   splats.color_stride = static_cast<int>(colors.shape(1));
   splats.sh_degree = number<int>(numbers, "sh_degree");
-  splats.rest = array<const T>(arrays, "rest", {n, ANY}, &rest);
+  splats.offsets = array<const int64_t>(arrays, "offsets", {n + 1});
+  splats.rest = array<const T>(arrays, "rest", {splats.offsets ? ANY : n, ANY}, &rest);
   splats.rest_stride = splats.rest ? static_cast<int>(rest.shape(1)) : 0;
   splats.extra = array<const T>(arrays, "extra", {n, ANY}, &extra);
   splats.extras = splats.extra ? static_cast<int>(extra.shape(1)) : 0;
   splats.color_channels = splats.sh_degree >= 0 ? 3 : splats.color_stride;
   splats.depth_channels = number<int>(numbers, "depth_channels");
-  const int needed = 3 * (splats.sh_degree + 1) * (splats.sh_degree + 1);
-  if (splats.sh_degree > 4) refuse("sh_degree", "at most 4");
-  if (splats.sh_degree >= 0 && splats.color_stride + splats.rest_stride < needed) {
-    refuse("colors", "the coefficients of its degree");
-  }
-  if (splats.rest && (splats.sh_degree < 0 || splats.color_stride != 3)) {
-    refuse("rest", "one constant coefficient in colors");
-  }
+  check_coefficients(splats, splats.rest ? static_cast<int64_t>(rest.shape(0)) : 0);
   if (!splats.covariances && !(splats.quats && splats.scales)) refuse("quats", "both forms given");
   return splats;
 }
@@ -144,6 +163,7 @@ class Handle {
   void backward(const nb::dict& gradients) {
     const SplatArrays<T>& splats = request_.splats;
     const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
+    const int64_t rest_rows = splats.offsets ? splats.offsets[n] : n;
     DrawingGradients<T> to{};
     to.image = array<const T>(gradients, "image", {h, w, channels_});
     to.alpha = array<const T>(gradients, "alpha", {h, w});
@@ -153,7 +173,7 @@ class Handle {
                  array<T>(gradients, "covariances", {n, 3, 3}),
                  array<T>(gradients, "opacities", {n}),
                  array<T>(gradients, "colors", {n, splats.color_stride}),
-                 array<T>(gradients, "rest", {n, splats.rest_stride}),
+                 array<T>(gradients, "rest", {rest_rows, splats.rest_stride}),
                  array<T>(gradients, "extra", {n, splats.extras})};
     to.accumulate = number<bool>(gradients, "accumulate");
     to.pose = array<T>(gradients, "pose", {POSE_FIELDS});

@@ -67,42 +67,41 @@ struct GradientWriter {
     store_strided(to, stride, lanes, value);
   }
 
-  /// All fields of an array [n, stride] from ``first`` on, of which there are ``count``.
-  GSFW_FUNCTION void write_fields(T* array, int stride, int count, Pack<T>* gradient) const {
-    clear_hidden(array, stride);
-    store_fields(array, stride, rows, visible, 0, count, add, gradient);
-    if (add || count == stride) return;
-    for (int i = 0; i < rows.count; ++i) {
-      if (!(visible >> i & 1)) continue;
-      T* rest = array + (rows.first + i) * stride + count;
-      memset(rest, 0, (stride - count) * sizeof(T));
-    }
+  /// The first ``count`` fields of ``EvenRows`` or ``RaggedRows``; those behind them are 0.
+  template <typename Rows>
+  GSFW_FUNCTION void write_fields(const Rows& to, int count, Pack<T>* gradient) const {
+    clear(to, ~visible, 0);
+    store_fields(to, visible, 0, count, add, gradient);
+    if (!to.all_end_at(count)) clear(to, visible, count);
   }
 
-  /// Zero the rows that are not visible.
-  GSFW_FUNCTION void clear_hidden(T* array, int stride) const {
+  /// Zero the fields from ``first`` on of the rows whose bit is set in ``wanted``, unless it adds.
+  template <typename Rows>
+  GSFW_FUNCTION void clear(const Rows& to, uint32_t wanted, int first) const {
     for (int i = 0; i < rows.count && !add; ++i) {
-      if (visible >> i & 1) continue;
-      memset(array + (rows.first + i) * stride, 0, stride * sizeof(T));
+      const int left = to.length(i) - first;
+      if (wanted >> i & 1 && left > 0) memset(to.begin(i) + first, 0, left * sizeof(T));
     }
   }
 };
 
-/// The gradient of SH coefficients, and by the mean through the direction they are seen from.
-template <typename T>
-GSFW_FUNCTION Vector3<Pack<T>> sh_backward(const ProjectBackwardJob<T>& job,
-                                           const GradientWriter<T>& writer,
-                                           const Vector3<Pack<T>>& mean,
-                                           const Vector3<Pack<T>>& center,
-                                           const Pack<T>* by_color) {
+/// The gradient of SH coefficients, and by the mean through the direction they are seen from;
+/// RAGGED where splats have offsets. A call, as ``sh_colors`` is.
+template <bool RAGGED, typename T>
+[[gnu::noinline]] Vector3<Pack<T>> sh_backward(const ProjectBackwardJob<T>& job,
+                                               const GradientWriter<T>& writer,
+                                               const Vector3<Pack<T>>& mean,
+                                               const Vector3<Pack<T>>& center,
+                                               const Pack<T>* by_color) {
   using N = Pack<T>;
   const SplatArrays<T>& splats = job.forward.splats;
-  const int degree = splats.sh_degree, count = num_coefficients(degree);
+  const int degree = degree_of<RAGGED>(splats, writer.rows, writer.visible);
+  const int count = num_coefficients(degree);
   N basis[SH_COEFFICIENTS], by_basis[SH_COEFFICIENTS], sums[3], by_sum[3];
   ShCoefficients<T> coefficients;
   const Vector3<N> direction = view_direction(mean, center);
   sh_basis(degree, direction, basis);
-  load_sh(splats, writer.rows, writer.visible, coefficients);
+  load_sh<RAGGED>(splats, writer.rows, writer.visible, degree, coefficients);
   sum_sh(degree, coefficients, basis, sums);
   for (int c = 0; c < 3; ++c) by_sum[c] = sh_color_vjp(sums[c], by_color[c]);
   for (int k = 0; k < count; ++k) {
@@ -112,13 +111,15 @@ GSFW_FUNCTION Vector3<Pack<T>> sh_backward(const ProjectBackwardJob<T>& job,
   }
   // From here on the fields hold the gradient.
   const SplatGradients<T>& to = job.gradients;
-  if (splats.rest) {
+  if (RAGGED || splats.rest) {
     writer.template write<3>(to.colors, coefficients.field);
     if (to.rest) {
-      writer.write_fields(to.rest, splats.rest_stride, 3 * (count - 1), coefficients.field + 3);
+      const auto rest = rest_rows<RAGGED>(splats, to.rest, writer.rows);
+      writer.write_fields(rest, 3 * (count - 1), coefficients.field + 3);
     }
   } else if (to.colors) {
-    writer.write_fields(to.colors, splats.color_stride, 3 * count, coefficients.field);
+    const auto colors = even_rows(to.colors, splats.color_stride, writer.rows);
+    writer.write_fields(colors, 3 * count, coefficients.field);
   }
   if (degree == 0) return {N(0.0), N(0.0), N(0.0)};
   return view_direction_vjp(mean, center, sh_basis_vjp(degree, direction, by_basis));
@@ -240,7 +241,10 @@ GSFW_FUNCTION void group_backward(const ProjectBackwardJob<T>& job, const Gradie
   if (splats.sh_degree >= 0) {
     const T* colors = sums + SLOT_CHANNELS * LANES;
     const N by_color[3] = {load(colors), load(colors + LANES), load(colors + 2 * LANES)};
-    const Vector3<N> turned = sh_backward(job, writer, mean, camera_center(camera), by_color);
+    const Vector3<N> center = camera_center(camera);
+    const Vector3<N> turned = splats.offsets
+                                  ? sh_backward<true>(job, writer, mean, center, by_color)
+                                  : sh_backward<false>(job, writer, mean, center, by_color);
     gradient.mean = gradient.mean + turned;
     by_center = -turned;
   }
@@ -259,7 +263,7 @@ GSFW_FUNCTION void clear_group(const ProjectBackwardJob<T>& job, const GradientW
   const SplatArrays<T>& splats = job.forward.splats;
   const SplatGradients<T>& to = job.gradients;
   const auto clear = [&](T* array, int stride) {
-    if (array) writer.clear_hidden(array, stride);
+    if (array) writer.clear(even_rows(array, stride, writer.rows), ~0u, 0);
   };
   clear(to.means, 3);
   clear(to.quats, 4);
@@ -267,8 +271,12 @@ GSFW_FUNCTION void clear_group(const ProjectBackwardJob<T>& job, const GradientW
   clear(to.covariances, 9);
   clear(to.opacities, 1);
   clear(to.colors, splats.color_stride);
-  clear(to.rest, splats.rest_stride);
   clear(to.extra, splats.extras);
+  if (to.rest && splats.offsets) {
+    writer.clear(rest_rows<true>(splats, to.rest, writer.rows), ~0u, 0);
+  } else {
+    clear(to.rest, splats.rest_stride);
+  }
 }
 
 /// The gradients of rows ``begin`` to ``end``; ``sums`` has room for 16 rows of summed slots.

@@ -152,9 +152,12 @@ struct SplatArrays {
   const T* colors;
   int color_stride;
   int sh_degree;
-  /// [n, rest_stride]
+  /// [n, rest_stride], or, where there are ``offsets``, [m, 3].
   const T* rest;
   int rest_stride;
+  /// [n + 1], rising from 0 to m: row i has rows offsets[i] to offsets[i + 1] of ``rest``, each of
+  /// one coefficient; null where all rows have equally many.
+  const int64_t* offsets;
   /// [n, extras]
   const T* extra;
   int extras;

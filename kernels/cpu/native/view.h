@@ -87,32 +87,67 @@ GSFW_FUNCTION Symmetric3<Pack<T>> load_covariances(const SplatArrays<T>& splats,
           entry(4), half * (entry(5) + entry(7)), entry(8)};
 }
 
-/// Fields ``first`` to ``last`` of rows of ``stride`` numbers, for the rows whose bit is set in
-/// ``wanted``; the others are 0 and not read. Writes whole groups of sixteen packs.
+/// Rows of an array [n, stride].
 template <typename T>
-GSFW_FUNCTION void load_fields(const T* array, int stride, const RowGroup& rows, uint32_t wanted,
-                               int first, int last, Pack<T>* fields) {
+struct EvenRows {
+  T* first;
+  int stride;
+
+  GSFW_FUNCTION T* begin(int i) const { return first + int64_t(i) * stride; }
+  GSFW_FUNCTION int length(int) const { return stride; }
+  GSFW_FUNCTION bool all_end_at(int count) const { return count == stride; }
+  /// How many numbers a row has from ``first`` to ``last``, which is not beyond its end.
+  GSFW_FUNCTION int between(int, int first, int last) const { return last - first; }
+};
+
+template <typename T>
+GSFW_FUNCTION EvenRows<T> even_rows(T* array, int stride, const RowGroup& rows) {
+  return {array + rows.first * stride, stride};
+}
+
+/// Rows of a ragged array [m, 3]; see ``SplatArrays::offsets``.
+template <typename T>
+struct RaggedRows {
+  T* array;
+  /// From the group's first row on.
+  const int64_t* offsets;
+
+  GSFW_FUNCTION T* begin(int i) const { return array + 3 * offsets[i]; }
+  GSFW_FUNCTION int length(int i) const { return 3 * int(offsets[i + 1] - offsets[i]); }
+  GSFW_FUNCTION bool all_end_at(int) const { return false; }
+  GSFW_FUNCTION int between(int i, int first, int last) const {
+    const int all = length(i), end = all < last ? all : last;
+    return end > first ? end - first : 0;
+  }
+};
+
+/// Fields ``first`` to ``last`` of the rows whose bit is set in ``wanted``; the others, and what a
+/// row does not have, are 0 and not read. Writes whole groups of sixteen packs.
+template <typename Rows, typename T>
+GSFW_FUNCTION void load_fields(const Rows& rows, uint32_t wanted, int first, int last,
+                               Pack<T>* fields) {
   for (int k = first; k < last; k += LANES, fields += LANES) {
     for (int i = 0; i < LANES; ++i) {
-      const T* from = array + (rows.first + i) * stride + k;
-      fields[i] = wanted >> i & 1 ? load_strided(from, 1, last - k) : Pack<T>(0.0);
+      fields[i] = wanted >> i & 1 ? load_strided(rows.begin(i) + k, 1, rows.between(i, k, last))
+                                  : Pack<T>(0.0);
     }
     transpose(fields);
   }
 }
 
-/// Write fields ``first`` to ``last`` of the rows whose bit is set in ``wanted``, or add to them.
-/// Reads whole groups of sixteen packs, and spoils them.
-template <typename T>
-GSFW_FUNCTION void store_fields(T* array, int stride, const RowGroup& rows, uint32_t wanted,
-                                int first, int last, bool add, Pack<T>* fields) {
+/// Write fields ``first`` to ``last`` of the rows whose bit is set in ``wanted``, as far as they
+/// have them, or add to them. Reads whole groups of sixteen packs, and spoils them.
+template <typename Rows, typename T>
+GSFW_FUNCTION void store_fields(const Rows& rows, uint32_t wanted, int first, int last, bool add,
+                                Pack<T>* fields) {
   for (int k = first; k < last; k += LANES, fields += LANES) {
     transpose(fields);
     for (int i = 0; i < LANES; ++i) {
       if (!(wanted >> i & 1)) continue;
-      T* to = array + (rows.first + i) * stride + k;
-      const Pack<T> value = add ? fields[i] + load_strided(to, 1, last - k) : fields[i];
-      store_strided(to, 1, first_lanes<T>(last - k), value);
+      T* to = rows.begin(i) + k;
+      const int count = rows.between(i, k, last);
+      const Pack<T> value = add ? fields[i] + load_strided(to, 1, count) : fields[i];
+      store_strided(to, 1, first_lanes<T>(count), value);
     }
   }
 }
@@ -127,15 +162,42 @@ struct ShCoefficients {
   Pack<T> field[SH_FIELDS];
 };
 
-template <typename T>
+/// The rows of ``rest``, or of its gradient; RAGGED where splats have offsets.
+template <bool RAGGED, typename Number, typename T>
+GSFW_FUNCTION auto rest_rows(const SplatArrays<T>& splats, Number* rest, const RowGroup& rows) {
+  if constexpr (RAGGED) {
+    return RaggedRows<Number>{rest, splats.offsets + rows.first};
+  } else {
+    return even_rows(rest, splats.rest_stride, rows);
+  }
+}
+
+/// The active degree; of ragged rows the highest that any in ``wanted`` has, if it is less.
+template <bool RAGGED, typename T>
+GSFW_FUNCTION int degree_of(const SplatArrays<T>& splats, const RowGroup& rows, uint32_t wanted) {
+  if constexpr (!RAGGED) return splats.sh_degree;
+  const auto rest = rest_rows<true>(splats, splats.rest, rows);
+  int longest = 0, degree = 0;
+  for (uint32_t left = wanted; left; left &= left - 1) {
+    const int length = rest.length(__builtin_ctz(left));
+    longest = length > longest ? length : longest;
+  }
+  while (degree < splats.sh_degree && 3 * num_coefficients(degree) < 3 + longest) ++degree;
+  return degree;
+}
+
+/// The coefficients up to ``degree`` of the rows in ``wanted``.
+template <bool RAGGED, typename T>
 GSFW_FUNCTION void load_sh(const SplatArrays<T>& splats, const RowGroup& rows, uint32_t wanted,
-                           ShCoefficients<T>& to) {
-  const int numbers = 3 * num_coefficients(splats.sh_degree);
-  if (!splats.rest) {
-    load_fields(splats.colors, splats.color_stride, rows, wanted, 0, numbers, to.field);
+                           int degree, ShCoefficients<T>& to) {
+  const int numbers = 3 * num_coefficients(degree);
+  if (!RAGGED && !splats.rest) {
+    const auto colors = even_rows(splats.colors, splats.color_stride, rows);
+    load_fields(colors, wanted, 0, numbers, to.field);
     return;
   }
-  load_fields(splats.rest, splats.rest_stride, rows, wanted, 0, numbers - 3, to.field + 3);
+  const auto rest = rest_rows<RAGGED>(splats, splats.rest, rows);
+  load_fields(rest, wanted, 0, numbers - 3, to.field + 3);
   load_rows<3>(splats.colors + rows.first * 3, rows.count, to.field);
 }
 

@@ -76,12 +76,68 @@ __device__ __forceinline__ void clear_numbers(int first, const WarpRows& rows, i
   }
 }
 
+/// Where numbers of this lane's row lie in a ragged array [m, 3]: none for lanes without a row.
+struct RaggedRow {
+  int64 begin, length;
+
+  /// Those of another lane's row. Reached by all lanes.
+  __device__ __forceinline__ RaggedRow of_lane(int lane) const {
+    return {__shfl_sync(FULL_WARP, begin, lane), __shfl_sync(FULL_WARP, length, lane)};
+  }
+};
+
+/// Whatever the offsets are, no row reaches beyond the array.
+__device__ __forceinline__ RaggedRow ragged_row(const SplatArrays& splats, const WarpRows& rows) {
+  if (!(rows.inside >> lane_index() & 1)) return {0, 0};
+  const int64* offsets = splats.offsets + rows.first + lane_index();
+  const int64 most = splats.rest_rows, first = offsets[0], last = offsets[1];
+  const int64 begin = first < 0 ? 0 : first < most ? first : most;
+  const int64 end = last < begin ? begin : last < most ? last : most;
+  return {3 * begin, 3 * (end - begin)};
+}
+
+/// ``fetch_numbers`` of a ragged array: what a row does not have is zero, and not read.
+template <int FIRST, int COUNT, class T, int DEGREE>
+__device__ __forceinline__ void fetch_ragged(const void* array, const RaggedRow& own,
+                                             const WarpRows& rows,
+                                             Coefficients<T, DEGREE>& to) {
+  const T* from = static_cast<const T*>(array);
+#pragma unroll 8
+  for (int i = 0; i < COUNT; ++i) {
+    const int place = i * WARP + lane_index(), row = place / COUNT, k = place % COUNT;
+    const RaggedRow lies = own.of_lane(row);
+    const bool there = (rows.visible >> row & 1) && k < lies.length;
+    to.rows[row][FIRST + k] = there ? from[lies.begin + k] : T(0);
+  }
+}
+
+/// ``give_numbers`` to a ragged array, and zeros to what rows have beyond them.
+template <int FIRST, int COUNT, class T, int DEGREE>
+__device__ __forceinline__ void give_ragged(const Coefficients<T, DEGREE>& from,
+                                            const RaggedRow& own, const WarpRows& rows, bool add,
+                                            void* array) {
+  T* to = static_cast<T*>(array);
+  const uint32 written = add ? rows.visible : rows.inside;
+#pragma unroll 8
+  for (int i = 0; i < COUNT; ++i) {
+    const int place = i * WARP + lane_index(), row = place / COUNT, k = place % COUNT;
+    const RaggedRow lies = own.of_lane(row);
+    if (!(written >> row & 1) || k >= lies.length) continue;
+    const T number = from.rows[row][FIRST + k];
+    to[lies.begin + k] = add ? to[lies.begin + k] + number : number;
+  }
+  for (int64 k = COUNT; k < own.length && !add; ++k) to[own.begin + k] = T(0);
+}
+
 /// Fetch the coefficients of the active degree. Reached by all lanes.
-template <class T, int DEGREE>
+template <bool RAGGED, class T, int DEGREE>
 __device__ __forceinline__ void fetch(const SplatArrays& splats, const WarpRows& rows,
                                       Coefficients<T, DEGREE>& to) {
   constexpr int NUMBERS = Coefficients<T, DEGREE>::NUMBERS;
-  if (splats.rest) {
+  if constexpr (RAGGED) {
+    fetch_numbers<0, 3>(splats.colors, splats.color_stride, rows, to);
+    fetch_ragged<3, NUMBERS - 3>(splats.rest, ragged_row(splats, rows), rows, to);
+  } else if (splats.rest) {
     fetch_numbers<0, 3>(splats.colors, splats.color_stride, rows, to);
     if constexpr (DEGREE > 0) {
       fetch_numbers<3, NUMBERS - 3>(splats.rest, splats.rest_stride, rows, to);
@@ -94,13 +150,17 @@ __device__ __forceinline__ void fetch(const SplatArrays& splats, const WarpRows&
 
 /// Write the coefficients' gradients, which have taken their places; zeros beyond the active
 /// degree. Reached by all lanes.
-template <class T, int DEGREE>
+template <bool RAGGED, class T, int DEGREE>
 __device__ __forceinline__ void give(const Coefficients<T, DEGREE>& from, const WarpRows& rows,
                                      bool add, const SplatArrays& splats,
                                      const SplatGradients& to) {
   constexpr int NUMBERS = Coefficients<T, DEGREE>::NUMBERS;
   __syncwarp(FULL_WARP);
-  if (splats.rest) {
+  if constexpr (RAGGED) {
+    if (to.colors) give_numbers<0, 3>(from, rows, add, splats.color_stride, to.colors);
+    if (!to.rest) return;
+    give_ragged<3, NUMBERS - 3>(from, ragged_row(splats, rows), rows, add, to.rest);
+  } else if (splats.rest) {
     if (to.colors) give_numbers<0, 3>(from, rows, add, splats.color_stride, to.colors);
     if (!to.rest) return;
     if constexpr (DEGREE > 0) {

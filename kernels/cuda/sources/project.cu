@@ -83,13 +83,13 @@ GSFW_FUNCTION void write_brush(const T* fields, const ChannelReader<T, DEGREE>& 
 
 /// The colour of this thread's row: max(0, 0.5 + sum of coefficient times basis). Reached by all
 /// lanes.
-template <int DEGREE, class T>
+template <int DEGREE, bool RAGGED, class T>
 __device__ __forceinline__ Vector3<T> sh_color_of(const SplatArrays& splats, const WarpRows& rows,
                                                   const Vector3<T>& mean,
                                                   const Camera<T>& camera) {
   __shared__ Coefficients<T, DEGREE> staged[PROJECT_THREADS / WARP];
   Coefficients<T, DEGREE>& coefficients = staged[warp_index()];
-  fetch(splats, rows, coefficients);
+  fetch<RAGGED>(splats, rows, coefficients);
   T basis[num_coefficients(DEGREE)];
   sh_basis(DEGREE, view_direction(mean, camera_center(camera)), basis);
   const Vector3<T> sum = sum_bands<DEGREE>(coefficients.rows[lane_index()], basis);
@@ -107,9 +107,10 @@ GSFW_FUNCTION void write_row(const ProjectJob& job, int64 row, bool visible, int
   static_cast<Key*>(job.depth_keys)[row] = visible ? depth_key(splat.depth) : ~Key(0);
 }
 
-/// project<T, Shape, DEGREE>: see ProjectJob. Shape is Axes<T> or Symmetric3<T>; DEGREE that of the
-/// spherical harmonics, -1 for colours that are plain channels. Blocks of PROJECT_THREADS.
-template <class T, class Shape, int DEGREE>
+/// project<T, Shape, DEGREE, RAGGED>: see ProjectJob. Shape is Axes<T> or Symmetric3<T>; DEGREE
+/// that of the spherical harmonics, -1 for colours that are plain channels; RAGGED where there are
+/// offsets, from degree 1 on. Blocks of PROJECT_THREADS.
+template <class T, class Shape, int DEGREE, bool RAGGED>
 __global__ void __launch_bounds__(PROJECT_THREADS, PROJECT_BLOCKS<T>) project(ProjectJob job) {
   const int64 row = thread_index();
   const bool inside = row < job.splats.count;
@@ -126,7 +127,7 @@ __global__ void __launch_bounds__(PROJECT_THREADS, PROJECT_BLOCKS<T>) project(Pr
   ChannelReader<T, DEGREE> channels{job.splats, row, {}, seen.depth};
   if constexpr (DEGREE >= 0) {
     const WarpRows rows = rows_of_warp(row, inside, visible);
-    channels.sh_color = sh_color_of<DEGREE>(job.splats, rows, splat.mean, camera);
+    channels.sh_color = sh_color_of<DEGREE, RAGGED>(job.splats, rows, splat.mean, camera);
   }
   T fields[BRUSH_CHANNELS];
   ellipse_fields(seen, level, log_visibility, extent, fields);

@@ -19,14 +19,14 @@ constexpr int PROJECT_BACKWARD_BLOCKS = sizeof(T) != sizeof(float) ? 4 : DEGREE 
 
 /// The gradient of SH coefficients, and by the mean through the direction they are seen from.
 /// Reached by all lanes.
-template <int DEGREE, class T>
+template <int DEGREE, bool RAGGED, class T>
 __device__ __forceinline__ Vector3<T> sh_backward(const ProjectBackwardJob& job,
                                                   const WarpRows& rows, const SlotSums<T>& sums,
                                                   bool visible, const Vector3<T>& mean,
                                                   const Vector3<T>& center) {
   __shared__ Coefficients<T, DEGREE> staged[PROJECT_THREADS / WARP];
   Coefficients<T, DEGREE>& coefficients = staged[warp_index()];
-  fetch(job.forward.splats, rows, coefficients);
+  fetch<RAGGED>(job.forward.splats, rows, coefficients);
   T* own = coefficients.rows[lane_index()];
   T basis[num_coefficients(DEGREE)];
   const Vector3<T> direction = view_direction(mean, center);
@@ -45,7 +45,7 @@ __device__ __forceinline__ Vector3<T> sh_backward(const ProjectBackwardJob& job,
       by_mean = view_direction_vjp(mean, center, sh_basis_vjp(DEGREE, direction, basis));
     }
   }
-  give(coefficients, rows, job.accumulate != 0, job.forward.splats, job.gradients);
+  give<RAGGED>(coefficients, rows, job.accumulate != 0, job.forward.splats, job.gradients);
   return by_mean;
 }
 
@@ -134,9 +134,9 @@ __device__ __forceinline__ void write_pose(const PoseGradient<T>& share,
   static_cast<T*>(pose)[int64(blockIdx.x) * POSE_FIELDS + field] = total;
 }
 
-/// project_backward<T, Shape, DEGREE, POSE>: see ProjectBackwardJob; Shape and DEGREE as forward,
-/// POSE to write ``pose``. Blocks of PROJECT_THREADS.
-template <class T, class Shape, int DEGREE, bool POSE>
+/// project_backward<T, Shape, DEGREE, RAGGED, POSE>: see ProjectBackwardJob; Shape, DEGREE and
+/// RAGGED as forward, POSE to write ``pose``. Blocks of PROJECT_THREADS.
+template <class T, class Shape, int DEGREE, bool RAGGED, bool POSE>
 __global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BACKWARD_BLOCKS<T, DEGREE>))
     project_backward(ProjectBackwardJob job) {
   const SplatArrays& splats = job.forward.splats;
@@ -152,7 +152,8 @@ __global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BACKWARD_BLOCKS<T, D
   if constexpr (DEGREE >= 0) {
     const WarpRows rows = rows_of_warp(row, inside, visible);
     const Vector3<T> mean = load_vector<T>(splats.means, inside ? row : splats.count - 1);
-    turned = sh_backward<DEGREE>(job, rows, sums, visible, mean, camera_center(camera));
+    turned =
+        sh_backward<DEGREE, RAGGED>(job, rows, sums, visible, mean, camera_center(camera));
   }
   GaussianGradient<T, Shape> gradient{};
   if (visible) {

@@ -68,9 +68,14 @@ struct SplatArrays {
   /// T [n]
   const void* opacities;
   /// T [n, color_stride]: channels, or SH coefficients [k, 3], of which ``rest`` may have all but
-  /// the constant ones: T [n, rest_stride].
+  /// the constant ones: T [n, rest_stride], or, where there are ``offsets``, T [m, 3].
   const void* colors;
   const void* rest;
+  /// int64 [n + 1], rising from 0 to m: row i has rows offsets[i] to offsets[i + 1] of ``rest``,
+  /// each of one coefficient.
+  const int64* offsets;
+  /// m
+  int64 rest_rows;
   /// T [n, extras]
   const void* extra;
   int color_stride, rest_stride, extras;
@@ -93,7 +98,7 @@ struct SplatGradients {
   void* extra;
 };
 
-/// project<T, Shape, DEGREE>: brushes, and how many tiles each splat meets.
+/// project<T, Shape, DEGREE, RAGGED>: brushes, and how many tiles each splat meets.
 struct ProjectJob {
   View view;
   SplatArrays splats;
@@ -203,7 +208,7 @@ struct BlendBackwardJob {
   int unused;
 };
 
-/// project_backward<T, Shape, DEGREE, POSE>: gradients of the splats and of the camera.
+/// project_backward<T, Shape, DEGREE, RAGGED, POSE>: gradients of the splats and of the camera.
 struct ProjectBackwardJob {
   ProjectJob forward;
   const void* sums;

@@ -34,8 +34,9 @@ struct Case {
   int count, width, height;
   /// -1: ``colors`` plain channels.
   int sh_degree = 2, colors = 3;
-  /// Whether coefficients from the second on lie in an array of their own.
-  bool split = false;
+  /// Whether coefficients from the second on lie in an array of their own, and there ragged: of
+  /// degrees 0 to ``sh_degree`` and one above it, in turn.
+  bool split = false, ragged = false;
   int extras = 0, depth_channels = 0, model = 0;
   bool covariances = false, antialias = false, bounded = true;
   /// Everything that may be left out: contributions, gradient of alpha, pose, screen and absolute
@@ -53,6 +54,8 @@ constexpr Case CASES[] = {
     {.name = "row", .count = 33, .width = 1030, .height = 1, .sh_degree = 1, .everything = true},
     {.name = "many", .count = 2100, .width = 33, .height = 18, .sh_degree = 3, .split = true},
     {.name = "high degree", .count = 50, .width = 31, .height = 17, .sh_degree = 4, .split = true},
+    {.name = "ragged", .count = 150, .width = 31, .height = 17, .sh_degree = 2, .split = true,
+     .ragged = true, .everything = true},
     {.name = "channels", .count = 300, .width = 17, .height = 31, .sh_degree = -1, .colors = 5,
      .extras = 17, .depth_channels = 2, .model = 1, .everything = true},
     {.name = "one channel", .count = 100, .width = 48, .height = 32, .sh_degree = -1, .colors = 1,
@@ -86,6 +89,7 @@ struct Scene {
   int channels;
   std::vector<T> means, quats, scales, covariances, opacities, colors, rest, extra, background;
   std::vector<T> image_gradient, alpha_gradient;
+  std::vector<int64_t> offsets;
 };
 
 template <typename T>
@@ -132,7 +136,13 @@ Scene<T> make_scene(const Case& is) {
     scene.scales = dice.uniform<T>(n * 3, 0.01, 0.2);
   }
   scene.colors = dice.uniform<T>(n * (is.split ? 3 : coefficients), -0.5, 0.8);
-  if (is.split) scene.rest = dice.uniform<T>(n * (coefficients - 3), -0.3, 0.3);
+  scene.offsets.assign(1, 0);
+  for (int64_t row = 0; row < n && is.ragged; ++row) {
+    const int64_t degree = row % (is.sh_degree + 2);
+    scene.offsets.push_back(scene.offsets.back() + degree * (degree + 2));
+  }
+  const int64_t rest = is.ragged ? 3 * scene.offsets.back() : n * (coefficients - 3);
+  if (is.split) scene.rest = dice.uniform<T>(rest, -0.3, 0.3);
   if (is.extras) scene.extra = dice.uniform<T>(n * is.extras, -1, 1);
   scene.background = dice.uniform<T>(scene.channels, 0, 1);
   scene.image_gradient = dice.uniform<T>(pixels * scene.channels, -1, 1);
@@ -162,9 +172,10 @@ DrawingRequest<T> request_of(const Scene<T>& scene, int threads) {
   splats = {is.count, scene.means.data(), or_null(scene.quats), or_null(scene.scales),
             or_null(scene.covariances), scene.opacities.data(), scene.colors.data(),
             is.count ? int(scene.colors.size()) / is.count : 3, is.sh_degree,
-            or_null(scene.rest), is.split ? int(scene.rest.size()) / is.count : 0,
-            or_null(scene.extra), is.extras, is.sh_degree >= 0 ? 3 : is.colors,
-            is.depth_channels};
+            or_null(scene.rest),
+            is.ragged ? 3 : is.split ? int(scene.rest.size()) / is.count : 0,
+            is.ragged ? scene.offsets.data() : nullptr, or_null(scene.extra), is.extras,
+            is.sh_degree >= 0 ? 3 : is.colors, is.depth_channels};
   request.cut_offs = {is.bounded ? T(std::log2(1.0 / 255.0)) : T(-1e30), T(0.990001), T(0.99),
                       T(1e-4)};
   request.background = scene.background.data();

@@ -46,6 +46,18 @@ def test_a_few_steps_agree_with_torch(shape, dtype):
     assert moments.count == 4
 
 
+@pytest.mark.parametrize("shape", [(16_000, 3), (2000, 24), (1000, 16, 3)])
+def test_whole_tables_are_stepped_as_one_row_of_numbers(shape):
+    values, moments = start(shape, torch.float32)
+    flat, flat_moments = start((48_000,), torch.float32)
+    flat.copy_(values.flatten())
+    for gradient in gradients(values, 2):
+        CpuOperators().adam_(values, gradient, moments, 0.01, AdamSettings(), YES)
+        CpuOperators().adam_(flat, gradient.flatten(), flat_moments, 0.01, AdamSettings(), YES)
+    assert torch.equal(values.flatten(), flat)
+    assert torch.equal(moments.second.flatten(), flat_moments.second)
+
+
 @pytest.mark.parametrize("width", [1, 3, 4, 24, 45])
 def test_only_the_rows_that_are_named_change(width):
     values, moments = start((200, width), torch.float32)

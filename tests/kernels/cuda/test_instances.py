@@ -40,9 +40,11 @@ def test_channels_are_drawn_by_the_narrowest_instance_that_holds_them():
 
 def test_kernels_are_named_as_c_spells_them():
     chosen = Instances(torch.float64, True, -1, 4, torch.int32)
-    assert chosen.project.expression == "project<double, Symmetric3<double>, -1>"
+    assert chosen.project.expression == "project<double, Symmetric3<double>, -1, false>"
     backward = chosen.project_backward(pose=True).expression
-    assert backward == "project_backward<double, Symmetric3<double>, -1, true>"
+    assert backward == "project_backward<double, Symmetric3<double>, -1, false, true>"
+    ragged = Instances(torch.float32, False, 3, 3, torch.int16, ragged=True)
+    assert ragged.project.expression == "project<float, Axes<float>, 3, true>"
     assert chosen.emit.expression == "emit<double, uint32>"
     assert chosen.find_tiles.expression == "find_tiles<uint32>"
     assert chosen.blend(measure=False).expression == "blend<double, 4, 64, false>"

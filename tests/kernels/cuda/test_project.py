@@ -122,6 +122,16 @@ def test_coefficients_that_are_not_visible_are_not_read():
     assert (found.visible == torch.arange(40) % 2).all()
 
 
+def test_offsets_that_lie_lead_nowhere_out_of_memory():
+    splats = random_splats(40, 3)
+    assert isinstance(splats.colors, Sh)
+    colors = splats.colors.of_degrees(torch.arange(40) % 4).map(Tensor.contiguous)
+    assert colors.offsets is not None
+    colors.offsets[::3] = torch.tensor([-(10**12), 10**12]).repeat(7)
+    found = projected((replace(splats, colors=colors), front_camera(), RenderSettings()))
+    assert found.brushes[found.visible == 1].isfinite().all()
+
+
 def test_an_opacity_of_zero_is_drawn_where_nothing_is_cut_off():
     splats = replace(random_splats(5, 3), opacities=torch.zeros(5))
     settings = RenderSettings(profile=DEFAULT.without_cutoffs())

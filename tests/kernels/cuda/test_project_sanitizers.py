@@ -10,7 +10,7 @@ from emulation.launcher import EmulatedLauncher
 from projection_jobs import SCENES, projected, run_backward, scene_of
 
 launcher = EmulatedLauncher(sanitize=sys.argv[1])
-for name in ("SH in two parts", "channels"):
+for name in ("SH in two parts", "channels", "ragged beyond the active degree"):
     projection = projected(scene_of(name, torch.float32), launcher)
     fields = 6 + projection.channels + 2
     found = run_backward(launcher, projection, torch.rand(len(projection.radii), fields))

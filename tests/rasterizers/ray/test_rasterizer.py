@@ -116,12 +116,10 @@ def test_evaluations_are_counted():
 def test_ragged_coefficients_and_channels_are_drawn():
     dense = random_splats(6, 1, dtype=torch.float64)
     camera = turned_camera()
-    counts = torch.tensor([1, 4, 1, 4, 4, 1])
-    offsets = torch.cat([torch.zeros(1, dtype=torch.int64), counts.cumsum(0)])
-    values = dense.colors.coefficients
-    ragged = Sh(torch.cat([values[i, :k] for i, k in enumerate(counts)]), 1, offsets)
-    cut = values.clone()
-    cut[counts == 1, 1:] = 0
+    degrees = torch.tensor([0, 1, 0, 1, 1, 0])
+    ragged = dense.colors.of_degrees(degrees)
+    cut = dense.colors.coefficients.clone()
+    cut[degrees == 0, 1:] = 0
     pictures = [
         RayRasterizer().render(replace(dense, colors=colors), camera).color
         for colors in (ragged, Sh(cut, 1))
