@@ -11,6 +11,8 @@ import numpy as np
 from gsfw.commands.capture_check.plan import Plan, plain_background
 from gsfw.commands.capture_check.survey import Survey
 from gsfw.commands.capture_check.time_findings import cameras_at_times, still_share
+from gsfw.commands.capture_check.track_places import MIN_VIEWS
+from gsfw.commands.capture_check.view_dependence import MIN_POINTS
 from gsfw.commands.console import Console
 
 MILLION = 1_000_000
@@ -38,6 +40,8 @@ def describe(survey: Survey, plan: Plan) -> dict[str, Any]:
         "covered": _mean([look.covered for look in looks.looks]),
         "valid": _mean([look.valid for look in looks.looks]),
         "background": plain_background(survey),
+        "tracked_points": len(survey.track_colors.rows),
+        "view_dependence": _view_dependence(survey),
         **_times(survey),
         "pictures_decoded": looks.tried,
         "pictures": looks.total,
@@ -48,6 +52,10 @@ def describe(survey: Survey, plan: Plan) -> dict[str, Any]:
         "gaussians_mb": round(plan.megabytes(plan.gaussians), 1),
         "million_gaussians_mb": round(plan.megabytes(MILLION), 1),
     }
+
+
+def _view_dependence(survey: Survey) -> dict[str, Any] | None:
+    return None if survey.view_dependence is None else survey.view_dependence.document()
 
 
 def _times(survey: Survey) -> dict[str, Any]:
@@ -99,6 +107,8 @@ def tell(console: Console, document: Mapping[str, Any]) -> None:
     if "views_train" in document:
         console.table(["", ""], _rows(document), title)
         console.say(_sample(document))
+        if document["view_dependence"]:
+            console.say(document["view_dependence"]["advice"])
     else:
         console.say(title)
     for note in document.get("notes", ()):
@@ -157,6 +167,7 @@ def _rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         widest = f"{document['widest_angle']:g} between the outermost of a point"
         rows.append(("angles", f"{angles}, {widest}"))
     rows.append(("pixels", _pixels(document)))
+    rows.extend(_view_rows(document))
     if document["times"] > 1:
         rows.append(("times", _time_text(document)))
     return [*rows, ("memory", _memory(document))]
@@ -183,6 +194,30 @@ def _pixels(document: Mapping[str, Any]) -> str:
     if document["background"]:
         texts.append(f"opaque on plain {document['background']}")
     return ", ".join(texts) or "opaque, all count"
+
+
+def _view_rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """How the colours of points depend on the view."""
+    found, kind = document["view_dependence"], "view dependence"
+    if found is None:
+        known = f"{document['tracked_points'] or 'no'} points are known to be in {MIN_VIEWS}"
+        return [(kind, f"not measured: {known} of these pictures or more; it takes {MIN_POINTS}")]
+    matte, first, more, chance = (
+        f"{100 * found[key]:.0f} %" for key in ("matte", "degree_1", "degree_2", "by_chance")
+    )
+    return [
+        (
+            kind,
+            f"{matte} of {found['points']:,} points are matte, {first} ask for degree 1, {more} "
+            f"for 2 ({chance} by chance); it is worth {sum(found['gain_db']):.1f} dB at the points",
+        ),
+        (
+            "colours",
+            f"of a point differ by {found['deviation']:.1f} grey levels, by "
+            f"{found['deviation_without_exposure']:.1f} without exposure; errors of its place make "
+            f"{found['deviation_if_misplaced']:.1f}",
+        ),
+    ]
 
 
 def _time_text(document: Mapping[str, Any]) -> str:

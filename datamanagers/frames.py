@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.depth_map import DepthMap
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.sightings import Sightings
 from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
 from gsfw.datamanagers.video import Shot
 
@@ -126,6 +127,17 @@ class Recording:
     """When each point was seen, in the unit of the frames' times; ``None`` when nobody said."""
     split_origin: str = "the data set's own split"
     """How frames got their ``split``, where they have one."""
+    sightings: Callable[[], Sightings] | None = None
+    """Reads which frames show which point, which training has no use for; ``None`` when the format
+    does not say."""
+
+    def read_sightings(self) -> Sightings:
+        """Which frames show which point; none where the format does not say.
+
+        Raises:
+            DataError: what says so is cut off or damaged.
+        """
+        return Sightings.none() if self.sightings is None else self.sightings()
 
 
 def data_folder(path: Path | None, format_name: str) -> Path:

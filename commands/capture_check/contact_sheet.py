@@ -8,6 +8,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
+from gsfw.commands.capture_check.degree_strip import degree_strip
 from gsfw.commands.capture_check.map_view import HELD_OUT, TRAINED, map_views
 from gsfw.commands.capture_check.survey import Survey
 from gsfw.commands.capture_check.tile import CAPTION, SEVERE, SIZE, Tile
@@ -49,7 +50,9 @@ def write_contact_sheet(
     """
     pictures_at = TOP if survey is None else TOP + MAP[1]
     rows = -(-len(tiles) // COLUMNS)
-    height = pictures_at + HEADING + rows * (SIZE[1] + CAPTION) + MARGIN
+    strip = None if survey is None else degree_strip(survey, WIDTH)
+    bottom = pictures_at + HEADING + rows * (SIZE[1] + CAPTION)
+    height = bottom + (MARGIN if strip is None else strip.height)
     sheet = Image.new("RGB", (WIDTH, height), PAPER)
     draw = ImageDraw.Draw(sheet)
     _title(draw, name.replace("\n", " "), verdict)
@@ -68,6 +71,8 @@ def write_contact_sheet(
     for place, tile in enumerate(tiles):
         x = MARGIN + place % COLUMNS * (SIZE[0] + GAP)
         tile.draw(sheet, (x, pictures_at + HEADING + place // COLUMNS * (SIZE[1] + CAPTION)))
+    if strip is not None:
+        sheet.paste(strip, (0, bottom))
     buffer = io.BytesIO()
     sheet.save(buffer, "PNG", optimize=True)
     write_atomically(path, buffer.getvalue())

@@ -30,6 +30,7 @@ def picture_findings(survey: Survey) -> Iterator[Finding]:
     yield from _blur(survey)
     yield from _clipped(survey)
     yield from _uneven(survey)
+    yield from _drifting(survey)
     yield from _copies(survey)
     yield from _masked(survey)
     yield from _turned(survey)
@@ -142,6 +143,21 @@ def _uneven(survey: Survey) -> Iterator[Finding]:
             "Differences become fog in front of the cameras.",
             "Train with exposure=true; next time fix exposure and white balance.",
             names,
+        )
+
+
+def _drifting(survey: Survey) -> Iterator[Finding]:
+    found = survey.view_dependence
+    if found is not None and found.drifts:
+        before, after = (255 * float(np.median(d)) for d in (found.exposed, found.deviation))
+        yield Finding(
+            "exposure drifts",
+            Weight.NOTE,
+            f"A point's colours differ by {before:.1f} grey levels, and by {after:.1f} once each "
+            "picture has its own gains and offsets.",
+            "Without these, spherical harmonics learn the exposure of each side as if it shone.",
+            "exposure=true gives pictures their own (held-out ones are drawn without, and measure "
+            "lower); next time fix exposure and white balance.",
         )
 
 

@@ -8,6 +8,8 @@ from gsfw.commands.capture_check.agreement import Agreement
 from gsfw.commands.capture_check.files import Files
 from gsfw.commands.capture_check.looks import Looks
 from gsfw.commands.capture_check.surface import Angles, Surface
+from gsfw.commands.capture_check.track_colors import TrackColors
+from gsfw.commands.capture_check.view_dependence import ViewDependence
 from gsfw.commands.capture_check.viewpoints import Viewpoints
 from gsfw.core.datamanager import DataManager
 from gsfw.core.scene import Scene
@@ -32,6 +34,10 @@ class Survey:
     looks: Looks
     agreement: Agreement | None
     """``None`` where there are too few points in too few pictures."""
+    track_colors: TrackColors
+    """Of points in the sampled pictures that are known to show them; none where nobody said."""
+    view_dependence: ViewDependence | None
+    """``None`` where these are too few."""
 
     @staticmethod
     def of(data: DataManager, pictures: int | None = None) -> Survey:
@@ -46,6 +52,7 @@ class Survey:
         if pictures is None:
             pictures = VIDEO_PICTURES if files.in_videos else PICTURES
         looks = Looks.of(data, viewpoints, pictures)
+        colors = TrackColors.of(data, viewpoints, [look.view for look in looks.looks])
         return Survey(
             scene=scene,
             viewpoints=viewpoints,
@@ -54,4 +61,6 @@ class Survey:
             files=files,
             looks=looks,
             agreement=Agreement.of(surface, viewpoints, looks),
+            track_colors=colors,
+            view_dependence=ViewDependence.of(colors),
         )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float64, Int64, UInt8
 
 from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, damaged
 
@@ -16,7 +16,7 @@ POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", 
 """The fixed part of a point; the length of its track and the track itself follow."""
 OBSERVATION_BYTES = 24
 """Of an image: x, y, and the number of a point."""
-TRACK_ELEMENT_BYTES = 8
+TRACK_ELEMENT = np.dtype([("image", "<u4"), ("observation", "<u4")])
 
 
 class _Records:
@@ -81,11 +81,11 @@ def read_images(file: Path) -> list[ColmapImage]:
     images = []
     records = _Records(file, "image")
     for _ in records:
-        _, *pose, camera = records.take("<i7di")
+        identifier, *pose, camera = records.take("<i7di")
         name = records.text()
         (observations,) = records.take("<Q")
         records.skip(observations * OBSERVATION_BYTES)
-        images.append(ColmapImage(name, camera, tuple(pose[:4]), tuple(pose[4:])))
+        images.append(ColmapImage(name, camera, tuple(pose[:4]), tuple(pose[4:]), identifier))
     return images
 
 
@@ -95,14 +95,32 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
     Raises:
         DataError: the file is cut off or damaged.
     """
+    points, _ = _points(file)
+    return points["xyz"].astype(np.float64), points["rgb"].copy()
+
+
+def read_tracks(file: Path) -> tuple[list[Int64[np.ndarray, " _"]], Float64[np.ndarray, " p"]]:
+    """Of each point, the numbers of the images that show it, and its reprojection error.
+
+    Raises:
+        DataError: the file is cut off or damaged.
+    """
+    points, tracks = _points(file)
+    images = [np.frombuffer(track, TRACK_ELEMENT)["image"].astype(np.int64) for track in tracks]
+    return images, points["error"].astype(np.float64)
+
+
+def _points(file: Path) -> tuple[np.ndarray, list[bytes]]:
+    """The fixed part of every point, and the bytes of its track."""
     records = _Records(file, "point")
-    starts = []
+    starts, tracks = [], []
     for _ in records:
         starts.append(records.position)
         records.skip(POINT.itemsize)
         (elements,) = records.take("<Q")
-        records.skip(elements * TRACK_ELEMENT_BYTES)
+        start = records.position
+        records.skip(elements * TRACK_ELEMENT.itemsize)
+        tracks.append(records.content[start : records.position])
     content = np.frombuffer(records.content, np.uint8)
     rows = content[np.array(starts, np.int64)[:, None] + np.arange(POINT.itemsize)]
-    points = rows.view(POINT)[:, 0]
-    return points["xyz"].astype(np.float64), points["rgb"].copy()
+    return rows.view(POINT)[:, 0], tracks

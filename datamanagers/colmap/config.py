@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -13,7 +14,7 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders, model_suffix
-from gsfw.datamanagers.colmap.reader import lens_of, read_model
+from gsfw.datamanagers.colmap.reader import lens_of, read_model, read_sightings
 from gsfw.datamanagers.detection import describe_unrecognised
 from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
 from gsfw.datamanagers.pictures import read_header
@@ -78,6 +79,9 @@ class ColmapConfig(CaptureConfig):
             point_colors=torch.from_numpy(model.colors).float() / 255,
             notes=tuple(notes),
             up="-y",
+            sightings=partial(
+                read_sightings, folders[0], model.images, [frame.name for frame in frames]
+            ),
         )
 
 

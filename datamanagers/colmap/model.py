@@ -56,6 +56,8 @@ class ColmapImage:
     """World to camera, wxyz."""
     translation: tuple[float, ...]
     """World to camera."""
+    number: int = 0
+    """By which tracks of points name it."""
 
 
 @dataclass(frozen=True)

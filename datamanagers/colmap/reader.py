@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap import binary, text
 from gsfw.datamanagers.colmap.model import (
     ColmapCamera,
+    ColmapImage,
     ColmapModel,
     damaged,
     model_suffix,
 )
 from gsfw.datamanagers.lens import COEFFICIENTS, ONE_FOCAL_LENGTH, Lens
+from gsfw.datamanagers.sightings import Sightings
 
 
 def read_model(folder: Path) -> ColmapModel:
@@ -53,6 +56,36 @@ def read_model(folder: Path) -> ColmapModel:
     if not np.isfinite(positions).all():
         raise damaged(points, "some of its points are not finite")
     return ColmapModel(cameras, known, registered, positions, colors)
+
+
+def read_sightings(folder: Path, images: Sequence[ColmapImage], names: Sequence[str]) -> Sightings:
+    """Read which pictures show which points.
+
+    Args:
+        folder: of a model that ``read_model`` has read.
+        images: of that model.
+        names: of the pictures that are used, in their order.
+
+    Raises:
+        DataError: the file of the points is cut off or damaged.
+    """
+    suffix = model_suffix(folder) or ".bin"
+    points = folder / f"points3D{suffix}"
+    if not points.is_file():
+        return Sightings.none()
+    tracks, errors = (binary if suffix == ".bin" else text).read_tracks(points)
+    rows = {name: row for row, name in enumerate(names)}
+    row_of = {image.number: rows[image.name] for image in images if image.name in rows}
+    pairs = sorted(
+        {
+            (point, row_of[image])
+            for point, track in enumerate(tracks)
+            for image in track.tolist()
+            if image in row_of
+        }
+    )
+    points_of, frames_of = np.array(pairs, np.int64).reshape(-1, 2).T
+    return Sightings(points_of, frames_of, errors)
 
 
 def lens_of(camera: ColmapCamera, number: int, file: Path) -> Lens:

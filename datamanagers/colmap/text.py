@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float64, Int64, UInt8
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, damaged
 
 PARAMETERS = dict(CAMERA_MODELS)
+POINT_LAYOUT = "POINT3D_ID X Y Z R G B ERROR TRACK"
 
 
 def read_cameras(file: Path) -> dict[int, ColmapCamera]:
@@ -49,11 +50,12 @@ def read_images(file: Path) -> list[ColmapImage]:
         if _is_blank(line):
             continue
         try:
-            _, *pose, camera, name = line.split(maxsplit=9)
+            identifier, *pose, camera, name = line.split(maxsplit=9)
             numbers = tuple(map(float, pose))
             if len(numbers) != 7:
                 raise ValueError
-            images.append(ColmapImage(name.strip(), int(camera), numbers[:4], numbers[4:]))
+            quaternion, translation, identity = numbers[:4], numbers[4:], int(identifier)
+            images.append(ColmapImage(name.strip(), int(camera), quaternion, translation, identity))
         except ValueError:
             layout = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
             raise _unreadable(file, number, layout, line) from None
@@ -79,11 +81,30 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
             points.append((float(x), float(y), float(z)))
             colors.append((int(red), int(green), int(blue)))
         except ValueError:
-            raise _unreadable(file, number, "POINT3D_ID X Y Z R G B ERROR TRACK", line) from None
+            raise _unreadable(file, number, POINT_LAYOUT, line) from None
     return (
         np.array(points, np.float64).reshape(-1, 3),
         np.array(colors, np.int64).reshape(-1, 3).clip(0, 255).astype(np.uint8),
     )
+
+
+def read_tracks(file: Path) -> tuple[list[Int64[np.ndarray, " _"]], Float64[np.ndarray, " p"]]:
+    """Of each point, the numbers of the images that show it, and its reprojection error.
+
+    Raises:
+        DataError: a line is not that of a point.
+    """
+    tracks, errors = [], []
+    for number, line in _lines(file):
+        if _is_blank(line):
+            continue
+        try:
+            error, *elements = line.split()[7:]
+            errors.append(float(error))
+            tracks.append(np.array([int(image) for image in elements[::2]], np.int64))
+        except ValueError:
+            raise _unreadable(file, number, POINT_LAYOUT, line) from None
+    return tracks, np.array(errors, np.float64)
 
 
 def _lines(file: Path) -> Iterator[tuple[int, str]]:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from checked_captures import ball, write_ball, write_moving
+from tracked_ball import track_ball
 
 from gsfw.commands.main import main
 
@@ -48,6 +49,28 @@ def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeyp
     assert "verdict: good: nothing was found that speaks against it\n" in out
     assert "cameras, points and pictures: check.png" in out
     assert (tmp_path / "check.png").is_file()
+
+
+def test_view_dependence_is_told_where_tracks_are(capsys, tmp_path):
+    folder = track_ball(tmp_path / "a").folder
+    document = check(capsys, folder, "out=none")
+    found = document["view_dependence"]
+    assert document["tracked_points"] == found["points"] > 100
+    assert found["matte"] > 0.8
+    assert main(["check", str(folder), "out=none"]) == 0
+    out = capsys.readouterr().out
+    assert f"of {found['points']} points are matte" in out
+    assert found["advice"] in out
+
+
+def test_without_tracks_view_dependence_is_not_measured(good, capsys):
+    document = check(capsys, good, "out=none")
+    assert (document["tracked_points"], document["view_dependence"]) == (0, None)
+    assert main(["check", str(good), "out=none"]) == 0
+    assert (
+        "not measured: no points are known to be in 8 of these pictures or more; it takes 50"
+        in capsys.readouterr().out
+    )
 
 
 def test_settings_of_training_are_taken_and_kept_in_the_suggestion(good, capsys):
@@ -145,7 +168,7 @@ def test_help_says_what_else_is_taken(capsys):
 @pytest.mark.parametrize(
     ("name", "verdict", "kinds", "changes"),
     [
-        ("captures/fox", "good", set(), ""),
+        ("captures/fox", "good", {"exposure drifts"}, ""),
         ("captures/plush", "good", set(), ""),
         ("synthetic/chair", "good", {"no points"}, ""),
         (
@@ -168,6 +191,20 @@ def test_real_captures_get_what_they_deserve(shared_data, capsys, name, verdict,
     assert found["verdict"] == verdict
     assert {finding["kind"] for finding in found["findings"]} == kinds
     assert found["next"].endswith(f"data={path}{changes}")
+
+
+@pytest.mark.slow
+def test_fox_is_partly_matte_and_its_exposure_drifts(shared_data, capsys):
+    found = check(capsys, shared_data / "captures" / "fox", "out=none")["view_dependence"]
+    assert found["points"] > 2500
+    assert 0.55 < found["matte"] < 0.75
+    assert 0.25 < found["degree_1"] < 0.45
+    assert found["degree_2"] < 0.1
+    assert found["by_chance"] < 0.03
+    assert 1 < sum(found["gain_db"]) < 4
+    assert found["deviation_without_exposure"] < 0.6 * found["deviation"]
+    assert found["deviation_if_misplaced"] < found["deviation_without_exposure"]
+    assert "sh=adaptive" in found["advice"]
 
 
 @pytest.mark.slow
