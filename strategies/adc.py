@@ -33,7 +33,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import StrategyConfig, steps_field
+from gsfw.core.config import steps_field
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import Children, PrimitiveModel
@@ -42,6 +42,8 @@ from gsfw.core.render_settings import Depth, Statistic
 from gsfw.core.scene import Scene
 from gsfw.core.strategy import DensityStrategy, Refinement
 from gsfw.core.table import SplatTable
+from gsfw.strategies.budget import BudgetConfig
+from gsfw.strategies.count_control import CountControl
 from gsfw.strategies.guided_sampling import GuidedSampling, GuidedSamplingConfig
 from gsfw.strategies.row_statistics import RowStatistics
 
@@ -54,10 +56,12 @@ AT_LEAST_ZERO = (
     *("refine_start", "refine_stop", "max_rounds", "reset_every", "max_gaussians"),
 )
 """Settings of which there are no negative ones."""
+PARTS = ("guided", "count")
+"""Names of the parts' states beside what is gathered."""
 
 
 @dataclass
-class AdcConfig(StrategyConfig):
+class AdcConfig(BudgetConfig):
     """Settings of adaptive density control; steps are those of a run of 30,000."""
 
     grow_gradient: float = 2e-4
@@ -98,8 +102,9 @@ class AdcConfig(StrategyConfig):
     guided: GuidedSamplingConfig = field(default_factory=GuidedSamplingConfig)
 
     def needs(self) -> Needs:
-        """The gradient it grows by, and depth where sampling is guided."""
+        """The gradient it grows by, and what a budget and guided sampling look at."""
         features = {Feature.ABSGRAD if self.absgrad else Feature.SCREEN_GRADIENT}
+        features |= super().needs().features
         if self.guided.rounds > 0:
             features.add(Feature.DEPTH)
         return Needs(features=frozenset(features))
@@ -135,10 +140,15 @@ class AdaptiveDensityControl(DensityStrategy):
         self._extent = scene.extent
         self._num_times = scene.num_times
         self._guided = GuidedSampling(config.guided, scene, config.refine_stop)
+        self._count = CountControl(config, scene)
         self._seen: RowStatistics | None = None
 
     def statistics(self, step: int) -> frozenset[Statistic]:
-        """The screen gradient, as long as refinements to come need what is gathered with it."""
+        """The screen gradient while refinements to come need it, and what a budget looks at."""
+        return self._gradient(step) | self._count.statistics(step)
+
+    def _gradient(self, step: int) -> frozenset[Statistic]:
+        """The gradient, as long as refinements to come need what is gathered with it."""
         needed = self._grows(step + 1) or self._config.prune_radius > 0
         if step + 1 >= self._config.refine_stop or not needed:
             return frozenset()
@@ -153,8 +163,9 @@ class AdaptiveDensityControl(DensityStrategy):
     ) -> None:
         """Gather gradients, each as if its view had been the only one of its step."""
         self._guided.observe(context)
+        self._count.observe(context, statistics)
         gradient = statistics.absgrad if self._config.absgrad else statistics.screen_gradient
-        if gradient is None or not self.statistics(context.step):
+        if gradient is None or not self._gradient(context.step):
             return
         if self._seen is None:
             self._seen = RowStatistics(context.num_rows, gradient.device)
@@ -172,17 +183,25 @@ class AdaptiveDensityControl(DensityStrategy):
     ) -> Refinement:
         """Grow and prune every ``refine_every`` steps, reset opacities every ``reset_every``."""
         config, done = self._config, step + 1
-        if done >= config.refine_stop:
+        stopped = done >= config.refine_stop
+        pruned = self._count.advance(done, config.refine_stop, table, model)
+        if stopped or pruned:
             self._seen = None
+        if stopped:
             self._guided.forget()
-            return {}
+        if stopped or pruned or self._count.is_looking(step):
+            return {"pruned": pruned} if pruned else {}
         counts: dict[str, int] = {}
         if done > config.refine_start and done % config.refine_every == 0:
+            self._count.before_growth(done, len(table))
             counts = self._refine(done, table, model, generator)
             self._seen = None  # Before rows come that it knows nothing of.
-            counts |= self._guided.refine(done, table, model, generator, config.max_gaussians)
-        if config.reset_every > 0 and done % config.reset_every == 0:
+            if self._count.grows:
+                limit = self._count.most_rows(model, config.max_gaussians)
+                counts |= self._guided.refine(done, table, model, generator, limit)
+        if self._count.grows and config.reset_every > 0 and done % config.reset_every == 0:
             table.reset_columns(model.lower_opacities_(config.reset_opacity))
+            self._count.disturbed()
             counts["reset"] = len(table)
         return counts
 
@@ -210,6 +229,8 @@ class AdaptiveDensityControl(DensityStrategy):
     def _grows(self, done: int) -> bool:
         """Whether rows may grow in the next refinement, which is after ``done`` steps or later."""
         config = self._config
+        if not self._count.grows:
+            return False
         number = math.ceil(done / config.refine_every) - config.refine_start // config.refine_every
         return config.max_rounds == 0 or number <= config.max_rounds
 
@@ -230,8 +251,9 @@ class AdaptiveDensityControl(DensityStrategy):
             splits = (grows & splits) | (in_time & (lifetimes > config.split_lifetime))
             grows = grows | in_time
             urgency = urgency.maximum(time_gradient * (threshold / config.grow_time_gradient))
-        room = config.max_gaussians - len(gradient)
-        if config.max_gaussians > 0 and int(grows.sum()) > room:
+        limit = self._count.most_rows(model, config.max_gaussians)
+        room = limit - len(gradient)
+        if limit > 0 and int(grows.sum()) > room:
             ranked = torch.where(grows, urgency, -1.0).argsort(descending=True, stable=True)
             grows[ranked[max(room, 0) :]] = False
         return grows & ~splits, grows & splits
@@ -253,18 +275,23 @@ class AdaptiveDensityControl(DensityStrategy):
             kept[opacities.argmax()] = True
         return kept
 
+    def report(self) -> Mapping[str, Any]:
+        """How the number of rows came about, under a budget."""
+        return self._count.report()
+
     def state_dict(self) -> dict[str, Any]:
-        """What was gathered since the last refinement."""
+        """What was gathered since the last refinement, and the state of its parts."""
         gathered = {} if self._seen is None else self._seen.state_dict()
-        guided = self._guided.state_dict()
-        return {**gathered, "guided": guided} if guided else gathered
+        parts = {"guided": self._guided.state_dict(), "count": self._count.state_dict()}
+        return {**gathered, **{name: state for name, state in parts.items() if state}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on gathering."""
-        gathered = {name: sums for name, sums in state.items() if name != "guided"}
+        gathered = {name: sums for name, sums in state.items() if name not in PARTS}
         device = gathered["views"].device if gathered else None
         self._seen = None if device is None else RowStatistics.restored(gathered, device)
         self._guided.load_state_dict(state.get("guided", {}))
+        self._count.load_state_dict(state.get("count", {}))
 
 
 def _joined(model: PrimitiveModel, first: Children, second: Children) -> Children:

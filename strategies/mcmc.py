@@ -22,7 +22,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import StrategyConfig, steps_field
+from gsfw.core.config import steps_field
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import Children, PrimitiveModel
@@ -32,6 +32,8 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.strategy import DensityStrategy, Refinement
 from gsfw.core.table import SplatTable
+from gsfw.strategies.budget import BudgetConfig
+from gsfw.strategies.count_control import CountControl
 from gsfw.strategies.row_statistics import RowStatistics
 
 POSITIONS = "means"
@@ -45,7 +47,7 @@ AT_LEAST_ZERO = (
 
 
 @dataclass
-class McmcConfig(StrategyConfig):
+class McmcConfig(BudgetConfig):
     """Settings of MCMC density control; steps are those of a run of 30,000."""
 
     recommended: ClassVar[Mapping[str, Any]] = {"init_opacity": 0.5, "init_scale": 0.1}
@@ -73,8 +75,9 @@ class McmcConfig(StrategyConfig):
     """Steps between refinements; short runs refine, and so grow, in fewer rounds."""
 
     def needs(self) -> Needs:
-        """The gradient that some of the copies are drawn by."""
-        return Needs(features=frozenset({Feature.SCREEN_GRADIENT} if self.gradient_share else ()))
+        """The gradient that some of the copies are drawn by, and what a budget looks at."""
+        drawn_by = frozenset({Feature.SCREEN_GRADIENT} if self.gradient_share else ())
+        return Needs(features=drawn_by | super().needs().features)
 
     def build(self, scene: Scene) -> DensityStrategy:
         """The strategy.
@@ -94,18 +97,23 @@ class McmcConfig(StrategyConfig):
             raise ConfigError(
                 f"strategy.gradient_share={self.gradient_share:g}: expected a number from 0 to 1."
             )
-        return MarkovChainMonteCarlo(self)
+        return MarkovChainMonteCarlo(self, scene)
 
 
 class MarkovChainMonteCarlo(DensityStrategy):
     """Relocates, grows and perturbs."""
 
-    def __init__(self, config: McmcConfig) -> None:
+    def __init__(self, config: McmcConfig, scene: Scene) -> None:
         self._config = config
+        self._count = CountControl(config, scene)
         self._seen: RowStatistics | None = None
 
     def statistics(self, step: int) -> frozenset[Statistic]:
-        """The screen gradient where rows are drawn by it, as long as any are to be drawn."""
+        """The screen gradient where rows are drawn by it, and what a budget looks at."""
+        return self._gradient(step) | self._count.statistics(step)
+
+    def _gradient(self, step: int) -> frozenset[Statistic]:
+        """The gradient where rows are drawn by it, as long as any are to be drawn."""
         gathers = self._config.gradient_share > 0 and step + 1 < self._config.refine_stop
         return frozenset({Statistic.SCREEN_GRADIENT} if gathers else ())
 
@@ -120,8 +128,9 @@ class MarkovChainMonteCarlo(DensityStrategy):
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
         """Gather gradients where rows are drawn by them: opacities say what is dead."""
+        self._count.observe(context, statistics)
         gradient = statistics.screen_gradient
-        if gradient is None or not self.statistics(context.step):
+        if gradient is None or not self._gradient(context.step):
             return
         if self._seen is None:
             self._seen = RowStatistics(context.num_rows, gradient.device)
@@ -136,8 +145,12 @@ class MarkovChainMonteCarlo(DensityStrategy):
         """Relocate and grow every ``refine_every`` steps; add noise after every step."""
         config, done = self._config, step + 1
         counts: dict[str, int] = {}
-        if config.refine_start < done < config.refine_stop and done % config.refine_every == 0:
-            counts = {
+        if pruned := self._count.advance(done, config.refine_stop, table, model):
+            self._seen, counts = None, {"pruned": pruned}
+        due = config.refine_start < done < config.refine_stop and done % config.refine_every == 0
+        if due and not self._count.is_looking(step):
+            self._count.before_growth(done, len(table))
+            counts |= {
                 "relocated": self._relocate(table, model, generator),
                 "added": self._grow(table, model, generator),
             }
@@ -165,8 +178,10 @@ class MarkovChainMonteCarlo(DensityStrategy):
 
     def _grow(self, table: SplatTable, model: PrimitiveModel, generator: torch.Generator) -> int:
         """Add copies of rows drawn by opacity, up to the limit."""
+        if not self._count.grows:
+            return 0
         wanted = math.ceil(len(table) * (1.0 + self._config.growth))
-        number = min(wanted, self._config.cap_max) - len(table)
+        number = min(wanted, self._count.most_rows(model, self._config.cap_max)) - len(table)
         opacities = model.opacities()
         if number <= 0 or not bool(opacities.sum() > 0):
             return 0
@@ -193,14 +208,22 @@ class MarkovChainMonteCarlo(DensityStrategy):
         table.replace(sources, model.relocated(sources, copies + 1))
         return model.clone_rows(chosen)
 
+    def report(self) -> Mapping[str, Any]:
+        """How the number of rows came about, under a budget."""
+        return self._count.report()
+
     def state_dict(self) -> dict[str, Any]:
-        """Gradients since the last refinement, where they are gathered."""
-        return {} if self._seen is None else self._seen.state_dict()
+        """Gradients since the last refinement, where they are gathered, and a budget's state."""
+        gathered = {} if self._seen is None else self._seen.state_dict()
+        count = self._count.state_dict()
+        return {**gathered, "count": count} if count else gathered
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on gathering."""
-        device = state["views"].device if state else None
-        self._seen = None if device is None else RowStatistics.restored(state, device)
+        gathered = {name: sums for name, sums in state.items() if name != "count"}
+        device = gathered["views"].device if gathered else None
+        self._seen = None if device is None else RowStatistics.restored(gathered, device)
+        self._count.load_state_dict(state.get("count", {}))
 
 
 def draw_rows(

@@ -355,10 +355,12 @@ def test_the_defaults_are_those_of_the_paper():
         "refine_stop": (15_000, 0),
         "refine_every": (100, 50),
         "reset_every": (3000, 300),
+        "budget_every": (1500, 50),
         "guided.start": (1600, 0),
         "guided.every": (500, 50),
     }
     config = AdcConfig()
+    assert config.budget == "none"
     assert (config.grow_time_gradient, config.prune_lifetime, config.max_rounds) == (0, 0, 0)
 
 

@@ -258,8 +258,9 @@ def test_the_defaults_are_those_of_the_paper():
     config = McmcConfig()
     assert step_settings(config) == {
         "refine_start": (500, 100), "refine_stop": (25_000, 0), "refine_every": (100, 20),
+        "budget_every": (1500, 50),
     }  # fmt: skip
-    assert config.gradient_share == 0.0
+    assert (config.gradient_share, config.budget) == (0.0, "none")
     assert config.recommended == {"init_opacity": 0.5, "init_scale": 0.1}
 
 

@@ -1,0 +1,261 @@
+"""Adaptive count: growth that stops when it no longer pays, then pruning by contribution.
+
+Under ``budget=auto`` the scene decides; under a number or megabytes the model may grow to twice as
+many rows, and keeps those that contribute most. ``contribution`` names the papers. Three rules:
+
+1. *Growth stops* half-way at the latest, or when for two points of the curve in a row a Gaussian
+   added brought less than leaving out one of the least useful would cost. The gain is what the
+   loss of the same views fell by since they were last drawn, in the time between two points, per
+   Gaussian added; it contains what training alone brings, so that growth stops late rather than
+   early. The cost is the mean contribution of the rows that pruning would take first, times
+   ``PRICE``. Growth does not begin again: later rounds have less time to pay. Under a number, only
+   the rows allowed and half the run end growth: there the user has said what pays.
+2. *Pruning* comes in ``ROUNDS`` rounds once growth has stopped, ``budget_every`` steps apart. A
+   round looks at every training view once, while rows stay as they are. Rows rank by the largest
+   part that they make up of any view, and the lowest go, which hold together less than
+   ``budget_share`` of the sum, but no more than ``LARGEST_ROUND``; or, under a number, as many as
+   lead there in equal ratios.
+3. No opacity is reset once growth has stopped: contributions would mean nothing.
+
+Measured on fox (180 x 320, 2000 steps, one seed; without a budget 106,403 rows and 31.32 dB). Half
+of the rows at once, after growth: by the sum of contributions over views -0.80 dB, by the mean over
+the views that saw a row -0.36 dB. The sum takes what few views see first, which leaves holes: one
+held-out view lost 3.5 dB of it. In four rounds: by the mean 56 % of the rows at -0.06 dB, by the
+largest 46 % at -0.11 dB, by ``budget_share`` of it, however many, 49 % at -0.05 dB, and as it is
+here 51 % at -0.03 dB. Rows that are pruned while they grow (five rounds that keep 75 %, by the sum)
+ended with 57 % at -0.95 dB, and growth that stops at 49 % with -0.56 dB. Measuring contributions
+adds 1 % to drawing and its backward pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.context import StepContext
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import Statistic
+from gsfw.core.scene import Scene
+from gsfw.core.table import SplatTable
+from gsfw.strategies.budget import BudgetConfig
+from gsfw.strategies.contribution import Contributions
+from gsfw.strategies.view_losses import ViewLosses
+
+HEADROOM = 2
+"""How often the rows that a number allows there may be while they grow."""
+ROUNDS = 4
+"""Rounds of pruning."""
+LARGEST_ROUND = 0.2
+"""Most of the rows that a round takes under ``auto``: what is left has to make up for it."""
+PASSES = 3
+"""Pictures that a round looks at, at most, per view: drawn at random, these show 95 % of them."""
+PATIENCE = 2
+"""Points of the curve in a row that say that growth no longer pays: one may be chance."""
+PRICE = 0.2
+"""Loss per part of the pictures left out (fox: about 0.011 at once for 5.2 % of them)."""
+
+
+class CountControl:
+    """A part of a strategy: says whether rows may grow, and prunes; without a budget, nothing."""
+
+    def __init__(self, config: BudgetConfig, scene: Scene) -> None:
+        """Nothing seen yet.
+
+        Args:
+            config: the budget.
+            scene: whose training views a round of pruning looks at.
+
+        Raises:
+            ConfigError: a setting is out of range.
+        """
+        self._config, self._budget = config, config.parsed_budget()
+        self._num_views = max(len(scene.camera_centers), 1)
+        self._seen: Contributions | None = None
+        self._losses = ViewLosses()
+        self._curve: list[dict[str, Any]] = []
+        self._poor = self._rounds = self._steps = 0
+        self._stopped: int | None = None
+        self._why = ""
+
+    @property
+    def grows(self) -> bool:
+        """Whether rows may still be added, and opacities reset."""
+        return self._stopped is None
+
+    def statistics(self, step: int) -> frozenset[Statistic]:
+        """Contributions, while growth has to pay or a round of pruning is due."""
+        wanted = self._budget.is_given and (
+            self._has_to_pay if self.grows else self.is_looking(step)
+        )
+        return frozenset({Statistic.CONTRIBUTION} if wanted else ())
+
+    @property
+    def _has_to_pay(self) -> bool:
+        """Whether growth has to pay: that is what ``auto`` means."""
+        return self._budget.rows is None and self._budget.num_bytes is None
+
+    def is_looking(self, step: int) -> bool:
+        """Whether a round of pruning looks at views, and rows shall stay as they are."""
+        if self._stopped is None or self._rounds == ROUNDS or not self._budget.is_given:
+            return False
+        return step >= self._stopped + self._rounds * self._config.budget_every
+
+    def most_rows(self, model: PrimitiveModel, limit: int) -> int:
+        """How many rows there may be while they grow, of the strategy's own ``limit``; 0: any."""
+        most = self._budget.most_rows(model) if self._budget.is_given else None
+        return limit if most is None else min(HEADROOM * most, limit or HEADROOM * most)
+
+    def observe(self, context: StepContext, statistics: RenderStatistics) -> None:
+        """Take note of a batch; no synchronisation."""
+        if not self._budget.is_given:
+            return
+        self._steps = context.steps
+        if self._rounds < ROUNDS:
+            self._losses.add(context)
+        if statistics.contribution is not None and self.statistics(context.step):
+            if self._seen is None:
+                self._seen = Contributions(context.num_rows, statistics.contribution.device)
+            self._seen.add(context, statistics)
+
+    def advance(self, done: int, stop: int, table: SplatTable, model: PrimitiveModel) -> int:
+        """Called after every step, before rows are edited: ends growth, or prunes.
+
+        Args:
+            done: steps done.
+            stop: the strategy's own end of growth.
+            table: of the model's rows.
+            model: says what a row takes.
+
+        Returns:
+            The number of rows that were pruned.
+        """
+        if not self._budget.is_given:
+            return 0
+        if self.grows and (done >= stop or 0 < self._steps <= 2 * done):
+            self._stop(done, "half of the run is over" if done < stop else "the strategy ends it")
+        most = self._budget.most_rows(model)
+        if done == self._steps and most is not None and len(table) > most:
+            return self._keep(done, self._scores(model), most, table)
+        if self.is_looking(done - 1) and self._has_looked():
+            return self._round_of_pruning(done, table, model)
+        return 0
+
+    def _has_looked(self) -> bool:
+        """Whether every view was drawn, or so many pictures that a sampler leaves some out."""
+        if self._seen is None:
+            return False
+        enough = self._seen.num_pictures >= PASSES * self._num_views
+        return enough or self._seen.num_views >= self._num_views
+
+    def before_growth(self, done: int, num_rows: int) -> None:
+        """Called when a refinement is about to add rows: whether the last ones have paid."""
+        if not self._budget.is_given or not self.grows:
+            return
+        if self._losses.num_compared >= self._num_views:
+            self._judge(done, num_rows)
+        self._seen = None  # Before rows come that it knows nothing of.
+
+    def disturbed(self) -> None:
+        """Opacities were reset: losses have to recover before they say anything."""
+        self._losses.forget()
+
+    def _judge(self, done: int, num_rows: int) -> None:
+        """Add a point to the curve, and stop growth that no longer pays."""
+        gain = cost = None
+        if self._curve:
+            steps, added = (
+                done - self._curve[-1]["step"],
+                num_rows - self._curve[-1]["num_gaussians"],
+            )
+            gain = self._losses.gain_per_step * steps / added if added > 0 else None
+        if self._has_to_pay and self._seen is not None:
+            cost = self._cost(self._seen)
+        self._note(done, num_rows, 0, gain, cost)
+        if gain is not None and cost is not None:
+            self._poor = self._poor + 1 if gain < cost else 0
+        if self._poor == PATIENCE:
+            self._stop(done, "a Gaussian more brings less than the least useful ones cost")
+
+    def _cost(self, seen: Contributions) -> float | None:
+        """What leaving out one of the least useful rows would cost."""
+        least = least_useful(seen.largest, self._config.budget_share)
+        return PRICE * float(seen.mean[least].mean()) if len(least) else None
+
+    def _stop(self, done: int, why: str) -> None:
+        self._stopped, self._why, self._seen = done, why, None
+
+    def _round_of_pruning(self, done: int, table: SplatTable, model: PrimitiveModel) -> int:
+        scores, most, number = self._scores(model), self._budget.most_rows(model), len(table)
+        left = ROUNDS - self._rounds
+        if most is None:
+            least = len(least_useful(scores, self._config.budget_share))
+            keep = number - min(least, int(LARGEST_ROUND * number))
+        else:
+            keep = number if most >= number else math.floor(number * (most / number) ** (1 / left))
+            keep = min(keep, most) if left == 1 else keep
+        pruned = self._keep(done, scores, max(keep, 1), table)
+        self._rounds, self._seen = self._rounds + 1, None
+        return pruned
+
+    def _scores(self, model: PrimitiveModel) -> Float[Tensor, " n"]:
+        """How useful rows are: the largest contribution, or the opacity where none is known."""
+        return model.opacities() if self._seen is None else self._seen.largest
+
+    def _keep(self, done: int, scores: Float[Tensor, " n"], number: int, table: SplatTable) -> int:
+        """Keep the rows of the highest scores, in their order; of equal ones the first."""
+        pruned = max(len(table) - number, 0)
+        if pruned:
+            rows = scores.argsort(descending=True, stable=True)[:number]
+            table.keep(rows.sort().values)
+        self._note(done, len(table), pruned, None, None)
+        return pruned
+
+    def _note(
+        self, done: int, num_rows: int, pruned: int, gain: float | None, cost: float | None
+    ) -> None:
+        point = {"step": done, "num_gaussians": num_rows, "loss": self._losses.mean_loss}
+        found = {"gain_per_gaussian": gain, "cost_per_gaussian": cost, "pruned": pruned}
+        self._curve.append({**point, **found})
+        self._losses.clear()
+
+    def report(self) -> dict[str, Any]:
+        """The curve, and when and why growth stopped; nothing without a budget."""
+        if not self._budget.is_given:
+            return {}
+        stopped = {"stopped_growing_at": self._stopped, "why": self._why}
+        return {"budget": self._budget.text, "curve": list(self._curve), **stopped}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that is to come depends on; empty without a budget."""
+        if not self._budget.is_given:
+            return {}
+        return {
+            "curve": list(self._curve),
+            "losses": self._losses.state_dict(),
+            "seen": None if self._seen is None else self._seen.state_dict(),
+            "counts": [self._poor, self._rounds, self._steps],
+            "stopped": self._stopped,
+            "why": self._why,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from there; from a checkpoint without a budget, as if begun now."""
+        if not state:
+            return
+        self._curve, seen = list(state["curve"]), state["seen"]
+        self._losses.load_state_dict(state["losses"])
+        self._seen = None if seen is None else Contributions.restored(seen)
+        self._poor, self._rounds, self._steps = state["counts"]
+        self._stopped, self._why = state["stopped"], state["why"]
+
+
+def least_useful(scores: Float[Tensor, " n"], share: float) -> Int[Tensor, " r"]:
+    """Rows of the lowest scores, which hold together less than a share of the sum."""
+    order = scores.argsort(stable=True)
+    held = scores[order].double().cumsum(0)
+    return order[: int((held < share * held[-1]).sum())] if len(held) else order

@@ -1,0 +1,88 @@
+"""ViewLosses: how much better the views have become since each was last drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.context import StepContext
+
+
+@dataclass(frozen=True)
+class _Visit:
+    """The last time that a view was drawn."""
+
+    step: int
+    width: int
+    """In pixels: smaller pictures have less detail, and smaller losses."""
+    loss: Tensor
+
+
+class ViewLosses:
+    """Compares every view with itself, so that easy and hard views do not blur the difference.
+
+    The loss is the mean absolute difference. Nothing is read where a GPU would have to be waited
+    for, but in ``mean_loss`` and ``gain_per_step``.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[int, _Visit] = {}
+        self._loss: Tensor | float = 0.0
+        self._gain: Tensor | float = 0.0
+        self._visits = self._compared = 0
+
+    @torch.no_grad()
+    def add(self, context: StepContext) -> None:
+        """Take in a batch; of a loss that is not finite, that nothing has changed."""
+        width = context.batch.cameras.width
+        losses = (context.rendered.color - context.target).abs().mean(dim=(1, 2, 3))
+        for view, found in zip(context.batch.views, losses, strict=True):
+            last = self._last.get(view)
+            before = found.new_zeros(()) if last is None else last.loss
+            loss = torch.where(found.isfinite(), found, before)
+            if last is not None and last.width == width and last.step < context.step:
+                self._gain = self._gain + (before - loss) / (context.step - last.step)
+                self._compared += 1
+            self._loss = self._loss + loss
+            self._visits += 1
+            self._last[view] = _Visit(context.step, width, loss)
+
+    @property
+    def num_compared(self) -> int:
+        """Visits since the last ``clear`` that had one of the same view to compare with."""
+        return self._compared
+
+    @property
+    def mean_loss(self) -> float:
+        """Over all visits since the last ``clear``."""
+        return float(self._loss) / max(self._visits, 1)
+
+    @property
+    def gain_per_step(self) -> float:
+        """How much the loss of a view falls in a step, in the mean over what was compared."""
+        return float(self._gain) / max(self._compared, 1)
+
+    def clear(self) -> None:
+        """Begin new means; what comes is still compared with what was."""
+        self._loss = self._gain = 0.0
+        self._visits = self._compared = 0
+
+    def forget(self) -> None:
+        """Compare nothing with what was: the model was changed, and has to recover."""
+        self._last = {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """The last visits, and the sums."""
+        last = {view: (visit.step, visit.width, visit.loss) for view, visit in self._last.items()}
+        sums = {"loss": self._loss, "gain": self._gain}
+        return {"last": last, **sums, "visits": self._visits, "compared": self._compared}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from there."""
+        self._last = {view: _Visit(*visit) for view, visit in state["last"].items()}
+        self._loss, self._gain = state["loss"], state["gain"]
+        self._visits, self._compared = state["visits"], state["compared"]
