@@ -7,8 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from jaxtyping import UInt8
+from torch import Tensor
+
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.evaluation import Evaluation
+from gsfw.core.requirements import Requirements
 from gsfw.core.run_folder import RunFolder, readable_write_errors
 
 logger = logging.getLogger("gsfw.run")
@@ -67,6 +71,10 @@ class Log(Callback):
         """How it ended; lists are for programs, and in metrics.json."""
         short = {key: value for key, value in summary.items() if not isinstance(value, list)}
         logger.info("ended at step %d: %s", step, short)
+
+    def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
+        """The most telling of it."""
+        logger.info("requirements: %s", requirements.headline)
 
     def close(self) -> None:
         """Close the file."""

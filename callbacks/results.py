@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from typing import IO, Any
+
+from jaxtyping import UInt8
+from PIL import Image
+from torch import Tensor
 
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.evaluation import Evaluation
 from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import RunFolder, readable_write_errors
+from gsfw.core.requirements import Requirements
+from gsfw.core.run_folder import RunFolder, readable_write_errors, write_atomically
 from gsfw.core.time_plot import write_time_plot
 
 
 class Results(Callback):
-    """Writes metrics.jsonl (a line per logged step), eval/step_N.json, and at last metrics.json."""
+    """Writes metrics.jsonl (a line per logged step), eval/step_N.json, and at last metrics.json.
+
+    What a completed run required is in requirements.json and requirements.png.
+    """
 
     def __init__(self) -> None:
         self._folder: RunFolder | None = None
@@ -72,6 +81,14 @@ class Results(Callback):
             head = {"method": self._run.method, "scene": self._run.scene}
             document = {**head, **summary, "protocol": dict(self._run.protocol)}
             self._folder.write_json(self._folder.summary, document)
+
+    def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
+        """Where the floats went, as figures and as a picture."""
+        assert self._folder is not None
+        self._folder.write_json(self._folder.requirements, requirements.document())
+        buffer = io.BytesIO()
+        Image.fromarray(plot.numpy()).save(buffer, "PNG", optimize=True)
+        write_atomically(self._folder.requirements_plot, buffer.getvalue())
 
     def close(self) -> None:
         """Close the log."""

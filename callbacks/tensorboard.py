@@ -7,11 +7,14 @@ from typing import Any
 
 import torch
 import yaml
+from jaxtyping import UInt8
+from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
 from gsfw.core.evaluation import Evaluation
+from gsfw.core.requirements import Requirements
 from gsfw.core.run_folder import RunFolder, readable_write_errors
 
 MAX_PICTURES = 4
@@ -22,7 +25,10 @@ ERROR_GAIN = 4.0
 
 
 class TensorBoard(Callback):
-    """train/*, eval/*, gaussians/count, lr/*, time/*, mem/*; pictures: gt | render | error."""
+    """train/*, eval/*, gaussians/count, lr/*, time/*, mem/*; pictures: gt | render | error.
+
+    At last requirements/*: where the floats of the final model went, and what each bought.
+    """
 
     def __init__(self) -> None:
         self._writer: SummaryWriter | None = None
@@ -101,6 +107,23 @@ class TensorBoard(Callback):
             for event in hparams(settings, figures):
                 self._writer._get_file_writer().add_summary(event)
             self._add(step, figures)
+
+    def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
+        """Floats and dB of every group, and all of it as a picture."""
+        assert self._writer is not None
+        scalars = {
+            "requirements/sh_floats": float(requirements.sh_floats),
+            "requirements/sh_floats_full": float(requirements.sh_floats_full),
+            "requirements/total_floats": float(requirements.total_floats),
+        }
+        for group in requirements.groups:
+            name = group.name.replace(" ", "_")
+            scalars[f"requirements/floats/{name}"] = float(group.floats)
+            if group.bought_db is not None:
+                scalars[f"requirements/bought_db/{name}"] = group.bought_db
+        self._add(requirements.step, scalars)
+        self._writer.add_text("requirements", requirements.headline, requirements.step)
+        self._writer.add_image("requirements", plot, requirements.step, dataformats="HWC")
 
     def close(self) -> None:
         """Write out what is left."""

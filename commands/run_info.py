@@ -15,6 +15,12 @@ from gsfw.plugins.config_file import HEADER, read_config
 SHOWN = ("method", "strategy", "rasterizer", "datamanager", "data", "device", "seed", "downscale")
 """The settings that tell runs apart at a glance; gsfw config show has them all."""
 
+REQUIRED = (
+    *("headline", "step", "total_floats", "sh_floats", "sh_floats_full"),
+    *("left_out", "could_go"),
+)
+"""What is shown of requirements.json, which has more."""
+
 
 def describe_run(found: RunArgument) -> dict[str, Any]:
     """The document of a run.
@@ -43,6 +49,9 @@ def describe_run(found: RunArgument) -> dict[str, Any]:
         "splats": str(folder.splats) if folder.splats.is_file() else None,
         "made_by": _origin(folder.config),
     }
+    requirements = _json(folder.requirements)
+    if requirements:
+        document["requirements"] = {key: requirements.get(key) for key in REQUIRED}
     if not document["finished"]:
         document["next"] = f"gsfw resume {folder.path}"
     return document

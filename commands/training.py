@@ -12,6 +12,7 @@ from gsfw.commands.console import Console
 from gsfw.commands.corrections import write_corrections
 from gsfw.commands.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interrupt import stop_on_signal
+from gsfw.commands.requirements import RequirementsReport
 from gsfw.core.callback import Callback
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
@@ -51,24 +52,25 @@ def run_training(trainer: Trainer, console: Console) -> int:
     """
     folder = trainer.folder
     keep_freed_memory()
+    report = RequirementsReport(trainer, console)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
         with stop_on_signal(trainer.control) as interrupt, tracebacks_in(folder):
-            summary = _fit(trainer)
+            summary = _fit(trainer, report)
             if summary["completed"]:
                 write_splats(trainer, console)
                 for path in write_corrections(trainer.parts, folder.path):
                     console.say(f"learnt of the capture: {path}")
     finally:
         trainer.parts.data.close()
-    _tell(summary, trainer, console)
+    _tell(summary, trainer, console, report.line)
     console.result({**summary, "run": str(folder.path)})
     return INTERRUPTED if interrupt.received and not summary["completed"] else 0
 
 
-def _fit(trainer: Trainer) -> dict[str, Any]:
+def _fit(trainer: Trainer, report: RequirementsReport) -> dict[str, Any]:
     try:
-        return trainer.fit()
+        return trainer.fit(afterwards=report.make)
     except torch.OutOfMemoryError:
         raise TrainingError(
             f"the GPU's memory is full after {trainer.step} steps, with "
@@ -96,7 +98,9 @@ def quoted(folder: RunFolder) -> str:
     return shlex.quote(str(folder.path))
 
 
-def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console) -> None:
+def _tell(
+    summary: Mapping[str, Any], trainer: Trainer, console: Console, requirements: str
+) -> None:
     run = quoted(trainer.folder)
     if not summary["completed"]:
         console.say(
@@ -116,6 +120,8 @@ def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console) -> Non
         f"{summary['num_gaussians']:,} Gaussians"
     )
     console.say(f"held-out views: {summary['views']}{figures}")
+    if requirements:
+        console.say(requirements)
     console.say(f"everything is in {run}")
     console.say(
         "next:\n"

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 if TYPE_CHECKING:
     from gsfw.core.evaluation import Evaluation
+    from gsfw.core.requirements import Requirements
 
 
 class Control:
@@ -108,6 +109,9 @@ class Callback:
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
         """After the last step; also when the run was stopped."""
+
+    def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
+        """After ``on_end``, when it was measured what a completed run required."""
 
     def close(self) -> None:
         """Release files and the screen, whatever happened."""

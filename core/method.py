@@ -84,6 +84,10 @@ class Method(ABC):
         """
         return {}
 
+    def report(self) -> Mapping[str, Any]:
+        """What it has to say of the finished run, as plain data for ``requirements.json``."""
+        return {}
+
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain data; what ``phase`` and ``prepare`` depend on besides the step."""
         return {}

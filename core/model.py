@@ -35,6 +35,10 @@ class PrimitiveModel(nn.Module, ABC):
     def columns(self) -> Mapping[str, Column]:
         """Every per-splat quantity, by name; all have the same number of rows."""
 
+    def temporal_columns(self) -> Mapping[str, Column]:
+        """Those of ``columns`` that only say how rows change with time; none when rows do not."""
+        return {}
+
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
         """Trained parameters that are not one per splat (networks, grids)."""
         return ()

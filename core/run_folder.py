@@ -125,6 +125,16 @@ class RunFolder:
         return self.path / "metrics.json"
 
     @property
+    def requirements(self) -> Path:
+        """Where the floats of the final model went, and what each bought."""
+        return self.path / "requirements.json"
+
+    @property
+    def requirements_plot(self) -> Path:
+        """The same as a picture."""
+        return self.path / "requirements.png"
+
+    @property
     def log(self) -> Path:
         """What was said, and tracebacks."""
         return self.path / "log.txt"

@@ -51,6 +51,10 @@ class DensityStrategy(ABC):
     ) -> Refinement:
         """Called after every optimizer step (counted from 0); edits rows when it is time."""
 
+    def report(self) -> Mapping[str, Any]:
+        """What it has to say of the finished run, as plain data for ``requirements.json``."""
+        return {}
+
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain data."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -54,7 +54,7 @@ class Trainer:
         self.control = Control()
         self.step = 0
         self.train_seconds = 0.0
-        self._callbacks = callbacks
+        self.callbacks = callbacks
         self._stopwatch = Stopwatch()
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
@@ -64,8 +64,12 @@ class Trainer:
         self._times = views.times
         self._widths = [camera.width for camera in views.cameras]
 
-    def fit(self) -> dict[str, Any]:
+    def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
         """Train until the plan's end or until a callback asks to stop; the run's summary.
+
+        Args:
+            afterwards: is called when a run was completed and has written its figures, while
+                callbacks still listen.
 
         Raises:
             TrainingError: too many steps in a row were not finite.
@@ -75,14 +79,17 @@ class Trainer:
             try:
                 if self._checkpointed != self.step:  # Also proves that the folder can hold one.
                     self._checkpoint()
-                for callback in self._callbacks:
+                for callback in self.callbacks:
                     callback.on_start(self.info, self.control)
                 self._stopwatch.restart()
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
-                return self._finish()
+                summary = self._finish()
+                if summary["completed"] and afterwards is not None:
+                    afterwards()
+                return summary
             finally:
-                for callback in self._callbacks:
+                for callback in self.callbacks:
                     callback.close()
 
     def _one_step(self) -> None:
@@ -210,7 +217,7 @@ class Trainer:
 
     def _follow_up(self, drawn: list[_Drawn]) -> None:
         plan, step = self.plan, self.step
-        for callback in self._callbacks:
+        for callback in self.callbacks:
             callback.on_tick(step, self.control)
         if step % plan.log_every == 0 or step in (1, plan.steps):
             self._report(drawn)
@@ -250,7 +257,7 @@ class Trainer:
             refined=dict(self._refined),
         )
         self._refined.clear()
-        for callback in self._callbacks:
+        for callback in self.callbacks:
             callback.on_step(report, self.control)
 
     def _check_skipped(self) -> None:
@@ -271,7 +278,7 @@ class Trainer:
         parts = self.parts
 
         def on_view(view: EvaluatedView) -> None:
-            for callback in self._callbacks:
+            for callback in self.callbacks:
                 callback.on_view(self.step, view)
 
         settings = self.plan.settings
@@ -284,7 +291,7 @@ class Trainer:
             parts.device,
             on_view=on_view,
         )
-        for callback in self._callbacks:
+        for callback in self.callbacks:
             callback.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
@@ -310,7 +317,7 @@ class Trainer:
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
         }
-        for callback in self._callbacks:
+        for callback in self.callbacks:
             callback.on_end(self.step, summary)
         return summary
 
@@ -321,7 +328,7 @@ class Trainer:
         path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.step
         self.control.checkpoint_requested = False
-        for callback in self._callbacks:
+        for callback in self.callbacks:
             callback.on_checkpoint(self.step, path)
 
     def state_dict(self) -> dict[str, Any]:

@@ -58,6 +58,10 @@ class TrackedGaussians(PrimitiveModel):
         """Those of static Gaussians now; past_means, past_quats, and past_colors if they change."""
         return {**self.canonical.columns(), **self.trajectory.columns()}
 
+    def temporal_columns(self) -> Mapping[str, Column]:
+        """The past ones: poses of the times that are finished."""
+        return self.trajectory.columns()
+
     def _pose(self) -> Pose:
         """The time that is being worked on."""
         rows = self.canonical

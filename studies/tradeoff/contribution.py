@@ -41,8 +41,10 @@ def contributions(
         output = subject.rasterizer.render(splats, subject.model.cameras(seen), settings)
         assert output.statistics.contribution is not None
         added = output.statistics.contribution.sum(0).double()
-        total += added if splats.rows is None else total.new_zeros(count).index_copy(
-            0, splats.rows, added
+        total += (
+            added
+            if splats.rows is None
+            else total.new_zeros(count).index_copy(0, splats.rows, added)
         )
         if advance is not None:
             advance(number)

@@ -6,6 +6,7 @@ import math
 
 import pytest
 import torch
+from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from gsfw.callbacks.log import Log
@@ -14,6 +15,7 @@ from gsfw.callbacks.results import Results
 from gsfw.callbacks.tensorboard import TensorBoard
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
 from gsfw.core.evaluation import Evaluation
+from gsfw.core.requirements import FloatGroup, Requirements
 from gsfw.core.run_folder import RunFolder
 
 SUMMARY = {
@@ -168,3 +170,56 @@ def test_lists_of_the_summary_are_left_out_of_the_log(tmp_path):
     said = RunFolder(tmp_path).log.read_text()
     assert "ended at step 20" in said
     assert "over_time" not in said
+
+
+REQUIREMENTS = Requirements(
+    headline="48 floats each for colour", step=20, num_gaussians=2,
+    groups=(FloatGroup("positions", 6, None, ""), FloatGroup("SH band 1", 18, 0.25, "so")),
+    sh_floats=18, sh_floats_full=24, rows_by_degree=(0, 2), training_floats={"optimizer": 48},
+    views=("v0",), split="eval", protocol="", psnr=30.0, strategy={"why": math.nan},
+)  # fmt: skip
+PLOT = torch.full((4, 5, 3), 200, dtype=torch.uint8)
+
+
+def told_requirements(callback: Callback, path) -> None:
+    """What the trainer tells it at the end of a run."""
+    callback.on_start(info(path), Control())
+    callback.on_end(20, SUMMARY)
+    callback.on_requirements(REQUIREMENTS, PLOT)
+    callback.close()
+
+
+def test_results_keep_what_a_run_required_as_figures_and_as_a_picture(tmp_path):
+    told_requirements(Results(), tmp_path)
+    folder = RunFolder(tmp_path)
+    document = json.loads(folder.requirements.read_text())
+    assert (document["schema"], document["total_floats"], document["sh_floats"]) == (1, 24, 18)
+    assert document["groups"][1] == {
+        "name": "SH band 1", "floats": 18, "share": 0.75, "bought_db": 0.25, "how": "so",
+    }  # fmt: skip
+    assert document["strategy"] == {"why": None}
+    with Image.open(folder.requirements_plot) as picture:
+        assert (picture.size, picture.getpixel((0, 0))) == ((5, 4), (200, 200, 200))
+
+
+def test_tensorboard_shows_what_a_run_required(tmp_path):
+    told_requirements(TensorBoard(), tmp_path)
+    events = EventAccumulator(str(tmp_path / "tb"))
+    events.Reload()
+    floats = {
+        tag: events.Scalars(tag)[0].value
+        for tag in events.Tags()["scalars"]
+        if tag.startswith("requirements/")
+    }
+    assert floats == {
+        "requirements/sh_floats": 18, "requirements/sh_floats_full": 24,
+        "requirements/total_floats": 24, "requirements/floats/positions": 6,
+        "requirements/floats/SH_band_1": 18, "requirements/bought_db/SH_band_1": 0.25,
+    }  # fmt: skip
+    assert events.Images("requirements")[0].width == 5
+    assert "requirements/text_summary" in events.Tags()["tensors"]
+
+
+def test_the_log_has_what_a_run_required_in_a_line(tmp_path):
+    told_requirements(Log(), tmp_path)
+    assert "requirements: 48 floats each for colour" in RunFolder(tmp_path).log.read_text()

@@ -22,7 +22,7 @@ def out(tmp_path) -> str:
 
 
 def test_a_full_gpu_says_what_to_turn(out, capsys, monkeypatch):
-    def fail(self):
+    def fail(self, afterwards):
         raise torch.OutOfMemoryError("CUDA out of memory")
 
     monkeypatch.setattr(Trainer, "fit", fail)

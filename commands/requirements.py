@@ -1,0 +1,42 @@
+"""RequirementsReport: what a completed run required, measured before its callbacks are closed."""
+
+from __future__ import annotations
+
+import logging
+
+from gsfw.commands.console import Console
+from gsfw.core.trainer import Trainer
+from gsfw.studies.requirements.measure import measure
+from gsfw.studies.requirements.plot import plot
+
+logger = logging.getLogger("gsfw.run")
+
+
+class RequirementsReport:
+    """Measures once the run is completed, and lets callbacks write it.
+
+    ``line`` is what people are told at the end; empty when nothing was measured.
+    """
+
+    def __init__(self, trainer: Trainer, console: Console) -> None:
+        self._trainer, self._console = trainer, console
+        self.line = ""
+
+    def make(self) -> None:
+        """Measure, draw and tell the callbacks; a failure is no failure of the run."""
+        trainer = self._trainer
+        if trainer.control.stop_reason is not None:  # Somebody wants it to end now.
+            return
+        try:
+            found = measure(trainer.parts, trainer.plan, trainer.step, trainer.info.settings)
+            picture = plot(found)
+            for callback in trainer.callbacks:
+                callback.on_requirements(found, picture)
+        except Exception as error:  # The run is finished: all that matters of it is written.
+            logger.exception("what the run required could not be reported")
+            self._console.warn(
+                f"what the run required could not be reported: {type(error).__name__}: {error}"
+            )
+            return
+        file = trainer.folder.requirements_plot.name
+        self.line = f"requirements: {found.headline}: {file}"

@@ -1,0 +1,144 @@
+"""Worth: what parts of a finished model bring, measured by drawing it without them.
+
+Nothing is trained anew: a model that is trained without something from the start makes up for a
+part of it, so that what is measured here is rather too much than too little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.capabilities import Feature
+from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.metrics import psnr
+from gsfw.core.requirements import LeastUseful, Motion
+from gsfw.core.spherical_harmonics import degree_of
+from gsfw.core.splats import Sh, Splats
+from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
+from gsfw.studies.tradeoff.sh_truncation import ShTruncation
+from gsfw.studies.tradeoff.subject import Edit, Subject
+
+MOST_VIEWS = 8
+"""On which PSNR is measured, spread evenly over the held-out ones."""
+MOST_CAMERAS = 24
+"""Of training views from which contributions are measured, spread evenly."""
+PARTS = (0.1, 0.25, 0.5)
+"""Of the Gaussians, the least useful ones, that are left out."""
+STILL_TIME = 0.5
+"""At which a model is drawn that is held still: the middle of the sequence."""
+
+
+@dataclass(frozen=True)
+class Worth:
+    """PSNR on some views, and what it loses without parts of the model."""
+
+    views: tuple[str, ...]
+    split: Split
+    psnr: float
+    bands: tuple[float, ...]
+    """What each SH band above the constant one brings, from band 1 on, in dB."""
+    least_useful: tuple[LeastUseful, ...]
+    """Empty where contributions cannot be measured."""
+    motion: Motion | None
+    """``None`` for data without times."""
+
+    @staticmethod
+    @torch.no_grad()
+    def of(subject: Subject, data: DataManager, device: torch.device) -> Worth:
+        """Measure. Nothing of the model is changed.
+
+        Args:
+            subject: the model as it is.
+            data: it was trained on.
+            device: where it is drawn.
+
+        Raises:
+            DataError: a picture does not decode.
+        """
+        moves = not subject.is_still
+        split = Split.EVAL if len(data.views(Split.EVAL)) else Split.TRAIN
+        names = data.views(split).names
+        chosen = _evenly(len(names), MOST_VIEWS)
+        held = subject.splats(torch.tensor(STILL_TIME, device=device))
+        degree, scores = _drawn_degree(held), _scores(subject, data)
+        variants: list[Edit] = [
+            lambda splats: splats,
+            *(ShTruncation(lower) for lower in reversed(range(degree))),
+            *(Kept(most_useful(scores, 1 - part)) for part in _parts(scores)),
+            *([lambda splats: held] if moves else []),
+        ]
+        batches = _pictures(data, split, chosen, device)
+        found = _psnr(subject, batches, variants)
+        whole, pruned = found[0], found[1 + degree :]
+        steps = pairwise(found[: degree + 1])
+        return Worth(
+            views=tuple(names[index] for index in chosen),
+            split=split,
+            psnr=whole,
+            bands=tuple(above - below for above, below in steps)[::-1],
+            least_useful=tuple(
+                LeastUseful(part, _share(scores, part), whole - left)
+                for part, left in zip(_parts(scores), pruned, strict=False)
+            ),
+            motion=Motion(whole - found[-1], STILL_TIME) if moves else None,
+        )
+
+
+def _evenly(count: int, most: int) -> list[int]:
+    """At most so many of ``count`` places, spread evenly."""
+    chosen = min(count, most)
+    return [round((index + 0.5) * count / chosen - 0.5) for index in range(chosen)]
+
+
+def _drawn_degree(splats: Splats) -> int:
+    """The highest that any of them has and that is drawn."""
+    colors = splats.colors
+    return min(colors.degree, degree_of(colors.width)) if isinstance(colors, Sh) else 0
+
+
+def _scores(subject: Subject, data: DataManager) -> Float[Tensor, " n"]:
+    """How much each row adds to the training views; nothing where that cannot be measured."""
+    if Feature.CONTRIBUTION not in subject.rasterizer.capabilities().features:
+        return torch.zeros(0, dtype=torch.float64)
+    cameras = data.views(Split.TRAIN).cameras
+    return contributions(subject, [cameras[i] for i in _evenly(len(cameras), MOST_CAMERAS)])
+
+
+def _parts(scores: Float[Tensor, " n"]) -> Sequence[float]:
+    return PARTS if len(scores) else ()
+
+
+def _share(scores: Float[Tensor, " n"], part: float) -> float:
+    """Of what all rows add, what the least useful of them do."""
+    total, kept = scores.sum(), scores[most_useful(scores, 1 - part)].sum()
+    return float((total - kept) / total.clamp_min(1e-30))
+
+
+def _pictures(
+    data: DataManager, split: Split, views: Sequence[int], device: torch.device
+) -> Iterator[Batch]:
+    """The photos of some views, one at a time."""
+    for place, view in enumerate(views):
+        data.prefetch(split, views[place + 1 : place + 3])
+        yield from data.load(split, [view], device)
+
+
+def _psnr(subject: Subject, batches: Iterable[Batch], variants: Sequence[Edit]) -> list[float]:
+    """The mean over views of each variant's PSNR."""
+    background = subject.settings.background
+    assert background is not None
+    found: list[list[float]] = []
+    for batch in batches:
+        target = batch.target(background)[0]
+        valid = None if batch.valid is None else batch.valid[0]
+        splats = subject.splats(batch.time)
+        pictures = (subject.draw(edit(splats), batch.cameras) for edit in variants)
+        found.append([psnr(picture, target, valid) for picture in pictures])
+    return [sum(values) / len(values) for values in zip(*found, strict=True)]
