@@ -20,7 +20,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("study", "make a table of runs, and keep what is finished", "gsfw.commands.study:run"),
         Spec(
             "tradeoff",
-            "measure what a finished model can give up",
+            "measure what a finished model, or its training, can give up",
             "gsfw.commands.tradeoff:run",
         ),
         Spec(

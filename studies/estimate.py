@@ -9,7 +9,8 @@ from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Result
 
 START_SECONDS = 8.0
-"""From the start of a process to its first step, and from its last to its end, about."""
+"""From the start of a process to its first step, and from its last to its end, about; where
+nothing was measured yet."""
 
 STEP_SECONDS = 0.1
 """Of a step, where nothing was measured yet: half-resolution pictures on two cores, about."""
@@ -19,16 +20,22 @@ class Estimate:
     """Seconds per step, by what is most like a run: its cell, then its scene, its row, any."""
 
     def __init__(self, results: Iterable[Result]) -> None:
+        timed = [r for r in results if r.figures.get("steps") and "train_seconds" in r.figures]
         self._measured = [
             (result.row, result.scene, result.figures["train_seconds"] / result.figures["steps"])
-            for result in results
-            if result.figures.get("steps") and "train_seconds" in result.figures
+            for result in timed
+        ]
+        self._starts = [
+            max(0.0, result.figures["wall_seconds"] - result.figures["train_seconds"])
+            for result in timed
+            if "wall_seconds" in result.figures
         ]
 
     def seconds(self, run: PlannedRun) -> float:
         """Of the rest of a run, from its last checkpoint on."""
         left = run.steps - (run.steps_done() or 0)
-        return START_SECONDS + left * self._step_seconds(run)
+        start = mean(self._starts) if self._starts else START_SECONDS
+        return start + left * self._step_seconds(run)
 
     def _step_seconds(self, run: PlannedRun) -> float:
         row, scene = run.cell.row, run.cell.scene

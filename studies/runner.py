@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 from collections import deque
@@ -33,6 +34,9 @@ class RunnerSettings:
     """Whether finished runs are made again."""
     keep_runs: bool = True
     """Whether checkpoints of finished runs stay."""
+    on_time: bool = False
+    """Whether no run is started that should not end within the minutes, and those that have not
+    ended then are stopped."""
 
 
 @dataclass(frozen=True)
@@ -114,15 +118,15 @@ class Runner:
         Raises:
             OutputError: a result could not be written.
         """
-        until = None
-        if self._settings.minutes is not None:
-            until = time.monotonic() + 60 * self._settings.minutes
+        minutes = self._settings.minutes
+        until = math.inf if minutes is None else time.monotonic() + 60 * minutes
         try:
             while True:
+                seconds = until - time.monotonic()
                 stopping = self._control.stop_reason is not None
-                if not stopping and (until is None or time.monotonic() < until):
-                    yield from self._start()
-                elif stopping:
+                if not stopping and seconds > 0:
+                    yield from self._start(seconds)
+                elif stopping or self._settings.on_time:
                     for process in self.working:
                         process.stop()
                 if not self.working:
@@ -135,10 +139,13 @@ class Runner:
             for process in self.working:
                 process.wait()
 
-    def _start(self) -> Iterator[Ended]:
+    def _start(self, seconds: float) -> Iterator[Ended]:
         """Start as many processes as there may be; those runs that cannot go on."""
-        while self.pending and len(self.working) < self._settings.jobs:
-            run = self.pending.popleft()
+        while len(self.working) < self._settings.jobs:
+            run = self._next(seconds)
+            if run is None:
+                return
+            self.pending.remove(run)
             key = run.cell.key
             failure = self._store.failures.get(key)
             if self._settings.again or (failure is not None and not failure.resumable):
@@ -152,6 +159,13 @@ class Runner:
                 advice = "The same command removes its folder and makes the run anew."
                 outcome = Outcome(False, 0.0, True, error=error.message, advice=advice)
                 yield self._ended(run, outcome)
+
+    def _next(self, seconds: float) -> PlannedRun | None:
+        """The first run that may be started, where so many seconds are left; ``None`` for none."""
+        if not self._settings.on_time or seconds == math.inf:
+            return self.pending[0] if self.pending else None
+        estimate = Estimate(self._store.results.values())
+        return next((run for run in self.pending if estimate.seconds(run) <= seconds), None)
 
     def _look(self) -> Iterator[Ended]:
         """Those processes that have ended."""

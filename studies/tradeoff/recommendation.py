@@ -38,16 +38,16 @@ class Wish:
         ]
         return " and ".join(text for text in asked if text)
 
-    def is_met(self, record: Record, ms: float | None, megabytes: float | None) -> bool:
+    def is_met(self, psnr: float | None, ms: float | None, megabytes: float | None) -> bool:
         """Whether a variant is good, small and fast enough; what is not known is not.
 
         Args:
-            record: of the variant.
+            psnr: of the variant, in dB.
             ms: to draw a view, with its spread.
             megabytes: that count for it.
         """
         return (
-            (self.psnr is None or (record.psnr or 0.0) >= self.psnr)
+            (self.psnr is None or (psnr or 0.0) >= self.psnr)
             and (self.megabytes is None or (megabytes is not None and megabytes <= self.megabytes))
             and (self.ms is None or (ms is not None and ms <= self.ms))
         )
@@ -85,7 +85,7 @@ def recommend(
     elif not asked:
         wish = Wish(psnr=(first.psnr or 0.0) - USUAL_LOSS)
         asked = f"a loss of at most {USUAL_LOSS} dB"
-    meeting = [r for r in drawn if wish.is_met(r, _ms(r, first), _megabytes(r))]
+    meeting = [r for r in drawn if wish.is_met(r.psnr, _ms(r, first), _megabytes(r))]
     doable = [record for record in meeting if record.command]
     if doable:
         chosen = min(doable, key=lambda record: _order(record, wish))

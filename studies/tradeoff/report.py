@@ -85,6 +85,12 @@ def documents(records: Sequence[Record]) -> list[dict[str, Any]]:
     return found
 
 
+def metrics(record: Record) -> dict[str, float | None]:
+    """The figures by which variants are told apart at a glance."""
+    costs = {"megabytes": record.size / 1e6, "render_ms": record.ms}
+    return {"psnr": record.psnr, "ssim": record.means.get("ssim"), **costs}
+
+
 def csv_text(records: Sequence[Record]) -> str:
     """The same as CSV."""
     buffer = io.StringIO()

@@ -9,7 +9,7 @@ import pytest
 from moving_runs import train as train_moving
 
 from gsfw.commands.main import main
-from gsfw.commands.tradeoff import AxisName
+from gsfw.commands.tradeoff_model import AxisName
 from gsfw.core.run_folder import RunFolder
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES

@@ -33,6 +33,13 @@ def test_a_run_takes_as_long_as_what_is_most_like_it(tmp_path):
         assert Estimate(known).seconds(run) == pytest.approx(expected)
 
 
+def test_what_starts_took_is_taken_from_those_that_were_measured(tmp_path):
+    run = plan(small_study(), tmp_path)[0]
+    result = took("still", "balls", 1.0)
+    timed = Result("still", "balls", 2, "0", {}, {}, {**result.figures, "wall_seconds": 130.0})
+    assert Estimate([result, timed]).seconds(run) == pytest.approx(30 + 10 * 1.0)
+
+
 def test_what_is_done_is_not_counted(tmp_path):
     run = plan(small_study(), tmp_path)[0]
     run.folder.checkpoints.mkdir(parents=True)

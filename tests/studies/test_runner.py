@@ -165,6 +165,31 @@ def test_no_run_is_started_when_the_budget_is_over(tmp_path):
     assert len(runner.pending) == 2
 
 
+def test_what_has_not_ended_in_time_is_stopped_and_left(tmp_path, monkeypatch):
+    monkeypatch.setattr("gsfw.studies.estimate.START_SECONDS", 0.0)
+    monkeypatch.setattr("gsfw.studies.estimate.STEP_SECONDS", 0.0)
+    study = small_study(seeds=(WAITS_FOR_ANOTHER,), rows=STILL)
+    settings = RunnerSettings(minutes=0.5 / 60, on_time=True)
+    runner = Runner(plan(study, tmp_path), kept(tmp_path), settings, Control())
+    (ended,) = runner.run()
+    assert (ended.result, ended.failure) == (None, None)
+    assert list(runner.pending) == [ended.run]
+    assert not kept(tmp_path).failures
+
+
+def test_what_would_not_end_in_time_is_not_started_and_shorter_runs_are(tmp_path):
+    rows = {"long": {**STILL["still"], "steps": 10_000}, **STILL}
+    runner = Runner(
+        plan(small_study(rows=rows), tmp_path),
+        kept(tmp_path),
+        RunnerSettings(minutes=1.0, on_time=True),
+        Control(),
+    )
+    (ended,) = runner.run()
+    assert ended.run.cell.row == "still"
+    assert [run.cell.row for run in runner.pending] == ["long"]
+
+
 def test_a_stop_leaves_checkpoints_and_the_next_session_goes_on(tmp_path):
     study = small_study(seeds=(INTERRUPTS, 2), rows={"a": small_study().rows["still"]})
     control = Control()

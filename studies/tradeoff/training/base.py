@@ -1,0 +1,117 @@
+"""Base: the run that all variants change, and the variants there are of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import DataError, UserError
+from gsfw.plugins.compose import check, compose
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
+from gsfw.studies.tradeoff.finished_model import LeftOut
+from gsfw.studies.tradeoff.training.axes import AXES
+from gsfw.studies.tradeoff.training.choice import Choice, Recipe
+
+
+@dataclass(frozen=True)
+class Base:
+    """The run that everything else is a variant of."""
+
+    given: Mapping[str, Any]
+    """Settings that were given or chosen, by dotted key."""
+    values: Mapping[str, Any]
+    """Every setting."""
+
+    @property
+    def seed(self) -> int:
+        """Of every run but those that are made again."""
+        return int(self.values["seed"])
+
+    @property
+    def downscale(self) -> float:
+        """Of the pictures that accuracy is judged on."""
+        return float(self.values["downscale"])
+
+    def sized(self, steps: int, downscale: float) -> Base:
+        """The same for other steps and another size."""
+        chosen = {"downscale": downscale, "steps": steps}
+        return replace(self, given={**self.given, **chosen}, values={**self.values, **chosen})
+
+
+def find_base(given: Mapping[str, Any], registry: Registry) -> Base:
+    """Resolve and check what was given.
+
+    Raises:
+        ConfigError: a setting is unknown or wrong.
+        DataError: the data set is missing or of no known format.
+    """
+    settings = resolve(registry, [Layer(COMMAND_LINE, given)])
+    check(settings, registry)
+    return Base(given, settings.flat())
+
+
+@dataclass(frozen=True)
+class Capture:
+    """What is known of the data."""
+
+    views: int
+    """To train on."""
+    held_out: int
+    width: int
+    """Of a picture as the base has it, in pixels."""
+    height: int
+    device: str
+    """Where the runs are trained: cpu or cuda."""
+
+
+def find_capture(base: Base, registry: Registry) -> Capture:
+    """Look at the data.
+
+    Raises:
+        DataError: it cannot be used, or no pictures are held out.
+    """
+    composition = compose(resolve(registry, [Layer(COMMAND_LINE, base.given)]), registry)
+    data = composition.parts.data
+    train, held_out = data.views(Split.TRAIN), data.views(Split.EVAL)
+    data.close()
+    if not held_out:
+        raise DataError(
+            "There are no held-out pictures to measure accuracy on.",
+            "Hold some out: holdout_every=8.",
+        )
+    camera = held_out.cameras[0]
+    device = composition.parts.device.type
+    return Capture(len(train), len(held_out), camera.width, camera.height, device)
+
+
+def singles(
+    base: Base, axes: Sequence[str], registry: Registry
+) -> tuple[list[Recipe], list[LeftOut]]:
+    """Every recipe of one choice, and what makes no sense for this base."""
+    recipes, left_out = [], []
+    for axis in AXES:
+        if axis.name not in axes:
+            continue
+        choices = axis.choices(base.values)
+        if not choices:
+            left_out.append(LeftOut(axis.name, axis.why_not))
+        for choice in choices:
+            problem = _problem(base, choice, registry)
+            if problem:
+                left_out.append(LeftOut(choice.name, problem))
+            else:
+                recipes.append(Recipe((choice,)))
+    return recipes, left_out
+
+
+def _problem(base: Base, choice: Choice, registry: Registry) -> str:
+    """Why a choice does not go with the base; empty where it does."""
+    try:
+        given = {**base.given, **choice.settings}
+        check(resolve(registry, [Layer(COMMAND_LINE, given)]), registry)
+    except UserError as error:
+        return error.message
+    return ""

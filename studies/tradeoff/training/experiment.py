@@ -1,0 +1,207 @@
+"""Experiment: chooses the size of the runs, trains variants in rounds, and tells what came out."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from gsfw.plugins.values import as_text
+from gsfw.studies.origin import cores, origin
+from gsfw.studies.planned_run import PlannedRun
+from gsfw.studies.result import Failure
+from gsfw.studies.result_store import ResultStore
+from gsfw.studies.runner import Ended
+from gsfw.studies.study import NEUTRAL
+from gsfw.studies.tradeoff.training.axes import STEPS
+from gsfw.studies.tradeoff.training.base import Base, find_capture, singles
+from gsfw.studies.tradeoff.training.choice import BASELINE
+from gsfw.studies.tradeoff.training.halving import Goal
+from gsfw.studies.tradeoff.training.judge import DRAW_MS, RunJudge
+from gsfw.studies.tradeoff.training.plan import read_plan, write_plan
+from gsfw.studies.tradeoff.training.search import Round, Search, Trial
+from gsfw.studies.tradeoff.training.sizing import Sizing, Speed, Work, choose, sizes
+from gsfw.studies.tradeoff.training.speed import measure_speeds
+from gsfw.studies.tradeoff.training.trained import Trained, trained
+from gsfw.studies.tradeoff.training.trainer import Trainer, Workshop
+
+LENGTHS = (1 / 4, 1 / 2, 1.0)
+"""Of the rounds, as parts of the longest."""
+
+RESERVED = 0.05
+"""Part of the time that is kept for drawing all variants in turn at the end."""
+
+MOST_JOBS = 2
+"""Runs at a time, where that is not given: each step of a run has stretches that use one core."""
+
+PLAN = "plan.json"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be found out."""
+
+    axes: tuple[str, ...]
+    goal: Goal
+    minutes: float | None
+    """In which all has to end; ``None`` for no limit."""
+    data: str
+    """As it was typed; empty for the built-in scene."""
+
+
+class Experiment:
+    """The variants of a base."""
+
+    def __init__(self, request: Request, base: Base, shop: Workshop) -> None:
+        """Look at the data.
+
+        Raises:
+            DataError: it cannot be used, or holds no pictures out.
+        """
+        self._request, self._unsized = request, base
+        self.capture = find_capture(base, shop.registry)
+        usual = 1 if self.capture.device != "cpu" else min(MOST_JOBS, cores())
+        self.shop = replace(shop, jobs=shop.jobs or usual)
+        self.recipes, self.left_out = singles(base, request.axes, shop.registry)
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """Of the rounds, as parts of the longest."""
+        return LENGTHS if STEPS in self._request.axes else LENGTHS[-1:]
+
+    def size(self) -> Sizing:
+        """Choose what was not given: steps and size of the pictures, so that all fits.
+
+        Raises:
+            ConfigError: there is no time for runs that would say anything.
+            DataError: a run that was to measure the speed failed, or the plan is damaged.
+            Stopped: the user asked to stop.
+        """
+        given, values = self._unsized.given, self._unsized.values
+        steps = int(values["steps"]) if STEPS in given else None
+        if self._request.minutes is None or (steps is not None and "downscale" in given):
+            return Sizing(int(values["steps"]), self._unsized.downscale, None)
+        asked = {**values, "given": sorted(given), "minutes": self._request.minutes}
+        path = self.shop.folder / PLAN
+        known = read_plan(path, asked)
+        if known is not None:
+            return known
+        capture = self.capture
+        work = Work(len(self.recipes), self.lengths, self.shop.jobs)
+        sized = "downscale" in given
+        factors = [self._unsized.downscale] if sized else list(sizes(capture.width, capture.height))
+        sizing = choose(work, capture.views, factors, steps, self._measure, self._left)
+        write_plan(path, asked, sizing)
+        return sizing
+
+    def _left(self) -> float:
+        """Minutes until all runs have to have ended."""
+        deadline = self.shop.deadline
+        return math.inf if deadline is None else (deadline - time.monotonic()) / 60
+
+    def _measure(self, factors: Sequence[float], steps: int) -> list[Speed]:
+        return measure_speeds(self._unsized.given, self.shop, factors, steps)
+
+    def begin(self, sizing: Sizing) -> None:
+        """Get ready to train."""
+        base = self._unsized.sized(sizing.steps, sizing.downscale)
+        self.recipes, self.left_out = singles(base, self._request.axes, self.shop.registry)
+        self.judge = RunJudge(self.shop.registry, base.downscale)
+        self.trainer = Trainer(base, self.shop, self.judge.accuracy)
+        steps = [max(1, round(length * sizing.steps)) for length in self.lengths]
+        self.search = Search(
+            self.recipes, steps, base.seed, self._request.goal, self.trainer.outcome
+        )
+
+    def rounds(self) -> Iterator[Round]:
+        """One after the other; each is to be trained before the next is asked for."""
+        for item in self.search.rounds():
+            if self.shop.control.stop_reason is not None:
+                return
+            yield item
+
+    def train(self, item: Round) -> Iterator[Ended]:
+        """Make what is missing of a round, as far as there is time."""
+        return self.trainer.train(item.trials)
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether all variants have been drawn for their times."""
+        return all(DRAW_MS in self.shop.store.results[run.cell.key].figures for run in self._made())
+
+    def draw(self, rounds: int) -> Iterator[int]:
+        """Draw all variants in turn; the number of each round."""
+        return self.judge.time(self._made(), self.shop.store, rounds)
+
+    def _made(self) -> list[PlannedRun]:
+        """Every run that was trained with the first seed, once."""
+        done = [trial for trial in self.search.trials if self.trainer.result(trial) is not None]
+        runs = {run.fingerprint: run for t in done if (run := self.trainer.plan(t)) is not None}
+        return list(runs.values())
+
+    def found(self) -> list[Trained]:
+        """Every variant that was trained, each once, in the order in which they were tried."""
+        baseline = {**self.trainer.base.values, **self.trainer.base.given}
+        found: dict[str, Trained] = {}
+        for trial in self.search.trials:
+            result, run = self.trainer.result(trial), self.trainer.plan(trial)
+            if result is None or run is None or run.fingerprint in found:
+                continue
+            other = Trial(trial.recipe, trial.steps, trial.seed + 1)
+            words = self._words(self.trainer.settings(trial) or {})
+            again = self.trainer.result(other)
+            found[run.fingerprint] = trained(trial, result, words, baseline, again)
+        return list(found.values())
+
+    def left(self) -> int:
+        """How many runs were asked for and are not made, those that failed aside."""
+        failures = self.shop.store.failures
+        runs = self.trainer.missing(self.search.asked)
+        return sum(run.cell.key not in failures for run in runs)
+
+    def why_nothing(self) -> tuple[str, str]:
+        """What to say where no baseline was made: a message, and advice."""
+        for failure in self.shop.store.failures.values():
+            if failure.row == BASELINE:
+                return f"the baseline failed: {failure.error}", failure.advice
+        return "no run of the baseline was finished.", "The same command goes on."
+
+    def about(self) -> dict[str, Any]:
+        """What was trained, how, and where."""
+        base, store = self.trainer.base, self.shop.store
+        return {
+            "baseline": shlex.join(["gsfw", "train", *self._words(base.given)]),
+            "downscale": base.downscale,
+            "steps": list(self.search.lengths),
+            "jobs": self.shop.jobs,
+            "views": self.capture.held_out,
+            "left_out": {item.axis: item.why for item in self.left_out},
+            "failed": [f"{item.row}, {item.scene}: {item.error}" for item in _failed(store)],
+            "left": self.left(),
+            "machine": origin(),
+        }
+
+    def _words(self, settings: Mapping[str, Any]) -> list[str]:
+        """Settings as one types them; without those that change no result."""
+        shown = {key: value for key, value in settings.items() if key not in NEUTRAL}
+        if self._request.data:
+            shown["data"] = self._request.data
+        return [f"{key}={as_text(value)}" for key, value in shown.items()]
+
+
+def _failed(store: ResultStore) -> list[Failure]:
+    return [store.failures[key] for key in sorted(store.failures)]
+
+
+def by_when(started: float, minutes: float | None) -> float | None:
+    """When runs have to have ended, by ``time.monotonic``; ``None`` for no limit."""
+    return None if minutes is None else started + 60 * minutes * (1 - RESERVED)
+
+
+def default_folder(root: Path, data: str) -> Path:
+    """Where the runs go: named like the data."""
+    return root / "tradeoffs" / (Path(data).absolute().name if data else "built-in")

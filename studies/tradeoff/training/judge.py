@@ -1,0 +1,91 @@
+"""Judge: how good finished runs are in pictures of one size, and how long they take to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from statistics import median, quantiles
+
+from gsfw.core.datamanager import Split
+from gsfw.core.determinism import deterministic
+from gsfw.core.evaluation import evaluate
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.restore import Restored, restore
+from gsfw.plugins.settings import Layer
+from gsfw.studies.planned_run import PlannedRun
+from gsfw.studies.result import Result
+from gsfw.studies.result_store import ResultStore
+from gsfw.studies.tradeoff.finished_model import is_still
+from gsfw.studies.tradeoff.subject import Subject
+from gsfw.studies.tradeoff.timing import Turn
+from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, run_folder
+
+DRAW_MS, DRAW_SPREAD = "draw_ms", "draw_spread_ms"
+"""Figures of a result: median time to draw a view, and the distance of the quartiles."""
+
+TIMED_VIEWS = 3
+"""Held-out views that are drawn in a round, spread evenly."""
+
+
+class RunJudge:
+    """Looks at finished runs in pictures of the baseline's size, whatever they were trained on."""
+
+    def __init__(self, registry: Registry, downscale: float) -> None:
+        self._registry, self._downscale = registry, downscale
+
+    def accuracy(self, run: PlannedRun, result: Result) -> Mapping[str, float]:
+        """PSNR and SSIM; those of the run itself where its pictures had that size.
+
+        Raises:
+            DataError: the run cannot be opened.
+        """
+        if run.settings["downscale"] == self._downscale:
+            return {PSNR: result.figures["psnr"], SSIM: result.figures["ssim"]}
+        restored = self._open(result)
+        parts, settings = restored.composition.parts, restored.composition.plan.settings
+        with deterministic(parts.device):
+            found = evaluate(
+                parts.model, parts.rasterizer, parts.data, parts.metrics, settings, parts.device
+            )
+        parts.data.close()
+        return {PSNR: found.means["psnr"], SSIM: found.means["ssim"]}
+
+    def time(self, runs: Sequence[PlannedRun], store: ResultStore, rounds: int) -> Iterator[int]:
+        """Draw all runs in turn, round by round, and keep their times; the number of each round.
+
+        Raises:
+            DataError: a run cannot be opened.
+        """
+        turns = [(run, *self._turn(store.results[run.cell.key])) for run in runs]
+        readings: list[list[float]] = [[] for _ in turns]
+        for number in range(1, rounds + 1):
+            for (_, turn, restored), taken in zip(turns, readings, strict=True):
+                taken.append(turn.take(restored.composition.parts.device))
+            yield number
+        for (run, _, _), taken in zip(turns, readings, strict=True):
+            known = store.results[run.cell.key]
+            figures = {**known.figures, DRAW_MS: median(taken), DRAW_SPREAD: _spread(taken)}
+            store.keep(replace(known, figures=figures))
+
+    def _turn(self, result: Result) -> tuple[Turn, Restored]:
+        restored = self._open(result)
+        restored.state.clear()  # With the optimizer's moments it is three times the model.
+        parts, plan = restored.composition.parts, restored.composition.plan
+        cameras = parts.data.views(Split.EVAL).cameras
+        chosen = cameras[:: max(1, len(cameras) // TIMED_VIEWS)][:TIMED_VIEWS]
+        still = is_still(restored.composition)
+        subject = Subject(parts.model, parts.rasterizer, plan.settings, still)
+        parts.data.close()
+        return Turn.of(subject, [camera.to(parts.device) for camera in chosen]), restored
+
+    def _open(self, result: Result) -> Restored:
+        size = Layer("the baseline's size", {"downscale": self._downscale})
+        return restore(run_folder(result), self._registry, changed=size)
+
+
+def _spread(readings: Sequence[float]) -> float:
+    """Between the quartiles; 0 for a single one."""
+    if len(readings) < 2:
+        return 0.0
+    first, _, third = quantiles(readings, n=4, method="inclusive")
+    return third - first

@@ -1,0 +1,137 @@
+"""Report: variants that were trained as a document, as CSV, and as lines for people."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gsfw.studies.tradeoff.training.trained import (
+    COSTS,
+    Trained,
+    same_psnr,
+    spread,
+    unbeaten,
+)
+
+HEADINGS = (
+    *("variant", "steps", "PSNR", "lost dB", "SSIM", "Gaussians", "MB"),
+    *("training s", "ms", "peak MB", "front"),
+)
+
+
+def in_order(found: Sequence[Trained]) -> list[Trained]:
+    """The baseline first, then variants as they were first tried; of each the longest run first."""
+    names = list(dict.fromkeys(item.variant for item in found))
+    first = [name for name in names if any(i.is_baseline for i in found if i.variant == name)]
+    places = {name: place for place, name in enumerate(dict.fromkeys([*first, *names]))}
+    return sorted(found, key=lambda item: (places[item.variant], -item.steps))
+
+
+def yardstick(found: Sequence[Trained]) -> Trained:
+    """The baseline's longest run that was made, from which losses count."""
+    return max((item for item in found if item.is_baseline), key=lambda item: item.steps)
+
+
+def is_tie(item: Trained, found: Sequence[Trained]) -> bool:
+    """Whether a variant is as good as the baseline as far as one can tell."""
+    return abs(yardstick(found).psnr - item.psnr) <= same_psnr(found)
+
+
+def documents(found: Sequence[Trained]) -> list[dict[str, Any]]:
+    """Plain data of every variant."""
+    fronts, first = _fronts(found), yardstick(found)
+    return [
+        {
+            "name": item.variant,
+            "axes": list(item.axes),
+            "steps": item.steps,
+            "changed": dict(item.changed),
+            "psnr": item.psnr,
+            "ssim": item.ssim,
+            "psnr_lost": first.psnr - item.psnr,
+            "is_tie": is_tie(item, found),
+            "psnr_other_seed": item.again,
+            "num_gaussians": item.num_gaussians,
+            "floats": item.floats,
+            "file_mb": item.file_mb,
+            "model_bytes": item.model_bytes,
+            "train_seconds": item.train_seconds,
+            "render_ms": item.draw_ms,
+            "render_ms_spread": item.draw_spread_ms,
+            "peak_memory_mb": item.peak_memory_mb,
+            "on_front": [cost for cost in COSTS if item.name in fronts[cost]],
+            "command": " ".join(["train", *item.words]),
+        }
+        for item in in_order(found)
+    ]
+
+
+def csv_text(found: Sequence[Trained]) -> str:
+    """The same as CSV."""
+    buffer = io.StringIO()
+    rows = [
+        {
+            **row,
+            "axes": " ".join(row["axes"]),
+            "changed": " ".join(f"{key}={value}" for key, value in row["changed"].items()),
+            "on_front": " ".join(row["on_front"]),
+        }
+        for row in documents(found)
+    ]
+    writer = csv.DictWriter(buffer, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return buffer.getvalue()
+
+
+def lines(found: Sequence[Trained]) -> list[list[str]]:
+    """Rows of a table for people, under ``HEADINGS``."""
+    fronts, shown = _fronts(found), ""
+    rows = []
+    for item in in_order(found):
+        peak = item.peak_memory_mb
+        rows.append(
+            [
+                "" if item.variant == shown else item.variant,
+                f"{item.steps:,}",
+                f"{item.psnr:.2f}",
+                _loss(item, found),
+                f"{item.ssim:.4f}",
+                f"{item.num_gaussians:,}",
+                f"{item.file_mb:.2f}",
+                f"{item.train_seconds:.0f}",
+                "" if item.draw_ms is None else f"{item.draw_ms:.1f} ± {item.draw_spread_ms:.1f}",
+                "" if peak is None else f"{peak:.0f}",
+                ", ".join(cost for cost in COSTS if item.name in fronts[cost]),
+            ]
+        )
+        shown = item.variant
+    return rows
+
+
+def spread_text(found: Sequence[Trained]) -> str:
+    """How far PSNR differs between seeds, as a sentence."""
+    known = spread(found)
+    pairs = sum(item.again is not None for item in found)
+    if known is None:
+        return (
+            "No variant was trained with a second seed, so how far PSNR differs between seeds is "
+            "not known: small differences may be chance."
+        )
+    return (
+        f"Between seeds PSNR has a standard deviation of {known:.2f} dB ({pairs} of the variants "
+        f"with two): differences up to {same_psnr(found):.2f} dB are ties."
+    )
+
+
+def _loss(item: Trained, found: Sequence[Trained]) -> str:
+    first = yardstick(found)
+    if item == first:
+        return ""
+    return "tie" if is_tie(item, found) else f"{first.psnr - item.psnr:.2f}"
+
+
+def _fronts(found: Sequence[Trained]) -> Mapping[str, set[str]]:
+    return {cost: {point.name for point in unbeaten(found, cost)} for cost in COSTS}

@@ -1,0 +1,122 @@
+"""Search: which variants to train, round by round, in the light of those that were."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from gsfw.studies.tradeoff.front import Point, front
+from gsfw.studies.tradeoff.training.choice import Recipe
+from gsfw.studies.tradeoff.training.halving import Goal, Tried, combinations, kept, survivors
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run: what is made, for how long, and with which seed."""
+
+    recipe: Recipe
+    steps: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.recipe.name}, {self.steps} steps"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What counts of a finished run when the next are chosen."""
+
+    psnr: float
+    """On the held-out views, in the size that accuracy is judged at, in dB."""
+    size: float
+    """Of its file, in bytes."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """Trials that can be made at the same time."""
+
+    name: str
+    trials: tuple[Trial, ...]
+
+
+Found = Callable[[Trial], Outcome | None]
+"""What came of a trial; ``None`` where there was no time for it, or it failed."""
+
+
+class Search:
+    """The baseline at every length, single choices, combinations, and then halves of them."""
+
+    def __init__(
+        self, singles: Sequence[Recipe], lengths: Sequence[int], seed: int, goal: Goal, found: Found
+    ) -> None:
+        """Prepare.
+
+        Args:
+            singles: recipes of one choice.
+            lengths: of the rounds in steps, the shortest first.
+            seed: of all runs but those that are made again.
+            goal: what is asked for.
+            found: what came of the trials so far; is asked again and again.
+        """
+        self._singles, self.lengths = list(singles), tuple(dict.fromkeys(lengths))
+        self._seed, self._goal, self._found = seed, goal, found
+        self.asked: list[Trial] = []
+        """Every trial of the rounds so far, in order."""
+
+    @property
+    def trials(self) -> list[Trial]:
+        """Those with the first seed."""
+        return [trial for trial in self.asked if trial.seed == self._seed]
+
+    def rounds(self) -> Iterator[Round]:
+        """One after the other; each is to be made before the next is asked for."""
+        shortest = self.lengths[0]
+        baseline = [self._trial(Recipe(), steps) for steps in reversed(self.lengths)]
+        free = [self._trial(r, shortest) for r in self._singles if r.part is None]
+        yield from self._round("the baseline, and one change at a time", [*baseline, *free])
+        bound = [self._trial(r, shortest) for r in self._singles if r.part is not None]
+        yield from self._round("fewer Gaussians than the baseline", bound)
+        arms = [*self._singles, *self._combinations(shortest)]
+        combined = [self._trial(recipe, shortest) for recipe in arms[len(self._singles) :]]
+        yield from self._round("what paid, together", combined)
+        for before, steps in zip(self.lengths, self.lengths[1:], strict=False):
+            tried = self._tried(arms, before)
+            arms = survivors(tried, kept(len(arms)), self._goal, self._gain(before))
+            name = f"the better half, {steps} steps"
+            yield from self._round(name, [self._trial(recipe, steps) for recipe in arms])
+        yield from self._round("a second seed", self._again())
+
+    def _round(self, name: str, trials: Sequence[Trial]) -> Iterator[Round]:
+        self.asked += trials
+        if trials:
+            yield Round(name, tuple(trials))
+
+    def _trial(self, recipe: Recipe, steps: int) -> Trial:
+        return Trial(recipe, steps, self._seed)
+
+    def _tried(self, recipes: Sequence[Recipe], steps: int) -> list[Tried]:
+        found = ((recipe, self._found(self._trial(recipe, steps))) for recipe in recipes)
+        return [Tried(recipe, out.psnr, out.size) for recipe, out in found if out is not None]
+
+    def _gain(self, steps: int) -> float:
+        """What the baseline gains from some steps to the most; 0 where that is not known."""
+        ends = self._tried([Recipe()], steps), self._tried([Recipe()], self.lengths[-1])
+        return ends[1][0].psnr - ends[0][0].psnr if all(ends) else 0.0
+
+    def _combinations(self, steps: int) -> list[Recipe]:
+        baseline = self._tried([Recipe()], steps)
+        if not baseline:
+            return []
+        singles = self._tried(self._singles, steps)
+        return combinations(baseline[0], singles, self._goal, self._gain(steps))
+
+    def _again(self) -> list[Trial]:
+        """The front's trials with another seed, the shortest first: to know the spread."""
+        found = {trial.name: (trial, self._found(trial)) for trial in self.trials}
+        points = [Point(n, out.size, out.psnr) for n, (_, out) in found.items() if out is not None]
+        unbeaten = [found[point.name][0] for point in front(points)]
+        ordered = sorted(unbeaten, key=lambda trial: trial.steps)
+        return [Trial(trial.recipe, trial.steps, self._seed + 1) for trial in ordered]
