@@ -80,10 +80,10 @@ class MovingGaussians(PrimitiveModel):
         return self.canonical.active_bands()
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """The method's penalties; rows that stand still are watched from here on."""
+        """The method's penalties; rows that may gain a parameter are watched from here on."""
         if self.still is not None and context.batch.time is not None:
             self.still.watch(context.splats, context.batch.time)
-        return self.penalties(context)
+        return {**self.canonical.regularizers(context), **self.penalties(context)}
 
     # Which rows change.
 

@@ -99,14 +99,20 @@ class MovingMethod(Method):
     def adapt(
         self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
     ) -> Refinement:
-        """With static=auto, look now and then at which rows are to stand still, and which not."""
+        """With sh=adaptive and static=auto, look now and then at what rows need.
+
+        The one at which bands their colours have, the other at which of them are to stand still.
+        """
+        if not isinstance(model, MovingGaussians):
+            return {}  # Tracked rows are what they are from the first time on.
+        bands = self._static.adapt(step, table, model.canonical, generator)
+        return {**bands, **self._settle(step, table, model)}
+
+    def _settle(self, step: int, table: SplatTable, model: MovingGaussians) -> Refinement:
         config, done = self._settling, step + 1
-        if config is None or config.static == "none":
+        if config is None or config.static == "none" or not model.changing:
             return {}
         if done <= config.static_start or done % config.static_every:
-            return {}
-        assert isinstance(model, MovingGaussians)
-        if not model.changing:
             return {}
         return settle(model, table, tolerance=config.static_tolerance, signal=config.static_signal)
 

@@ -173,6 +173,11 @@ class DeformationConfig(MovingConfig):
                 f"steps={self.steps}, so that the field is trained.",
                 "Leave it out to have it follow from steps, or use method=3dgs ignore_time=true.",
             )
+        if self.deform_sh and self.sh == "adaptive":
+            raise ConfigError(
+                "deform_sh=true sh=adaptive: the field changes the same bands of every splat.",
+                "Use one of the two.",
+            )
         self.expect(self._expectations())
 
     def _expectations(self) -> dict[str, tuple[bool, str]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import MethodConfig, OptimConfig, steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
@@ -66,11 +67,35 @@ class StaticGaussiansOptim(OptimConfig):
 
 
 @dataclass
+class BandsConfig:
+    """When splats gain and lose bands of spherical harmonics, and how many (sh=adaptive)."""
+
+    share: float = 0.45
+    """Part of the colour floats of sh_degree that splats end with, the constant ones included."""
+    signal: float = 2.0
+    """A splat gains a band above this signal-to-noise ratio of what its gradients have to do with
+    the direction, which is 1 for one that needs none; higher: fewer bands."""
+    rate: float = 4.0
+    """The rate of the bands begins at this many times optim.sh_rest_lr, where it ends: what is on
+    trial has little time to show what it is worth."""
+    every: int = steps_field(1000, at_least=50)
+    """Steps between looks at which splats gain or lose a band."""
+    grow_stop: int = steps_field(5000)
+    """Splats gain bands up to this step, and lose them after it."""
+    stop: int = steps_field(15_000)
+    """No splat gains or loses a band after this step."""
+
+
+@dataclass
 class GaussiansConfig(MethodConfig):
     """What every method that begins with 3D Gaussians sets: colours, loss, and how they start."""
 
     sh_degree: int = 3
     """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""
+    sh: Literal["same", "adaptive", "0", "1", "2", "3", "4"] = "same"
+    """same: every splat has the bands up to sh_degree; adaptive: each only those that its colour
+    requires; a number is short for sh=same and that sh_degree."""
+    bands: BandsConfig = field(default_factory=BandsConfig)
     sh_degree_interval: int = steps_field(1000)
     """Steps after which one more degree is trained; 0: all from the first step."""
     ssim_weight: float = 0.2
@@ -94,6 +119,7 @@ class GaussiansConfig(MethodConfig):
         """
         super().check()
         self.optim.check()
+        self.expect(self._of_bands())
         expectations = {
             "sh_degree": (
                 0 <= self.sh_degree <= MAX_SH_DEGREE,
@@ -106,6 +132,35 @@ class GaussiansConfig(MethodConfig):
             "random_points": (self.random_points >= 1, "a number of at least 1"),
         }
         self.expect(expectations)
+
+    def needs(self) -> Needs:
+        """Ragged colours where splats have degrees of their own."""
+        ragged = frozenset({Feature.RAGGED_SH} if self.sh == "adaptive" else ())
+        return super().needs() | Needs(features=ragged)
+
+    def _of_bands(self) -> dict[str, tuple[bool, str]]:
+        """What is expected of adaptive bands, by dotted key."""
+        bands = self.bands
+        return {
+            "bands.share": (0 < bands.share <= 1, "a number above 0 and at most 1"),
+            "bands.signal": (bands.signal >= 1, "a number of at least 1"),
+            "bands.rate": (0 < bands.rate < math.inf, "a finite number above 0"),
+            "bands.every": (bands.every >= 2, "a number of at least 2"),
+            "bands.grow_stop": (bands.grow_stop >= 0, "a number of at least 0"),
+            "bands.stop": (bands.stop >= bands.grow_stop, "at least bands.grow_stop"),
+        }
+
+    @property
+    def highest_degree(self) -> int:
+        """Of the spherical harmonics, whichever setting gives it."""
+        return int(self.sh) if self.sh.isdigit() else self.sh_degree
+
+    def learning_rates(self, extent: float) -> dict[str, LearningRate]:
+        """The rate of every column, by its name."""
+        rates, rate = self.optim.learning_rates(extent), self.optim.sh_rest_lr
+        if self.sh == "adaptive":
+            rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, self.steps)
+        return rates
 
     def expect(self, expectations: Mapping[str, tuple[bool, str]]) -> None:
         """Check settings: by dotted key, whether it is as expected, and what that is.

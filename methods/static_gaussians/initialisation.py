@@ -224,3 +224,10 @@ def from_splats(splats: Splats, sh_degree: int) -> GaussianParameters:
         opacity_logits=splats.opacities.clamp(MIN_OPACITY, MAX_OPACITY).logit(),
         sh=sh,
     )
+
+
+def degrees_of(sh: Float[Tensor, "n k 3"]) -> Int[Tensor, " n"]:
+    """The highest degree of which each row has a coefficient that is not zero."""
+    there = (sh != 0).any(dim=2)
+    last = torch.where(there, torch.arange(sh.shape[1]), 0).amax(dim=1)
+    return (last + 0.5).sqrt().long()

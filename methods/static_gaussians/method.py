@@ -22,7 +22,11 @@ from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
+from gsfw.core.strategy import Refinement
+from gsfw.core.table import SplatTable
+from gsfw.methods.static_gaussians.adaptive_bands import AdaptiveBands
 from gsfw.methods.static_gaussians.initialisation import (
+    degrees_of,
     from_points,
     from_splats,
     object_place,
@@ -48,6 +52,7 @@ class StaticGaussiansMethod(Method):
         self._config = config
         self._ignore_time = ignore_time
         self._first_degree = 0
+        self._bands: AdaptiveBands | None = None
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse captures that move, and init=points where there are none.
@@ -106,11 +111,18 @@ class StaticGaussiansMethod(Method):
         config = self._config
         if initial is not None:
             assert isinstance(initial.colors, Sh)
-            self._first_degree = min(initial.colors.degree, config.sh_degree)
-            start = from_splats(initial, config.sh_degree)
+            self._first_degree = min(initial.colors.degree, config.highest_degree)
+            start = from_splats(initial, config.highest_degree)
         else:
             start = self._from_scene(scene, operators, generator)
-        return StaticGaussians(start, config.optim.learning_rates(scene.extent))
+        rates = config.learning_rates(scene.extent)
+        if config.sh != "adaptive" or config.highest_degree == 0:
+            return StaticGaussians(start, rates)
+        bands, views = config.bands, len(scene.camera_centers)
+        self._bands = AdaptiveBands(
+            bands.every, bands.grow_stop, bands.stop, bands.share, bands.signal, views
+        )
+        return StaticGaussians(start, rates, degrees_of(start.sh))
 
     def _from_scene(
         self, scene: Scene, operators: Operators, generator: torch.Generator
@@ -127,7 +139,7 @@ class StaticGaussiansMethod(Method):
             extent=scene.extent,
             scale=config.init_scale,
             opacity=config.init_opacity,
-            sh_degree=config.sh_degree,
+            sh_degree=config.highest_degree,
             operators=operators,
         )
 
@@ -150,8 +162,21 @@ class StaticGaussiansMethod(Method):
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
-        """Let the SH degree follow the step; splats of a file keep the degree they came with."""
+        """Let the SH degree follow the step; splats of a file keep the degree they came with.
+
+        Where each splat has a degree of its own, that is the schedule.
+        """
         assert isinstance(model, StaticGaussians)
+        if self._bands is not None:
+            model.gathering = self._bands.gathers(step)
+            return
         interval = self._config.sh_degree_interval
         scheduled = (step + 1) // interval if interval > 0 else model.degree
         model.active_degree = min(max(scheduled, self._first_degree), model.degree)
+
+    def adapt(
+        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
+    ) -> Refinement:
+        """With sh=adaptive, let splats gain and lose bands when it is time."""
+        assert isinstance(model, StaticGaussians)
+        return {} if self._bands is None else self._bands.adapt(step, table, model)

@@ -14,11 +14,13 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gsfw.core.column import Column, Rows
+from gsfw.core.column import Column, Layout, Rows
+from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import Children, PrimitiveModel
 from gsfw.core.spherical_harmonics import degree_of, num_coefficients, rgb_to_dc
 from gsfw.core.splats import Sh, Splats
+from gsfw.methods.static_gaussians.band_evidence import BandEvidence
 from gsfw.methods.static_gaussians.relocation import coincident_copies
 
 MIN_NORM = 1e-12
@@ -48,11 +50,24 @@ class GaussianParameters:
 class StaticGaussians(PrimitiveModel):
     """Gaussians that do not change with time.
 
-    ``active_degree`` is the SH degree drawn and trained now. It follows from the step, which is why
-    it is not part of the state; until a method lowers it, all bands are drawn.
+    ``active_degree`` is the SH degree drawn and trained now, and ``gathering`` whether gradients
+    are evidence for bands. Both follow from the step, which is why they are not part of the state;
+    until a method lowers it, all bands are drawn.
     """
 
-    def __init__(self, start: GaussianParameters, rates: Mapping[str, LearningRate]) -> None:
+    def __init__(
+        self,
+        start: GaussianParameters,
+        rates: Mapping[str, LearningRate],
+        degrees: Int[Tensor, " n"] | None = None,
+    ) -> None:
+        """Take parameters over.
+
+        Args:
+            start: values.
+            rates: of each column.
+            degrees: SH degree of each row, which may change then; ``None``: the same for all.
+        """
         super().__init__()
         self.degree = degree_of(start.sh.shape[1])
         self.active_degree = self.degree
@@ -61,12 +76,22 @@ class StaticGaussians(PrimitiveModel):
         self.log_scales = Column(start.log_scales, rates["log_scales"])
         self.opacity_logits = Column(start.opacity_logits, rates["opacity_logits"])
         self.sh_dc = Column(start.sh[:, :1], rates["sh_dc"])
-        self.sh_rest = (
-            Column(start.sh[:, 1:], rates["sh_rest"], bands=True) if self.degree > 0 else None
-        )
+        self.sh_rest: Column | None = None
+        self.evidence: BandEvidence | None = None
+        self.gathering = False
+        if self.degree > 0 and degrees is None:
+            self.sh_rest = Column(start.sh[:, 1:], rates["sh_rest"], bands=True)
+        elif degrees is not None:
+            colors = Sh(start.sh, self.degree).of_degrees(degrees)
+            assert colors.rest is not None
+            self.sh_rest = Column(colors.rest, rates["sh_rest"], Layout.RAGGED, colors.offsets)
+            self.evidence = BandEvidence(len(start.sh))
 
     def columns(self) -> Mapping[str, Column]:
-        """Means, quats, log_scales, opacity_logits, sh_dc, and sh_rest above degree 0."""
+        """Means, quats, log_scales, opacity_logits, sh_dc, and sh_rest above degree 0.
+
+        Rows of different degrees have what says which of them need more bands, besides.
+        """
         always = {
             "means": self.means,
             "quats": self.quats,
@@ -74,7 +99,10 @@ class StaticGaussians(PrimitiveModel):
             "opacity_logits": self.opacity_logits,
             "sh_dc": self.sh_dc,
         }
-        return always if self.sh_rest is None else {**always, "sh_rest": self.sh_rest}
+        if self.sh_rest is None:
+            return always
+        evidence = {} if self.evidence is None else self.evidence.columns()
+        return {**always, "sh_rest": self.sh_rest, **evidence}
 
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
         """The activated Gaussians, the same at every time."""
@@ -88,8 +116,21 @@ class StaticGaussians(PrimitiveModel):
 
     def _colors(self) -> Sh:
         # Joining the columns would copy every coefficient, and so would taking the active bands.
-        drawn = None if self.sh_rest is None or self.active_degree == 0 else self.sh_rest.values
-        return Sh(self.sh_dc.values, self.active_degree, rest=drawn)
+        if self.sh_rest is None or self.active_degree == 0 or len(self.sh_rest.values) == 0:
+            return Sh(self.sh_dc.values, 0)
+        return Sh(self.sh_dc.values, self.active_degree, self.sh_rest.values, self.sh_rest.offsets)
+
+    def degrees(self) -> Int[Tensor, " n"]:
+        """SH degree of each row, as far as it has coefficients."""
+        if self.sh_rest is None or self.sh_rest.offsets is None:
+            return torch.full((self.num_rows,), self.degree, device=self.means.values.device)
+        return ((self.sh_rest.offsets.diff() + 1).double().sqrt().round() - 1).long()
+
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+        """None; where rows have different degrees, their gradients are watched from here on."""
+        if self.evidence is not None and self.gathering:
+            self.evidence.watch(context, self.degrees())
+        return {}
 
     def active_bands(self) -> int:
         """Coefficients above the constant one that are drawn and trained now."""
@@ -145,9 +186,17 @@ class StaticGaussians(PrimitiveModel):
             "opacity_logits": means.new_full((count,), NEW_OPACITY).logit(),
             "sh_dc": rgb_to_dc(colors.to(means))[:, None],
         }
+        rows = {name: Rows(rows) for name, rows in values.items()}
+        if self.evidence is not None:
+            none = torch.zeros(count, dtype=torch.int64, device=means.device)
+            return {
+                **rows,
+                "sh_rest": Rows(means.new_zeros(0, 3), none),
+                **self.evidence.new_rows(count),
+            }
         if self.sh_rest is not None:
-            values["sh_rest"] = means.new_zeros(count, *self.sh_rest.values.shape[1:])
-        return {name: Rows(rows) for name, rows in values.items()}
+            rows["sh_rest"] = Rows(means.new_zeros(count, *self.sh_rest.values.shape[1:]))
+        return rows
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:

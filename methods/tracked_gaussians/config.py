@@ -76,6 +76,11 @@ class TrackedGaussiansConfig(GaussiansConfig):
             ConfigError: naming the key, what was expected, and what was given.
         """
         super().check()
+        if self.sh == "adaptive":
+            raise ConfigError(
+                "sh=adaptive: tracked Gaussians keep the bands that they have at the first time.",
+                "Give all of them the same with sh=0 to sh=4.",
+            )
         weights = ("rigid", "rotation", "isometry", "color_change")
         self.expect(
             {
