@@ -40,8 +40,8 @@ def set_rows(model: StaticGaussians, opacities=None, sizes=None) -> None:
 def table_of(model: StaticGaussians) -> tuple[Optimizer, SplatTable]:
     """A table whose optimizer has moments of one everywhere."""
     optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    for name in model.columns():
-        for moments in optimizer.moments(name):
+    for name, column in model.columns().items():
+        for moments in optimizer.moments(name) if column.trained else ():
             moments.first.fill_(1.0)
             moments.second.fill_(1.0)
     return optimizer, SplatTable(model, optimizer)

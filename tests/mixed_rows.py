@@ -16,6 +16,7 @@ from gsfw.methods.spacetime.config import SpacetimeConfig
 
 CONFIGS = {
     "spacetime": SpacetimeConfig(sh_degree=1),
+    "adaptive": SpacetimeConfig(sh_degree=1, motion="adaptive"),
     "features": SpacetimeConfig(colors="features"),
     "4d-rotor": SlicedGaussiansConfig(sh_degree=1),
     "two-quaternions": SlicedGaussiansConfig(sh_degree=1, rotation="two-quaternions"),

@@ -167,6 +167,7 @@ MOVING = ("strategy=none", "rescale=false", "datamanager.moving=true", "datamana
 
 RUNS = {
     "adc": ("strategy=adc", "strategy.reset_every=4", *REFINING),
+    "budget": ("strategy=adc", "strategy.budget=auto", *REFINING),
     "absgrad": ("strategy=adc", "strategy.absgrad=true", "random_background=true"),
     "mcmc": ("strategy=mcmc", "sampler.views_per_step=2", *REFINING),
     "mcmc by gradient": ("strategy=mcmc", "strategy.gradient_share=0.5"),

@@ -32,6 +32,7 @@ STILL = {"static": "auto"}
 MODELS = {
     "3dgs": {"method": "3dgs", "ignore_time": True},
     "3dgs without bands": {"method": "3dgs", "ignore_time": True, "sh_degree": 0},
+    "3dgs with bands of its own": {"method": "3dgs", "ignore_time": True, "sh": "adaptive"},
     "spacetime": {"method": "spacetime"},
     "spacetime with features": {"method": "spacetime", "colors": "features"},
     "spacetime freetime": {"method": "spacetime", "preset": "freetime"},
@@ -66,8 +67,8 @@ def trained(settings, folder):
     table.keep(torch.arange(0, model.num_rows, 2))
     for name, column in model.columns().items():
         if column.layout is Layout.RAGGED:  # Every third row has values where it had none.
-            lengths = column.offsets.diff()
-            lengths[::3] = 1 - lengths[::3]
+            lengths, some = column.offsets.diff(), 3 if name == "sh_rest" else 1
+            lengths[::3] = some - lengths[::3]
             table.resize(name, lengths)
     for tensor in (*model.parameters(), *(c.values for c in model.columns().values())):
         if tensor.is_floating_point():
