@@ -100,7 +100,7 @@ def collect(run: PlannedRun, wall_seconds: float | None = None) -> Result:
             f"Remove {run.folder.path}; the run is then made again.",
         ) from None
     sizes, threads = _checkpoint(run.folder)
-    figures = _figures(summary) | sizes
+    figures = _figures(summary) | sizes | _required(run.folder)
     if wall_seconds is not None:
         figures["wall_seconds"] = round(wall_seconds, 1)
     return Result(
@@ -132,6 +132,17 @@ def _figures(document: Mapping[str, Any], prefix: str = "") -> dict[str, int | f
         elif type(value) in (int, float) and math.isfinite(value):
             figures[f"{prefix}{key}"] = value
     return figures
+
+
+def _required(folder: RunFolder) -> dict[str, int | float]:
+    """Floats of all parameters and of colours, and the latter's part of what all bands have."""
+    try:
+        found = json.loads(folder.requirements.read_text(encoding="utf-8"))
+        total, colors, full = found["total_floats"], found["sh_floats"], found["sh_floats_full"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}  # A run of an earlier version, or one whose requirements could not be measured.
+    share = {"sh_share": round(colors / full, 4)} if full else {}
+    return {"total_floats": total, "sh_floats": colors, **share}
 
 
 def _checkpoint(folder: RunFolder) -> tuple[dict[str, int | float], int | None]:
