@@ -81,12 +81,13 @@ class Sh:
     def take(self, rows: Int[Tensor, " r"]) -> Sh:
         """The colours of some splats, in the order of ``rows``."""
         if self.rest is None or self.offsets is None:
-            return self.map(lambda tensor: tensor[rows])
+            return self.map(lambda tensor: tensor.index_select(0, rows))
         lengths = self.offsets.diff()[rows]
         offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
         shift = (self.offsets[:-1][rows] - offsets[:-1]).repeat_interleave(lengths)
         places = torch.arange(len(shift), device=shift.device) + shift
-        return Sh(self.coefficients[rows], self.degree, self.rest[places], offsets)
+        constant = self.coefficients.index_select(0, rows)
+        return Sh(constant, self.degree, self.rest.index_select(0, places), offsets)
 
 
 @dataclass(frozen=True)
@@ -150,12 +151,16 @@ class Splats:
         )
 
     def take(self, rows: Int[Tensor, " r"]) -> Splats:
-        """Some of the splats, in the order of ``rows``."""
-        drawn = None if self.rows is None else self.rows[rows]
+        """Some of the splats, in the order of ``rows``; differentiable."""
+
+        # Indexing by a tensor has a backward pass that sorts.
+        def taken(tensor: Tensor) -> Tensor:
+            return tensor.index_select(0, rows)
+
+        drawn = None if self.rows is None else taken(self.rows)
         if not isinstance(self.colors, Sh):
-            bare = replace(self, rows=None).map(lambda tensor: tensor[rows])
-            return replace(bare, rows=drawn)
-        bare = replace(self, rows=None, colors=self.means).map(lambda tensor: tensor[rows])
+            return replace(replace(self, rows=None).map(taken), rows=drawn)
+        bare = replace(self, rows=None, colors=self.means).map(taken)
         return replace(bare, colors=self.colors.take(rows), rows=drawn)
 
     def to(self, device: torch.device | str) -> Splats:

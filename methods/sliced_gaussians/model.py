@@ -159,7 +159,7 @@ class SlicedGaussians(MovingGaussians):
         still = self.canonical.splats()
         if rows is None:
             return still
-        return replace(still.map(lambda values: _taken(values, rows)), rows=rows)
+        return replace(still.take(rows), rows=rows)
 
     def _sliced(self, rows: Int[Tensor, " r"] | None = None) -> Conditional:
         """How rows that change are sliced, at any time; with ``rows``, where all change, these."""
