@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.config import steps_field
 from gsfw.core.learning_rate import LearningRate
 from gsfw.methods.moving_config import MovingConfig
 from gsfw.methods.static_gaussians.config import StaticGaussiansOptim
@@ -89,6 +90,16 @@ class SpacetimeConfig(MovingConfig):
     """Degree of the polynomials along which splats move, 1 to 5."""
     spin: bool = True
     """Whether splats rotate too, by quaternions that are linear in time."""
+    motion: Literal["full", "adaptive"] = "full"
+    """full: every splat that moves has a path of motion_order, a rotation and a temporal opacity;
+    adaptive: all begin so, and lose those of which, in terms of its size, it makes no use."""
+    motion_start: int = steps_field(15_000)
+    """Steps before any splat loses parameters of time (motion=adaptive)."""
+    motion_every: int = steps_field(4000, at_least=50)
+    """Steps between looks at which parameters of time splats need (motion=adaptive)."""
+    motion_tolerance: float = 0.1
+    """How far a splat may be from where it was without a parameter, as part of its size, and how
+    much its opacity, shape and colour may differ (motion=adaptive)."""
     colors: Literal["sh", "features"] = "sh"
     """Spherical harmonics, or features that a network decodes on the screen (splat files then hold
     the base colours, which are the same from everywhere)."""
@@ -124,6 +135,9 @@ class SpacetimeConfig(MovingConfig):
                     1 <= self.motion_order <= MAX_ORDER,
                     f"a whole number from 1 to {MAX_ORDER}",
                 ),
+                "motion_start": (self.motion_start >= 0, "a number of at least 0"),
+                "motion_every": (self.motion_every >= 1, "a number of at least 1"),
+                "motion_tolerance": (0 < self.motion_tolerance < 1, "a number between 0 and 1"),
                 "init_duration": (0 < self.init_duration <= 10, "a number above 0, at most 10"),
                 "lifetime_reg": (self.lifetime_reg >= 0, "a number of at least 0"),
             }

@@ -10,18 +10,24 @@ seed 0).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 
+from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.core.strategy import Refinement
+from gsfw.core.table import SplatTable
 from gsfw.methods.moving_method import MovingMethod
+from gsfw.methods.spacetime.adaptive_model import AdaptiveSpacetimeGaussians
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.methods.spacetime.initialisation import at_rest, min_duration
 from gsfw.methods.spacetime.model import SpacetimeGaussians
+from gsfw.methods.spacetime.simplification import simplify
 
 if TYPE_CHECKING:
     from gsfw.methods.spacetime.config import SpacetimeConfig
@@ -34,9 +40,10 @@ class SpacetimeMethod(MovingMethod):
 
     def __init__(self, config: SpacetimeConfig) -> None:
         # The decoder adds what depends on the direction, so that base colours need no bands.
-        canonical = config if config.colors == "sh" else replace(config, sh_degree=0)
+        canonical = config if config.colors == "sh" else replace(config, sh="0")
         super().__init__(canonical, config)
         self._config = config
+        self._model: SpacetimeGaussians | None = None
 
     def build_model(
         self,
@@ -62,7 +69,8 @@ class SpacetimeMethod(MovingMethod):
             spin=config.spin,
             features=features,
         )
-        return SpacetimeGaussians(
+        adaptive = config.motion == "adaptive"
+        self._model = (AdaptiveSpacetimeGaussians if adaptive else SpacetimeGaussians)(
             canonical,
             start,
             config.optim.learning_rates(scene.extent),
@@ -71,3 +79,26 @@ class SpacetimeMethod(MovingMethod):
             decoder=FeatureDecoder(generator) if features else None,
             still=self.still_rows(scene, count, initial),
         )
+        return self._model
+
+    def adapt(
+        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
+    ) -> Refinement:
+        """With motion=adaptive, take away now and then what rows have of time and do not need."""
+        found = super().adapt(step, table, model, generator)
+        done, config = step + 1, self._config
+        due = (
+            done >= config.motion_start and (done - config.motion_start) % config.motion_every == 0
+        )
+        if not due or not isinstance(model, AdaptiveSpacetimeGaussians):
+            return found
+        return {**found, **simplify(model, table, config.motion_tolerance)}
+
+    def report(self) -> Mapping[str, Any]:
+        """With motion=adaptive, how many rows have what of time, and what was left out."""
+        if not isinstance(self._model, AdaptiveSpacetimeGaussians):
+            return super().report()
+        motion = self._model.census()
+        part = 1 - motion["time_floats"] / max(motion["time_floats_full"], 1)
+        left_out = f"{100 * part:.0f} % of the floats that paths, rotations and times would take"
+        return {**super().report(), "motion": {**motion, "left_out": left_out}}

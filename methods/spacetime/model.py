@@ -89,6 +89,7 @@ class SpacetimeGaussians(MovingGaussians):
             still: which rows have no path and are always there; ``None``: none of them.
         """
         super().__init__(canonical, still)
+        self.order = start.motion.shape[1]
         self.decoder = decoder
         self._decoder_rate = rates["decoder"]
         self._log_limits = (math.log(min_duration), math.log(MAX_DURATION))
@@ -215,8 +216,8 @@ class SpacetimeGaussians(MovingGaussians):
     def lifetimes(self) -> Float[Tensor, " n"]:
         """Mean temporal weight of each row over the sequence: 1 for what is always there."""
         columns = self.temporal_columns()
-        presence = _presence(columns["time_centers"].values, columns["log_durations"].values)
-        return self.everywhere(presence.means(), otherwise=1.0)
+        there = presence(columns["time_centers"].values, columns["log_durations"].values)
+        return self.everywhere(there.means(), otherwise=1.0)
 
     def time_gradients(self) -> Float[Tensor, " n"] | None:
         """|dL / d temporal centre| of each row, which is that through its opacity."""
@@ -228,7 +229,7 @@ class SpacetimeGaussians(MovingGaussians):
     ) -> Children:
         """Copies of ``rows``; with a ``generator``, each at a temporal centre of its own."""
         children = super().clone_rows(rows)
-        return children if generator is None else _spread_in_time(children, generator)
+        return children if generator is None else self.spread(children, generator)
 
     @torch.no_grad()
     def split_rows(
@@ -237,7 +238,11 @@ class SpacetimeGaussians(MovingGaussians):
         """Smaller children around each row's path, at temporal centres of their own."""
         smaller = self.canonical.split_rows(rows, copies, generator)
         children = super().clone_rows(rows.repeat(copies))
-        return _spread_in_time({**children, **smaller}, generator)
+        return self.spread({**children, **smaller}, generator)
+
+    def spread(self, children: Children, generator: torch.Generator) -> Children:
+        """Children on the same paths, centred at times drawn from the parents' weights."""
+        return _spread_in_time(children, generator)
 
     @torch.no_grad()
     def rows_at(
@@ -277,14 +282,15 @@ def _taken(values: Tensor, rows: Int[Tensor, " m"] | None) -> Tensor:
     return values if rows is None else values.index_select(0, rows)
 
 
-def _presence(centers: Float[Tensor, " m"], log_durations: Float[Tensor, " m"]) -> Presence:
+def presence(centers: Float[Tensor, " m"], log_durations: Float[Tensor, " m"]) -> Presence:
+    """When rows that come and go are there."""
     return Presence(centers, log_durations.exp().square())
 
 
 def _spread_in_time(children: Children, generator: torch.Generator) -> Children:
     """Children on the same paths, centred at times drawn from the parents' weights."""
     centers, motion = children["time_centers"].values, children["motion"].values
-    times = _presence(centers, children["log_durations"].values).draw(generator)
+    times = presence(centers, children["log_durations"].values).draw(generator)
     shifts = times - centers
     moved = {
         "time_centers": times,

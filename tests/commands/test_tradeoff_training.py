@@ -72,7 +72,7 @@ def test_mistakes_are_told_before_anything_is_trained(tmp_path, capsys, words, s
 
 def test_a_search_halves_recommends_and_goes_on(tmp_path, capsys, quick):
     words = [*TINY, "steps=400", "sh_degree=1", "axes=sh_degree,cap,steps"]
-    words += [f"out={tmp_path}", "target.psnr=24.5"]
+    words += [f"out={tmp_path}", "target.psnr=24.5", "seed=42"]
     said = told(capsys, *words)
     assert "runs of 100, 200, 400 steps at downscale=1, " in said
     assert "6 views to train on, 2 held out, 64x48 pixels" in said
@@ -82,6 +82,8 @@ def test_a_search_halves_recommends_and_goes_on(tmp_path, capsys, quick):
     assert len(found) == len(document["variants"])
     assert {steps for name, steps in found if name == "baseline"} == {100, 200, 400}
     assert found["cap 1/2", 100]["num_gaussians"] == fake_variants.GAUSSIANS / 2
+    assert found["baseline", 400]["changed"] == {}
+    assert found["sh_degree=0", 100]["changed"] == {"steps": 100, "sh_degree": 0}
     meeting = [row for row in document["variants"] if row["psnr"] >= 24.5]
     best = min(meeting, key=lambda row: (row["file_mb"], row["train_seconds"]))
     assert document["recommended"]["command"].endswith(best["command"])
@@ -103,6 +105,24 @@ def test_time_that_is_over_leaves_runs_for_the_same_command(tmp_path, capsys, qu
     said = told(capsys, *words)
     assert "runs are left" not in said
     assert "For a loss of at most 0.10 dB against the baseline: gsfw train " in said
+
+
+def test_the_folder_of_a_run_is_left_alone(tmp_path, capsys):
+    (tmp_path / "config.yaml").touch()
+    error = told(capsys, *TINY, f"out={tmp_path}", code=2)
+    assert f"error: out={tmp_path}: this folder holds a run.\n" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["config.yaml"]
+
+
+def test_a_plan_is_kept_for_the_same_command_only(tmp_path, capsys, quick):
+    words, plan = [*TINY, f"out={tmp_path}", "budget.minutes=3", "jobs=1"], tmp_path / "plan.json"
+    told(capsys, *words, "axes=antialias")
+    first = plan.read_text()
+    told(capsys, *words, "axes=antialias")
+    assert plan.read_text() == first
+    told(capsys, *words, "axes=sh_degree,antialias")
+    steps = [json.loads(text)["sizing"]["steps"] for text in (first, plan.read_text())]
+    assert steps[1] < steps[0]
 
 
 def test_a_baseline_that_fails_says_why(tmp_path, capsys, quick):

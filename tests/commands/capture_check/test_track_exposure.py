@@ -42,3 +42,18 @@ def test_a_picture_with_few_points_keeps_its_exposure():
     assert (found.gains[last] == 1).all()
     assert (found.offsets[last] == 0).all()
     assert (found.gains[:last] != 1).all()
+
+
+def test_a_picture_of_one_colour_keeps_its_exposure_and_spoils_no_other():
+    colors, gains, _ = exposed(observed())
+    fog = colors.views == 3
+    flat = colors.colors.copy()
+    flat[fog] = 0.5
+    found = TrackExposure.of(colors.points, colors.views, flat)
+    assert (found.gains[3] == 1).all()
+    assert (found.offsets[3] == 0).all()
+    others = np.arange(len(gains)) != 3
+    true = gains[others] / gains[others].mean(0)
+    np.testing.assert_allclose(found.gains[others], true, atol=0.05)
+    alike = TrackExposure.of(colors.points, colors.views, np.full_like(flat, 0.5))
+    assert (alike.gains == 1).all()

@@ -18,6 +18,7 @@ def resolved(**values: object) -> Settings:
 def test_the_defaults_are_those_of_the_paper():
     config = SpacetimeConfig()
     assert (config.motion_order, config.spin, config.colors) == (3, True, "sh")
+    assert config.motion == "full"
     assert (config.steps, config.ssim_weight, config.lifetime_reg) == (30_000, 0.2, 0.0)
     rates = config.optim.learning_rates(extent=2.0)
     assert rates["motion"].at(0) == pytest.approx(1.75 * rates["means"].at(0))
@@ -28,7 +29,9 @@ def test_the_defaults_are_those_of_the_paper():
         "sh_rest": 1.25e-4, "spins": 1e-4, "time_centers": 1e-4, "log_durations": 0.03,
         "features": 2.5e-3, "feature_rates": 1e-3, "decoder": 1e-4,
     }  # fmt: skip
-    assert step_settings(config)["optim.means_lr_steps"] == (30_000, 0)
+    steps = step_settings(config)
+    assert steps["optim.means_lr_steps"] == (30_000, 0)
+    assert (steps["motion_start"], steps["motion_every"]) == ((15_000, 0), (4000, 50))
 
 
 def test_positions_that_do_not_move_leave_motion_constant():
@@ -67,6 +70,9 @@ def test_features_ask_for_nine_channels():
     [
         ({"motion_order": 0}, "motion_order=0: expected a whole number from 1 to 5."),
         ({"motion_order": 6}, "motion_order=6: expected a whole number from 1 to 5."),
+        ({"motion_start": -1}, "motion_start=-1: expected a number of at least 0."),
+        ({"motion_every": 0}, "motion_every=0: expected a number of at least 1."),
+        ({"motion_tolerance": 1.0}, "motion_tolerance=1.0: expected a number between 0 and 1."),
         ({"init_duration": 0.0}, "init_duration=0.0: expected a number above 0, at most 10."),
         ({"lifetime_reg": -1.0}, "lifetime_reg=-1.0: expected a number of at least 0."),
         ({"sh_degree": 5}, "sh_degree=5: expected a whole number from 0 to 4."),

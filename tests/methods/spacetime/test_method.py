@@ -8,6 +8,7 @@ from scenes import random_splats
 from gsfw.core.errors import ConfigError
 from gsfw.core.operators import Operators
 from gsfw.core.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.table import SplatTable
 from gsfw.methods.spacetime.config import SpacetimeConfig
 from gsfw.methods.spacetime.model import SpacetimeGaussians
 from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
@@ -120,3 +121,19 @@ def test_the_same_seed_gives_the_same_model():
     for name, value in first.state_dict().items():
         assert torch.equal(value, again.state_dict()[name])
     assert not torch.equal(values(first, "time_centers"), values(other, "time_centers"))
+
+
+def test_rows_lose_parameters_of_time_at_the_steps_that_are_set():
+    method, model = start(motion="adaptive", motion_start=3, motion_every=4)
+    table = SplatTable(model, Optimizer(model, Operators(), OptimizerSettings()))
+    looked = [step + 1 for step in range(12) if method.adapt(step, table, model, torch.Generator())]
+    assert looked == [3, 7, 11]
+    assert model.columns()["motion"].offsets.diff().tolist() == [0] * 30
+
+
+def test_all_rows_keep_all_parameters_of_time_unless_asked_otherwise():
+    method, model = start(motion_start=3, motion_every=4)
+    table = SplatTable(model, Optimizer(model, Operators(), OptimizerSettings()))
+    assert all(not method.adapt(step, table, model, torch.Generator()) for step in range(12))
+    assert model.columns()["motion"].offsets is None
+    assert method.report() == {}

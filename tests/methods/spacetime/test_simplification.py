@@ -160,16 +160,6 @@ def test_moments_of_what_is_left_go_on():
     assert torch.equal(left.first, moments.first[3:5])
 
 
-def test_nothing_is_lost_twice():
-    model, table = adaptive(30)
-    simplify(model, table, 0.5)
-    state = {name: value.clone() for name, value in model.state_dict().items()}
-    again = simplify(model, table, 0.5)
-    assert set(again.values()) == {0}
-    for name, value in model.state_dict().items():
-        assert torch.equal(value, state[name]), name
-
-
 def test_no_row_and_one_row_are_no_exception():
     model, table = adaptive(2)
     for rows in ([1], []):

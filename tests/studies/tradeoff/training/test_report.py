@@ -83,6 +83,7 @@ def test_every_figure_is_shown_and_the_csv_has_those_of_the_document():
         assert (row["name"], row["psnr"]) == (document["name"], str(document["psnr"]))
         assert row["on_front"].split() == document["on_front"]
     assert documents(FOUND)[0]["floats"] == 2_000_000
+    assert documents(FOUND)[0]["command"] == "train method=3dgs 'data=my data' steps=200"
 
 
 def test_the_smallest_that_reaches_the_target_is_recommended():

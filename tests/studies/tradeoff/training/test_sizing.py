@@ -53,7 +53,32 @@ def test_where_runs_will_be_long_a_longer_one_says_how_fast_they_are():
 def test_what_was_given_stays():
     sizing = choose(WORK, 100, (4.0,), None, measure(0.9, []), left)
     assert sizing.downscale == 4.0
-    assert choose(WORK, 100, (1.0, 2.0), 5000, measure(0.1, []), left).steps == 5000
+    for steps in (40, 5000):
+        assert choose(WORK, 100, (1.0, 2.0), steps, measure(0.1, []), left).steps == steps
+
+
+def test_a_size_that_was_not_measured_in_time_is_not_chosen():
+    def slow(factors, steps):
+        return measure(0.01, [])([factor for factor in factors if factor > 2.0], steps)
+
+    assert choose(WORK, 100, (1.0, 2.0, 4.0), None, slow, left).downscale == 4.0
+
+
+def test_where_there_is_no_time_for_a_longer_measurement_the_short_one_has_to_do():
+    def hurried(factors, steps):
+        return measure(0.1, [])(factors, steps) if steps == PROBE_STEPS else []
+
+    assert choose(WORK, 100, (1.0, 2.0, 4.0), None, hurried, left).step_seconds == 0.05
+
+
+def test_no_time_to_measure_anything_is_told():
+    with pytest.raises(ConfigError) as caught:
+        choose(WORK, 100, (1.0,), None, lambda factors, steps: [], lambda: 0.1)
+    assert str(caught.value.message) == (
+        "budget.minutes: the 0.1 minutes that are left are not enough to measure how long steps "
+        "take."
+    )
+    assert caught.value.advice == "Give more, or steps and downscale: then nothing is measured."
 
 
 def test_too_little_time_says_how_much_is_needed():

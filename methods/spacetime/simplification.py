@@ -1,0 +1,250 @@
+"""Simplification: rows lose the parameters of time of which they make no use.
+
+A row is looked at while it is there: at nine times within three deviations of its centre, each
+weighted by how much of it is there. It loses, in this order,
+
+- its temporal opacity, if that is nearly the same over the whole sequence: the row is then there
+  always, with its mean opacity, on the same path;
+- the highest powers of its path, if the polynomial of a lower degree that is the closest to it in
+  the least squares stays within a tolerance of it, in terms of the row's size. That polynomial
+  becomes its path;
+- its rotation, if its covariance hardly changes, and the change of its features, likewise.
+
+So pictures stay what they are, to within the tolerance. Nothing is given back here: where things
+stand still (static=auto) rows begin anew with everything when they begin to move.
+
+All rows begin with everything, as what a parameter would be worth is known best from what it has
+learnt: see ``static_gaussians.adaptive_bands``, where the same was measured for colours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Float64, Int
+from torch import Tensor
+
+from gsfw.core.strategy import Refinement
+from gsfw.core.table import SplatTable
+from gsfw.methods.covariances import covariances
+from gsfw.methods.settling import MAX_OPACITY, MIN_OPACITY
+from gsfw.methods.spacetime.adaptive_model import MIDDLE, AdaptiveSpacetimeGaussians
+from gsfw.methods.spacetime.polynomial import displacement, recentered
+
+INSTANTS = 9
+"""Times at which each row is looked at; polynomials bend less often."""
+REACH = 3.0
+"""Deviations from its centre up to which a row is looked at: 1 % of its opacity is left there."""
+
+
+@torch.no_grad()
+def simplify(model: AdaptiveSpacetimeGaussians, table: SplatTable, tolerance: float) -> Refinement:
+    """One look at all rows; how many lost what.
+
+    Args:
+        model: whose rows are in ``table``.
+        table: of its rows.
+        tolerance: what counts as no change, relative to size, shape and opacity.
+    """
+    patient = torch.ones(len(table), dtype=torch.bool, device=table.device)
+    if model.still is not None:  # Rows that have just begun to move are yet to use what they have.
+        patient = model.still.terms.values[:, 0] == 0
+    always = _always_there(model, patient, tolerance)
+    _forget_time_(model, table, always)
+    seen = _Seen.of(model)
+    before = model.lengths("motion")
+    orders = _straighten_(model, seen, patient, tolerance)
+    table.resize("motion", orders)
+    lost = {"always_there": len(always), "orders_lost": int((before - orders).sum())}
+    for name in ("spins", "feature_rates"):
+        if name in model.temporal_columns():
+            lost[f"{name}_lost"] = _fix_(model, table, name, seen, patient, tolerance)
+    return lost
+
+
+# Temporal opacities.
+
+
+def _always_there(
+    model: AdaptiveSpacetimeGaussians, patient: Bool[Tensor, " n"], tolerance: float
+) -> Int[Tensor, " r"]:
+    """Rows with a temporal opacity that is nearly the same over the whole sequence."""
+    columns = model.temporal_columns()
+    centers, log_durations = columns["time_centers"].values, columns["log_durations"].values
+    furthest = torch.maximum(centers, 1.0 - centers) / log_durations.exp()
+    least = model.everywhere(torch.exp(-0.5 * furthest.square()), otherwise=0.0)
+    return ((least >= 1.0 - tolerance) & patient).nonzero()[:, 0]
+
+
+def _forget_time_(
+    model: AdaptiveSpacetimeGaussians, table: SplatTable, rows: Int[Tensor, " r"]
+) -> None:
+    """Let rows be there always, as opaque as they are on average, on the paths they are on."""
+    canonical, columns = model.canonical, model.temporal_columns()
+    opacities = canonical.opacities()[rows] * model.lifetimes()[rows]
+    canonical.opacity_logits.values[rows] = opacities.clamp(MIN_OPACITY, MAX_OPACITY).logit()
+    shifts = torch.zeros_like(model.centers()).index_copy(0, rows, MIDDLE - model.centers()[rows])
+    paths = model.paths()
+    canonical.means.values.add_(displacement(paths, shifts))
+    columns["motion"].values.copy_(model.places("motion").packed(recentered(paths, shifts)))
+    for name, values in model.turning().items():
+        with_rate = model.places(name).rows
+        values.index_add_(0, with_rate, columns[name].values * shifts[with_rate, None])
+    lengths = model.lengths("time_centers").clone()
+    lengths[rows] = 0
+    for name in ("time_centers", "log_durations"):
+        table.resize(name, lengths)
+
+
+# What rows do while they are there.
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """When all rows are looked at."""
+
+    centers: Float64[Tensor, " n"]
+    middles: Float64[Tensor, " n"]
+    """Of the interval in which a row is there."""
+    halves: Float64[Tensor, " n"]
+    """Half of the length of that interval."""
+    weights: Float64[Tensor, "n i"]
+    """How much of the row is there, at equal steps through the interval."""
+    sizes: Float64[Tensor, " n"]
+    """Root mean square of the standard deviations, in scene units."""
+
+    @staticmethod
+    def of(model: AdaptiveSpacetimeGaussians) -> _Seen:
+        """Now."""
+        columns, centers = model.temporal_columns(), model.centers().double()
+        durations = columns["log_durations"].values.exp()
+        durations = model.everywhere(durations, otherwise=torch.inf).double()
+        first = (centers - REACH * durations).clamp_min(0.0)
+        last = (centers + REACH * durations).clamp_max(1.0)
+        middles, halves = (first + last) / 2, (last - first) / 2
+        elapsed = middles[:, None] + halves[:, None] * _steps(centers) - centers[:, None]
+        weights = torch.exp(-0.5 * (elapsed / durations[:, None]).square())
+        variances = (2.0 * model.canonical.log_scales.values.double()).exp()
+        return _Seen(centers, middles, halves, weights, variances.mean(1).sqrt())
+
+    def take(self, rows: Int[Tensor, " r"]) -> _Seen:
+        """Of some rows."""
+        values = (self.centers, self.middles, self.halves, self.weights, self.sizes)
+        return _Seen(*(value[rows] for value in values))
+
+    def balance(self) -> Float64[Tensor, " n"]:
+        """The time at which a straight line has its mean over the weighted times."""
+        squares = self.weights.square()
+        return self.middles + self.halves * (squares @ _steps(squares)) / squares.sum(1)
+
+
+def _steps(like: Tensor) -> Tensor:
+    return torch.linspace(-1.0, 1.0, INSTANTS, dtype=like.dtype, device=like.device)
+
+
+# Paths.
+
+
+def _straighten_(
+    model: AdaptiveSpacetimeGaussians,
+    seen: _Seen,
+    patient: Bool[Tensor, " n"],
+    tolerance: float,
+) -> Int[Tensor, " n"]:
+    """Put rows on the simplest paths that do; the orders that are left to them.
+
+    The values of the column are written, and not yet cut.
+    """
+    orders = model.lengths("motion").clone()
+    paths, means = model.paths(), model.canonical.means.values
+    for order in range(model.order):
+        rows = ((orders > order) & patient).nonzero()[:, 0]
+        simpler = _closest(paths[rows].double(), order, some := seen.take(rows))
+        fits = simpler.errors <= tolerance * some.sizes
+        rows = rows[fits]
+        orders[rows] = order
+        paths[rows] = 0.0
+        paths[rows, :order] = simpler.path[fits].to(paths)
+        means[rows] += simpler.shift[fits].to(means)
+    model.temporal_columns()["motion"].values.copy_(model.places("motion").packed(paths))
+    return orders
+
+
+@dataclass(frozen=True)
+class _Simpler:
+    """Paths of a lower degree."""
+
+    path: Float64[Tensor, "r k 3"]
+    """Coefficients about the centres."""
+    shift: Float64[Tensor, "r 3"]
+    """What is added to the positions at the centres."""
+    errors: Float64[Tensor, " r"]
+    """Furthest way from the old path to the new one, weighted by how much of the row is there."""
+
+
+def _closest(paths: Float64[Tensor, "r k 3"], order: int, seen: _Seen) -> _Simpler:
+    """The polynomials of a degree that are the closest to some paths, in the least squares."""
+    # In terms of the interval, [-1, 1], nothing depends on how long rows are there.
+    shifts, steps = seen.middles - seen.centers, _steps(seen.centers)
+    powers = seen.halves[:, None] ** torch.arange(1, paths.shape[1] + 1, device=paths.device)
+    inside = recentered(paths, shifts) * powers[:, :, None]
+    basis = steps[:, None] ** torch.arange(order + 1, device=paths.device)
+    upper = steps[:, None] ** torch.arange(1, paths.shape[1] + 1, device=paths.device)
+    places = torch.einsum("ik,rkd->rid", upper, inside)
+    squares = seen.weights.square()
+    normal = torch.einsum("ri,ia,ib->rab", squares, basis, basis)
+    right = torch.einsum("ri,ia,rid->rad", squares, basis, places)
+    fitted = torch.linalg.solve(normal, right)
+    errors = (places - torch.einsum("ia,rad->rid", basis, fitted)).norm(dim=2)
+    new = fitted[:, 1:] / powers[:, :order, None]
+    middle = displacement(paths, shifts) + fitted[:, 0]
+    return _Simpler(
+        recentered(new, -shifts) if order else new,
+        middle + (displacement(new, -shifts) if order else 0.0),
+        (seen.weights * errors).amax(1),
+    )
+
+
+# Rotations and features.
+
+
+def _fix_(
+    model: AdaptiveSpacetimeGaussians,
+    table: SplatTable,
+    name: str,
+    seen: _Seen,
+    patient: Bool[Tensor, " n"],
+    tolerance: float,
+) -> int:
+    """Let what a column changes at a rate be as it is on average, where that does; how many."""
+    rows, rates = model.places(name).rows, model.temporal_columns()[name].values.detach()
+    some, values = seen.take(rows), model.turning()[name]
+    since = some.balance() - some.centers
+    average = values[rows] + rates * since.to(rates)[:, None]
+    elapsed = some.middles[:, None] + some.halves[:, None] * _steps(since) - some.centers[:, None]
+    changed = torch.zeros_like(some.sizes)
+    for weight, time in zip(some.weights.T, elapsed.T, strict=True):
+        now = values[rows] + rates * time.to(rates)[:, None]
+        changed = torch.maximum(changed, weight * _difference(model, name, rows, now, average))
+    fixed = (changed <= tolerance) & patient[rows]
+    values[rows[fixed]] = average[fixed]
+    lengths = model.lengths(name).clone()
+    lengths[rows[fixed]] = 0
+    table.resize(name, lengths)
+    return int(fixed.sum())
+
+
+def _difference(
+    model: AdaptiveSpacetimeGaussians,
+    name: str,
+    rows: Int[Tensor, " r"],
+    now: Float[Tensor, "r d"],
+    average: Float[Tensor, "r d"],
+) -> Float64[Tensor, " r"]:
+    """Of shapes, relative to them; of features, as they are."""
+    if name != "spins":
+        return (now - average).double().norm(dim=1)
+    scales = model.canonical.log_scales.values[rows].double().exp()
+    shape = covariances(average.double(), scales).flatten(1)
+    return (covariances(now.double(), scales).flatten(1) - shape).norm(dim=1) / shape.norm(dim=1)
