@@ -85,7 +85,9 @@ def run(arguments: Arguments) -> int:
     from gsfw.commands.interrupt import stop_on_signal
     from gsfw.commands.run_argument import RUNS
     from gsfw.core.callback import Control
+    from gsfw.core.errors import OutputError
     from gsfw.core.folder_lock import only_one
+    from gsfw.core.run_folder import RunFolder
     from gsfw.plugins.registry import installed
     from gsfw.studies.result_store import ResultStore
     from gsfw.studies.tradeoff.training.experiment import Experiment, by_when, default_folder
@@ -96,6 +98,8 @@ def run(arguments: Arguments) -> int:
     base = _base(given, registry)
     data = str(given.get("data", ""))
     folder = Path(options.out) if options.out else default_folder(RUNS, data)
+    if RunFolder(folder).config.is_file():
+        raise OutputError(f"out={folder}: this folder holds a run.", "Choose another with out=DIR.")
     with only_one(folder, OTHERS) as lock, stop_on_signal(control) as interrupt:
         store = ResultStore(folder / RESULTS, f"Variants of {data or 'the built-in scene'}")
         store.write()  # Better found out now than after an hour that it cannot be.

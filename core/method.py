@@ -55,6 +55,13 @@ class Method(ABC):
         """What a step trains on instead of the pictures as they are: smaller ones, for instance."""
         return batch
 
+    def looks_at_single_views(self, step: int) -> bool:
+        """Whether the gradients of single views matter at ``step``: each is then drawn by itself.
+
+        The loss of a step with several views stays the mean over them.
+        """
+        return False
+
     @abstractmethod
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """Weighted scalars whose sum is minimised, by name."""

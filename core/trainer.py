@@ -140,7 +140,11 @@ class Trainer:
     def _load(self, views: tuple[int, ...]) -> list[Batch]:
         parts = self.parts
         parts.data.prefetch(Split.TRAIN, parts.sampler.peek(self.plan.prefetch_views))
-        batches = parts.data.load(Split.TRAIN, views, parts.device)
+        alone = parts.method.looks_at_single_views(self.step)
+        groups = [(view,) for view in views] if alone else [views]
+        batches = [
+            batch for group in groups for batch in parts.data.load(Split.TRAIN, group, parts.device)
+        ]
         return [self.plan.resolution.reduce(batch, self.step) for batch in batches]
 
     def _draw(self, batch: Batch, share: float) -> _Drawn:

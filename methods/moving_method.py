@@ -96,6 +96,10 @@ class MovingMethod(Method):
         assert isinstance(model, MovingGaussians)
         self._static.prepare(step, model.canonical, optimizer, time)
 
+    def looks_at_single_views(self, step: int) -> bool:
+        """Where method 3dgs does."""
+        return self._static.looks_at_single_views(step)
+
     def adapt(
         self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
     ) -> Refinement:

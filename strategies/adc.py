@@ -201,7 +201,7 @@ class AdaptiveDensityControl(DensityStrategy):
                 counts |= self._guided.refine(done, table, model, generator, limit)
         if self._count.grows and config.reset_every > 0 and done % config.reset_every == 0:
             table.reset_columns(model.lower_opacities_(config.reset_opacity))
-            self._count.disturbed()
+            self._count.disturbed(done)
             counts["reset"] = len(table)
         return counts
 

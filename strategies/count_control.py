@@ -79,6 +79,7 @@ class CountControl:
         self._losses = ViewLosses()
         self._curve: list[dict[str, Any]] = []
         self._poor = self._rounds = self._steps = 0
+        self._calm = 0
         self._stopped: int | None = None
         self._why = ""
 
@@ -103,7 +104,8 @@ class CountControl:
         """Whether a round of pruning looks at views, and rows shall stay as they are."""
         if self._stopped is None or self._rounds == ROUNDS or not self._budget.is_given:
             return False
-        return step >= self._stopped + self._rounds * self._config.budget_every
+        first = max(self._stopped, self._calm)
+        return step >= first + self._rounds * self._config.budget_every
 
     def most_rows(self, model: PrimitiveModel, limit: int) -> int:
         """How many rows there may be while they grow, of the strategy's own ``limit``; 0: any."""
@@ -160,9 +162,10 @@ class CountControl:
             self._judge(done, num_rows)
         self._seen = None  # Before rows come that it knows nothing of.
 
-    def disturbed(self) -> None:
-        """Opacities were reset: losses have to recover before they say anything."""
+    def disturbed(self, done: int) -> None:
+        """Opacities were reset: losses and contributions have to recover to say anything."""
         self._losses.forget()
+        self._calm = done + self._config.budget_every
 
     def _judge(self, done: int, num_rows: int) -> None:
         """Add a point to the curve, and stop growth that no longer pays."""
@@ -203,8 +206,13 @@ class CountControl:
         return pruned
 
     def _scores(self, model: PrimitiveModel) -> Float[Tensor, " n"]:
-        """How useful rows are: the largest contribution, or the opacity where none is known."""
-        return model.opacities() if self._seen is None else self._seen.largest
+        """How useful rows are: the largest contribution, or the opacity if a view is missing.
+
+        That view may be the only one that shows a row.
+        """
+        if self._seen is None or not self._has_looked():
+            return model.opacities()
+        return self._seen.largest
 
     def _keep(self, done: int, scores: Float[Tensor, " n"], number: int, table: SplatTable) -> int:
         """Keep the rows of the highest scores, in their order; of equal ones the first."""
@@ -238,7 +246,7 @@ class CountControl:
             "curve": list(self._curve),
             "losses": self._losses.state_dict(),
             "seen": None if self._seen is None else self._seen.state_dict(),
-            "counts": [self._poor, self._rounds, self._steps],
+            "counts": [self._poor, self._rounds, self._steps, self._calm],
             "stopped": self._stopped,
             "why": self._why,
         }
@@ -250,7 +258,7 @@ class CountControl:
         self._curve, seen = list(state["curve"]), state["seen"]
         self._losses.load_state_dict(state["losses"])
         self._seen = None if seen is None else Contributions.restored(seen)
-        self._poor, self._rounds, self._steps = state["counts"]
+        self._poor, self._rounds, self._steps, self._calm = state["counts"]
         self._stopped, self._why = state["stopped"], state["why"]
 
 

@@ -25,6 +25,8 @@ FEWEST = 30
 """Observations in a picture below which its exposure is left as it is."""
 READABLE = (0.02, 0.98)
 """Values outside may be clipped, and say nothing of exposure."""
+USUAL = (1 / 8, 8.0)
+"""Gains outside are none: a picture of one colour, such as fog or a lens cap, has 0."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +66,15 @@ def _channel(
     points, views, values = points[readable], views[readable], values[readable]
     known = np.bincount(views, minlength=count) >= FEWEST
     gains, offsets, weights = np.ones(count), np.zeros(count), np.ones(len(values))
-    if not known.any():
-        return gains, offsets
     for _ in range(ROUNDS):
         even = (values - offsets[views]) / gains[views]
         weight = np.maximum(np.bincount(points, weights), 1e-12)
         means = (np.bincount(points, weights * even) / weight)[points]
         slopes, heights = _lines(views, means, values, weights, count)
+        known &= (slopes > USUAL[0]) & (slopes < USUAL[1])
+        gains[~known], offsets[~known] = 1.0, 0.0
+        if not known.any():
+            return gains, offsets
         # Points of another mean exposure explain the same values.
         scale, shift = slopes[known].mean(), heights[known].mean()
         gains[known] = slopes[known] / scale

@@ -40,7 +40,7 @@ class SpacetimeMethod(MovingMethod):
 
     def __init__(self, config: SpacetimeConfig) -> None:
         # The decoder adds what depends on the direction, so that base colours need no bands.
-        canonical = config if config.colors == "sh" else replace(config, sh="0")
+        canonical = config if config.colors == "sh" else replace(config, sh_degree=0)
         super().__init__(canonical, config)
         self._config = config
         self._model: SpacetimeGaussians | None = None

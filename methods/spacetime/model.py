@@ -144,7 +144,7 @@ class SpacetimeGaussians(MovingGaussians):
         elapsed = time - centers.detach()
         rows = self._visible(splats.opacities)
         if rows is not None:
-            splats = replace(splats.map(lambda values: values.index_select(0, rows)), rows=rows)
+            splats = replace(splats.take(rows), rows=rows)
             elapsed = elapsed.index_select(0, rows)
         assert splats.quats is not None
         quats, extra = splats.quats, None

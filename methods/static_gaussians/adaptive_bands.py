@@ -38,7 +38,7 @@ LEAST_PRICE = 1e-16
 
 @dataclass(frozen=True)
 class AdaptiveBands:
-    """Rounds, before each of which the gradients of every view are seen about once."""
+    """Rounds, before each of which the gradients of every view, or of ``every`` steps, are seen."""
 
     every: int
     """Steps between rounds."""
@@ -94,14 +94,16 @@ class AdaptiveBands:
     def _allowed(self, done: int, model: StaticGaussians) -> float:
         """Coefficients above the constant one that rows may have after this round.
 
-        The rounds that are left go to the share in equal ratios.
+        The rounds that are left go to the share in equal ratios; to none, by halves.
         """
         left = (self.stop - done) // self.every + 1
         used = float(((model.degrees() + 1) ** 2 - 1).sum())
         target = model.num_rows * (self.share * num_coefficients(model.degree) - 1.0)
         if used <= target or used == 0:
             return used
-        return used * (max(target, 0.0) / used) ** (1.0 / left)
+        if target <= 0:
+            return used / 2 if left > 1 else 0.0
+        return used * (target / used) ** (1.0 / left)
 
 
 def missing_band(model: StaticGaussians) -> Int[Tensor, " n"]:

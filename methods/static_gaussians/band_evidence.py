@@ -77,8 +77,9 @@ class BandEvidence(nn.Module):
 
         def note(gradient: Tensor) -> None:
             handle.remove()  # A parameter that is drawn as it is would keep its hook.
-            pull = torch.nan_to_num(gradient.detach()[:, 0] / C0, 0.0, LARGEST, -LARGEST)
-            pull = pull.clamp(-LARGEST, LARGEST)
+            pull = gradient.detach()[:, 0] / C0
+            # Of a step that is not finite nothing is noted; the optimizer skips it as well.
+            pull = torch.where(pull.isfinite().all(), pull, 0.0).clamp(-LARGEST, LARGEST)
             self._weigh(pull, context.splats)
             self._add(pull, context, degrees)
 

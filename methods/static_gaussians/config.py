@@ -16,6 +16,8 @@ from gsfw.core.learning_rate import LearningRate
 if TYPE_CHECKING:
     from gsfw.core.method import Method
 
+PAPER_STEPS = 30_000
+"""Length of a run in Kerbl et al. 2023, for which the learning rates were chosen."""
 MAX_SH_DEGREE = 4
 """The highest that rasterizers draw."""
 
@@ -76,8 +78,8 @@ class BandsConfig:
     """A splat gains a band above this signal-to-noise ratio of what its gradients have to do with
     the direction, which is 1 for one that needs none; higher: fewer bands."""
     rate: float = 4.0
-    """The rate of the bands begins at this many times optim.sh_rest_lr, where it ends: what is on
-    trial has little time to show what it is worth."""
+    """The rate of the bands begins at this many times optim.sh_rest_lr, and is there after 30,000
+    steps, however long the run is: in a short one they have little time to show their worth."""
     every: int = steps_field(1000, at_least=50)
     """Steps between looks at which splats gain or lose a band."""
     grow_stop: int = steps_field(5000)
@@ -110,6 +112,11 @@ class GaussiansConfig(MethodConfig):
     """Where those are: around what the cameras look at (object), or all around the cameras
     (surroundings). auto: object where pictures have alpha."""
     optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
+
+    def __post_init__(self) -> None:
+        """Let sh=2 be sh=same sh_degree=2, so that everything else reads one of them."""
+        if self.sh.isdigit():
+            self.sh, self.sh_degree = "same", int(self.sh)
 
     def check(self) -> None:
         """Check the values every run has, and this method's own.
@@ -150,16 +157,11 @@ class GaussiansConfig(MethodConfig):
             "bands.stop": (bands.stop >= bands.grow_stop, "at least bands.grow_stop"),
         }
 
-    @property
-    def highest_degree(self) -> int:
-        """Of the spherical harmonics, whichever setting gives it."""
-        return int(self.sh) if self.sh.isdigit() else self.sh_degree
-
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
         """The rate of every column, by its name."""
         rates, rate = self.optim.learning_rates(extent), self.optim.sh_rest_lr
         if self.sh == "adaptive":
-            rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, self.steps)
+            rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, PAPER_STEPS)
         return rates
 
     def expect(self, expectations: Mapping[str, tuple[bool, str]]) -> None:

@@ -76,7 +76,7 @@ class StaticGaussiansMethod(Method):
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
         """How the start differs from what one may expect."""
-        notes: list[str] = []
+        notes = self._notes_of_bands()
         if scene.is_dynamic:
             notes.append(f"ignore_time=true: {scene.num_times} times are treated as one.")
         if self._config.init not in (AUTO, "points", "random"):
@@ -96,6 +96,24 @@ class StaticGaussiansMethod(Method):
             notes += [f"Left out {n} initial points: {why}." for why, n in dropped.items()]
         return tuple(notes)
 
+    def _notes_of_bands(self) -> list[str]:
+        """That splats will have no bands, or keep them all, as the run is too short."""
+        bands, every = self._config.bands, self._config.bands.every
+        if self._config.sh != "adaptive":
+            return []
+        if bands.grow_stop < every:
+            return [
+                "sh=adaptive: no splat gets a band in this run, as the first look at them, after "
+                f"bands.every={every} steps, comes after bands.grow_stop={bands.grow_stop}."
+            ]
+        if bands.stop // every == bands.grow_stop // every:
+            return [
+                "sh=adaptive: no band is taken away again in this run, as no multiple of "
+                f"bands.every={every} lies above bands.grow_stop={bands.grow_stop} and up to "
+                f"bands.stop={bands.stop}."
+            ]
+        return []
+
     def starts_at_random(self, points: Tensor) -> bool:
         """Whether these usable points are not what a start without a file is made of."""
         return self._config.init == "random" or len(points) == 0
@@ -111,12 +129,12 @@ class StaticGaussiansMethod(Method):
         config = self._config
         if initial is not None:
             assert isinstance(initial.colors, Sh)
-            self._first_degree = min(initial.colors.degree, config.highest_degree)
-            start = from_splats(initial, config.highest_degree)
+            self._first_degree = min(initial.colors.degree, config.sh_degree)
+            start = from_splats(initial, config.sh_degree)
         else:
             start = self._from_scene(scene, operators, generator)
         rates = config.learning_rates(scene.extent)
-        if config.sh != "adaptive" or config.highest_degree == 0:
+        if config.sh != "adaptive" or config.sh_degree == 0:
             return StaticGaussians(start, rates)
         bands, views = config.bands, len(scene.camera_centers)
         self._bands = AdaptiveBands(
@@ -139,7 +157,7 @@ class StaticGaussiansMethod(Method):
             extent=scene.extent,
             scale=config.init_scale,
             opacity=config.init_opacity,
-            sh_degree=config.highest_degree,
+            sh_degree=config.sh_degree,
             operators=operators,
         )
 
@@ -173,6 +191,10 @@ class StaticGaussiansMethod(Method):
         interval = self._config.sh_degree_interval
         scheduled = (step + 1) // interval if interval > 0 else model.degree
         model.active_degree = min(max(scheduled, self._first_degree), model.degree)
+
+    def looks_at_single_views(self, step: int) -> bool:
+        """In steps whose gradients say which splats need more bands."""
+        return self._bands is not None and self._bands.gathers(step)
 
     def adapt(
         self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator

@@ -147,7 +147,7 @@ def test_under_a_number_growth_goes_on_as_long_as_there_is_room():
 def test_losses_before_a_reset_say_nothing_about_those_after_it():
     counts = control(budget="auto")
     counts.observe(*look([1.0], step=5, loss=0.1))
-    counts.disturbed()
+    counts.disturbed(20)
     counts.observe(*look([1.0], step=15, loss=0.9))
     counts.before_growth(20, 1)
     assert counts.report()["curve"] == []

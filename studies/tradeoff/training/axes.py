@@ -8,11 +8,11 @@ from typing import Any
 
 from gsfw.studies.tradeoff.training.choice import Choice
 
-LIMITS = {"adc": "strategy.max_gaussians", "mcmc": "strategy.cap_max"}
-"""Strategies that can be told how many Gaussians there may be, and the setting that says so."""
+LIMITS = {"adc": "strategy.budget", "mcmc": "strategy.budget"}
+"""Strategies that can be told how many Gaussians to end with, and the setting that says so."""
 
 START = "random_points"
-"""How many Gaussians a run starts with where its data has no points: no limit takes any away."""
+"""How many Gaussians a run starts with where its data has no points."""
 
 PARTS = (2, 4, 8)
 """The baseline's Gaussians are divided by these."""
@@ -101,14 +101,14 @@ def limit_key(values: Values) -> str:
 
 
 def limited(values: Values, strategy: str, gaussians: int) -> dict[str, Any]:
-    """Settings that limit a run to so many Gaussians, from its start on.
+    """Settings that limit a run to so many Gaussians; at random, it starts with no more.
 
     Args:
         values: every setting of the base.
         strategy: of the run.
         gaussians: at least 1.
     """
-    found: dict[str, Any] = {LIMITS[strategy]: gaussians}
+    found: dict[str, Any] = {LIMITS[strategy]: str(gaussians)}
     if values.get(START, 0) > gaussians:
         found[START] = gaussians
     return found

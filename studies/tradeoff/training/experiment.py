@@ -14,7 +14,6 @@ from gsfw.plugins.values import as_text
 from gsfw.studies.origin import cores, origin
 from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Failure
-from gsfw.studies.result_store import ResultStore
 from gsfw.studies.runner import Ended
 from gsfw.studies.study import NEUTRAL
 from gsfw.studies.tradeoff.training.axes import STEPS
@@ -85,7 +84,8 @@ class Experiment:
         steps = int(values["steps"]) if STEPS in given else None
         if self._request.minutes is None or (steps is not None and "downscale" in given):
             return Sizing(int(values["steps"]), self._unsized.downscale, None)
-        asked = {**values, "given": sorted(given), "minutes": self._request.minutes}
+        request = {"minutes": self._request.minutes, "axes": sorted(self._request.axes)}
+        asked = {**values, "given": sorted(given), "jobs": self.shop.jobs, **request}
         path = self.shop.folder / PLAN
         known = read_plan(path, asked)
         if known is not None:
@@ -134,8 +134,13 @@ class Experiment:
         return all(DRAW_MS in self.shop.store.results[run.cell.key].figures for run in self._made())
 
     def draw(self, rounds: int) -> Iterator[int]:
-        """Draw all variants in turn; the number of each round."""
-        return self.judge.time(self._made(), self.shop.store, rounds)
+        """Draw all variants in turn, as far as there is time; the number of each round."""
+        return self.judge.time(self._made(), self.shop.store, rounds, self._is_over)
+
+    def _is_over(self) -> bool:
+        """Whether the time for drawing is gone too, or a stop is asked for."""
+        reserved = RESERVED * (self._request.minutes or 0.0)
+        return self._left() + reserved < 0 or self.shop.control.stop_reason is not None
 
     def _made(self) -> list[PlannedRun]:
         """Every run that was trained with the first seed, once."""
@@ -145,7 +150,7 @@ class Experiment:
 
     def found(self) -> list[Trained]:
         """Every variant that was trained, each once, in the order in which they were tried."""
-        baseline = {**self.trainer.base.values, **self.trainer.base.given}
+        baseline = self.trainer.base.values
         found: dict[str, Trained] = {}
         for trial in self.search.trials:
             result, run = self.trainer.result(trial), self.trainer.plan(trial)
@@ -165,14 +170,14 @@ class Experiment:
 
     def why_nothing(self) -> tuple[str, str]:
         """What to say where no baseline was made: a message, and advice."""
-        for failure in self.shop.store.failures.values():
+        for failure in self._failed():
             if failure.row == BASELINE:
                 return f"the baseline failed: {failure.error}", failure.advice
         return "no run of the baseline was finished.", "The same command goes on."
 
     def about(self) -> dict[str, Any]:
         """What was trained, how, and where."""
-        base, store = self.trainer.base, self.shop.store
+        base = self.trainer.base
         return {
             "baseline": shlex.join(["gsfw", "train", *self._words(base.given)]),
             "downscale": base.downscale,
@@ -180,10 +185,16 @@ class Experiment:
             "jobs": self.shop.jobs,
             "views": self.capture.held_out,
             "left_out": {item.axis: item.why for item in self.left_out},
-            "failed": [f"{item.row}, {item.scene}: {item.error}" for item in _failed(store)],
+            "failed": [f"{item.row}, {item.scene}: {item.error}" for item in self._failed()],
             "left": self.left(),
             "machine": origin(),
         }
+
+    def _failed(self) -> list[Failure]:
+        """Runs that were asked for and failed; the folder may hold others, of earlier settings."""
+        failures = self.shop.store.failures
+        keys = {run.cell.key for run in self.trainer.missing(self.search.asked)}
+        return [failures[key] for key in sorted(keys & failures.keys())]
 
     def _words(self, settings: Mapping[str, Any]) -> list[str]:
         """Settings as one types them; without those that change no result."""
@@ -193,10 +204,6 @@ class Experiment:
         return [f"{key}={as_text(value)}" for key, value in shown.items()]
 
 
-def _failed(store: ResultStore) -> list[Failure]:
-    return [store.failures[key] for key in sorted(store.failures)]
-
-
 def by_when(started: float, minutes: float | None) -> float | None:
     """When runs have to have ended, by ``time.monotonic``; ``None`` for no limit."""
     return None if minutes is None else started + 60 * minutes * (1 - RESERVED)
@@ -204,4 +211,4 @@ def by_when(started: float, minutes: float | None) -> float | None:
 
 def default_folder(root: Path, data: str) -> Path:
     """Where the runs go: named like the data."""
-    return root / "tradeoffs" / (Path(data).absolute().name if data else "built-in")
+    return root / "tradeoffs" / (Path(data).resolve().name if data else "built-in")

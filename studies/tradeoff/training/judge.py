@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from statistics import median, quantiles
 
@@ -50,8 +50,20 @@ class RunJudge:
         parts.data.close()
         return {PSNR: found.means["psnr"], SSIM: found.means["ssim"]}
 
-    def time(self, runs: Sequence[PlannedRun], store: ResultStore, rounds: int) -> Iterator[int]:
+    def time(
+        self,
+        runs: Sequence[PlannedRun],
+        store: ResultStore,
+        rounds: int,
+        is_over: Callable[[], bool],
+    ) -> Iterator[int]:
         """Draw all runs in turn, round by round, and keep their times; the number of each round.
+
+        Args:
+            runs: that were made.
+            store: of their results.
+            rounds: at most; there is always one.
+            is_over: whether the rounds so far have to do.
 
         Raises:
             DataError: a run cannot be opened.
@@ -62,6 +74,8 @@ class RunJudge:
             for (_, turn, restored), taken in zip(turns, readings, strict=True):
                 taken.append(turn.take(restored.composition.parts.device))
             yield number
+            if is_over():
+                break
         for (run, _, _), taken in zip(turns, readings, strict=True):
             known = store.results[run.cell.key]
             figures = {**known.figures, DRAW_MS: median(taken), DRAW_SPREAD: _spread(taken)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -62,7 +63,7 @@ def documents(found: Sequence[Trained]) -> list[dict[str, Any]]:
             "render_ms_spread": item.draw_spread_ms,
             "peak_memory_mb": item.peak_memory_mb,
             "on_front": [cost for cost in COSTS if item.name in fronts[cost]],
-            "command": " ".join(["train", *item.words]),
+            "command": shlex.join(["train", *item.words]),
         }
         for item in in_order(found)
     ]

@@ -97,7 +97,8 @@ class Sizing:
 
 
 Measure = Callable[[Sequence[float], int], Sequence[Speed]]
-"""Trains runs of so many steps on pictures that are smaller by some factors, at the same time."""
+"""Trains runs of so many steps on pictures that are smaller by some factors, at the same time; the
+speeds of those that ended in time, in the same order."""
 
 
 def choose(
@@ -125,17 +126,25 @@ def choose(
         ConfigError: there is no time for runs that would say anything.
     """
     speeds = measure(downscales, PROBE_STEPS)
+    if not speeds:
+        raise ConfigError(
+            f"budget.minutes: the {left():.1f} minutes that are left are not enough to measure how "
+            "long steps take.",
+            "Give more, or steps and downscale: then nothing is measured.",
+        )
     speed = _pick(work, views, speeds, steps, left())
     longer = round_down(work.lengths[0] * (steps or work.steps(speed, left())))
     if longer > PROBE_STEPS or speed is not speeds[0]:
         place = speeds.index(speed)
         near = [item.downscale for item in speeds[max(0, place - 1) : place + 1]]
-        speed = _pick(work, views, measure(near, max(longer, 2 * PROBE_STEPS)), steps, left())
+        longer = max(longer, 2 * PROBE_STEPS)
+        speed = _pick(work, views, measure(near, longer) or [speed], steps, left())
     chosen = work.steps(speed, left()) if steps is None else steps
-    if chosen < PROBE_STEPS:
+    if steps is None and chosen < PROBE_STEPS:
         least = work.seconds(speed, PROBE_STEPS) / USED / 60
+        minutes = max(0.0, left())
         raise ConfigError(
-            f"budget.minutes: in the {left():.1f} minutes that are left runs would have {chosen} "
+            f"budget.minutes: in the {minutes:.1f} minutes that are left runs would have {chosen} "
             "steps, which says nothing.",
             f"Measuring aside, about {least:.1f} are needed here; or give fewer axes, or a larger "
             "downscale.",

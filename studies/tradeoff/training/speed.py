@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,10 @@ SEED = MethodConfig.seed
 """Of these runs, where none is given."""
 
 
+PART = 1 / 2
+"""Of the time that is left: a size at which so few steps take longer is none to choose."""
+
+
 class Stopped(Exception):
     """The user asked to stop while speeds were measured."""
 
@@ -30,6 +35,8 @@ def measure_speeds(
 ) -> list[Speed]:
     """Train a run of so many steps at each size, as many at a time as there will be.
 
+    The smallest pictures come first; sizes for which there is no time are left out.
+
     Raises:
         DataError: a run failed, and why.
         Stopped: the user asked to stop.
@@ -37,19 +44,24 @@ def measure_speeds(
     cells = [
         Cell(
             BASELINE,
-            f"speed of {steps} steps, downscale {factor:g}",
+            f"speed of {steps} steps, downscale {factor:g}, {shop.jobs} at a time",
             {"seed": SEED, "eval_every": 0, **given, "downscale": factor, "steps": steps},
         )
         for factor in downscales
     ]
     plan = plan_runs(cells, shop.registry, Path(), shop.folder)
-    runner = Runner(plan, shop.store, RunnerSettings(shop.jobs), shop.control, shop.lock)
+    minutes = None
+    if shop.deadline is not None:
+        minutes = PART * (shop.deadline - time.monotonic()) / 60
+    settings = RunnerSettings(shop.jobs, minutes, on_time=True)
+    runner = Runner(plan[::-1], shop.store, settings, shop.control, shop.lock)
     for ended in runner.run():
         if ended.failure is not None:
             raise DataError(ended.failure.error, ended.failure.advice)
     if shop.control.stop_reason is not None:
         raise Stopped
-    return [_speed(run, shop.store.results[run.cell.key]) for run in plan]
+    found = ((run, shop.store.results.get(run.cell.key)) for run in plan)
+    return [_speed(run, result) for run, result in found if result and result.is_of(run)]
 
 
 def _speed(run: PlannedRun, result: Result) -> Speed:

@@ -92,7 +92,7 @@ def trained(
         variant=trial.recipe.name,
         steps=trial.steps,
         words=tuple(words),
-        changed={key: v for key, v in result.given.items() if baseline.get(key, v) != v},
+        changed=_changed(result, baseline),
         psnr=float(figures[PSNR]),
         ssim=float(figures[SSIM]),
         file_mb=megabytes(result),
@@ -105,6 +105,12 @@ def trained(
         again=None if again is None else float(again.figures[PSNR]),
         axes=tuple(choice.axis for choice in trial.recipe.choices),
     )
+
+
+def _changed(result: Result, baseline: Mapping[str, Any]) -> dict[str, Any]:
+    """What was given and differs from the baseline; as values, of which texts may be many."""
+    given = {key: result.settings.get(key, value) for key, value in result.given.items()}
+    return {key: value for key, value in given.items() if baseline.get(key, value) != value}
 
 
 def spread(found: Sequence[Trained]) -> float | None:

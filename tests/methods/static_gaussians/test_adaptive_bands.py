@@ -176,17 +176,20 @@ def test_nothing_is_drawn_of_bands_that_no_row_has():
         ("adc", ("method=3dgs", "ignore_time=true")),
         ("mcmc", ("method=3dgs", "ignore_time=true")),
         ("adc", ("method=spacetime", "static=auto", "static_start=2", "static_every=5")),
+        ("adc", ("method=spacetime", "static=none")),
         ("mcmc", ("method=4dgs", "coarse_steps=4")),
         ("adc", ("method=4d-rotor",)),
     ],
-    ids=["3dgs, adc", "3dgs, mcmc", "spacetime", "4dgs", "4d-rotor"],
+    ids=["3dgs, adc", "3dgs, mcmc", "spacetime, static=auto", "spacetime", "4dgs", "4d-rotor"],
 )
 def test_a_run_with_colours_of_all_degrees_resumes_to_the_same_bits(tmp_path, strategy, method):
     refined = ("strategy.refine_start=2", "strategy.refine_every=5")
     resumes_to_the_same_bits(tmp_path, *method, *ADAPTIVE, f"strategy={strategy}", *refined)
     whole = RunFolder(tmp_path / "whole")
     state = read_checkpoint(whole.checkpoint(HALF))["model"]
-    gathered = next(values for name, values in state.items() if name.endswith("sums.values"))
+    gathered = next(
+        values for name, values in state.items() if name.endswith("evidence.sums.values")
+    )
     assert len(gathered) > 0, "cut off while evidence is gathered"
     document = json.loads(whole.requirements.read_text())
     assert sum(count > 0 for count in document["rows_by_sh_degree"]) > 1
@@ -223,6 +226,21 @@ def test_settings_that_cannot_be_are_refused(config, message):
 
 
 def test_a_number_is_short_for_a_degree():
-    assert StaticGaussiansConfig(sh="1").highest_degree == 1
-    assert StaticGaussiansConfig(sh_degree=2).highest_degree == 2
-    assert StaticGaussiansConfig(sh="adaptive", sh_degree=2).highest_degree == 2
+    assert StaticGaussiansConfig(sh="1") == StaticGaussiansConfig(sh_degree=1)
+    assert StaticGaussiansConfig(sh="adaptive", sh_degree=2).sh_degree == 2
+
+
+def test_several_views_in_a_step_are_looked_at_one_by_one(tmp_path):
+    scene = ("datamanager.width=48", "datamanager.height=36", "datamanager.views=6", "steps=20")
+    several = ("sampler.views_per_step=3", f"out={tmp_path}")
+    assert main(["train", "method=3dgs", *scene, *ADAPTIVE, *several]) == 0
+    rows = json.loads(RunFolder(tmp_path).requirements.read_text())["rows_by_sh_degree"]
+    assert sum(rows[1:]) > 0.1 * sum(rows)
+
+
+def test_runs_too_short_for_bands_say_so(capsys):
+    assert main(["train", "method=3dgs", "sh=adaptive", "steps=40", "--dry-run"]) == 0
+    assert "sh=adaptive: no splat gets a band in this run" in capsys.readouterr().out
+    settings = ("steps=3000", "bands.grow_stop=500", "bands.stop=510")
+    assert main(["train", "method=3dgs", "sh=adaptive", *settings, "--dry-run"]) == 0
+    assert "no band is taken away again in this run" in capsys.readouterr().out

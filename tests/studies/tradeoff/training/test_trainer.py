@@ -45,7 +45,7 @@ def test_what_is_limited_knows_the_baseline_of_its_length(tmp_path):
     assert work.plan(capped) is None
     assert list(work.train([capped])) == []
     assert len(list(work.train([baseline, capped]))) == 1
-    assert work.settings(capped)["strategy.max_gaussians"] == fake_variants.GAUSSIANS / 2
+    assert work.settings(capped)["strategy.budget"] == str(fake_variants.GAUSSIANS // 2)
     assert len(list(work.train([capped]))) == 1
     result = work.result(capped)
     assert result.figures["num_gaussians"] == 500
