@@ -22,7 +22,7 @@ class BudgetConfig(StrategyConfig):
 
     budget: str = NONE
     """Gaussians to end with: none, auto (as the scene needs), a number, or megabytes as in 20MB."""
-    budget_share: float = 0.03
+    budget_share: float = 0.025
     """Under budget=auto, each round of pruning removes what holds less than this of all there is.
     """
     budget_every: int = steps_field(1500, at_least=50)

@@ -47,7 +47,7 @@ def test_settings_of_one_strategy_are_not_given_to_another():
     assert "'strategy.absgrad'" in left.why
 
 
-def test_a_limit_holds_from_the_start_on():
+def test_a_limited_run_starts_with_no_more_at_random():
     values = {"random_points": 100_000}
-    assert limited(values, "mcmc", 500) == {"strategy.cap_max": 500, "random_points": 500}
-    assert limited({"random_points": 100}, "adc", 500) == {"strategy.max_gaussians": 500}
+    assert limited(values, "mcmc", 500) == {"strategy.budget": "500", "random_points": 500}
+    assert limited({"random_points": 100}, "adc", 500) == {"strategy.budget": "500"}
