@@ -21,9 +21,8 @@ def main(verb: str, *arguments: str) -> int:
     if int(given["seed"]) == KILLED and not (out.parents[2] / "allowed").exists():
         os.kill(os.getpid(), signal.SIGKILL)
     steps, degree = int(given["steps"]), int(given.get("sh_degree", 3))
-    count = min(
-        GAUSSIANS, int(given.get("strategy.budget", "none").replace("none", str(GAUSSIANS)))
-    )
+    budget = given.get("strategy.budget", "none")
+    count = min(GAUSSIANS, int(budget)) if budget.isdigit() else GAUSSIANS
     size = count * 4 * (11 + 3 * (degree + 1) ** 2)
     summary = {
         "completed": True,

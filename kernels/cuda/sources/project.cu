@@ -13,9 +13,10 @@ namespace gsfw {
 namespace cuda {
 
 /// Blocks that registers must leave room for on a multiprocessor: what is short here is memory, for
-/// which more threads wait in parallel. With this many, no number is kept in local memory.
-template <class T>
-constexpr int PROJECT_BLOCKS = sizeof(T) == sizeof(float) ? 12 : 8;
+/// which more threads wait in parallel. With this many, no number is kept in local memory: a ragged
+/// row's place in its array takes registers too.
+template <class T, bool RAGGED>
+constexpr int PROJECT_BLOCKS = sizeof(T) != sizeof(float) ? 8 : RAGGED ? 10 : 12;
 
 /// A positive depth as a number that sorts alike.
 GSFW_FUNCTION uint32 depth_key(float depth) { return __float_as_uint(depth); }
@@ -111,7 +112,8 @@ GSFW_FUNCTION void write_row(const ProjectJob& job, int64 row, bool visible, int
 /// that of the spherical harmonics, -1 for colours that are plain channels; RAGGED where there are
 /// offsets, from degree 1 on. Blocks of PROJECT_THREADS.
 template <class T, class Shape, int DEGREE, bool RAGGED>
-__global__ void __launch_bounds__(PROJECT_THREADS, PROJECT_BLOCKS<T>) project(ProjectJob job) {
+__global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BLOCKS<T, RAGGED>))
+    project(ProjectJob job) {
   const int64 row = thread_index();
   const bool inside = row < job.splats.count;
   const Camera<T> camera = camera_of<T>(job.view, job.grid);

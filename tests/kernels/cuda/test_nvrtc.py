@@ -39,6 +39,11 @@ REGISTERS = {
     "adam": 48,
     "adam_rows": 32,
     "check_finite": 48,
+    **{
+        f"project<float, {shape}, {degree}, true>": 96
+        for shape in ("Axes<float>", "Symmetric3<float>")
+        for degree in (1, 2, 3, 4)
+    },
 }
 """Most registers of a thread, for numbers of 32 bits, on any architecture: of a kernel, or of one
 instance of it."""
