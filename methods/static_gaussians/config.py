@@ -16,8 +16,6 @@ from gsfw.core.learning_rate import LearningRate
 if TYPE_CHECKING:
     from gsfw.core.method import Method
 
-PAPER_STEPS = 30_000
-"""Length of a run in Kerbl et al. 2023, for which the learning rates were chosen."""
 MAX_SH_DEGREE = 4
 """The highest that rasterizers draw."""
 
@@ -78,8 +76,8 @@ class BandsConfig:
     """A splat gains a band above this signal-to-noise ratio of what its gradients have to do with
     the direction, which is 1 for one that needs none; higher: fewer bands."""
     rate: float = 4.0
-    """The rate of the bands begins at this many times optim.sh_rest_lr, and is there after 30,000
-    steps, however long the run is: in a short one they have little time to show their worth."""
+    """The rate of the bands begins at this many times optim.sh_rest_lr, where it ends: what is on
+    trial has little time to show its worth."""
     every: int = steps_field(1000, at_least=50)
     """Steps between looks at which splats gain or lose a band."""
     grow_stop: int = steps_field(5000)
@@ -161,7 +159,7 @@ class GaussiansConfig(MethodConfig):
         """The rate of every column, by its name."""
         rates, rate = self.optim.learning_rates(extent), self.optim.sh_rest_lr
         if self.sh == "adaptive":
-            rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, PAPER_STEPS)
+            rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, self.steps)
         return rates
 
     def expect(self, expectations: Mapping[str, tuple[bool, str]]) -> None:
