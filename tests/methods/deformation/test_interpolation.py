@@ -78,8 +78,8 @@ def test_weighted_rows_are_sums_of_rows(channels):
 
 @pytest.mark.parametrize("channels", [4, 32])
 def test_deterministic_algorithms_allow_it_and_repeat_it(channels):
-    before = torch.are_deterministic_algorithms_enabled()
-    torch.use_deterministic_algorithms(True)
+    before = torch.get_deterministic_debug_mode()
+    torch.set_deterministic_debug_mode("error")
     try:
         grids = uniform(3, 8, 8, channels).float().requires_grad_()
         places = uniform(2, 3, 5000, seed=1).float().requires_grad_()
@@ -88,7 +88,7 @@ def test_deterministic_algorithms_allow_it_and_repeat_it(channels):
             for _ in range(2)
         )
     finally:
-        torch.use_deterministic_algorithms(before)
+        torch.set_deterministic_debug_mode(before)
     for one, other in zip(first, again, strict=True):
         assert torch.equal(one, other)
 
