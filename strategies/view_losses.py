@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from gsfw.core.context import StepContext
+from gsfw.core.ssim import masked_mean
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,8 @@ class _Visit:
 class ViewLosses:
     """Compares every view with itself, so that easy and hard views do not blur the difference.
 
-    The loss is the mean absolute difference. Nothing is read where a GPU would have to be waited
-    for, but in ``mean_loss`` and ``gain_per_step``.
+    The loss is the mean absolute difference of valid pixels. Nothing is read where a GPU would have
+    to be waited for, but in ``mean_loss`` and ``gain_per_step``.
     """
 
     def __init__(self) -> None:
@@ -39,8 +40,11 @@ class ViewLosses:
     def add(self, context: StepContext) -> None:
         """Take in a batch; of a loss that is not finite, that nothing has changed."""
         width = context.batch.cameras.width
-        losses = (context.rendered.color - context.target).abs().mean(dim=(1, 2, 3))
-        for view, found in zip(context.batch.views, losses, strict=True):
+        errors = (context.rendered.color - context.target).abs()
+        valid = context.batch.valid
+        for place, view in enumerate(context.batch.views):
+            here = slice(place, place + 1)
+            found = masked_mean(errors[here], None if valid is None else valid[here])
             last = self._last.get(view)
             before = found.new_zeros(()) if last is None else last.loss
             loss = torch.where(found.isfinite(), found, before)

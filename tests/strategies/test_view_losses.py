@@ -56,6 +56,16 @@ def test_pictures_of_another_size_are_not_compared():
     assert losses.num_compared == 0
 
 
+def test_pixels_that_are_masked_do_not_count():
+    context, _ = look([1.0], loss=0.3)
+    valid = torch.zeros_like(context.target[..., :1], dtype=torch.bool)
+    valid[0, 0] = True
+    target = torch.where(valid, context.target, 99.0)
+    losses = ViewLosses()
+    losses.add(replace(context, batch=replace(context.batch, mask=valid), target=target))
+    assert losses.mean_loss == pytest.approx(0.3)
+
+
 def test_restored_losses_go_on():
     losses, again = visited((0, (0,), 0.5), (1, (0,), 0.4)), ViewLosses()
     again.load_state_dict(losses.state_dict())
