@@ -238,6 +238,11 @@ def _tell_sizing(
             f"{sizing.start_seconds:.0f} s besides; all of it takes about "
             f"{sizing.seconds / 60:.0f} of the {options.budget.minutes:g} minutes"
         )
+        if experiment.fewer_to_start is not None:
+            console.say(
+                f"random_points={experiment.fewer_to_start}: pictures of that size have no use for "
+                "more, and short runs would end before the rest are gone"
+            )
     elif options.budget.minutes is not None:
         console.say(
             f"steps and downscale are as given: what fits into {options.budget.minutes:g} minutes "

@@ -7,6 +7,7 @@ import sys
 
 import fake_variants
 import pytest
+from small_captures import ring, write_pictures, write_transforms
 
 from gsfw.commands.main import main
 
@@ -123,6 +124,21 @@ def test_a_plan_is_kept_for_the_same_command_only(tmp_path, capsys, quick):
     told(capsys, *words, "axes=sh_degree,antialias")
     steps = [json.loads(text)["sizing"]["steps"] for text in (first, plan.read_text())]
     assert steps[1] < steps[0]
+
+
+def test_small_pictures_start_from_few_gaussians_where_nobody_says_how_many(
+    tmp_path, capsys, quick
+):
+    capture = ring(views=9)
+    write_pictures(tmp_path, capture)
+    data = write_transforms(tmp_path / "transforms.json", capture).parent
+    words = [f"data={data}", "budget.minutes=3", "jobs=1", "axes=antialias"]
+    said = told(capsys, *words, f"out={tmp_path / 'chosen'}")
+    assert "random_points=1500: pictures of that size have no use for more" in said
+    assert said.count("random_points=1500 ") == 1, "and in the recommended command"
+    said = told(capsys, *words, f"out={tmp_path / 'given'}", "random_points=2000")
+    assert "random_points=2000 " in said
+    assert "no use for more" not in said
 
 
 def test_a_baseline_that_fails_says_why(tmp_path, capsys, quick):

@@ -35,9 +35,8 @@ class Base:
         """Of the pictures that accuracy is judged on."""
         return float(self.values["downscale"])
 
-    def sized(self, steps: int, downscale: float) -> Base:
-        """The same for other steps and another size."""
-        chosen = {"downscale": downscale, "steps": steps}
+    def sized(self, chosen: Mapping[str, Any]) -> Base:
+        """The same with settings that were chosen: length and size."""
         return replace(self, given={**self.given, **chosen}, values={**self.values, **chosen})
 
 
@@ -65,6 +64,8 @@ class Capture:
     height: int
     device: str
     """Where the runs are trained: cpu or cuda."""
+    has_points: bool
+    """Whether there is anything to start from."""
 
 
 def find_capture(base: Base, registry: Registry) -> Capture:
@@ -83,8 +84,8 @@ def find_capture(base: Base, registry: Registry) -> Capture:
             "Hold some out: holdout_every=8.",
         )
     camera = held_out.cameras[0]
-    device = composition.parts.device.type
-    return Capture(len(train), len(held_out), camera.width, camera.height, device)
+    device, has_points = composition.parts.device.type, len(data.scene.points) > 0
+    return Capture(len(train), len(held_out), camera.width, camera.height, device, has_points)
 
 
 def singles(

@@ -16,14 +16,21 @@ from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Failure
 from gsfw.studies.runner import Ended
 from gsfw.studies.study import NEUTRAL
-from gsfw.studies.tradeoff.training.axes import STEPS
+from gsfw.studies.tradeoff.training.axes import START, STEPS
 from gsfw.studies.tradeoff.training.base import Base, find_capture, singles
 from gsfw.studies.tradeoff.training.choice import BASELINE
 from gsfw.studies.tradeoff.training.halving import Goal
 from gsfw.studies.tradeoff.training.judge import DRAW_MS, RunJudge
 from gsfw.studies.tradeoff.training.plan import read_plan, write_plan
 from gsfw.studies.tradeoff.training.search import Round, Search, Trial
-from gsfw.studies.tradeoff.training.sizing import Sizing, Speed, Work, choose, sizes
+from gsfw.studies.tradeoff.training.sizing import (
+    Sizing,
+    Speed,
+    Work,
+    choose,
+    enough_to_start,
+    sizes,
+)
 from gsfw.studies.tradeoff.training.speed import measure_speeds
 from gsfw.studies.tradeoff.training.trained import Trained, trained
 from gsfw.studies.tradeoff.training.trainer import Trainer, Workshop
@@ -104,11 +111,25 @@ class Experiment:
         return math.inf if deadline is None else (deadline - time.monotonic()) / 60
 
     def _measure(self, factors: Sequence[float], steps: int) -> list[Speed]:
-        return measure_speeds(self._unsized.given, self.shop, factors, steps)
+        sizes = [{**self._unsized.given, **self._at(factor)} for factor in factors]
+        return measure_speeds(sizes, self.shop, steps)
+
+    def _at(self, downscale: float) -> dict[str, Any]:
+        """Settings for a size that was chosen, or for a length that was chosen at that size."""
+        values, capture = self._unsized.values, self.capture
+        at: dict[str, Any] = {"downscale": downscale}
+        at_random = not capture.has_points or values.get("init") == "random"
+        if at_random and START in values and START not in self._unsized.given:
+            smaller = downscale / self._unsized.downscale
+            pixels = capture.width * capture.height / smaller**2
+            at[START] = min(values[START], enough_to_start(pixels))
+        return at
 
     def begin(self, sizing: Sizing) -> None:
         """Get ready to train."""
-        base = self._unsized.sized(sizing.steps, sizing.downscale)
+        chosen = {} if sizing.seconds is None else self._at(sizing.downscale)
+        sized = {"downscale": sizing.downscale, "steps": sizing.steps}
+        base = self._unsized.sized({**chosen, **sized})
         self.recipes, self.left_out = singles(base, self._request.axes, self.shop.registry)
         self.judge = RunJudge(self.shop.registry, base.downscale)
         self.trainer = Trainer(base, self.shop, self.judge.accuracy)
@@ -116,6 +137,12 @@ class Experiment:
         self.search = Search(
             self.recipes, steps, base.seed, self._request.goal, self.trainer.outcome
         )
+
+    @property
+    def fewer_to_start(self) -> int | None:
+        """Gaussians that runs start with at random where that was chosen, or ``None``."""
+        chosen = self.trainer.base.values.get(START)
+        return None if chosen == self._unsized.values.get(START) else chosen
 
     def rounds(self) -> Iterator[Round]:
         """One after the other; each is to be trained before the next is asked for."""

@@ -14,9 +14,13 @@ DOWNSCALES = (1.0, 2.0, 4.0, 8.0)
 PROBE_STEPS = 100
 """Of a run that only measures the speed."""
 
-PASSES, ENOUGH_STEPS = 15, 1000
+PASSES, ENOUGH_STEPS = 30, 3000
 """Steps are enough where they see each training view so often, and are at least so many; with
 fewer, pictures are made smaller."""
+
+PIXELS_TO_START = 2
+"""Of a picture, for each Gaussian that a run starts with at random. With many more, short runs end
+while density control is still taking them away, and say nothing of longer ones."""
 
 LEAST_SIDE = 64
 """Pixels that pictures keep along their shorter side."""
@@ -72,6 +76,11 @@ def round_down(steps: float) -> int:
 def enough_steps(views: int) -> int:
     """Below which smaller pictures gain more than further steps would."""
     return max(ENOUGH_STEPS, PASSES * views)
+
+
+def enough_to_start(pixels: float) -> int:
+    """Gaussians at random that pictures of so many pixels have a use for."""
+    return max(1, round_down(pixels / PIXELS_TO_START))
 
 
 def sizes(width: int, height: int) -> Iterator[float]:

@@ -30,12 +30,15 @@ class Stopped(Exception):
     """The user asked to stop while speeds were measured."""
 
 
-def measure_speeds(
-    given: Mapping[str, Any], shop: Workshop, downscales: Sequence[float], steps: int
-) -> list[Speed]:
+def measure_speeds(sizes: Sequence[Mapping[str, Any]], shop: Workshop, steps: int) -> list[Speed]:
     """Train a run of so many steps at each size, as many at a time as there will be.
 
     The smallest pictures come first; sizes for which there is no time are left out.
+
+    Args:
+        sizes: settings of the runs, each with its downscale, the finest first.
+        shop: where they are made.
+        steps: of each.
 
     Raises:
         DataError: a run failed, and why.
@@ -44,10 +47,10 @@ def measure_speeds(
     cells = [
         Cell(
             BASELINE,
-            f"speed of {steps} steps, downscale {factor:g}, {shop.jobs} at a time",
-            {"seed": SEED, "eval_every": 0, **given, "downscale": factor, "steps": steps},
+            f"speed of {steps} steps, downscale {size['downscale']:g}, {shop.jobs} at a time",
+            {"seed": SEED, "eval_every": 0, **size, "steps": steps},
         )
-        for factor in downscales
+        for size in sizes
     ]
     plan = plan_runs(cells, shop.registry, Path(), shop.folder)
     minutes = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
+from statistics import mean, median
 from typing import Any
 
 from gsfw.studies.result import Result
@@ -48,6 +48,8 @@ class Trained:
     """Of its process; ``None`` where it is not known."""
     again: float | None = None
     """PSNR with another seed; ``None`` where there was no time for that."""
+    seconds_again: float | None = None
+    """Of training with another seed."""
     axes: tuple[str, ...] = ()
     """Along which it differs from the baseline, length aside."""
 
@@ -103,6 +105,7 @@ def trained(
         draw_spread_ms=float(figures.get(DRAW_SPREAD, 0.0)),
         peak_memory_mb=figures.get("peak_memory_mb"),
         again=None if again is None else float(again.figures[PSNR]),
+        seconds_again=None if again is None else float(again.figures["train_seconds"]),
         axes=tuple(choice.axis for choice in trial.recipe.choices),
     )
 
@@ -127,14 +130,23 @@ def same_psnr(found: Sequence[Trained]) -> float:
 
 
 def unbeaten(found: Sequence[Trained], cost: str) -> list[Point]:
-    """What nothing beats, by one of ``COSTS``; sizes are exact, and times have their spread."""
-    priced = [(item, price) for item in found if (price := item.cost(cost)) is not None]
-    points = [Point(item.name, price, item.psnr) for item, price in priced]
-    same = 0.0
+    """What nothing beats, by one of ``COSTS``; costs are compared by their ratio."""
+    prices = {item.name: price for item in found if (price := item.cost(cost))}
+    points = [Point(i.name, math.log(prices[i.name]), i.psnr) for i in found if i.name in prices]
+    chosen = front(points, _same_cost(found, cost), same_psnr(found))
+    return [Point(point.name, prices[point.name], point.quality) for point in chosen]
+
+
+def _same_cost(found: Sequence[Trained], cost: str) -> float:
+    """Logarithm of the ratio up to which costs are a tie: sizes are exact, times twice a spread.
+
+    That of drawing is between rounds, that of training between seeds; 0 where it is not known.
+    """
     if cost == "ms":
-        points = [Point(p.name, math.log(p.cost), p.quality) for p in points]
-        same = 2 * median(item.draw_spread_ms / price for item, price in priced) if priced else 0.0
-    found_points = front(points, math.log1p(same), same_psnr(found))
-    if cost != "ms":
-        return found_points
-    return [Point(p.name, math.exp(p.cost), p.quality) for p in found_points]
+        spreads = [item.draw_spread_ms / item.draw_ms for item in found if item.draw_ms]
+        return math.log1p(2 * median(spreads)) if spreads else 0.0
+    if cost == "training":
+        pairs = [(item.train_seconds, item.seconds_again) for item in found]
+        logs = [math.log(first / again) for first, again in pairs if again]
+        return 2 * math.sqrt(mean(log**2 / 2 for log in logs)) if logs else 0.0
+    return 0.0

@@ -3,6 +3,7 @@
 import csv
 import io
 import shlex
+from dataclasses import replace
 
 from gsfw.studies.tradeoff.recommendation import Wish
 from gsfw.studies.tradeoff.training.recommendation import recommend
@@ -70,6 +71,14 @@ def test_what_seeds_alone_could_do_is_a_tie():
     assert not by_name["cap 1/2"]["is_tie"]
     assert "sh 1, 200 steps" in [point.name for point in unbeaten(FOUND, "MB")]
     assert "baseline, 200 steps" not in [point.name for point in unbeaten(FOUND, "MB")]
+
+
+def test_training_times_that_differ_by_no_more_than_between_seeds_are_a_tie():
+    fast, slow = trained("a", 100, 28.0, 4.0, 10.0), trained("b", 100, 28.0, 4.0, 10.5)
+    assert [point.name for point in unbeaten([fast, slow], "training")] == ["a, 100 steps"]
+    measured = replace(fast, again=28.0, seconds_again=11.0)
+    assert len(unbeaten([measured, slow], "training")) == 2
+    assert len(unbeaten([measured, replace(slow, train_seconds=20.0)], "training")) == 1
 
 
 def test_every_figure_is_shown_and_the_csv_has_those_of_the_document():

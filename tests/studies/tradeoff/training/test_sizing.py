@@ -9,6 +9,7 @@ from gsfw.studies.tradeoff.training.sizing import (
     Speed,
     Work,
     choose,
+    enough_to_start,
     round_down,
     sizes,
 )
@@ -33,10 +34,10 @@ def measure(step_seconds, calls, faster=1.0):
 
 def test_what_is_chosen_fits():
     calls = []
-    sizing = choose(WORK, 100, (1.0, 2.0, 4.0), None, measure(0.1, calls), left)
+    sizing = choose(WORK, 100, (1.0, 2.0, 4.0), None, measure(0.05, calls), left)
     assert calls[0] == ([1.0, 2.0, 4.0], PROBE_STEPS)
-    assert sizing.downscale == 2.0, "the finest with 15 passes over 100 views"
-    assert sizing.steps >= 1500
+    assert sizing.downscale == 2.0, "the finest with 30 passes over 100 views"
+    assert sizing.steps >= 3000
     assert sizing.seconds <= 15 * 60 * USED
     more = WORK.seconds(Speed(2.0, sizing.step_seconds, 5.0), round(sizing.steps * 1.1))
     assert more > 15 * 60 * USED, "and hardly more would"
@@ -44,10 +45,10 @@ def test_what_is_chosen_fits():
 
 def test_where_runs_will_be_long_a_longer_one_says_how_fast_they_are():
     calls = []
-    sizing = choose(WORK, 100, (1.0, 2.0, 4.0), None, measure(0.1, calls, faster=2.0), left)
-    assert calls[1] == ([1.0, 2.0], 600)
+    sizing = choose(WORK, 100, (1.0, 2.0, 4.0), None, measure(0.05, calls, faster=2.0), left)
+    assert calls[1] == ([1.0, 2.0], 1200)
     assert sizing.downscale == 1.0, "it has time for as many steps now"
-    assert sizing.step_seconds == 0.05
+    assert sizing.step_seconds == 0.025
 
 
 def test_what_was_given_stays():
@@ -66,9 +67,9 @@ def test_a_size_that_was_not_measured_in_time_is_not_chosen():
 
 def test_where_there_is_no_time_for_a_longer_measurement_the_short_one_has_to_do():
     def hurried(factors, steps):
-        return measure(0.1, [])(factors, steps) if steps == PROBE_STEPS else []
+        return measure(0.05, [])(factors, steps) if steps == PROBE_STEPS else []
 
-    assert choose(WORK, 100, (1.0, 2.0, 4.0), None, hurried, left).step_seconds == 0.05
+    assert choose(WORK, 100, (1.0, 2.0, 4.0), None, hurried, left).step_seconds == 0.025
 
 
 def test_no_time_to_measure_anything_is_told():
@@ -100,3 +101,8 @@ def test_pictures_keep_64_pixels():
 
 def test_steps_have_two_digits():
     assert [round_down(steps) for steps in (1799.0, 99.5, 7.2, -3.0)] == [1700, 99, 7, 0]
+
+
+def test_small_pictures_have_no_use_for_many_gaussians_at_random():
+    assert [enough_to_start(800 * 800 / f**2) for f in (1, 2, 4, 8)] == [320000, 80000, 20000, 5000]
+    assert enough_to_start(1.0) == 1
