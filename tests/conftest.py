@@ -1,10 +1,13 @@
 """Fixtures that several folders of tests share."""
 
+import gc
+import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
+import jaxtyping
 import pytest
 import torch
 
@@ -13,6 +16,12 @@ from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
 # several times the work in waiting. Tests of repeatability with threads start their own processes.
 torch.set_num_threads(1)
+
+# What a shell starts in the background ignores SIGINT, and so would all that tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+WHOLE_RUNS = ("commands", "plugins")
+"""Folders whose tests are of runs as a whole, not of the parts that these are made of."""
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -24,6 +33,25 @@ SMALL_SCENE = (
     "datamanager.points=150",
 )
 """The built-in scene at a size that trains in a second."""
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests stay until the end: the garbage collector need not look at them again."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Check shapes at every call, unless whole runs are made.
+
+    These go thousands of times through what the tests of the parts have checked, and would take two
+    to three times as long.
+    """
+    marks = {mark.name for mark in item.iter_markers()}
+    whole = item.path.parent.name in WHOLE_RUNS or bool(marks & {"slow", "unchecked"})
+    jaxtyping.config.update("jaxtyping_disable", whole)
+    return (yield)
 
 
 @pytest.fixture

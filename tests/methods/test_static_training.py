@@ -30,6 +30,7 @@ SHORT = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
 @pytest.mark.parametrize(
     "method",

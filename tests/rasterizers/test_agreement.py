@@ -34,6 +34,9 @@ SCENES = settings(
     phases=[Phase.generate],
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
+
+# What is drawn here is drawn with checks by the tests of its parts.
+pytestmark = pytest.mark.unchecked
 """Of four tests: 200 together. The backend, which is the fixture, has no state that matters."""
 
 

@@ -17,6 +17,9 @@ from gsfw.studies.stress.catalogue.layers import layers
 from gsfw.studies.stress.entrant import Entrant
 from gsfw.studies.stress.measure import Oracle, measure
 
+# What is drawn here is drawn with checks by the tests of its parts.
+pytestmark = pytest.mark.unchecked
+
 CPU = torch.device("cpu")
 DTYPES = [torch.float32, torch.float64]
 

@@ -27,6 +27,7 @@ def train(out, *settings) -> RunFolder:
     return RunFolder(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoder", ["hexplane", "mlp", "hash"])
 def test_a_run_resumed_in_the_coarse_phase_ends_with_the_same_bits(tmp_path, encoder):
     whole = train(tmp_path / "whole", *SHORT, f"encoder={encoder}", "deform_opacity=true")

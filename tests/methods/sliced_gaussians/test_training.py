@@ -22,6 +22,7 @@ SHORT = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings", [(), ("rotation=two-quaternions", "strategy=mcmc")], ids=["rotor", "quaternions"]
 )
@@ -41,6 +42,7 @@ def test_a_run_resumes_to_the_same_bits(tmp_path, settings):
     assert_same_bits(*states)
 
 
+@pytest.mark.slow
 def test_a_run_is_exported_as_it_is_at_any_time(tmp_path):
     run = tmp_path / "run"
     train(run, "method=4d-rotor", "steps=20")

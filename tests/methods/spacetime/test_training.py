@@ -28,6 +28,7 @@ RUNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_resumes_to_the_same_bits(tmp_path, name):
     arguments = ("method=spacetime", *RUNS[name], *SHORT, "seed=3")
@@ -64,6 +65,7 @@ def test_requirements_say_which_parameters_of_time_rows_have(tmp_path):
     assert time["floats"] == motion["time_floats"] < motion["time_floats_full"] == 150 * 15
 
 
+@pytest.mark.slow
 def test_a_model_file_of_rows_of_different_orders_is_drawn_as_its_run(tmp_path):
     run, file = tmp_path / "run", tmp_path / "a.gsfw"
     train(run, "method=spacetime", *ADAPTIVE, "steps=20")
@@ -73,6 +75,7 @@ def test_a_model_file_of_rows_of_different_orders_is_drawn_as_its_run(tmp_path):
     assert (tmp_path / "run.ply").read_bytes() == (tmp_path / "file.ply").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_run_is_exported_at_any_time(tmp_path):
     run = tmp_path / "run"
     train(run, "method=spacetime", "steps=20")

@@ -170,6 +170,7 @@ def test_nothing_is_drawn_of_bands_that_no_row_has():
     assert colors.rest is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strategy", "method"),
     [
@@ -196,6 +197,7 @@ def test_a_run_with_colours_of_all_degrees_resumes_to_the_same_bits(tmp_path, st
     assert document["sh_floats"] <= 0.45 * document["sh_floats_full"]
 
 
+@pytest.mark.slow
 def test_files_get_the_missing_bands_as_zeros(tmp_path):
     scene = ("datamanager.width=48", "datamanager.height=36", "datamanager.views=6", "steps=20")
     assert main(["train", "method=3dgs", *scene, *ADAPTIVE, f"out={tmp_path / 'run'}"]) == 0
@@ -230,6 +232,7 @@ def test_a_number_is_short_for_a_degree():
     assert StaticGaussiansConfig(sh="adaptive", sh_degree=2).sh_degree == 2
 
 
+@pytest.mark.slow
 def test_several_views_in_a_step_are_looked_at_one_by_one(tmp_path):
     scene = ("datamanager.width=48", "datamanager.height=36", "datamanager.views=6", "steps=20")
     several = ("sampler.views_per_step=3", f"out={tmp_path}")
@@ -238,6 +241,7 @@ def test_several_views_in_a_step_are_looked_at_one_by_one(tmp_path):
     assert sum(rows[1:]) > 0.1 * sum(rows)
 
 
+@pytest.mark.slow
 def test_runs_too_short_for_bands_say_so(capsys):
     dry = ("train", "method=3dgs", "sh=adaptive", "datamanager.width=32", "datamanager.height=24")
     assert main([*dry, "steps=40", "--dry-run"]) == 0

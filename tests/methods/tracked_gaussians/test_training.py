@@ -17,6 +17,7 @@ SHORT = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first_steps", "step"), [(18, 26), (18, 30), (30, 22)], ids=["between", "amid", "building"]
 )

@@ -48,6 +48,7 @@ def losses(out: Path) -> torch.Tensor:
     return torch.tensor([line["loss"] for line in lines if "loss" in line], dtype=torch.float64)
 
 
+@pytest.mark.slow
 def test_a_training_on_cuda_kernels_follows_the_reference(tmp_path, on_cuda_kernels):
     expected = train(tmp_path / "reference")
     on_cuda_kernels()
@@ -59,6 +60,7 @@ def test_a_training_on_cuda_kernels_follows_the_reference(tmp_path, on_cuda_kern
     assert len(found["means.values"]) == len(expected["means.values"]) > 150
 
 
+@pytest.mark.slow
 def test_a_training_on_cuda_kernels_has_the_same_bits_each_time(tmp_path, on_cuda_kernels):
     on_cuda_kernels()
     first, second = (train(tmp_path / name) for name in ("first", "second"))

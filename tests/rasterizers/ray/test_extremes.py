@@ -25,6 +25,9 @@ MODES = {
 SETTINGS = RenderSettings(
     depth=Depth.EXPECTED, statistics=frozenset({Statistic.CONTRIBUTION}), near=1e-7
 )
+
+# What is drawn here is drawn with checks by the tests of its parts.
+pytestmark = pytest.mark.unchecked
 CASES = [(mode, torch.float32) for mode in MODES]
 CASES += [("mean", torch.float64), ("volume, no dilation", torch.float64)]
 
