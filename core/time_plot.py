@@ -42,6 +42,18 @@ class Axis:
     """Pixel of ``low``."""
     last: float
     """Pixel of ``high``."""
+    by_ratio: bool = False
+    """Whether equal ratios have equal lengths, instead of equal differences."""
+
+    @staticmethod
+    def of_ratios(values: Sequence[float], first: float, last: float) -> Axis:
+        """A logarithmic axis around values above 0, with marks at 1, 2 and 5 of every decade."""
+        decades = range(math.floor(math.log10(min(values))), math.ceil(math.log10(max(values))) + 1)
+        marks = [float(f"{digit}e{decade}") for decade in decades for digit in (1, 2, 5)]
+        low = max(mark for mark in marks if mark <= min(values))
+        high = min(mark for mark in marks if mark >= max(values))
+        inside = tuple(mark for mark in marks if low <= mark <= high)
+        return Axis(inside, low, high, first, last, by_ratio=True)
 
     @staticmethod
     def over(values: Sequence[float], first: float, last: float, tight: bool = False) -> Axis:
@@ -59,7 +71,10 @@ class Axis:
 
     def at(self, value: float) -> float:
         """Pixel of a value."""
-        return self.first + (value - self.low) / (self.high - self.low) * (self.last - self.first)
+        low, high = self.low, self.high
+        if self.by_ratio:
+            low, high, value = math.log(low), math.log(high), math.log(value)
+        return self.first + (value - low) / (high - low) * (self.last - self.first)
 
 
 def _round_step(step: float) -> float:

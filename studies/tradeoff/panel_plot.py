@@ -21,6 +21,8 @@ RADIUS = 4.5
 MOST_COST, MOST_LOSS = 2.5, 10.0
 """What costs this many times what the first does, or is so many dB worse, would press all others
 into a corner: it is counted below the plot."""
+WIDE = 10.0
+"""Costs that differ by more than this factor are drawn by their ratio."""
 HALO = 2 * OVERSAMPLING
 """Paper around names, in pixels of the large picture: they may lie over lines."""
 Box = tuple[float, float, float, float]
@@ -76,7 +78,7 @@ def _panel(draw: ImageDraw.ImageDraw, offset: float, panel: Panel) -> None:
     scale, (left, top, right, bottom) = OVERSAMPLING, MARGINS
     near = [dot for dot in panel.dots if _is_near(dot, panel.dots[0])]
     end = offset + SIZE[0] * scale - right * scale
-    across = Axis.over([0.0, *(dot.cost for dot in near)], offset + left * scale, end)
+    across = _cost_axis([dot.cost for dot in near], offset + left * scale, end)
     upward = Axis.over(
         [dot.psnr for dot in near], float((SIZE[1] - bottom) * scale), float(top * scale)
     )
@@ -92,6 +94,13 @@ def _panel(draw: ImageDraw.ImageDraw, offset: float, panel: Panel) -> None:
         _label(draw, labels[point.name], place, (across.first, end), places)
 
 
+def _cost_axis(costs: Sequence[float], first: float, last: float) -> Axis:
+    """From nothing; by ratio where the small ones would lie in a corner."""
+    if min(costs) > 0 and max(costs) > WIDE * min(costs):
+        return Axis.of_ratios(costs, first, last)
+    return Axis.over([0.0, *costs], first, last)
+
+
 def _is_near(dot: Dot, first: Dot) -> bool:
     return dot.cost <= MOST_COST * first.cost and dot.psnr >= first.psnr - MOST_LOSS
 
@@ -101,8 +110,8 @@ def _draw_dot(draw: ImageDraw.ImageDraw, dot: Dot, across: Axis, upward: Axis) -
     scale, size = OVERSAMPLING, RADIUS * OVERSAMPLING
     x, y = across.at(dot.cost), upward.at(dot.psnr)
     if dot.spread:
-        wing = dot.spread / 2 * (across.last - across.first) / (across.high - across.low)
-        ends = (max(x - wing, across.first), min(x + wing, across.last))
+        wings = (dot.cost - dot.spread / 2, dot.cost + dot.spread / 2)
+        ends = [across.at(min(max(wing, across.low), across.high)) for wing in wings]
         draw.line([(ends[0], y), (ends[1], y)], fill=dot.color, width=scale)
     box = (x - size, y - size, x + size, y + size)
     draw.ellipse(box, fill=dot.color)

@@ -52,3 +52,10 @@ def test_marks_are_round_and_around_the_values():
     tight = Axis.over([0.013, 0.98], 0.0, 100.0, tight=True)
     assert tight.marks == pytest.approx((0.2, 0.4, 0.6, 0.8))
     assert (tight.at(0.013), tight.at(0.98)) == (0, 100)
+
+
+def test_an_axis_of_ratios_gives_equal_ratios_equal_lengths():
+    axis = Axis.of_ratios([0.14, 12.0], 100.0, 800.0)
+    assert axis.marks == (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+    assert (axis.at(0.1), axis.at(20.0)) == (100.0, 800.0)
+    assert axis.at(2.0) - axis.at(1.0) == pytest.approx(axis.at(0.4) - axis.at(0.2))

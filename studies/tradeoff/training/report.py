@@ -59,6 +59,7 @@ def documents(found: Sequence[Trained]) -> list[dict[str, Any]]:
             "file_mb": item.file_mb,
             "model_bytes": item.model_bytes,
             "train_seconds": item.train_seconds,
+            "train_seconds_other_seed": item.seconds_again,
             "render_ms": item.draw_ms,
             "render_ms_spread": item.draw_spread_ms,
             "peak_memory_mb": item.peak_memory_mb,
