@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 AxisName = Literal[
     "sh",
     "prune",
+    "time",
     "precision",
     "format",
     "cutoffs",
@@ -28,8 +29,6 @@ AxisName = Literal[
     "combined",
 ]
 DOCUMENT, TABLE, PLOT = "tradeoff.json", "tradeoff.csv", "tradeoff.png"
-
-NO_FLIP = "gsfw has no such metric yet"
 
 
 @dataclass
@@ -87,6 +86,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.plugins.registry import installed
     from gsfw.studies.tradeoff.catalogue import catalogue
     from gsfw.studies.tradeoff.finished_model import FinishedModel
+    from gsfw.studies.tradeoff.flip import left_out as without_flip
     from gsfw.studies.tradeoff.record_store import RecordStore
     from gsfw.studies.tradeoff.runner import Runner
     from gsfw.studies.tradeoff.variant import AXES
@@ -97,6 +97,7 @@ def run(arguments: list[str]) -> int:
     is_file = found.model_file is not None
     model = FinishedModel(restored, registry, found.name, options.views, is_file)
     variants, left_out = catalogue(model, [axis for axis in AXES if _wanted(axis, options)])
+    left_out += without_flip()
     folder = Path(options.out) if options.out else found.folder.path / "tradeoff"
     store = RecordStore(folder / DOCUMENT, model.fingerprint(), _clock(model))
     _tell_beginning(console, model, store, left_out)
@@ -249,5 +250,5 @@ def _about(model: FinishedModel, left_out: list[LeftOut]) -> dict[str, Any]:
         "device": model.device.type,
         "threads": torch.get_num_threads(),
         "machine": origin(),
-        "left_out": {item.axis: item.why for item in left_out} | {"flip": NO_FLIP},
+        "left_out": {item.axis: item.why for item in left_out},
     }

@@ -68,7 +68,7 @@ class Census:
         floats: dict[str, int] = {}
         for_training = {"optimizer": optimizer.num_bytes() // FLOAT_BYTES}
         for name, column in columns.items():
-            if not column.trained and name not in temporal:
+            if not is_drawn(column, name in temporal):
                 for_training[name] = _floats(column.values)
                 continue
             for purpose, count in _purposes(name, column, name in temporal).items():
@@ -95,7 +95,13 @@ def _floats(values: Tensor) -> int:
     return -(-values.nbytes // FLOAT_BYTES)
 
 
-def _is_bands(name: str, column: Column) -> bool:
+def is_drawn(column: Column, is_temporal: bool) -> bool:
+    """Whether it takes a column to draw its model; others are there for training alone."""
+    return column.trained or is_temporal
+
+
+def is_bands(name: str, column: Column) -> bool:
+    """Whether a column has the SH coefficients above the constant one."""
     return name == BANDS or column.bands
 
 
@@ -105,7 +111,7 @@ def _purposes(name: str, column: Column, is_temporal: bool) -> dict[str, int]:
         return {TIME: _floats(column.values)}
     if name == CONSTANT:
         return {band_name(0): _floats(column.values)}
-    if not _is_bands(name, column):
+    if not is_bands(name, column):
         return {PURPOSES.get(name, name.replace("_", " ")): _floats(column.values)}
     found, lengths = {}, _lengths(column)
     each = _floats(column.values) / max(int(lengths.sum()), 1)
@@ -127,7 +133,7 @@ def _lengths(column: Column) -> Int[Tensor, " n"]:
 def _rows_by_degree(columns: Mapping[str, Column]) -> tuple[int, ...]:
     """How many rows have each degree."""
     for name, column in columns.items():
-        if _is_bands(name, column):
+        if is_bands(name, column):
             # Degree d has (d + 1)^2 - 1 coefficients above the constant one.
             degrees = _lengths(column).double().sqrt().long()
             return tuple(degrees.bincount(minlength=1).tolist())
@@ -141,7 +147,7 @@ def _highest_degree(
     """That of the settings where rows differ in it; else the one that all have."""
     found = max(len(rows) - 1, 0)
     is_ragged = any(
-        _is_bands(name, column) and column.layout is Layout.RAGGED
+        is_bands(name, column) and column.layout is Layout.RAGGED
         for name, column in columns.items()
     )
     return max(found, degree) if is_ragged and degree is not None else found

@@ -16,7 +16,9 @@ from gsfw.studies.tradeoff.file_round_trip import PLY, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
 from gsfw.studies.tradeoff.precision import TYPES, rounded
 from gsfw.studies.tradeoff.sh_truncation import ShTruncation, sh_degree
-from gsfw.studies.tradeoff.subject import Subject
+from gsfw.studies.tradeoff.static_conversion import StaticConversion
+from gsfw.studies.tradeoff.subject import Edit, Subject
+from gsfw.studies.tradeoff.temporal_culling import TemporalCulling
 from gsfw.studies.tradeoff.variant import AS_IS, Variant, unchanged
 
 PARTS = (0.9, 0.75, 0.5, 0.25)
@@ -29,7 +31,10 @@ CUT_OFFS = (
 """Names and values of coarser cut-offs; the usual ones are 1/255 and 1e-4."""
 COMBINED = ((0.9, None, "fp16"), (0.9, 2, ""), (0.75, 2, "fp16"), (0.75, 1, ""), (0.5, 1, "fp16"))
 """Part that is kept, SH degree and precision of the variants that give up several things."""
-MOVES = "the model moves: what it stores is not one set of splats that could be cut down"
+OPACITIES = (("1/255", 1 / 255), ("0.02", 0.02), ("0.05", 0.05))
+"""Below which temporal culling leaves out; fainter than the first no pixel shows by default."""
+STILL = (("25% still", 0.25), ("50% still", 0.5), ("75% still", 0.75), ("still", 1.0))
+"""Parts of the rows, those that move least, that become still."""
 
 Made = list[Variant] | LeftOut
 
@@ -39,6 +44,7 @@ def catalogue(model: FinishedModel, axes: Sequence[str]) -> tuple[list[Variant],
     makers: dict[str, Callable[[FinishedModel], Made]] = {
         "sh": _sh,
         "prune": _pruned,
+        "time": _times,
         "precision": _precisions,
         "format": _formats,
         "cutoffs": _cut_offs,
@@ -47,8 +53,7 @@ def catalogue(model: FinishedModel, axes: Sequence[str]) -> tuple[list[Variant],
         "backend": _backends,
         "combined": _combined,
     }
-    first = Variant(AS_IS, AS_IS, unchanged, ("export",), file=_file_of(model))
-    variants, left_out = [first], []
+    variants, left_out = [_as_it_is(model)], []
     for axis in axes:
         made = makers[axis](model)
         if isinstance(made, LeftOut):
@@ -58,35 +63,51 @@ def catalogue(model: FinishedModel, axes: Sequence[str]) -> tuple[list[Variant],
     return variants, left_out
 
 
+def _as_it_is(model: FinishedModel) -> Variant:
+    """Written to a file of splats, or of the whole model where splats are those of one time."""
+    if model.is_still:
+        return Variant(AS_IS, AS_IS, unchanged, ("export",), file=_file_of(model))
+    trips = round_trips(model.restored, model.registry, model.is_still)
+    form = next((trip.form for trip in trips if trip.holds_the_model), "")
+    words = ("export", f"format={form}") if form else ()
+    return Variant(AS_IS, AS_IS, unchanged, words, file=form)
+
+
 def _file_of(model: FinishedModel) -> str:
     """The format that sizes of files are given in; empty where none holds the splats."""
     trips = round_trips(model.restored, model.registry, model.is_still)
     return PLY if any(trip.form == PLY for trip in trips) else ""
 
 
+def _edited(subject: Subject, edit: Edit) -> Subject:
+    return replace(subject, edits=(*subject.edits, edit))
+
+
 def _cut(degree: int) -> Callable[[Subject], Subject]:
     """Leave out the bands above a degree."""
-    return lambda subject: replace(subject, edits=(*subject.edits, ShTruncation(degree)))
+    return lambda subject: _edited(subject, ShTruncation(degree))
 
 
 def _kept(model: FinishedModel, part: float) -> Callable[[Subject], Subject]:
     """Keep the Gaussians that add most; contributions are measured when they are first needed."""
+    return lambda subject: _edited(subject, Kept(most_useful(model.scores, part)))
 
-    def change(subject: Subject) -> Subject:
-        kept = Kept(most_useful(model.scores, part))
-        return replace(subject, edits=(*subject.edits, kept))
 
-    return change
+def _export(model: FinishedModel, *settings: str) -> tuple[str, ...]:
+    """The command that writes what is left; none does so of a model that moves."""
+    return ("export", *settings) if model.is_still else ()
 
 
 def _sh(model: FinishedModel) -> Made:
-    if not model.is_still:
-        return LeftOut("sh", MOVES)
-    degree = sh_degree(model.subject.splats())
+    splats = model.subject.splats()
+    degree = sh_degree(splats)
+    if degree == 0 and splats.extra is not None:
+        return LeftOut("sh", "a network makes its colours of channels, which have no SH bands")
     if degree == 0:
         return LeftOut("sh", "its colours are the same from everywhere already")
+    file = _file_of(model)
     return [
-        Variant("sh", f"degree {d}", _cut(d), ("export", f"sh_degree={d}"), file=_file_of(model))
+        Variant("sh", f"degree {d}", _cut(d), _export(model, f"sh_degree={d}"), file=file)
         for d in reversed(range(min(degree, 3)))
     ]
 
@@ -100,7 +121,7 @@ def _pruned(model: FinishedModel) -> Made:
             "prune",
             f"keep {part:.0%}",
             _kept(model, part),
-            ("export", f"keep={part:g}"),
+            _export(model, f"keep={part:g}"),
             file=_file_of(model),
         )
         for part in PARTS
@@ -108,11 +129,33 @@ def _pruned(model: FinishedModel) -> Made:
 
 
 def _cannot_prune(model: FinishedModel) -> str:
-    if not model.is_still:
-        return MOVES
     if Feature.CONTRIBUTION not in model.able[model.rasterizer].features:
         return f"rasterizer {model.rasterizer} does not measure contributions"
     return ""
+
+
+def _times(model: FinishedModel) -> Made:
+    if model.is_still:
+        return LeftOut("time", "the model does not move")
+    return [
+        *(Variant("time", f"cull below {name}", _culled(least)) for name, least in OPACITIES),
+        *(Variant("time", name, _stilled(model, part)) for name, part in STILL),
+    ]
+
+
+def _culled(opacity: float) -> Callable[[Subject], Subject]:
+    """Draw at each time what is opaque enough then."""
+    return lambda subject: _edited(subject, TemporalCulling(opacity))
+
+
+def _stilled(model: FinishedModel, part: float) -> Callable[[Subject], Subject]:
+    """Let those rows be still that move least; motion is measured when it is first needed."""
+
+    def change(subject: Subject) -> Subject:
+        rows = model.by_motion[: round(part * len(model.by_motion))]
+        return _edited(subject, StaticConversion.of(subject, rows))
+
+    return change
 
 
 def _precisions(model: FinishedModel) -> Made:
@@ -199,11 +242,11 @@ def _combined(model: FinishedModel) -> Made:
 def _combination(model: FinishedModel, part: float, degree: int | None, kind: str) -> Variant:
     """A part of the Gaussians, with a lower degree and of another precision where given."""
     names, changes = [f"keep {part:.0%}"], [_kept(model, part)]
-    words: tuple[str, ...] = ("export", f"keep={part:g}")
+    words = _export(model, f"keep={part:g}")
     if degree is not None:
         names.append(f"degree {degree}")
         changes.append(_cut(degree))
-        words = (*words, f"sh_degree={degree}")
+        words = _export(model, f"keep={part:g}", f"sh_degree={degree}")
     if kind:
         names.append(kind)
         changes.append(rounded(kind))

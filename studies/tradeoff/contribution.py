@@ -12,6 +12,7 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.core.splats import Splats
+from gsfw.studies.tradeoff.storage import Cut, Storage
 from gsfw.studies.tradeoff.subject import Subject, in_dtype
 
 
@@ -67,7 +68,7 @@ def most_useful(scores: Float[Tensor, " n"], part: float) -> Int[Tensor, " m"]:
 
 
 @dataclass(frozen=True)
-class Kept:
+class Kept(Cut):
     """Leaves out every splat but those of some rows."""
 
     rows: Int[Tensor, " m"]
@@ -77,3 +78,7 @@ class Kept:
         if splats.rows is None:
             return splats.take(self.rows)
         return splats.take(torch.isin(splats.rows, self.rows).nonzero()[:, 0])
+
+    def left_of(self, storage: Storage) -> Storage:
+        """What these rows have, and what all share."""
+        return storage.of_rows(self.rows)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
@@ -21,6 +21,7 @@ from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.studies.tradeoff.contribution import contributions
+from gsfw.studies.tradeoff.static_conversion import by_motion
 from gsfw.studies.tradeoff.subject import Subject
 
 PHOTOS, RENDERS = "photos", "renders of the model as it is"
@@ -63,8 +64,7 @@ class FinishedModel:
                 f"{name} has no held-out pictures to measure accuracy on.",
                 "Train a run that holds some out: holdout_every=8.",
             )
-        count = min(views, every)
-        self.views = [round((index + 0.5) * every / count - 0.5) for index in range(count)]
+        self.views = evenly(every, views)
 
     @property
     def parts(self) -> TrainingParts:
@@ -125,6 +125,11 @@ class FinishedModel:
         """How much each Gaussian adds to the training views."""
         return contributions(self.subject, self.parts.data.views(Split.TRAIN).cameras)
 
+    @cached_property
+    def by_motion(self) -> Int[Tensor, " n"]:
+        """Rows of a model that moves, those that move least first."""
+        return by_motion(self.subject)
+
     def fingerprint(self) -> str:
         """Of all that accuracy depends on: the parameters, the views, and how they are drawn."""
         digest = hashlib.sha256()
@@ -145,6 +150,12 @@ class FinishedModel:
         }
         digest.update(json.dumps(drawn, sort_keys=True).encode())
         return digest.hexdigest()[:16]
+
+
+def evenly(every: int, most: int) -> list[int]:
+    """Places of at most so many of all, in the middles of parts of equal length."""
+    count = min(most, every)
+    return [round((index + 0.5) * every / count - 0.5) for index in range(count)]
 
 
 def is_still(composition: Composition) -> bool:

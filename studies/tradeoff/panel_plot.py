@@ -23,6 +23,8 @@ MOST_COST, MOST_LOSS = 2.5, 10.0
 into a corner: it is counted below the plot."""
 WIDE = 10.0
 """Costs that differ by more than this factor are drawn by their ratio."""
+HEAD = 32
+"""Rows of pixels that the legend takes; names of dots stay below."""
 HALO = 2 * OVERSAMPLING
 """Paper around names, in pixels of the large picture: they may lie over lines."""
 Box = tuple[float, float, float, float]
@@ -132,12 +134,12 @@ def _label(
     gap, (x, y) = 9.0 * scale, point
     tried = [
         (x + side - (width if side < 0 else 0), y + rise * height - height / 2)
-        for rise in (0, -1, 1, -2, 2, -3, 3)
+        for rise in (0, -1, 1, -2, 2, -3, 3, 4, 5)
         for side in (gap, -gap)
     ]
     for a, b in tried:
         box = (a, b, a + width, b + height)
-        inside = limits[0] <= a and a + width <= limits[1]
+        inside = limits[0] <= a and a + width <= limits[1] and b >= HEAD * scale
         if inside and not any(_overlap(box, other) for other in places):
             draw.text(
                 (a, b + height / 2), text, INK, font, "lm", stroke_width=HALO, stroke_fill=PAPER

@@ -12,10 +12,9 @@ from gsfw.studies.tradeoff.record import Record
 from gsfw.studies.tradeoff.variant import AS_IS, AXES, STORAGE
 
 BLACK = (20, 20, 22)
-COLOR = {AS_IS: BLACK} | {
-    axis: COLORS[index] if index < len(COLORS) else (222, 72, 140)
-    for index, axis in enumerate(AXES)
-}
+FURTHER = ((222, 72, 140), (128, 172, 44))
+"""Colours of axes beyond those that all plots have."""
+COLOR = {AS_IS: BLACK} | dict(zip(AXES, (*COLORS, *FURTHER), strict=True))
 
 
 def write_pareto_plot(path: Path, records: Sequence[Record]) -> None:
@@ -40,7 +39,7 @@ def write_pareto_plot(path: Path, records: Sequence[Record]) -> None:
 
 def _dot(record: Record, cost: float, spread: float = 0.0) -> Dot:
     label = f"{record.axis} {record.name}"
-    if record.axis in (AS_IS, "combined", "cutoffs", "prune"):
+    if record.axis in (AS_IS, "combined", "cutoffs", "prune", "time"):
         label = record.name
     psnr = record.psnr or 0.0
     return Dot(f"{record.axis}: {record.name}", label, COLOR[record.axis], cost, psnr, spread)

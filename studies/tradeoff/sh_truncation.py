@@ -8,10 +8,11 @@ import torch
 
 from gsfw.core.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Sh, Splats
+from gsfw.studies.tradeoff.storage import Cut, Storage
 
 
 @dataclass(frozen=True)
-class ShTruncation:
+class ShTruncation(Cut):
     """Leaves out every band above a degree; what is left stays as it is."""
 
     degree: int
@@ -31,6 +32,10 @@ class ShTruncation:
             return replace(splats, colors=_shorter(colors, count - 1, self.degree))
         rest = colors.rest[:, : count - 1].contiguous()
         return replace(splats, colors=Sh(colors.coefficients, self.degree, rest))
+
+    def left_of(self, storage: Storage) -> Storage:
+        """All but the coefficients of the upper bands."""
+        return storage.up_to_degree(self.degree)
 
 
 def _shorter(colors: Sh, count: int, degree: int) -> Sh:

@@ -16,9 +16,10 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
+from gsfw.studies.tradeoff.storage import Cut, Storage
 
 Edit = Callable[[Splats], Splats]
-"""What is done to splats before they are drawn or written."""
+"""What is done to splats of any time before they are drawn or written."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,20 @@ class Subject:
 
     def num_gaussians(self) -> int:
         """That are stored."""
-        return len(self.splats()) if self.is_still else self.model.num_rows
+        return len(self.splats()) if self.is_still else self._storage().num_rows
 
     def num_floats(self) -> int:
-        """Numbers that are stored: of the splats that are left, or all that a moving model has."""
+        """Numbers that are stored: of the splats, or of the model's parameters if it moves."""
         if self.is_still:
             return sum(tensor.numel() for tensor in _stored(self.splats()).tensors().values())
-        return round(float(self.model.summary()["model_bytes"]) / self.float_size())
+        return round(self._storage().num_bytes / self.float_size())
+
+    def _storage(self) -> Storage:
+        """What the edits leave of what the model stores."""
+        storage = Storage.of(self.model)
+        for edit in self.edits:
+            storage = edit.left_of(storage) if isinstance(edit, Cut) else storage
+        return storage
 
     def float_size(self) -> int:
         """Bytes of a parameter of the model as it lies in memory."""

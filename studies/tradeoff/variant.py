@@ -11,12 +11,12 @@ AS_IS = "as it is"
 """Axis, and name, of the model with nothing given up."""
 
 AXES = (
-    *("sh", "prune", "precision", "format", "cutoffs"),
+    *("sh", "prune", "time", "precision", "format", "cutoffs"),
     *("antialias", "resolution", "backend", "combined"),
 )
 """What can be given up, in the order in which it is shown."""
 
-STORAGE = (AS_IS, "sh", "prune", "precision", "format", "combined")
+STORAGE = (AS_IS, "sh", "prune", "time", "precision", "format", "combined")
 """Axes along which size may change; all others only change how the same is drawn."""
 
 

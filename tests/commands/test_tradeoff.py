@@ -4,6 +4,7 @@ import csv
 import json
 import shlex
 import shutil
+import sys
 
 import pytest
 from moving_runs import train as train_moving
@@ -19,6 +20,7 @@ FIGURES = {
     "name": str,
     "psnr": float,
     "ssim": float,
+    "flip": float,
     "psnr_lost": float,
     "psnr_lost_error": float,
     "is_tie": bool,
@@ -37,7 +39,8 @@ FIGURES = {
     "command": str,
     "failure": str,
 }
-"""Of each variant in the document, and their types; file_bytes may be null."""
+"""Of each variant in the document, and their types; file_bytes and
+peak_memory_mb may be null."""
 
 
 @pytest.fixture
@@ -60,11 +63,11 @@ def test_the_document_has_every_variant_and_the_files_lie_in_the_run(run, capsys
     document = measured(capsys, run, "repeats=2", "axes=sh,precision,format,cutoffs")
     assert document["views"] == ["eval_000", "eval_001"]
     assert document["against"] == "photos"
-    assert document["left_out"] == {"flip": "gsfw has no such metric yet"}
+    assert document["left_out"] == {}
     variants = document["variants"]
     assert len(variants) == 1 + 3 + 2 + 2 + 3
     for variant in variants:
-        assert variant.keys() == {*FIGURES, "file_bytes"}
+        assert variant.keys() == {*FIGURES, "file_bytes", "peak_memory_mb"}
         for name, kind in FIGURES.items():
             assert type(variant[name]) is kind, (variant["name"], name)
     folder = run / "tradeoff"
@@ -74,6 +77,24 @@ def test_the_document_has_every_variant_and_the_files_lie_in_the_run(run, capsys
     with (folder / "tradeoff.csv").open() as file:
         assert [row["name"] for row in csv.DictReader(file)] == [v["name"] for v in variants]
     assert (folder / "tradeoff.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_its_package_flip_is_left_out_and_measured_when_it_is_there(
+    run, capsys, monkeypatch
+):
+    why = "flip-evaluator is not installed; pip install 'gsfw[flip]'"
+    with monkeypatch.context() as absent:
+        absent.setitem(sys.modules, "flip_evaluator", None)
+        document = measured(capsys, run, "repeats=1", "axes=antialias")
+        assert document["left_out"] == {"flip": why}
+        assert [variant["flip"] for variant in document["variants"]] == [None, None]
+        assert main(["tradeoff", str(run), "repeats=1", "axes=antialias"]) == 0
+        assert f"flip is left out: {why}\n" in capsys.readouterr().out
+    again = measured(capsys, run, "repeats=1", "axes=antialias")
+    assert again["left_out"] == {}
+    assert all(0 < variant["flip"] < 1 for variant in again["variants"])
+    for before, after in zip(document["variants"], again["variants"], strict=True):
+        assert after == {**before, "flip": after["flip"]}, "nothing else is measured again"
 
 
 def test_the_recommended_command_meets_the_budget_when_it_is_run(run, tmp_path, capsys):
@@ -139,24 +160,57 @@ def test_a_model_file_is_compared_with_its_own_renders(run, tmp_path, capsys):
     assert by_name["degree 0"]["psnr"] < 100.0
 
 
-def test_a_moving_model_says_what_cannot_be_cut_down(tmp_path, capsys):
+SMALL_FIELD = ("hexplane.channels=8", "hexplane.resolution=4", "hexplane.width=6")
+
+
+@pytest.mark.parametrize(
+    ("words", "floats_of_time"),
+    [(("method=4dgs", *SMALL_FIELD), 0), (("method=spacetime",), 15)],
+)
+def test_a_moving_model_gives_up_what_a_still_one_can_and_time(
+    words, floats_of_time, tmp_path, capsys
+):
     run = tmp_path / "moving"
-    train_moving(run, "method=spacetime", "steps=3")
+    train_moving(run, *words, "steps=8")
     capsys.readouterr()
-    document = measured(
-        capsys, run, "axes=sh,prune,precision,format,resolution,combined", "repeats=1"
-    )
-    why = "the model moves: what it stores is not one set of splats that could be cut down"
-    assert {axis: document["left_out"][axis] for axis in ("sh", "prune", "combined")} == {
-        axis: why for axis in ("sh", "prune", "combined")
-    }
-    names = [variant["name"] for variant in document["variants"]]
-    assert names == ["as it is", "fp16", "bf16", "gsfw", "1/2, enlarged"]
+    document = measured(capsys, run, "views=1", "repeats=1", "budget.mb=0.01")
+    assert not document["left_out"].keys() & set(AXES)
+    assert {variant["axis"] for variant in document["variants"]} == {"as it is", *AXES}
+    assert not any(variant["failure"] for variant in document["variants"])
+    found = {variant["name"]: variant for variant in document["variants"]}
+    whole = found["as it is"]["floats"]
+    assert found["degree 0"]["floats"] == whole - 150 * 45
+    assert found["keep 50%"]["num_gaussians"] == 75
+    assert found["keep 50%"]["floats"] == whole - 75 * (59 + floats_of_time)
+    assert found["cull below 0.05"]["floats"] == whole
+    assert found["50% still"]["floats"] == whole - 75 * floats_of_time
+    assert found["still"]["floats"] == 150 * 59
+    for metric in ("psnr", "ssim"):
+        assert found["cull below 1/255"][metric] == found["as it is"][metric]
+    # No verb cuts down a model that moves.
+    made = [variant["name"] for variant in document["variants"] if variant["command"]]
+    assert made == ["as it is", "gsfw", "1/2, enlarged"]
+    assert found["as it is"]["command"] == "export format=gsfw"
+    assert found["as it is"]["file_bytes"] == found["gsfw"]["file_bytes"]
+    assert document["recommended"]["command"] == ""
     assert main(["export", str(run), "keep=0.5"]) == 2
     assert capsys.readouterr().err == (
         "error: keep=0.5: the model moves, and what a Gaussian adds differs from time to time.\n"
         "Leave keep out.\n"
     )
+
+
+def test_a_moving_model_of_decoded_features_has_no_bands_to_give_up(tmp_path, capsys):
+    run = tmp_path / "moving"
+    train_moving(run, "method=spacetime", "preset=features", "steps=3")
+    capsys.readouterr()
+    document = measured(capsys, run, "repeats=1", "axes=sh,time")
+    assert document["left_out"]["sh"] == (
+        "a network makes its colours of channels, which have no SH bands"
+    )
+    found = {variant["name"]: variant["floats"] for variant in document["variants"]}
+    # Fourteen numbers of shape and base colour and three features are left, and the decoder.
+    assert found["still"] == 150 * (14 + 3) + 90
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,110 @@
+"""Storage: what a model that moves keeps of each row, and what edits leave of it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Int
+from torch import Tensor
+
+from gsfw.core.column import Column
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.spherical_harmonics import num_coefficients
+from gsfw.studies.requirements.census import is_bands, is_drawn
+
+
+@dataclass(frozen=True)
+class Storage:
+    """Bytes of all that it takes to draw a model, row by row."""
+
+    rows: Mapping[str, Int[Tensor, " n"]]
+    """Of each row, by the name of the column; none of any column for a row that is gone."""
+    temporal: frozenset[str]
+    """Names of columns that only say how rows change with time."""
+    coefficients: Mapping[str, int]
+    """Of one SH coefficient, by the name of each column that has those above the constant one."""
+    shared: int
+    """Of networks and grids, which belong to no row."""
+
+    @staticmethod
+    def of(model: PrimitiveModel) -> Storage:
+        """Everything that it has; nothing that only training needs."""
+        temporal = frozenset(model.temporal_columns())
+        columns = {
+            name: column
+            for name, column in model.columns().items()
+            if is_drawn(column, name in temporal)
+        }
+        return Storage(
+            rows={name: _row_bytes(column) for name, column in columns.items()},
+            temporal=temporal,
+            coefficients={
+                name: column.values.shape[-1] * column.values.element_size()
+                for name, column in columns.items()
+                if is_bands(name, column)
+            },
+            shared=sum(
+                tensor.nbytes for group in model.parameter_groups() for tensor in group.parameters
+            ),
+        )
+
+    @property
+    def num_bytes(self) -> int:
+        """Of all together."""
+        return self.shared + sum(int(column.sum()) for column in self.rows.values())
+
+    @property
+    def num_rows(self) -> int:
+        """Rows of which anything is left."""
+        return int(torch.stack(list(self.rows.values())).any(0).sum())
+
+    def of_rows(self, kept: Int[Tensor, " m"]) -> Storage:
+        """Without all rows but these."""
+        left = {
+            name: torch.zeros_like(column).index_copy(0, kept, column[kept])
+            for name, column in self.rows.items()
+        }
+        return replace(self, rows=left)
+
+    def up_to_degree(self, degree: int) -> Storage:
+        """Without the SH coefficients of the bands above ``degree``."""
+        count = num_coefficients(degree) - 1
+        left = {
+            name: self.rows[name].clamp_max(count * each)
+            for name, each in self.coefficients.items()
+        }
+        return replace(self, rows={**self.rows, **left})
+
+    def without_time(self, rows: Int[Tensor, " m"]) -> Storage:
+        """Without what says how these rows change with time.
+
+        A model that has no column for that moves its rows by what they share, which goes with the
+        last of them.
+        """
+        left = {name: self.rows[name].index_fill(0, rows, 0) for name in self.temporal}
+        everything = len(rows) == len(next(iter(self.rows.values())))
+        shared = 0 if everything and not self.temporal else self.shared
+        return replace(self, rows={**self.rows, **left}, shared=shared)
+
+
+class Cut(ABC):
+    """An edit of splats that leaves out of what a moving model stores, too.
+
+    What other edits do to splats changes how they are drawn, and nothing that is stored.
+    """
+
+    @abstractmethod
+    def left_of(self, storage: Storage) -> Storage:
+        """What is still stored."""
+
+
+def _row_bytes(column: Column) -> Int[Tensor, " n"]:
+    """Of each row of a column."""
+    if column.offsets is None:
+        each = column.values.nbytes // max(column.num_rows, 1)
+        return torch.full((column.num_rows,), each, device=column.values.device)
+    each = column.values.shape[1:].numel() * column.values.element_size()
+    return column.offsets.diff() * each
