@@ -8,7 +8,7 @@ from typing import Any
 
 from gsfw.core.json_text import json_text
 
-WIDTH_OF_FILES = 140
+WIDTH_OF_FILES = 160
 """Columns of a table that is not shown on a terminal."""
 
 

@@ -212,6 +212,11 @@ def _make(
         with bars.stage("rounds of drawing", options.repeats) as advance:
             for number in experiment.draw(options.repeats):
                 advance(number)
+    missing = len(experiment.without_flip)
+    if control.stop_reason is None and missing:
+        with bars.stage("FLIP", missing) as advance:
+            for number in experiment.compare():
+                advance(number)
 
 
 def _tell_beginning(console: Console, experiment: Experiment) -> None:

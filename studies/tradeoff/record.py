@@ -35,6 +35,11 @@ class Record:
     """Whether the time of the model as it is holds for it too."""
     readings: list[float] = field(default_factory=list)
     """Milliseconds to draw a view, of each round."""
+    flip: float | None = None
+    """Mean of FLIP over some of the views; ``None`` where it is not known."""
+    peak_memory_mb: float | None = None
+    """That drawing a view takes at most, in megabytes beyond what is held before; ``None`` where
+    it is not known."""
     failure: str = ""
     """Why it cannot be drawn; empty where it can."""
 

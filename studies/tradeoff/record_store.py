@@ -32,7 +32,7 @@ class RecordStore:
         Args:
             path: of the file.
             fingerprint: of all that accuracy depends on.
-            clock: what times depend on besides; times of other conditions are let go.
+            clock: what times and memory depend on besides; those of other conditions are let go.
 
         Raises:
             DataError: the file is damaged, or was written by a newer gsfw.
@@ -46,7 +46,7 @@ class RecordStore:
             records = _records(path, document)
             if document.get("fingerprint") == fingerprint:
                 if document.get("clock") != clock:
-                    records = [replace(record, readings=[]) for record in records]
+                    records = [replace(r, readings=[], peak_memory_mb=None) for r in records]
                 self.records = {record.key: record for record in records}
             else:
                 self.forgotten = len(records)

@@ -13,8 +13,8 @@ from gsfw.studies.tradeoff.record import Record
 from gsfw.studies.tradeoff.variant import AS_IS, AXES
 
 HEADINGS = (
-    *("axis", "variant", "PSNR", "lost dB", "SSIM", "fp64 error", "largest"),
-    *("Gaussians", "MB", "file MB", "ms", "front"),
+    *("axis", "variant", "PSNR", "lost dB", "SSIM", "FLIP", "fp64 error", "largest"),
+    *("Gaussians", "MB", "file MB", "ms", "peak MB", "front"),
 )
 
 
@@ -62,6 +62,7 @@ def documents(records: Sequence[Record]) -> list[dict[str, Any]]:
                 "axis": record.axis,
                 "name": record.name,
                 **record.means,
+                "flip": record.flip,
                 "psnr_lost": None if loss is None else loss[0],
                 "psnr_lost_error": None if loss is None else loss[1],
                 "is_tie": is_tie(record, first),
@@ -77,6 +78,7 @@ def documents(records: Sequence[Record]) -> list[dict[str, Any]]:
                 "render_ms_spread": timed.ms_spread,
                 "render_ms_least": min(timed.readings, default=None),
                 "render_ms_is_own": not record.draws_alike,
+                "peak_memory_mb": timed.peak_memory_mb,
                 "on_front": sorted(cost for cost, names in unbeaten.items() if name in names),
                 "command": " ".join(record.command),
                 "failure": record.failure,
@@ -87,8 +89,14 @@ def documents(records: Sequence[Record]) -> list[dict[str, Any]]:
 
 def metrics(record: Record) -> dict[str, float | None]:
     """The figures by which variants are told apart at a glance."""
-    costs = {"megabytes": record.size / 1e6, "render_ms": record.ms}
-    return {"psnr": record.psnr, "ssim": record.means.get("ssim"), **costs}
+    return {
+        "psnr": record.psnr,
+        "ssim": record.means.get("ssim"),
+        "flip": record.flip,
+        "megabytes": record.size / 1e6,
+        "render_ms": record.ms,
+        "peak_memory_mb": record.peak_memory_mb,
+    }
 
 
 def csv_text(records: Sequence[Record]) -> str:
@@ -118,6 +126,7 @@ def lines(records: Sequence[Record]) -> list[list[str]]:
                 f"{record.size / 1e6:.2f}",
                 "" if record.file_bytes is None else f"{record.file_bytes / 1e6:.2f}",
                 _milliseconds(record),
+                _peak(record),
                 "cannot be drawn" if record.failure else places,
             ]
         )
@@ -126,16 +135,17 @@ def lines(records: Sequence[Record]) -> list[list[str]]:
 
 
 def _accuracy(record: Record, first: Record) -> list[str]:
-    """PSNR, what is lost of it, SSIM and errors; all empty for what cannot be drawn."""
+    """PSNR, what is lost of it, SSIM, FLIP and errors; all empty for what cannot be drawn."""
     loss = lost(record, first)
     if loss is None or record.relative_l2 is None or record.max_error is None:
-        return [""] * 5
+        return [""] * 6
     error = "" if loss[1] is None else f" ± {loss[1]:.2f}"
     said = "tie" if is_tie(record, first) else f"{loss[0]:.2f}{error}"
     return [
         f"{record.psnr:.2f}",
         "" if record.axis == AS_IS else said,
         f"{record.means['ssim']:.4f}" if "ssim" in record.means else "",
+        "" if record.flip is None else f"{record.flip:.4f}",
         f"{record.relative_l2:.1e}",
         f"{record.max_error:.1e}",
     ]
@@ -148,6 +158,12 @@ def _milliseconds(record: Record) -> str:
         return ""
     spread = "" if record.ms_spread is None else f" ± {record.ms_spread:.1f}"
     return f"{record.ms:.1f}{spread}"
+
+
+def _peak(record: Record) -> str:
+    if record.draws_alike:
+        return "as it is"
+    return "" if record.peak_memory_mb is None else f"{record.peak_memory_mb:.1f}"
 
 
 def _first(records: Sequence[Record]) -> Record:

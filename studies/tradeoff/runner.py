@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
+from statistics import mean
 
 import torch
 from torch import Tensor
@@ -12,7 +14,8 @@ from gsfw.core.datamanager import Split
 from gsfw.core.errors import UserError
 from gsfw.studies.tradeoff.exact import Exact
 from gsfw.studies.tradeoff.file_round_trip import FileRoundTrip, round_trips
-from gsfw.studies.tradeoff.finished_model import FinishedModel
+from gsfw.studies.tradeoff.finished_model import FinishedModel, evenly
+from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip, unavailable
 from gsfw.studies.tradeoff.record import Record
 from gsfw.studies.tradeoff.record_store import Key, RecordStore
 from gsfw.studies.tradeoff.subject import Subject
@@ -23,6 +26,9 @@ TIMED_VIEWS = 3
 """Views that are drawn in a round, spread evenly over those that accuracy is measured on."""
 SLOW_MS, SLOW_ROUNDS = 1000.0, 2
 """Variants that take longer than this for a view are drawn in so many rounds only."""
+
+Shown = tuple[Tensor, Tensor, Tensor | None]
+"""A view as it is drawn, as it should look, and which of its pixels are valid."""
 
 
 class Runner:
@@ -35,13 +41,22 @@ class Runner:
 
     @property
     def missing(self) -> list[Variant]:
-        """Variants that were not measured yet."""
-        return [variant for variant in self.variants if variant.key not in self.store.records]
+        """Variants that were not measured yet, or of which FLIP is not known and could be."""
+        return [variant for variant in self.variants if self._is_missing(variant)]
+
+    def _is_missing(self, variant: Variant) -> bool:
+        record = self.store.records.get(variant.key)
+        if record is None:
+            return True
+        return record.flip is None and not record.failure and self._has_flip
 
     def measure(self) -> Iterator[Variant]:
         """Measure the accuracy and the size of what is missing; each one when it is kept."""
         for variant in self.missing:
-            self.store.keep(self._record(variant))
+            record = self.store.records.get(variant.key) or self._record(variant)
+            if self._has_flip and not record.failure:
+                record = replace(record, flip=self._flip(variant.change(self.model.subject)))
+            self.store.keep(record)
             yield variant
 
     def rounds_left(self, repeats: int) -> int:
@@ -52,7 +67,7 @@ class Runner:
         return max(0, repeats - min(known, default=repeats))
 
     def time(self, repeats: int) -> Iterator[int]:
-        """Take the times of all variants in turn, round by round; the number of each."""
+        """Take the memory of all variants, and their times in turn; the number of each round."""
         rounds = self.rounds_left(repeats)
         if not rounds:
             return
@@ -61,7 +76,10 @@ class Runner:
         cameras = model.cameras[::step][:TIMED_VIEWS]
         turns: dict[Key, Turn] = {}
         for variant in self._timed():
-            turns[variant.key] = Turn.of(variant.change(model.subject), cameras)
+            turn = turns[variant.key] = Turn.of(variant.change(model.subject), cameras)
+            record = self.store.records[variant.key]
+            if record.peak_memory_mb is None:
+                self.store.keep(replace(record, peak_memory_mb=turn.memory(model.device)))
         for number in range(1, rounds + 1):
             taking = [variant for variant in self._timed() if not self._slow(variant)]
             self.store.add_round({v.key: turns[v.key].take(model.device) for v in taking})
@@ -110,19 +128,30 @@ class Runner:
         trips = round_trips(self.model.restored, self.model.registry, self.model.is_still)
         return {trip.form: trip for trip in trips}
 
+    @cached_property
+    def _has_flip(self) -> bool:
+        return not unavailable()
+
+    def _flip(self, subject: Subject) -> float:
+        """FLIP, which takes its time, of some of the views."""
+        places = evenly(len(self.model.cameras), MOST_VIEWS)
+        return mean(flip(*shown) for shown in self._shown(subject, places))
+
     @torch.no_grad()
     def _per_view(self, subject: Subject) -> list[dict[str, float]]:
         """Figures of every view, under the run's own protocol."""
         metrics = self.model.parts.metrics
+        shown = self._shown(subject, range(len(self.model.cameras)))
+        return [{name: metric(*item) for name, metric in metrics.items()} for item in shown]
+
+    def _shown(self, subject: Subject, places: Iterable[int]) -> Iterator[Shown]:
+        """Views as they are drawn, and as they should look."""
         still = subject.splats() if subject.is_still else None
-        found = []
-        for place, camera in enumerate(self.model.cameras):
-            target, valid = self._target(place)
+        for place in places:
+            camera = self.model.cameras[place]
             moment = None if camera.time is None else camera.time[0]
             splats = subject.splats(moment) if still is None else still
-            picture = subject.draw(splats, camera)
-            found.append({name: metric(picture, target, valid) for name, metric in metrics.items()})
-        return found
+            yield subject.draw(splats, camera), *self._target(place)
 
     def _target(self, place: int) -> tuple[Tensor, Tensor | None]:
         """The photo of a view and its valid pixels; without photos, a render."""

@@ -10,6 +10,7 @@ import torch
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.device import wait_for
+from gsfw.core.memory import added_memory_mb
 from gsfw.core.splats import Splats
 from gsfw.studies.tradeoff.subject import Subject
 
@@ -35,10 +36,19 @@ class Turn:
         """Draw every view once; milliseconds for a view, by the clock on the wall."""
         # After another's turn threads sleep and caches are cold, as they never are in a viewer:
         # one picture that does not count.
-        self.subject.draw(self.splats[0], self.cameras[0])
+        self._draw_first()
         wait_for(device)
         started = time.perf_counter()
         for splats, camera in zip(self.splats, self.cameras, strict=True):
             self.subject.draw(splats, camera)
         wait_for(device)
         return 1e3 * (time.perf_counter() - started) / len(self.cameras)
+
+    def memory(self, device: torch.device) -> float | None:
+        """Draw the first view; megabytes that this takes, ``None`` where that is not known."""
+        # What only the first picture of a variant takes stays for all that follow.
+        self._draw_first()
+        return added_memory_mb(self._draw_first, device)
+
+    def _draw_first(self) -> None:
+        self.subject.draw(self.splats[0], self.cameras[0])

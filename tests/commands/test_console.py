@@ -27,7 +27,7 @@ def test_programs_get_one_document_there_and_nothing_else(capsys):
 
 
 def test_only_the_last_column_of_a_table_wraps():
-    lines = render_table(["", ""], [["key" * 10, "word " * 50]]).splitlines()
+    lines = render_table(["", ""], [["key" * 10, "word " * 60]]).splitlines()
     assert len(lines) == 3
     assert all(len(line) <= WIDTH_OF_FILES for line in lines)
     assert lines[1].startswith(" " * 32 + "word")

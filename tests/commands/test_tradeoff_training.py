@@ -22,11 +22,12 @@ TINY = (
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Runs take no time, and are not drawn."""
+    """Runs take no time, and are not looked at."""
     command = (sys.executable, "-S", fake_variants.__file__)
     monkeypatch.setattr("gsfw.studies.run_process.COMMAND", command)
-    drawn = "gsfw.studies.tradeoff.training.experiment.Experiment.is_drawn"
-    monkeypatch.setattr(drawn, True)
+    experiment = "gsfw.studies.tradeoff.training.experiment.Experiment"
+    monkeypatch.setattr(f"{experiment}.is_drawn", True)
+    monkeypatch.setattr(f"{experiment}.without_flip", [])
 
 
 def told(capsys, *words, code=0):
@@ -161,6 +162,7 @@ def test_small_pictures_are_judged_in_full_size_and_the_command_holds(tmp_path, 
     for row in document["variants"]:
         assert row["render_ms"] > 0
         assert row["peak_memory_mb"] > 50
+        assert 0 < row["flip"] < 1
         assert row["floats"] * 4 == row["model_bytes"]
     command = shlex.split(document["recommended"]["command"])
     assert main([*command[1:], f"out={tmp_path / 'again'}", "json=true"]) == 0

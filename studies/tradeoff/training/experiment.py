@@ -16,11 +16,12 @@ from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Failure
 from gsfw.studies.runner import Ended
 from gsfw.studies.study import NEUTRAL
+from gsfw.studies.tradeoff import flip
 from gsfw.studies.tradeoff.training.axes import START, STEPS
 from gsfw.studies.tradeoff.training.base import Base, find_capture, singles
 from gsfw.studies.tradeoff.training.choice import BASELINE
 from gsfw.studies.tradeoff.training.halving import Goal
-from gsfw.studies.tradeoff.training.judge import DRAW_MS, RunJudge
+from gsfw.studies.tradeoff.training.judge import DRAW_MS, FLIP, RunJudge
 from gsfw.studies.tradeoff.training.plan import read_plan, write_plan
 from gsfw.studies.tradeoff.training.search import Round, Search, Trial
 from gsfw.studies.tradeoff.training.sizing import (
@@ -72,7 +73,8 @@ class Experiment:
         self.capture = find_capture(base, shop.registry)
         usual = 1 if self.capture.device != "cpu" else min(MOST_JOBS, cores())
         self.shop = replace(shop, jobs=shop.jobs or usual)
-        self.recipes, self.left_out = singles(base, request.axes, shop.registry)
+        self.recipes, left_out = singles(base, request.axes, shop.registry)
+        self.left_out = [*left_out, *flip.left_out()]
 
     @property
     def lengths(self) -> tuple[float, ...]:
@@ -130,7 +132,8 @@ class Experiment:
         chosen = {} if sizing.seconds is None else self._at(sizing.downscale)
         sized = {"downscale": sizing.downscale, "steps": sizing.steps}
         base = self._unsized.sized({**chosen, **sized})
-        self.recipes, self.left_out = singles(base, self._request.axes, self.shop.registry)
+        self.recipes, left_out = singles(base, self._request.axes, self.shop.registry)
+        self.left_out = [*left_out, *flip.left_out()]
         self.judge = RunJudge(self.shop.registry, base.downscale)
         self.trainer = Trainer(base, self.shop, self.judge.accuracy)
         steps = [max(1, round(length * sizing.steps)) for length in self.lengths]
@@ -163,6 +166,18 @@ class Experiment:
     def draw(self, rounds: int) -> Iterator[int]:
         """Draw all variants in turn, as far as there is time; the number of each round."""
         return self.judge.time(self._made(), self.shop.store, rounds, self._is_over)
+
+    @property
+    def without_flip(self) -> list[PlannedRun]:
+        """Runs of which FLIP is not known and could be."""
+        if flip.unavailable():
+            return []
+        results = self.shop.store.results
+        return [run for run in self._made() if FLIP not in results[run.cell.key].figures]
+
+    def compare(self) -> Iterator[int]:
+        """Measure FLIP where it is missing, as far as there is time; how many are done."""
+        return self.judge.compare(self.without_flip, self.shop.store, self._is_over)
 
     def _is_over(self) -> bool:
         """Whether the time for drawing is gone too, or a stop is asked for."""

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from statistics import median, quantiles
+from statistics import mean, median, quantiles
 
 from gsfw.core.datamanager import Split
 from gsfw.core.determinism import deterministic
-from gsfw.core.evaluation import evaluate
+from gsfw.core.evaluation import draw, evaluate
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored, restore
 from gsfw.plugins.settings import Layer
 from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Result
 from gsfw.studies.result_store import ResultStore
-from gsfw.studies.tradeoff.finished_model import is_still
+from gsfw.studies.tradeoff.finished_model import evenly, is_still
+from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip
 from gsfw.studies.tradeoff.subject import Subject
 from gsfw.studies.tradeoff.timing import Turn
 from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, run_folder
 
 DRAW_MS, DRAW_SPREAD = "draw_ms", "draw_spread_ms"
 """Figures of a result: median time to draw a view, and the distance of the quartiles."""
+
+FLIP = "judged_flip"
+"""Figure of a result: mean of FLIP over some held-out views in the size of the baseline's."""
 
 TIMED_VIEWS = 3
 """Held-out views that are drawn in a round, spread evenly."""
@@ -80,6 +84,40 @@ class RunJudge:
             known = store.results[run.cell.key]
             figures = {**known.figures, DRAW_MS: median(taken), DRAW_SPREAD: _spread(taken)}
             store.keep(replace(known, figures=figures))
+
+    def compare(
+        self, runs: Sequence[PlannedRun], store: ResultStore, is_over: Callable[[], bool]
+    ) -> Iterator[int]:
+        """Measure FLIP of one run after the other, and keep it; how many are done.
+
+        Args:
+            runs: that were made.
+            store: of their results.
+            is_over: whether there is no time for another.
+
+        Raises:
+            DataError: a run cannot be opened.
+        """
+        for number, run in enumerate(runs, start=1):
+            if is_over():
+                return
+            known = store.results[run.cell.key]
+            store.keep(replace(known, figures={**known.figures, FLIP: self._flip(known)}))
+            yield number
+
+    def _flip(self, result: Result) -> float:
+        restored = self._open(result)
+        parts, settings = restored.composition.parts, restored.composition.plan.settings
+        assert settings.background is not None
+        found = []
+        with deterministic(parts.device):
+            for place in evenly(len(parts.data.views(Split.EVAL)), MOST_VIEWS):
+                (batch,) = parts.data.load(Split.EVAL, [place], parts.device)
+                shown = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
+                valid = None if batch.valid is None else batch.valid[0]
+                found.append(flip(shown.color[0], batch.target(settings.background)[0], valid))
+        parts.data.close()
+        return mean(found)
 
     def _turn(self, result: Result) -> tuple[Turn, Restored]:
         restored = self._open(result)

@@ -17,7 +17,7 @@ from gsfw.studies.tradeoff.training.trained import (
 )
 
 HEADINGS = (
-    *("variant", "steps", "PSNR", "lost dB", "SSIM", "Gaussians", "MB"),
+    *("variant", "steps", "PSNR", "lost dB", "SSIM", "FLIP", "Gaussians", "MB"),
     *("training s", "ms", "peak MB", "front"),
 )
 
@@ -51,6 +51,7 @@ def documents(found: Sequence[Trained]) -> list[dict[str, Any]]:
             "changed": dict(item.changed),
             "psnr": item.psnr,
             "ssim": item.ssim,
+            "flip": item.flip,
             "psnr_lost": first.psnr - item.psnr,
             "is_tie": is_tie(item, found),
             "psnr_other_seed": item.again,
@@ -101,6 +102,7 @@ def lines(found: Sequence[Trained]) -> list[list[str]]:
                 f"{item.psnr:.2f}",
                 _loss(item, found),
                 f"{item.ssim:.4f}",
+                "" if item.flip is None else f"{item.flip:.4f}",
                 f"{item.num_gaussians:,}",
                 f"{item.file_mb:.2f}",
                 f"{item.train_seconds:.0f}",

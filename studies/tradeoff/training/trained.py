@@ -11,7 +11,7 @@ from typing import Any
 from gsfw.studies.result import Result
 from gsfw.studies.tradeoff.front import SAME_PSNR, Point, front
 from gsfw.studies.tradeoff.training.choice import BASELINE
-from gsfw.studies.tradeoff.training.judge import DRAW_MS, DRAW_SPREAD
+from gsfw.studies.tradeoff.training.judge import DRAW_MS, DRAW_SPREAD, FLIP
 from gsfw.studies.tradeoff.training.search import Trial
 from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, megabytes
 
@@ -44,6 +44,8 @@ class Trained:
     draw_ms: float | None = None
     """To draw a view; ``None`` before that was measured."""
     draw_spread_ms: float = 0.0
+    flip: float | None = None
+    """Mean of FLIP over some of the same views; ``None`` where it is not known."""
     peak_memory_mb: float | None = None
     """Of its process; ``None`` where it is not known."""
     again: float | None = None
@@ -103,6 +105,7 @@ def trained(
         train_seconds=float(figures["train_seconds"]),
         draw_ms=figures.get(DRAW_MS),
         draw_spread_ms=float(figures.get(DRAW_SPREAD, 0.0)),
+        flip=figures.get(FLIP),
         peak_memory_mb=figures.get("peak_memory_mb"),
         again=None if again is None else float(again.figures[PSNR]),
         seconds_again=None if again is None else float(again.figures["train_seconds"]),

@@ -60,6 +60,7 @@ def _sessions(found: Sequence[Trained]) -> list[Session]:
             {
                 "psnr": item.psnr,
                 "ssim": item.ssim,
+                "flip": item.flip,
                 "psnr_lost": first.psnr - item.psnr,
                 "megabytes": item.file_mb,
                 "num_gaussians": item.num_gaussians,

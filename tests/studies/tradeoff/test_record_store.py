@@ -1,6 +1,7 @@
 """Records are kept as they come, and let go where the model is another one."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -30,11 +31,23 @@ def test_what_is_kept_is_there_again(tmp_path):
 def test_times_of_other_conditions_are_let_go(tmp_path):
     path = tmp_path / "tradeoff.json"
     store = RecordStore(path, "a", "1 thread")
-    store.keep(record())
+    store.keep(replace(record(), flip=0.1, peak_memory_mb=3.0))
     store.add_round({("sh", "degree 1"): 2.0})
-    assert RecordStore(path, "a", "1 thread").records[("sh", "degree 1")].readings == [2.0]
+    same = RecordStore(path, "a", "1 thread").records[("sh", "degree 1")]
+    assert (same.readings, same.peak_memory_mb) == ([2.0], 3.0)
     other = RecordStore(path, "a", "2 threads").records[("sh", "degree 1")]
-    assert (other.readings, other.psnr) == ([], 25.0)
+    assert (other.readings, other.peak_memory_mb) == ([], None)
+    assert (other.psnr, other.flip) == (25.0, 0.1)
+
+
+def test_figures_that_an_earlier_gsfw_did_not_have_are_not_known(tmp_path):
+    path = tmp_path / "tradeoff.json"
+    RecordStore(path, "a").keep(replace(record(), flip=0.1, peak_memory_mb=3.0))
+    document = json.loads(path.read_text())
+    for item in document["records"]:
+        del item["flip"], item["peak_memory_mb"]
+    path.write_text(json.dumps(document))
+    assert RecordStore(path, "a").records == {("sh", "degree 1"): record()}
 
 
 def test_another_fingerprint_begins_anew_and_says_how_much_went(tmp_path):

@@ -13,6 +13,7 @@ from gsfw.studies.tradeoff.report import (
     is_tie,
     lines,
     lost,
+    metrics,
 )
 
 
@@ -22,7 +23,11 @@ def record(axis, name, psnrs, **more):
 
 
 FIRST = record(
-    "as it is", "as it is", [30.0, 20.0, 25.0], readings=[4.0, 5.0, 6.0], command=["export"]
+    *("as it is", "as it is", [30.0, 20.0, 25.0]),
+    readings=[4.0, 5.0, 6.0],
+    command=["export"],
+    flip=0.06789,
+    peak_memory_mb=12.34,
 )
 BOTH_WAYS = record("cutoffs", "alpha 1/64", [30.1, 19.9, 25.03], readings=[4.1, 5.1, 6.1])
 ALL_LESS = record("sh", "degree 0", [29.8, 19.8, 24.8], readings=[4.1, 5.0, 6.1])
@@ -51,12 +56,14 @@ def test_lines_are_in_the_order_of_axes_and_tell_everything():
     ]
     found = lines(EVERY)
     assert all(len(row) == len(HEADINGS) for row in found)
-    assert found[0][:5] == ["as it is", "", "25.00", "", "0.9000"]
+    assert found[0][:6] == ["as it is", "", "25.00", "", "0.9000", "0.0679"]
+    assert found[0][-2] == "12.3"
     assert found[1][:4] == ["sh", "degree 0", "24.80", "0.20 ± 0.00"]
     assert found[2][3] == "tie"
-    assert found[2][-2] == "as it is"
-    assert found[3] == ["", "bf16", *[""] * 5, "1", "0.00", "", "", "cannot be drawn"]
-    assert found[4][-2] == "5.1 ± 2.0"
+    assert found[2][-3:-1] == ["as it is", "as it is"]
+    assert found[3] == ["", "bf16", *[""] * 6, "1", "0.00", "", "", "", "cannot be drawn"]
+    assert found[4][5] == "", "its FLIP is not known"
+    assert found[4][-3:-1] == ["5.1 ± 2.0", ""]
 
 
 def test_the_csv_has_the_figures_of_the_document():
@@ -64,12 +71,22 @@ def test_the_csv_has_the_figures_of_the_document():
     for row, document in zip(rows, documents(EVERY), strict=True):
         assert row["name"] == document["name"]
         assert row["bytes"] == str(document["bytes"])
+        assert row["flip"] == str(document["flip"] or "")
         assert row["on_front"].split() == document["on_front"]
+
+
+def test_figures_that_are_not_known_are_null():
+    first, *others = documents(EVERY)
+    assert (first["flip"], first["peak_memory_mb"]) == (0.06789, 12.34)
+    assert {other["flip"] for other in others} == {None}
+    assert metrics(FIRST)["flip"] == 0.06789
+    assert metrics(FIRST)["peak_memory_mb"] == 12.34
 
 
 def test_documents_say_whose_time_it_is():
     by_name = {document["name"]: document for document in documents(EVERY)}
     assert by_name["fp16"]["render_ms"] == 5.0
+    assert by_name["fp16"]["peak_memory_mb"] == 12.34
     assert by_name["fp16"]["render_ms_is_own"] is False
     assert by_name["degree 0"]["render_ms_is_own"] is True
     assert by_name["bf16"]["failure"] == "scales are infinite"

@@ -1,6 +1,7 @@
 """Every figure of a variant is what an independent computation gives."""
 
 import dataclasses
+import sys
 
 import numpy as np
 import pytest
@@ -11,10 +12,12 @@ from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.evaluation import evaluate
+from gsfw.core.memory import added_memory_mb
 from gsfw.core.metrics import psnr
 from gsfw.formats.ply import PlyImporter
 from gsfw.studies.tradeoff.catalogue import catalogue
-from gsfw.studies.tradeoff.finished_model import PROBE_SIDE, PROBES
+from gsfw.studies.tradeoff.finished_model import PROBE_SIDE, PROBES, LeftOut, evenly
+from gsfw.studies.tradeoff.flip import flip
 from gsfw.studies.tradeoff.record_store import RecordStore
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES
@@ -28,7 +31,7 @@ def model(finished_run):
 @pytest.fixture(scope="module")
 def variants(model):
     found, left_out = catalogue(model, AXES)
-    assert left_out == []
+    assert left_out == [LeftOut("time", "the model does not move")]
     return {variant.key: variant for variant in found}
 
 
@@ -55,7 +58,7 @@ def test_the_model_as_it_is_has_the_figures_of_gsfw_eval(model, records):
 
 
 def test_every_axis_is_there_and_can_be_drawn(records):
-    assert {axis for axis, _ in records} == {"as it is", *AXES}
+    assert {axis for axis, _ in records} == {"as it is", *AXES} - {"time"}
     for record in records.values():
         assert record.failure == "", record
         assert len(record.readings) == (0 if record.draws_alike else 2)
@@ -147,6 +150,52 @@ def test_what_is_measured_is_not_measured_again(model, variants, records, tmp_pa
     assert again.rounds_left(3) == 2
 
 
+def test_flip_is_the_mean_over_some_views_against_the_photos(model, records):
+    pytest.importorskip("flip_evaluator")
+    subject, each = model.subject, []
+    for view in (0, 1):
+        (batch,) = model.parts.data.load(Split.EVAL, [view], model.device)
+        photo = batch.target(subject.settings.background)[0]
+        each.append(flip(subject.draw(subject.splats(), batch.cameras), photo, None))
+    assert records[("as it is", "as it is")].flip == pytest.approx(sum(each) / 2)
+    assert records[("resolution", "1/2, enlarged")].flip != pytest.approx(sum(each) / 2)
+
+
+def test_flip_alone_is_measured_where_it_is_missing(model, variants, records, tmp_path):
+    pytest.importorskip("flip_evaluator")
+    first = variants[("as it is", "as it is")]
+    store = RecordStore(tmp_path / "t.json", "x")
+    known = dataclasses.replace(records[first.key], flip=None, per_view=[{"psnr": 1.0}])
+    store.keep(known)
+    runner = Runner(model, [first], store)
+    assert runner.missing == [first]
+    list(runner.measure())
+    expected = dataclasses.replace(known, flip=records[first.key].flip)
+    assert store.records == {first.key: expected}
+    assert runner.missing == []
+
+
+def test_without_the_package_flip_is_not_known_and_nothing_is_missing(
+    model, variants, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
+    first = variants[("as it is", "as it is")]
+    runner = Runner(model, [first], RecordStore(tmp_path / "t.json", "x"))
+    list(runner.measure())
+    assert runner.missing == []
+    assert runner.store.records[first.key].flip is None
+
+
+def test_memory_is_known_of_all_that_is_drawn_in_its_own_way(records):
+    if added_memory_mb(lambda: None, torch.device("cpu")) is None:
+        pytest.skip("this system does not say how much memory a piece of work takes")
+    for record in records.values():
+        assert (record.peak_memory_mb is None) == record.draws_alike, record
+    # Plain torch holds what the kernels never write down.
+    reference = records[("backend", "reference, float32")].peak_memory_mb
+    assert reference > records[("as it is", "as it is")].peak_memory_mb
+
+
 def test_what_cannot_be_drawn_is_a_failure_with_its_reason(model, variants, tmp_path):
     def ruined(subject):
         return dataclasses.replace(
@@ -160,6 +209,11 @@ def test_what_cannot_be_drawn_is_a_failure_with_its_reason(model, variants, tmp_
     (record,) = store.records.values()
     assert record.failure.startswith("splats.scales: expected finite values; 150 of 150 rows")
     assert (record.psnr, record.relative_l2) == (None, None)
+
+
+def test_views_are_taken_from_the_middles_of_equal_parts():
+    assert evenly(16, 4) == [2, 6, 10, 14]
+    assert evenly(3, 4) == [0, 1, 2]
 
 
 def test_probes_are_few_and_small(model):

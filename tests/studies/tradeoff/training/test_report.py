@@ -33,6 +33,7 @@ def trained(variant, steps, psnr, file_mb, seconds=10.0, ms=5.0, again=None, axe
         train_seconds=seconds,
         draw_ms=ms,
         draw_spread_ms=0.5,
+        flip=0.05 if variant == "baseline" else None,
         peak_memory_mb=400.0,
         again=again,
         axes=() if variant == "baseline" else axes,
@@ -85,12 +86,14 @@ def test_every_figure_is_shown_and_the_csv_has_those_of_the_document():
     rows = lines(FOUND)
     assert all(len(row) == len(HEADINGS) for row in rows)
     assert rows[0][:4] == ["baseline", "200", "30.00", ""]
+    assert [row[5] for row in rows] == ["0.0500", "0.0500", "", "", ""]
     assert rows[2][:4] == ["cap 1/2", "200", "29.00", "1.00"]
     assert rows[4][3] == "tie"
     read = list(csv.DictReader(io.StringIO(csv_text(FOUND))))
     for row, document in zip(read, documents(FOUND), strict=True):
         assert (row["name"], row["psnr"]) == (document["name"], str(document["psnr"]))
         assert row["on_front"].split() == document["on_front"]
+        assert row["flip"] == str(document["flip"] or "")
     assert documents(FOUND)[0]["floats"] == 2_000_000
     assert documents(FOUND)[0]["command"] == "train method=3dgs 'data=my data' steps=200"
 
