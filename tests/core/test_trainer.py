@@ -34,6 +34,9 @@ from gsfw.strategies.adc import AdcConfig
 from gsfw.strategies.mcmc import McmcConfig
 from gsfw.strategies.none import NoneConfig
 
+# Whole trainings and scenes; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 CPU = torch.device("cpu")
 TRUTH = random_splats(100, degree=0)
 

@@ -8,6 +8,9 @@ from scenes import random_splats
 
 from gsfw.methods.still_rows import FIRST_TERM, StillRows
 
+# Whole trainings and scenes; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 NUM_STEPS = 200
 
 

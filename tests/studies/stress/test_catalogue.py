@@ -15,6 +15,9 @@ from gsfw.studies.stress.moving_case import MOVING_CASES, dynamic_methods, movin
 from gsfw.studies.stress.moving_measure import measure_moving
 from gsfw.studies.stress.runner import NAMES, StressPlan, run
 
+# Whole trainings and scenes; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 NAME = re.compile(r"[a-z]+(/[a-z0-9.-]+)+")
 
 

@@ -35,6 +35,9 @@ from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig
 from gsfw.strategies.mcmc import McmcConfig
 
+# Whole trainings and scenes; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 CPU = torch.device("cpu")
 STEPS = 16
 SIZE = (16, 12)
