@@ -73,7 +73,11 @@ class Experiment:
         self.capture = find_capture(base, shop.registry)
         usual = 1 if self.capture.device != "cpu" else min(MOST_JOBS, cores())
         self.shop = replace(shop, jobs=shop.jobs or usual)
-        self.recipes, left_out = singles(base, request.axes, shop.registry)
+        self._choose_recipes(base)
+
+    def _choose_recipes(self, base: Base) -> None:
+        """What is tried of a base, and what cannot be."""
+        self.recipes, left_out = singles(base, self._request.axes, self.shop.registry)
         self.left_out = [*left_out, *flip.left_out()]
 
     @property
@@ -113,8 +117,8 @@ class Experiment:
         return math.inf if deadline is None else (deadline - time.monotonic()) / 60
 
     def _measure(self, factors: Sequence[float], steps: int) -> list[Speed]:
-        sizes = [{**self._unsized.given, **self._at(factor)} for factor in factors]
-        return measure_speeds(sizes, self.shop, steps)
+        runs = [{**self._unsized.given, **self._at(factor)} for factor in factors]
+        return measure_speeds(runs, self.shop, steps)
 
     def _at(self, downscale: float) -> dict[str, Any]:
         """Settings for a size that was chosen, or for a length that was chosen at that size."""
@@ -129,11 +133,10 @@ class Experiment:
 
     def begin(self, sizing: Sizing) -> None:
         """Get ready to train."""
-        chosen = {} if sizing.seconds is None else self._at(sizing.downscale)
-        sized = {"downscale": sizing.downscale, "steps": sizing.steps}
-        base = self._unsized.sized({**chosen, **sized})
-        self.recipes, left_out = singles(base, self._request.axes, self.shop.registry)
-        self.left_out = [*left_out, *flip.left_out()]
+        given = sizing.seconds is None
+        size = {"downscale": sizing.downscale} if given else self._at(sizing.downscale)
+        base = self._unsized.sized({**size, "steps": sizing.steps})
+        self._choose_recipes(base)
         self.judge = RunJudge(self.shop.registry, base.downscale)
         self.trainer = Trainer(base, self.shop, self.judge.accuracy)
         steps = [max(1, round(length * sizing.steps)) for length in self.lengths]

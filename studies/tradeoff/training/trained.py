@@ -150,6 +150,6 @@ def _same_cost(found: Sequence[Trained], cost: str) -> float:
         return math.log1p(2 * median(spreads)) if spreads else 0.0
     if cost == "training":
         pairs = [(item.train_seconds, item.seconds_again) for item in found]
-        logs = [math.log(first / again) for first, again in pairs if again]
+        logs = [math.log(first / again) for first, again in pairs if first and again]
         return 2 * math.sqrt(mean(log**2 / 2 for log in logs)) if logs else 0.0
     return 0.0
