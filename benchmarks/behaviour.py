@@ -10,6 +10,8 @@ hold for one machine: record both sides on the same one.
     python benchmarks/behaviour.py compare before.json after.json
 """
 
+# ruff: noqa: T201
+
 from __future__ import annotations
 
 import argparse
@@ -38,9 +40,7 @@ COMMON = (
     *(f"steps={STEPS}", f"checkpoint_every={CHECKPOINT}", "eval_every=100", "seed=7"),
 )
 MOVING = ("datamanager.moving=true", "datamanager.times=4", "random_points=1500")
-REFINING = (
-    *("strategy.refine_start=30", "strategy.refine_every=20", "strategy.refine_stop=220"),
-)
+REFINING = (*("strategy.refine_start=30", "strategy.refine_every=20", "strategy.refine_stop=220"),)
 ADC = (*REFINING, "strategy.reset_every=90", "strategy.grow_gradient=1e-5")
 MCMC = ("strategy=mcmc", *REFINING, "strategy.cap_max=500")
 BANDS = ("sh=adaptive", "bands.every=40", "bands.grow_stop=100", "bands.stop=220")
@@ -77,7 +77,12 @@ CASES: dict[str, tuple[str, ...]] = {
     "4dgs, mlp": ("method=4dgs", *MOVING, "preset=mlp", *REFINING),
     "4d-rotor": ("method=4d-rotor", *MOVING, *REFINING),
     "4d-rotor, settling, bands": (
-        "method=4d-rotor", *MOVING, *REFINING, *SETTLING, *BANDS, "sampler=same-time",
+        "method=4d-rotor",
+        *MOVING,
+        *REFINING,
+        *SETTLING,
+        *BANDS,
+        "sampler=same-time",
     ),
     "spacetime": ("method=spacetime", *MOVING, *ADC),
     "spacetime, guided, settling": (

@@ -15,10 +15,10 @@ from pathlib import Path
 import torch
 
 from gsfw.core.datamanager import Split
-from gsfw.core.evaluation import draw
+from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.metrics import psnr
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.run_folder import RunFolder
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 from gsfw.rasterizers.ray.peak import Peak

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gsfw.core.run_folder import RunFolder
-from gsfw.core.trainer import Trainer
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.trainer import Trainer
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 

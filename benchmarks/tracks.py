@@ -13,8 +13,8 @@ import json
 from pathlib import Path
 
 from gsfw.core.datamanager import Split
-from gsfw.core.run_folder import RunFolder
-from gsfw.core.tracks import compare, follow
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.temporal_metrics.tracks import compare, follow
 from gsfw.datamanagers.synthetic.data import SyntheticData
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore

@@ -11,9 +11,10 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
-from gsfw.core.evaluation import Evaluation
-from gsfw.core.requirements import Requirements
-from gsfw.core.run_folder import RunFolder, readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.requirements import Requirements
+from gsfw.core.loop.run_folder import RunFolder
 
 logger = logging.getLogger("gsfw.run")
 

@@ -14,7 +14,7 @@ from rich.progress import Progress as Bar
 from rich.table import Column as TableColumn
 
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
-from gsfw.core.evaluation import Evaluation
+from gsfw.core.loop.evaluation import Evaluation
 
 SECONDS_BETWEEN_LINES = 10.0
 """Where there is no terminal to draw on, a plain line is written this often."""

@@ -10,12 +10,13 @@ from jaxtyping import UInt8
 from PIL import Image
 from torch import Tensor
 
+from gsfw.charts.time_plot import write_time_plot
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
-from gsfw.core.evaluation import Evaluation
-from gsfw.core.json_text import json_text
-from gsfw.core.requirements import Requirements
-from gsfw.core.run_folder import RunFolder, readable_write_errors, write_atomically
-from gsfw.core.time_plot import write_time_plot
+from gsfw.core.files.atomic import readable_write_errors, write_atomically
+from gsfw.core.files.json_text import json_text
+from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.requirements import Requirements
+from gsfw.core.loop.run_folder import RunFolder
 
 
 class Results(Callback):

@@ -13,9 +13,10 @@ from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
-from gsfw.core.evaluation import Evaluation
-from gsfw.core.requirements import Requirements
-from gsfw.core.run_folder import RunFolder, readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.requirements import Requirements
+from gsfw.core.loop.run_folder import RunFolder
 
 MAX_PICTURES = 4
 """Held-out views shown per evaluation; more make event files large and pages slow."""

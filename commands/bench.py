@@ -14,9 +14,9 @@ from gsfw.core.config import AUTO
 if TYPE_CHECKING:
     import torch
 
-    from gsfw.commands.bench_entrants import Candidate
-    from gsfw.commands.bench_round import Bench
-    from gsfw.commands.bench_workload import Workload
+    from gsfw.studies.bench.entrants import Candidate
+    from gsfw.studies.bench.rounds import Bench
+    from gsfw.studies.bench.workload import Workload
 
 WARM_UP = 2
 """Rounds before those that count: memory is allocated, caches are filled, threads are started."""
@@ -69,16 +69,16 @@ def run(arguments: list[str]) -> int:
     options = read("bench", BenchOptions, arguments)
     check(options)
 
-    from gsfw.commands.bench_device import warm_up
-    from gsfw.commands.bench_entrants import choose
-    from gsfw.commands.bench_limits import measure_limits, process_memory
-    from gsfw.commands.bench_pairs import contributing_pairs
-    from gsfw.commands.bench_report import document
-    from gsfw.commands.bench_round import Bench
-    from gsfw.commands.bench_table import show
     from gsfw.commands.console import Console
     from gsfw.core.render_settings import RenderSettings
     from gsfw.plugins.registry import installed
+    from gsfw.studies.bench.device import warm_up
+    from gsfw.studies.bench.entrants import choose
+    from gsfw.studies.bench.limits import measure_limits, process_memory
+    from gsfw.studies.bench.pairs import contributing_pairs
+    from gsfw.studies.bench.report import document
+    from gsfw.studies.bench.rounds import Bench
+    from gsfw.studies.bench.table import show
 
     console = Console(options.json)
     registry = installed()
@@ -147,8 +147,8 @@ def _size(text: str) -> tuple[int, int]:
 
 def _workload(options: BenchOptions, device: torch.device) -> Workload:
     """What is drawn, where it is drawn."""
-    from gsfw.commands.bench_scene import RANDOM, built_in, random_workload
-    from gsfw.commands.bench_workload import read_workload
+    from gsfw.studies.bench.scene import RANDOM, built_in, random_workload
+    from gsfw.studies.bench.workload import read_workload
 
     if options.workload.startswith(RANDOM):
         workload = random_workload(options.workload, device)
@@ -167,10 +167,10 @@ def _more(
     device: torch.device,
 ) -> dict[str, Any]:
     """What is measured only where it is asked for."""
-    from gsfw.commands.bench_agreement import agreement, agreement_at_random
-    from gsfw.commands.bench_first_use import first_use
-    from gsfw.commands.bench_sort import compare_sorts
     from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
+    from gsfw.studies.bench.agreement import agreement, agreement_at_random
+    from gsfw.studies.bench.first_use import first_use
+    from gsfw.studies.bench.sort import compare_sorts
 
     found: dict[str, Any] = {}
     if options.agreement >= 0:
@@ -194,7 +194,7 @@ def _as_in_training(device: torch.device) -> Iterator[None]:
     """As training sets torch up, and with kept memory; puts the number of threads back."""
     import torch
 
-    from gsfw.core.determinism import deterministic
+    from gsfw.core.loop.determinism import deterministic
     from gsfw.kernels.cpu.native_module import keep_freed_memory
 
     keep_freed_memory()

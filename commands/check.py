@@ -119,12 +119,12 @@ def _check(
 
     What keeps a data set from being opened is a finding: it will not train.
     """
-    from gsfw.commands.capture_check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
-    from gsfw.commands.capture_check.examination import Examination
-    from gsfw.commands.capture_check.plan import Plan
-    from gsfw.commands.capture_check.tile import tiles_of
     from gsfw.commands.check_report import describe
-    from gsfw.core.finding import Verdict
+    from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
+    from gsfw.preparation.check.examination import Examination
+    from gsfw.preparation.check.plan import Plan
+    from gsfw.preparation.check.tile import tiles_of
+    from gsfw.preparation.finding import Verdict
 
     settings.config.check()
     path, reader = settings.config.data, settings.choices["datamanager"].name
@@ -152,7 +152,7 @@ def _check(
 
 def _unreadable(error: DataError) -> dict[str, Any]:
     """The document of a data set that is recognised, and cannot be opened."""
-    from gsfw.core.finding import Finding, Verdict, Weight
+    from gsfw.preparation.finding import Finding, Verdict, Weight
 
     finding = Finding(
         kind="cannot be read",

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from gsfw.commands.capture_check.plan import Plan, plain_background
-from gsfw.commands.capture_check.survey import Survey
-from gsfw.commands.capture_check.time_findings import cameras_at_times, still_share
-from gsfw.commands.capture_check.track_places import MIN_VIEWS
-from gsfw.commands.capture_check.view_dependence import MIN_POINTS
 from gsfw.commands.console import Console
+from gsfw.preparation.check.plan import Plan, plain_background
+from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.check.time_findings import cameras_at_times, still_share
+from gsfw.preparation.check.track_places import MIN_VIEWS
+from gsfw.preparation.check.view_dependence import MIN_POINTS
 
 MILLION = 1_000_000
 WEIGHTS = {"stop": "Will not train", "limit": "Limit", "note": "Note"}

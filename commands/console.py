@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from gsfw.core.json_text import json_text
+from gsfw.core.files.json_text import json_text
 
 WIDTH_OF_FILES = 160
 """Columns of a table that is not shown on a terminal."""

@@ -9,9 +9,9 @@ import torch
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import DataManager, Split
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.core.scene import Scene
-from gsfw.core.training_parts import TrainingParts
 
 EXPOSURES = "exposures.json"
 REFINED = "refined_transforms.json"

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from gsfw.commands.console import Console
     from gsfw.core.datamanager import Split
-    from gsfw.core.evaluation import Evaluation
-    from gsfw.core.run_folder import RunFolder
+    from gsfw.core.loop.evaluation import Evaluation
+    from gsfw.core.loop.run_folder import RunFolder
     from gsfw.plugins.restore import Restored
 
 
@@ -40,9 +40,9 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.open_run import open_run
     from gsfw.commands.run_argument import find_run
     from gsfw.core.datamanager import Split
-    from gsfw.core.determinism import deterministic
     from gsfw.core.errors import DataError
-    from gsfw.core.evaluation import evaluate
+    from gsfw.core.loop.determinism import deterministic
+    from gsfw.core.loop.evaluation import evaluate
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
@@ -97,7 +97,7 @@ def _write(
     evaluation: Evaluation,
 ) -> None:
     """The document, and beside it the curve over time where there is one."""
-    from gsfw.core.time_plot import write_time_plot
+    from gsfw.charts.time_plot import write_time_plot
 
     folder.write_json(path, document)
     console.say(f"written: {path}")

@@ -12,8 +12,8 @@ from gsfw.commands.render_path import is_dynamic
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import Exporter
-from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.core.files.atomic import readable_write_errors, write_atomically
+from gsfw.core.files.json_text import json_text
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.snapshot import snapshot

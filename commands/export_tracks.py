@@ -11,10 +11,10 @@ from torch import Tensor
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.exchange import TrackFile
+from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.spherical_harmonics import dc_to_rgb
 from gsfw.core.splats import Sh
-from gsfw.core.tracks import follow
+from gsfw.core.temporal_metrics.tracks import follow
 from gsfw.plugins.restore import Restored
 
 

@@ -15,7 +15,7 @@ from gsfw.commands.console import Console
 from gsfw.core.errors import UserError
 
 if TYPE_CHECKING:
-    from gsfw.core.run_folder import RunFolder
+    from gsfw.core.loop.run_folder import RunFolder
 
 UNEXPECTED = 1
 INTERRUPTED = 130

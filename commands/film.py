@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.core.errors import UnavailableError
-from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.core.files.atomic import readable_write_errors, write_atomically
 
 if TYPE_CHECKING:
     from jaxtyping import Float

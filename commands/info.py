@@ -61,7 +61,7 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
     from gsfw.commands.run_info import describe_run
     from gsfw.commands.splat_info import describe_splats
     from gsfw.core.errors import ConfigError
-    from gsfw.core.run_folder import RunFolder
+    from gsfw.core.loop.run_folder import RunFolder
     from gsfw.plugins.automatic import BUILT_IN_SCENE
 
     what, data = options.what, options.data

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from gsfw.commands.run_argument import RUNS
 from gsfw.core.errors import OutputError
-from gsfw.core.run_folder import RunFolder, readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.loop.run_folder import RunFolder
 
 
 def check_free(out: str) -> None:

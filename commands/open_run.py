@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gsfw.commands.run_argument import RunArgument
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.formats.model_file import read_model_file
 from gsfw.plugins.rebuild import rebuild
 from gsfw.plugins.registry import Registry

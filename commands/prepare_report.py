@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from gsfw.commands.capture_check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
-from gsfw.commands.capture_check.examination import Examination
-from gsfw.commands.capture_check.plan import Plan
-from gsfw.commands.capture_check.tile import Tile, tiles_of
 from gsfw.commands.check_report import describe, tell_findings
 from gsfw.commands.console import Console
 from gsfw.core.errors import DataError
-from gsfw.core.finding import Finding, Verdict, Weight, sorted_findings
-from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import json_text
 from gsfw.datamanagers.pictures import decode, read_header
 from gsfw.plugins.settings import Settings
 from gsfw.plugins.specs import PROJECT
+from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
+from gsfw.preparation.check.examination import Examination
+from gsfw.preparation.check.plan import Plan
+from gsfw.preparation.check.tile import Tile, tiles_of
 from gsfw.preparation.diagnosis.unregistered import Unregistered
+from gsfw.preparation.finding import Finding, Verdict, Weight, sorted_findings
 from gsfw.preparation.preparation import Prepared
 from gsfw.preparation.workplace import Workplace
 

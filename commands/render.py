@@ -68,7 +68,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.open_run import open_run
     from gsfw.commands.progress import with_progress
     from gsfw.commands.run_argument import find_run
-    from gsfw.core.determinism import deterministic
+    from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
 
     chosen = choose_format(options.video)
@@ -131,7 +131,7 @@ def _views(restored: Restored, folder: Path) -> Iterator[Path]:
 
     from gsfw.commands.film import write_picture
     from gsfw.core.datamanager import Split
-    from gsfw.core.evaluation import draw
+    from gsfw.core.loop.evaluation import draw
 
     parts, settings = restored.composition.parts, restored.composition.plan.settings
     assert settings.background is not None

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from gsfw.commands.film import write_picture
 from gsfw.commands.trails import Trails, make_trails, surface_settings
-from gsfw.core.camera_path import at_times, orbit
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
-from gsfw.core.evaluation import draw
+from gsfw.core.loop.evaluation import draw
+from gsfw.core.maths.camera_path import at_times, orbit
 from gsfw.plugins.registry import did_you_mean
 
 if TYPE_CHECKING:

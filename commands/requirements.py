@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from gsfw.commands.console import Console
-from gsfw.core.trainer import Trainer
+from gsfw.core.loop.trainer import Trainer
 from gsfw.studies.requirements.measure import measure
 from gsfw.studies.requirements.plot import plot
 

@@ -51,7 +51,7 @@ def run(tokens: list[str]) -> int:
 
     from gsfw.commands.run_argument import find_run
     from gsfw.commands.training import describe, make_callbacks, run_training
-    from gsfw.core.run_folder import write_atomically
+    from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.config_file import write_config
     from gsfw.plugins.restore import restore
     from gsfw.plugins.settings import COMMAND_LINE, Layer

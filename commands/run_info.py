@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from gsfw.commands.run_argument import RunArgument
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.config_file import HEADER, read_config
 
 SHOWN = ("method", "strategy", "rasterizer", "datamanager", "data", "device", "seed", "downscale")

@@ -71,7 +71,7 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.console import Console
     from gsfw.commands.run_argument import RUNS
-    from gsfw.core.folder_lock import only_one
+    from gsfw.core.files.folder_lock import only_one
     from gsfw.studies.result_store import ResultStore
     from gsfw.studies.study_file import read_study
     from gsfw.studies.writing import RESULTS

@@ -82,7 +82,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.console import Console
     from gsfw.commands.open_run import open_run
     from gsfw.commands.run_argument import find_run
-    from gsfw.core.determinism import deterministic
+    from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
     from gsfw.studies.tradeoff.catalogue import catalogue
     from gsfw.studies.tradeoff.finished_model import FinishedModel
@@ -189,7 +189,7 @@ def _report(
     options: ModelOptions,
 ) -> dict[str, Any]:
     """Write the files, show the table and the recommendation; the document."""
-    from gsfw.core.run_folder import write_atomically
+    from gsfw.core.files.atomic import write_atomically
     from gsfw.studies.tradeoff.hyperparameters import Session, write_hyperparameters
     from gsfw.studies.tradeoff.pareto_plot import write_pareto_plot
     from gsfw.studies.tradeoff.report import (

@@ -86,8 +86,8 @@ def run(arguments: Arguments) -> int:
     from gsfw.commands.run_argument import RUNS
     from gsfw.core.callback import Control
     from gsfw.core.errors import OutputError
-    from gsfw.core.folder_lock import only_one
-    from gsfw.core.run_folder import RunFolder
+    from gsfw.core.files.folder_lock import only_one
+    from gsfw.core.loop.run_folder import RunFolder
     from gsfw.plugins.registry import installed
     from gsfw.studies.result_store import ResultStore
     from gsfw.studies.tradeoff.training.experiment import Experiment, by_when, default_folder

@@ -13,12 +13,12 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Feature
-from gsfw.core.evaluation import draw
+from gsfw.core.loop.evaluation import draw
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.numerics import DEFAULT, NEAR
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import Depth, RenderSettings
-from gsfw.core.tracks import OPAQUE, Tracks, follow
+from gsfw.core.temporal_metrics.tracks import OPAQUE, Tracks, follow
 from gsfw.rasterizers.reference.lens import project_points
 
 MOTION_WEIGHT = 2.0

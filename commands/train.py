@@ -24,7 +24,7 @@ def run(tokens: list[str]) -> int:
     # torch is imported from here on; what could be said without it has been said.
     from gsfw.commands.new_run import check_free, default_folder, new_run_folder
     from gsfw.commands.training import describe, make_callbacks, run_training
-    from gsfw.core.run_folder import write_atomically
+    from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.compose import check, compose
     from gsfw.plugins.config_file import write_config
 

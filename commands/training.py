@@ -17,8 +17,8 @@ from gsfw.core.callback import Callback
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
-from gsfw.core.run_folder import RunFolder
-from gsfw.core.trainer import Trainer
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.trainer import Trainer
 from gsfw.kernels.cpu.native_module import keep_freed_memory
 from gsfw.plugins.automatic import load, load_all
 from gsfw.plugins.compose import Composition

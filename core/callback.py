@@ -11,8 +11,8 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 if TYPE_CHECKING:
-    from gsfw.core.evaluation import Evaluation
-    from gsfw.core.requirements import Requirements
+    from gsfw.core.loop.evaluation import Evaluation
+    from gsfw.core.loop.requirements import Requirements
 
 
 class Control:

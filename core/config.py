@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from gsfw.core.capabilities import Capabilities, Needs
     from gsfw.core.datamanager import DataManager, DataRequest, Views
+    from gsfw.core.loop.optimizer import OptimizerSettings
     from gsfw.core.method import Method
-    from gsfw.core.optimizer import OptimizerSettings
     from gsfw.core.rasterizer import Rasterizer
     from gsfw.core.sampler import Sampler
     from gsfw.core.scene import Scene
@@ -184,7 +184,7 @@ class OptimConfig:
 
     def settings(self) -> OptimizerSettings:
         """For the optimizer."""
-        from gsfw.core.optimizer import OptimizerSettings
+        from gsfw.core.loop.optimizer import OptimizerSettings
 
         return OptimizerSettings(sparse=self.sparse)
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from gsfw.core.splats import Splats
 from gsfw.core.stored_model import StoredModel
-from gsfw.core.tracks import Tracks
+from gsfw.core.temporal_metrics.tracks import Tracks
 
 
 @dataclass(frozen=True)

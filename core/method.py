@@ -11,9 +11,9 @@ from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
+from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.strategy import Refinement

@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from gsfw.core.maths.ssim import masked_mean
 from gsfw.core.operators import Operators
-from gsfw.core.ssim import masked_mean
 
 PSNR_MAX = 100.0
 """Reported for pictures that are equal, in dB, so that means stay finite."""

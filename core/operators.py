@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from gsfw.core.ssim import masked_mean, ssim
+from gsfw.core.maths.ssim import masked_mean, ssim
 
 GRADIENT_LIMIT = 1e18
 """Larger gradients count as this, whose square is still finite in float32."""

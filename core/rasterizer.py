@@ -12,9 +12,9 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Capabilities
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, degree_of
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings, Validation
-from gsfw.core.spherical_harmonics import MAX_DEGREE, degree_of
 from gsfw.core.splats import Sh, Splats
 
 ANY = -1

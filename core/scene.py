@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.similarity import Similarity
+from gsfw.core.maths.similarity import Similarity
 
 
 @dataclass(frozen=True)

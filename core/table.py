@@ -9,9 +9,9 @@ from jaxtyping import Bool, Int
 from torch import Tensor
 
 from gsfw.core.column import Column, Rows
+from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.model import Children, PrimitiveModel
 from gsfw.core.operators import AdamMoments
-from gsfw.core.optimizer import Optimizer
 
 
 class SplatTable:

@@ -15,8 +15,8 @@ from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.errors import DataError
+from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
-from gsfw.core.similarity import Similarity
 from gsfw.datamanagers.frames import USUAL, Recording
 from gsfw.datamanagers.holdout import hold_out
 from gsfw.datamanagers.loader import Loader

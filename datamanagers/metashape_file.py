@@ -20,7 +20,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
-from gsfw.core.similarity import Similarity
+from gsfw.core.maths.similarity import Similarity
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.metashape_lens import read_lens, text_number, text_numbers
 from gsfw.datamanagers.poses import from_center

@@ -7,7 +7,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
-from gsfw.core.similarity import Similarity
+from gsfw.core.maths.similarity import Similarity
 
 EXTENT_FACTOR = 1.1
 """Margin around the training cameras (``getNerfppNorm`` of Kerbl et al. 2023's code)."""

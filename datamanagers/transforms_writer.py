@@ -20,8 +20,8 @@ from torch import Tensor
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import json_text
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
 from gsfw.datamanagers.transforms_file import CAMERA_KEY, DEPTH_KEY

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from gsfw.core.errors import DataError, UserError
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 
 HEADER = "header.json"
 SUFFIX = ".npy"

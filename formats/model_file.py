@@ -16,7 +16,7 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import ModelExporter
-from gsfw.core.run_folder import check_finite
+from gsfw.core.loop.run_folder import check_finite
 from gsfw.core.stored_model import StoredModel
 from gsfw.formats.array_archive import ArrayArchive, read_archive, write_archive
 from gsfw.formats.header_fields import BROKEN

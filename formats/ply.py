@@ -24,7 +24,7 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Exporter, Importer, SplatFile
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 from gsfw.core.splats import Sh, Splats
 
 MIN_LOGIT, MAX_LOGIT = -110.0, 20.0

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from gsfw.core.exchange import TrackExporter, TrackFile
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 
 
 class TracksExporter(TrackExporter):

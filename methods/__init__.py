@@ -12,7 +12,7 @@ def gsfw_methods() -> list[Spec]:
         Spec(
             "3dgs",
             "static 3D Gaussians with spherical-harmonic colours",
-            "gsfw.methods.static_gaussians.config:StaticGaussiansConfig",
+            "gsfw.methods.gaussians3d.config:StaticGaussiansConfig",
             paper="Kerbl et al. 2023",
             tags=frozenset({"static"}),
         ),
@@ -26,21 +26,21 @@ def gsfw_methods() -> list[Spec]:
         Spec(
             "4d-rotor",
             "Gaussians of space and time, sliced at an instant",
-            "gsfw.methods.sliced_gaussians.config:SlicedGaussiansConfig",
+            "gsfw.methods.rotor4d.config:SlicedGaussiansConfig",
             paper="Duan et al. 2024",
             tags=frozenset({"dynamic"}),
         ),
         Spec(
             "4dgs",
             "canonical Gaussians that a field of space and time deforms",
-            "gsfw.methods.deformation.config:DeformationConfig",
+            "gsfw.methods.gaussians4d.config:DeformationConfig",
             paper="Wu et al. 2024",
             tags=frozenset({"dynamic"}),
         ),
         Spec(
             "dynamic3dgs",
             "persistent Gaussians that are tracked from each time to the next",
-            "gsfw.methods.tracked_gaussians.config:TrackedGaussiansConfig",
+            "gsfw.methods.dynamic3d.config:TrackedGaussiansConfig",
             paper="Luiten et al. 2024",
             tags=frozenset({"dynamic"}),
         ),

@@ -21,27 +21,27 @@ from gsfw.core.config import (
     StrategyConfig,
     parse_background,
 )
-from gsfw.core.corrections import CaptureCorrections
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Importer
-from gsfw.core.exposures import Exposures
-from gsfw.core.frame import transform_splats
+from gsfw.core.loop.corrections import CaptureCorrections
+from gsfw.core.loop.exposures import Exposures
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.pose_refinement import PoseRefinement
+from gsfw.core.loop.refined_capture import RefinedCapture
+from gsfw.core.loop.resolution import FULL_SIZE, ResolutionSchedule, measured
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.trainer import Trainer
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.maths.frame import transform_splats
 from gsfw.core.method import Method
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer
-from gsfw.core.over_time import TIME_PROTOCOL
-from gsfw.core.pose_refinement import PoseRefinement
-from gsfw.core.refined_capture import RefinedCapture
 from gsfw.core.render_settings import RenderSettings, Validation
-from gsfw.core.resolution import FULL_SIZE, ResolutionSchedule, measured
-from gsfw.core.run_folder import RunFolder
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
-from gsfw.core.trainer import Trainer
-from gsfw.core.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import load_all, rasterizer_capabilities
 from gsfw.plugins.devices import find_device, unused_gpu
 from gsfw.plugins.registry import Registry

@@ -17,10 +17,9 @@ from torch import Tensor
 from gsfw.core.column import Column, Layout
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.run_folder import RunFolder
 from gsfw.core.scene import Scene
-from gsfw.core.stored_capture import StoredCapture
 from gsfw.core.stored_model import StoredColumn, StoredModel
 from gsfw.plugins.automatic import BUILT_IN_SCENE
 from gsfw.plugins.compose import Composition, compose
@@ -29,6 +28,7 @@ from gsfw.plugins.keys import SLOT_KEYS
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.settings import Layer, resolve
+from gsfw.plugins.stored_capture import StoredCapture
 
 LOCAL = (*PLACES, "out", "device")
 """Settings that mean something on one machine only; a stored model leaves them out."""

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.config import AUTO
-from gsfw.core.determinism import differences, environment
 from gsfw.core.errors import DataError
-from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.determinism import differences, environment
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import read_config

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from gsfw.core.run_folder import readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.disk_room import check_room
 from gsfw.preparation.native_errors import readable_native_errors

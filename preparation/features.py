@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import ConfigError, UnavailableError
-from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.core.files.atomic import readable_write_errors, write_atomically
+from gsfw.core.files.json_text import json_text
 from gsfw.datamanagers.picture_quality import MEASURED_SIDE, PictureQuality
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase

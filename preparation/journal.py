@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import json_text
 
 SCHEMA = 1
 """Number of the file's layout; a file of another number is as good as none."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote, unquote
 
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 
 if TYPE_CHECKING:
     from pycolmap import Database

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gsfw.core.run_folder import readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
 
 NEVER = 4
 """A level of severity that no line has."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
-from gsfw.core.finding import listed
 from gsfw.datamanagers.detection import VIDEOS
 from gsfw.datamanagers.pictures import EXTENSIONS
 from gsfw.datamanagers.video import is_video
 from gsfw.preparation.exif import read_exif
 from gsfw.preparation.file_copies import find_copies
+from gsfw.preparation.finding import listed
 from gsfw.preparation.foreign_formats import HEIC, HEIC_EXTENSIONS, RAW
 from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
 from gsfw.preparation.picture_file import KNOWN, PictureFile, empty, examine

@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterator, Sequence
 
-from gsfw.core.finding import listed
+from gsfw.preparation.finding import listed
 from gsfw.preparation.input_files import InputFile
 from gsfw.preparation.picture_file import PictureFile
 from gsfw.preparation.picture_names import has_right_suffix

@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float, UInt8
 from PIL import Image
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.finding import listed
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.picture_quality import BLURRED
 from gsfw.datamanagers.video import Video
+from gsfw.preparation.finding import listed
 from gsfw.preparation.frame_spacing import NEAREST, spaced
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.view_change import NO_OVERLAP, SIDE, ViewPath

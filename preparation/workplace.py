@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.errors import OutputError
-from gsfw.core.folder_lock import LOCK, only_one
-from gsfw.core.run_folder import readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.files.folder_lock import LOCK, only_one
 
 OTHERS = "another gsfw prepare"
 

@@ -11,10 +11,10 @@ from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.errors import ConfigError
+from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, QUATERNION_MIN_NORM, NumericsProfile
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
-from gsfw.core.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
 
 MODELS = {CameraModel.PINHOLE: 0, CameraModel.ORTHOGRAPHIC: 1, CameraModel.FISHEYE: 2}

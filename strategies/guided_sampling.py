@@ -28,12 +28,12 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gsfw.core.area import area_means
 from gsfw.core.config import steps_field
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.area import area_means
+from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.rays import pixel_rays
 from gsfw.core.render_settings import Depth
 from gsfw.core.scene import Scene
 from gsfw.core.strategy import Refinement

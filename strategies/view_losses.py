@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from gsfw.core.context import StepContext
-from gsfw.core.ssim import masked_mean
+from gsfw.core.maths.ssim import masked_mean
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.core.run_folder import write_atomically
-from gsfw.core.time_plot import GRID, INK, OVERSAMPLING, PAPER, Axis
+from gsfw.charts.time_plot import GRID, INK, OVERSAMPLING, PAPER, Axis
+from gsfw.core.files.atomic import write_atomically
 from gsfw.studies.columns import Column
 from gsfw.studies.comparison import Figure, SceneTable
 from gsfw.studies.report import heading

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import ConfigError, UserError
-from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.files.json_text import json_text
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.compose import check
 from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import Registry

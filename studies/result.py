@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from gsfw.core.errors import DataError
-from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.studies.origin import origin
 from gsfw.studies.planned_run import PlannedRun, fingerprint
 

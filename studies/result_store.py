@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from gsfw.core.errors import DataError
-from gsfw.core.json_text import json_text, read_document
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import json_text, read_document
 from gsfw.studies.result import Failure, Result
 
 SCHEMA = 1

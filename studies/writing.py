@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 from gsfw.studies.comparison import SceneTable, compare
 from gsfw.studies.dot_plot import write_dot_plot
 from gsfw.studies.report import csv_text, markdown, protocol_lines

@@ -12,8 +12,8 @@ from conftest import SMALL_SCENE
 
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
-from gsfw.core.evaluation import draw
-from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore

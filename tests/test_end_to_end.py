@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
-from states import assert_same_bits
+from support.states import assert_same_bits
 
-from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
 SMALL = (
     "datamanager.views=8",

@@ -5,7 +5,13 @@ import shutil
 
 import pytest
 from PIL import Image
-from small_captures import ring, write_colmap, write_picture, write_pictures, write_transforms
+from support.small_captures import (
+    ring,
+    write_colmap,
+    write_picture,
+    write_pictures,
+    write_transforms,
+)
 
 from gsfw.commands.main import main
 

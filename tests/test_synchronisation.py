@@ -18,15 +18,15 @@ from torch.utils._pytree import tree_leaves
 
 from gsfw.core.callback import RunInfo
 from gsfw.core.capabilities import Capabilities
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.loop.resolution import ResolutionSchedule
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.trainer import Trainer
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth
-from gsfw.core.resolution import ResolutionSchedule
-from gsfw.core.run_folder import RunFolder
 from gsfw.core.table import SplatTable
-from gsfw.core.trainer import Trainer
 from gsfw.plugins.compose import compose
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve

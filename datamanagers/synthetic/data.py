@@ -12,8 +12,8 @@ from torch import Tensor
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
+from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
-from gsfw.core.similarity import Similarity
 from gsfw.datamanagers.loader import Loader
 from gsfw.datamanagers.picture_cache import PictureCache
 from gsfw.datamanagers.pictures import Picture

@@ -8,8 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.camera_path import look_at
 from gsfw.core.cameras import Cameras
+from gsfw.core.maths.camera_path import look_at
 
 TARGET = (0.0, 0.0, 0.1)
 """What the cameras look at, in the world; z is up."""

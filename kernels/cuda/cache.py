@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from gsfw.core.errors import OutputError
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 
 logger = logging.getLogger(__name__)
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import steps_field
 from gsfw.core.learning_rate import LearningRate
-from gsfw.methods.moving_config import MovingConfig
-from gsfw.methods.static_gaussians.config import StaticGaussiansOptim
+from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
+from gsfw.methods.moving.config import MovingConfig
 
 if TYPE_CHECKING:
     from gsfw.core.method import Method

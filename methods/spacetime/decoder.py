@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.rays import pixel_rays
+from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.render_output import RenderOutput
 
 CHANNELS = 6

@@ -6,10 +6,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.scene import Scene
-from gsfw.core.spherical_harmonics import dc_to_rgb
+from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.spacetime.model import MAX_DURATION, TemporalParameters
-from gsfw.methods.static_gaussians.model import StaticGaussians
 
 FRAMES_PER_DURATION = 4
 """A duration is at least a quarter of the interval between two times: shorter ones learn single

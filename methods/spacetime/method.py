@@ -22,7 +22,7 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.strategy import Refinement
 from gsfw.core.table import SplatTable
-from gsfw.methods.moving_method import MovingMethod
+from gsfw.methods.moving.method import MovingMethod
 from gsfw.methods.spacetime.adaptive_model import AdaptiveSpacetimeGaussians
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.methods.spacetime.initialisation import at_rest, min_duration

@@ -33,13 +33,13 @@ from gsfw.core.numerics import DEFAULT
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
-from gsfw.methods.center_gradient import center_gradients
-from gsfw.methods.moving_gaussians import MovingGaussians, added
-from gsfw.methods.presence import Presence
+from gsfw.methods.gaussians3d.model import StaticGaussians
+from gsfw.methods.moving.center_gradient import center_gradients
+from gsfw.methods.moving.gaussians import MovingGaussians, added
+from gsfw.methods.moving.presence import Presence
+from gsfw.methods.moving.still_rows import StillRows
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.methods.spacetime.polynomial import displacement, recentered
-from gsfw.methods.static_gaussians.model import StaticGaussians
-from gsfw.methods.still_rows import StillRows
 
 MAX_DURATION = 10.0
 """Longest standard deviation in time, in sequences: the opacity then changes by 0.5 % at most."""

@@ -27,8 +27,8 @@ from torch import Tensor
 
 from gsfw.core.strategy import Refinement
 from gsfw.core.table import SplatTable
-from gsfw.methods.covariances import covariances
-from gsfw.methods.settling import MAX_OPACITY, MIN_OPACITY
+from gsfw.methods.moving.covariances import covariances
+from gsfw.methods.moving.settling import MAX_OPACITY, MIN_OPACITY
 from gsfw.methods.spacetime.adaptive_model import MIDDLE, AdaptiveSpacetimeGaussians
 from gsfw.methods.spacetime.polynomial import displacement, recentered
 

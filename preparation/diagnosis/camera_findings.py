@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.core.finding import Finding, Weight, listed
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
+from gsfw.preparation.finding import Finding, Weight, listed
 
 FEWEST_POINTS = 100
 """Points of a model that is more than chance: three photos of the built-in scene of 320 pixels have

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.finding import Finding, Verdict, sorted_findings
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.diagnosis.camera_findings import camera_findings
 from gsfw.preparation.diagnosis.evidence import Evidence
@@ -18,6 +17,7 @@ from gsfw.preparation.diagnosis.registration_findings import registration_findin
 from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.diagnosis.view_findings import view_findings
 from gsfw.preparation.features import FeatureReport
+from gsfw.preparation.finding import Finding, Verdict, sorted_findings
 from gsfw.preparation.mapping.mapping import Mapping as CameraMapping
 from gsfw.preparation.picture_set import LeftOut, PictureSet
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from gsfw.core.finding import Finding, Weight, listed
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.match_graph import Bridge
+from gsfw.preparation.finding import Finding, Weight, listed
 
 MOST = 0.9
 """Part of the pictures that a capture without fault places: fox and plush place all."""

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
-from gsfw.core.finding import Finding, Weight, listed
 from gsfw.datamanagers.picture_quality import SOFT
 from gsfw.preparation.blur import DIRECTED
 from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.unregistered import DIRECTED_BLUR, PLAIN, is_copy
+from gsfw.preparation.finding import Finding, Weight, listed
 
 MANY = 0.1
 """Part of the pictures that matters."""

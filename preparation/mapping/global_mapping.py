@@ -14,7 +14,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import IO
 
-from gsfw.core.run_folder import readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
 from gsfw.preparation.cancellation import PATIENCE
 from gsfw.preparation.mapping.incremental_mapping import SEED, SMALLEST, Models, solid
 from gsfw.preparation.mapping.mapping_rule import MappingRule

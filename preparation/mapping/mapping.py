@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError
-from gsfw.core.run_folder import readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
 from gsfw.preparation.mapping.covisibility import cut_loose
 from gsfw.preparation.mapping.global_mapping import run_global
 from gsfw.preparation.mapping.incremental_mapping import (

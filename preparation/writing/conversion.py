@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from gsfw.core.errors import ConfigError
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.colmap.writer import write_model
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks

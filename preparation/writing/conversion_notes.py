@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from gsfw.core.datamanager import Split
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.frames import Recording
 from gsfw.preparation.writing.written_files import MODEL_FOLDER
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 
 from gsfw.core.errors import DataError
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import decode
 from gsfw.datamanagers.warp import MapCache

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gsfw.core.errors import DataError, OutputError
-from gsfw.core.run_folder import readable_write_errors, write_atomically
+from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.datamanagers.colmap.reader import read_model
 
 LIST = "work/written.txt"

@@ -10,9 +10,9 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.maths.spherical_harmonics import degree_of, sh_basis
 from gsfw.core.numerics import DEPTH_MIN
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
-from gsfw.core.spherical_harmonics import degree_of, sh_basis
 from gsfw.core.splats import Sh, Splats
 
 MODELS = {

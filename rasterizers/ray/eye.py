@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
-from gsfw.core.rays import pixel_rays
+from gsfw.core.maths.rays import pixel_rays
 
 TILE = 16
 """Side of a tile in pixels: Gaussians that miss its rays are left out before they are evaluated."""

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.spherical_harmonics import degree_of, sh_basis
+from gsfw.core.maths.spherical_harmonics import degree_of, sh_basis
 from gsfw.core.splats import Sh, Splats
 
 

@@ -10,7 +10,7 @@ from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
-from gsfw.core.time_plot import INK, OVERSAMPLING, PAPER
+from gsfw.charts.time_plot import INK, OVERSAMPLING, PAPER
 
 Color = tuple[int, int, int]
 

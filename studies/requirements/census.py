@@ -10,9 +10,9 @@ from jaxtyping import Bool, Int
 from torch import Tensor
 
 from gsfw.core.column import Column, Layout
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.optimizer import Optimizer
-from gsfw.core.spherical_harmonics import MAX_DEGREE, num_coefficients
 
 FLOAT_BYTES = 4
 CONSTANT, BANDS = "sh_dc", "sh_rest"

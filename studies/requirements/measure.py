@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gsfw.core.datamanager import Split
-from gsfw.core.requirements import FloatGroup, Requirements
-from gsfw.core.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.loop.requirements import FloatGroup, Requirements
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.studies.requirements.census import BAND, TIME, Census, band_name
 from gsfw.studies.requirements.sentences import could_go, headline, left_out
 from gsfw.studies.requirements.worth import MOST_CAMERAS, Worth

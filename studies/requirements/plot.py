@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from jaxtyping import UInt8
 from torch import Tensor
 
-from gsfw.core.requirements import Requirements
-from gsfw.core.time_plot import GRID, INK, PAPER, Axis
+from gsfw.charts.time_plot import GRID, INK, PAPER, Axis
+from gsfw.core.loop.requirements import Requirements
 from gsfw.studies.dot_plot import COLORS
 from gsfw.studies.requirements.canvas import Canvas, Color
 from gsfw.studies.requirements.census import BAND, TIME

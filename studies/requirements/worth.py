@@ -17,9 +17,9 @@ from torch import Tensor
 from gsfw.core.batch import Batch
 from gsfw.core.capabilities import Feature
 from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.loop.requirements import LeastUseful, Motion
+from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.metrics import psnr
-from gsfw.core.requirements import LeastUseful, Motion
-from gsfw.core.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
 from gsfw.studies.tradeoff.sh_truncation import ShTruncation

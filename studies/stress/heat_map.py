@@ -10,8 +10,8 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.core.run_folder import write_atomically
-from gsfw.core.time_plot import INK, OVERSAMPLING, PAPER
+from gsfw.charts.time_plot import INK, OVERSAMPLING, PAPER
+from gsfw.core.files.atomic import write_atomically
 from gsfw.studies.stress.plane import EMPTY, PlaneErrors
 
 Color = tuple[int, int, int]

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.scene import Scene
 from gsfw.plugins.automatic import load
 from gsfw.plugins.registry import Registry

@@ -12,7 +12,7 @@ import torch
 
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Exporter, ModelExporter, TrackExporter
-from gsfw.core.frame import transform_splats
+from gsfw.core.maths.frame import transform_splats
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.model_file import read_model_file

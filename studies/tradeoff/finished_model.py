@@ -15,7 +15,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.training_parts import TrainingParts
+from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gsfw.core.ssim import masked_mean
+from gsfw.core.maths.ssim import masked_mean
 from gsfw.studies.tradeoff.finished_model import LeftOut
 
 MOST_VIEWS = 4

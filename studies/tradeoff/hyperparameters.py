@@ -10,7 +10,7 @@ from typing import Any
 
 from torch.utils.tensorboard import SummaryWriter
 
-from gsfw.core.run_folder import readable_write_errors
+from gsfw.core.files.atomic import readable_write_errors
 
 FOLDER = "tb"
 """In the folder of the results; made anew each time."""

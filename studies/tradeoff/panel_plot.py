@@ -9,8 +9,8 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.core.run_folder import write_atomically
-from gsfw.core.time_plot import INK, OVERSAMPLING, PAPER, Axis, draw_grid
+from gsfw.charts.time_plot import INK, OVERSAMPLING, PAPER, Axis, draw_grid
+from gsfw.core.files.atomic import write_atomically
 from gsfw.studies.tradeoff.front import Point
 
 SIZE = (640, 620)

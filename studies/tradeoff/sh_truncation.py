@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from gsfw.core.spherical_harmonics import num_coefficients
+from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.storage import Cut, Storage
 

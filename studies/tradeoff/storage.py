@@ -11,8 +11,8 @@ from jaxtyping import Int
 from torch import Tensor
 
 from gsfw.core.column import Column
+from gsfw.core.maths.spherical_harmonics import num_coefficients
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.spherical_harmonics import num_coefficients
 from gsfw.studies.requirements.census import is_bands, is_drawn
 
 

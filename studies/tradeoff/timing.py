@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import torch
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.device import wait_for
-from gsfw.core.memory import added_memory_mb
+from gsfw.core.loop.device import wait_for
+from gsfw.core.loop.memory import added_memory_mb
 from gsfw.core.splats import Splats
 from gsfw.studies.tradeoff.subject import Subject
 

@@ -14,9 +14,9 @@ from gsfw.callbacks.progress import Progress
 from gsfw.callbacks.results import Results
 from gsfw.callbacks.tensorboard import TensorBoard
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
-from gsfw.core.evaluation import Evaluation
-from gsfw.core.requirements import FloatGroup, Requirements
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.requirements import FloatGroup, Requirements
+from gsfw.core.loop.run_folder import RunFolder
 
 SUMMARY = {
     "completed": True, "psnr": 30.5, "ssim": 0.9, "num_gaussians": 100, "train_seconds": 1.0,

@@ -9,21 +9,10 @@ from itertools import count
 import numpy as np
 import pytest
 import torch
-from fake_parts import registry_of
-from scenes import front_camera, random_splats
+from support.fake_parts import registry_of
+from support.scenes import front_camera, random_splats
 
-from gsfw.commands import (
-    bench,
-    bench_agreement,
-    bench_device,
-    bench_first_use,
-    bench_limits,
-    bench_round,
-    bench_scene,
-    bench_table,
-    bench_timing,
-)
-from gsfw.commands.bench_timing import GpuTimings
+from gsfw.commands import bench
 from gsfw.commands.console import Console
 from gsfw.commands.main import main
 from gsfw.core.capabilities import Capabilities, Feature
@@ -34,6 +23,15 @@ from gsfw.core.rasterizer import Rasterizer, StageTime
 from gsfw.plugins import registry
 from gsfw.plugins.specs import Spec, hookimpl
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.studies.bench import agreement as bench_agreement
+from gsfw.studies.bench import device as bench_device
+from gsfw.studies.bench import first_use as bench_first_use
+from gsfw.studies.bench import limits as bench_limits
+from gsfw.studies.bench import rounds as bench_round
+from gsfw.studies.bench import scene as bench_scene
+from gsfw.studies.bench import table as bench_table
+from gsfw.studies.bench import timing as bench_timing
+from gsfw.studies.bench.timing import GpuTimings
 
 QUICK = ("rasterizer=reference", "repeats=1")
 

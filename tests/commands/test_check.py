@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from checked_captures import ball, write_ball, write_moving
-from tracked_ball import track_ball
+from support.checked_captures import ball, write_ball, write_moving
+from support.tracked_ball import track_ball
 
 from gsfw.commands.main import main
 

@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 
 import torch
-from resuming import resumes_to_the_same_bits
+from support.resuming import resumes_to_the_same_bits
 
 from gsfw.commands.corrections import refined_transforms
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 

@@ -4,7 +4,7 @@ import json
 from types import SimpleNamespace
 
 import pytest
-from fake_parts import registry_of
+from support.fake_parts import registry_of
 
 from gsfw.commands import doctor
 from gsfw.commands.main import main

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 
 
 @pytest.fixture

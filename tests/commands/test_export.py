@@ -10,9 +10,9 @@ import torch
 from gsfw.commands.export import _notes
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
-from gsfw.core.evaluation import draw
 from gsfw.core.exchange import SplatFile
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.ply import PlyImporter
 from gsfw.plugins.registry import installed

@@ -4,7 +4,7 @@ import json
 from itertools import pairwise
 
 import pytest
-from moving_scene import DriftingPlugin
+from support.moving_scene import DriftingPlugin
 
 from gsfw.commands.main import main
 from gsfw.formats.ply import PlyExporter, PlyImporter

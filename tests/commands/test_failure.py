@@ -8,7 +8,7 @@ import pytest
 from gsfw.commands.console import Console
 from gsfw.commands.failure import RecordedError, report, tracebacks_in
 from gsfw.core.errors import ConfigError, TrainingError
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 
 
 def test_a_users_mistake_is_its_message_and_advice(capsys):

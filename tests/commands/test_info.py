@@ -5,11 +5,11 @@ import shutil
 
 import pytest
 import torch
-from scenes import random_splats
+from support.scenes import random_splats
 
 from gsfw.commands.main import main
 from gsfw.core.exchange import SplatFile
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.formats.ply import PlyExporter
 

@@ -12,9 +12,9 @@ import torch
 from PIL import Image
 
 from gsfw.commands.main import main
-from gsfw.core.frame import transform_splats
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.maths.frame import transform_splats
 from gsfw.core.model import PrimitiveModel
-from gsfw.core.run_folder import RunFolder
 from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore

@@ -3,20 +3,20 @@
 import json
 import shutil
 
-import captured
 import numpy as np
 import pycolmap
 import pytest
-from matched_captures import pose_errors
 from PIL import Image
-from small_captures import ring, write_pictures, write_transforms
-from small_videos import write_video
+from support import captured
+from support.matched_captures import pose_errors
+from support.small_captures import ring, write_pictures, write_transforms
+from support.small_videos import write_video
 
 from gsfw.commands import prepare_report
 from gsfw.commands.console import Console
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.preparation import native_signals
 

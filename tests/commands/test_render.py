@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from moving_scene import DriftingPlugin
 from PIL import Image
+from support.moving_scene import DriftingPlugin
 
 from gsfw.commands.main import main
 from gsfw.plugins.discovery import _Source

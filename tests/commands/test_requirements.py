@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 import torch
-from moving_runs import MOVING
-from states import assert_same_bits
+from support.moving_runs import MOVING
+from support.states import assert_same_bits
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from gsfw.commands.main import main
 from gsfw.commands.requirements import RequirementsReport
-from gsfw.core.run_folder import RunFolder, read_checkpoint
-from gsfw.core.trainer import Trainer
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.trainer import Trainer
 
 SMALL = (
     "method=3dgs", "device=cpu", "datamanager.views=6", "datamanager.eval_views=2",

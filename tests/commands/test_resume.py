@@ -4,10 +4,10 @@ import json
 import shutil
 
 import pytest
-from states import assert_same_bits
+from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_another_machine_is_a_warning(run, capsys, monkeypatch):
 
 
 def test_a_run_whose_pictures_grow_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr("gsfw.core.resolution.MIN_STEPS", 1)
+    monkeypatch.setattr("gsfw.core.loop.resolution.MIN_STEPS", 1)
     whole, cut = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "cut")
     settings = (
         "datamanager.views=4", "datamanager.eval_views=1", "datamanager.points=150",

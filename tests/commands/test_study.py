@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 from conftest import SMALL_SCENE
-from fake_training import INTERRUPTS, REFUSED
-from small_study import quick  # noqa: F401 - a fixture
-from states import assert_same_bits
+from support.fake_training import INTERRUPTS, REFUSED
+from support.small_study import quick  # noqa: F401 - a fixture
+from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.plugins.registry import installed
 from gsfw.studies.planned_run import plan_runs
 from gsfw.studies.study_file import read_study

@@ -7,11 +7,11 @@ import shutil
 import sys
 
 import pytest
-from moving_runs import train as train_moving
+from support.moving_runs import train as train_moving
 
 from gsfw.commands.main import main
 from gsfw.commands.tradeoff_model import AxisName
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES
 

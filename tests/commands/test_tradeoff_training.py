@@ -5,9 +5,9 @@ import json
 import shlex
 import sys
 
-import fake_variants
 import pytest
-from small_captures import ring, write_pictures, write_transforms
+from support import fake_variants
+from support.small_captures import ring, write_pictures, write_transforms
 
 from gsfw.commands.main import main
 

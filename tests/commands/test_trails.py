@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from moving_scene import WHITE, DriftingPlugin, camera_at, two_balls
 from PIL import Image
+from support.moving_scene import WHITE, DriftingPlugin, camera_at, two_balls
 
 from gsfw.commands.main import main
 from gsfw.commands.trails import Trails, make_trails, spread
 from gsfw.core.cameras import Cameras
-from gsfw.core.tracks import Tracks
+from gsfw.core.temporal_metrics.tracks import Tracks
 from gsfw.plugins.discovery import _Source
 from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 
 SMALL = (
     "method=3dgs", "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import RunFolder
-from gsfw.core.trainer import Trainer
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.trainer import Trainer
 from gsfw.formats.ply import PlyExporter
 
 SMALL = (

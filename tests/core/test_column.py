@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from mixed_model import MixedModel, row_values
+from support.mixed_model import MixedModel, row_values
 
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.learning_rate import LearningRate

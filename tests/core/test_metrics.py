@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
+from gsfw.core.maths.ssim import ssim
 from gsfw.core.metrics import PSNR_MAX, Psnr, Ssim, psnr
-from gsfw.core.ssim import ssim
 from gsfw.plugins.compose import choose_operators
 from gsfw.plugins.registry import installed
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from gsfw.core.maths.ssim import ssim
 from gsfw.core.operators import AdamMoments, AdamSettings, Operators
-from gsfw.core.ssim import ssim
 
 
 def pictures(*shape, seed=0, dtype=torch.float64):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from scenes import random_splats
+from support.scenes import random_splats
 
 from gsfw.core.splats import Sh, Splats
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mixed_model import MixedModel, row_values, with_optimizer
+from support.mixed_model import MixedModel, row_values, with_optimizer
 
 from gsfw.core.column import Rows
 

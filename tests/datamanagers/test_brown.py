@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from foreign_cameras import brown
+from support.foreign_cameras import brown
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from small_captures import CENTER, FOCAL, HEIGHT, WIDTH
-from small_videos import cameras
+from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH
+from support.small_videos import cameras
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.calibration import read_calibration

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from small_captures import (
+from support.small_captures import (
     HEIGHT,
     WIDTH,
     request,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from small_captures import HEIGHT, WIDTH, request, ring, write_pictures, write_transforms
+from support.small_captures import HEIGHT, WIDTH, request, ring, write_pictures, write_transforms
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError

@@ -1,6 +1,6 @@
 """What is said of paths that are no data set."""
 
-from small_captures import ring, write_colmap, write_picture, write_transforms
+from support.small_captures import ring, write_colmap, write_picture, write_transforms
 
 from gsfw.datamanagers.blender import BlenderConfig
 from gsfw.datamanagers.colmap.config import ColmapConfig

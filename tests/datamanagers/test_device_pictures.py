@@ -6,7 +6,7 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 import torch
-from slow_ship import SlowShip
+from support.slow_ship import SlowShip
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.device_pictures import MOST_PASSING, DevicePictures, staying

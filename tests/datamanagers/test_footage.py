@@ -1,8 +1,8 @@
 """What one camera has seen over time."""
 
 import pytest
-from small_captures import write_picture
-from small_videos import write_video
+from support.small_captures import write_picture
+from support.small_videos import write_video
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.footage import (

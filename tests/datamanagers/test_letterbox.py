@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from small_captures import CENTER, FOCAL, HEIGHT, WIDTH
-from small_videos import picture, write_video
+from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH
+from support.small_videos import picture, write_video
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.lens import Lens

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 import torch
-from small_captures import FOCAL, HEIGHT, WIDTH, projection_error, request, ring, write_picture
+from support.small_captures import (
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    projection_error,
+    request,
+    ring,
+    write_picture,
+)
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from scenes import front_camera
-from slow_ship import SlowShip
+from support.scenes import front_camera
+from support.slow_ship import SlowShip
 
 from gsfw.core.datamanager import Split, Views
 from gsfw.datamanagers.loader import Loader

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from small_captures import (
+from support.small_captures import (
     CENTER,
     FOCAL,
     HEIGHT,

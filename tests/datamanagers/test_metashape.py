@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from foreign_cameras import brown, equidistant, pixel_error, undistorted_error
 from plyfile import PlyData, PlyElement
-from small_captures import (
+from support.foreign_cameras import brown, equidistant, pixel_error, undistorted_error
+from support.small_captures import (
     CENTER,
     FOCAL,
     HEIGHT,

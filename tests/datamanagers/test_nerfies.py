@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_captures import HEIGHT, WIDTH, projection_error, request, ring, write_picture
+from support.small_captures import HEIGHT, WIDTH, projection_error, request, ring, write_picture
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 import torch
-from foreign_cameras import brown, equidistant, pixel_error, undistorted_error
-from small_captures import (
+from support.foreign_cameras import brown, equidistant, pixel_error, undistorted_error
+from support.small_captures import (
     CENTER,
     FOCAL,
     HEIGHT,

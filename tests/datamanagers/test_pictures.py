@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from PIL import Image
-from small_captures import write_picture
+from support.small_captures import write_picture
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.pictures import decode, decode_mask, load_mask, read_header

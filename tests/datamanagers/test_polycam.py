@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
-from small_captures import (
+from support.small_captures import (
     CENTER,
     FOCAL,
     HEIGHT,

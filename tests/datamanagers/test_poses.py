@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from small_captures import opengl, ring
+from support.small_captures import opengl, ring
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.poses import from_center, from_opencv, from_opengl, from_quaternion

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from foreign_cameras import brown, pixel_error, undistorted_error
-from small_captures import (
+from support.foreign_cameras import brown, pixel_error, undistorted_error
+from support.small_captures import (
     CENTER,
     FOCAL,
     HEIGHT,

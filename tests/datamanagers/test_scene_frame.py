@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from small_captures import ring
+from support.small_captures import ring
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.scene_frame import camera_centers, scene_frame

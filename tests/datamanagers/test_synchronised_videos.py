@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
-from small_captures import CENTER, FOCAL, HEIGHT, WIDTH, projection_error, request, write_picture
-from small_videos import cameras, over_time, write_video
+from support.small_captures import (
+    CENTER,
+    FOCAL,
+    HEIGHT,
+    WIDTH,
+    projection_error,
+    request,
+    write_picture,
+)
+from support.small_videos import cameras, over_time, write_video
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError

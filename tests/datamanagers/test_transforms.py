@@ -9,7 +9,7 @@ import pytest
 import torch
 from PIL import Image
 from plyfile import PlyData, PlyElement
-from small_captures import (
+from support.small_captures import (
     CENTER,
     FOCAL,
     HEIGHT,

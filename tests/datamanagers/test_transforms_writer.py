@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_captures import (
+from support.small_captures import (
     projection_error,
     request,
     ring,

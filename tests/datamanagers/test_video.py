@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_captures import HEIGHT, WIDTH, write_picture
-from small_videos import picture, shade, write_video
+from support.small_captures import HEIGHT, WIDTH, write_picture
+from support.small_videos import picture, shade, write_video
 
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.video import Video, is_video

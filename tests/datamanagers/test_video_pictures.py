@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_captures import HEIGHT, WIDTH
-from small_videos import write_video
+from support.small_captures import HEIGHT, WIDTH
+from support.small_videos import write_video
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.pictures import Picture

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from distorted_pictures import (
+from support.distorted_pictures import (
     DISTORTIONS,
     HEIGHT,
     WIDTH,

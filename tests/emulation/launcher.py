@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from native_programs import ROOT, compiler
+from support.native_programs import ROOT, compiler
 
 from gsfw.kernels.cuda.launcher import Kernel, Launcher
 

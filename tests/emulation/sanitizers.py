@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from native_programs import ROOT, compiler
+from support.native_programs import ROOT, compiler
 
 
 def run_sanitized(script: str, sanitize: str) -> subprocess.CompletedProcess[str]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.errors import DataError, OutputError
 from gsfw.core.exchange import SplatFile

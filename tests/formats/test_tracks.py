@@ -6,7 +6,7 @@ import torch
 
 from gsfw.core.errors import OutputError
 from gsfw.core.exchange import TrackFile
-from gsfw.core.tracks import Tracks
+from gsfw.core.temporal_metrics.tracks import Tracks
 from gsfw.formats.tracks import TracksExporter
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.scene import Scene
-from gsfw.core.spherical_harmonics import dc_to_rgb
 from gsfw.core.splats import Sh
 from gsfw.core.table import SplatTable
 from gsfw.plugins.registry import installed

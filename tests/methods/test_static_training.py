@@ -5,19 +5,19 @@ from dataclasses import replace
 
 import pytest
 import torch
-from mixed_rows import check_rows
-from moving_runs import train
-from moving_scene import WHITE, camera_at, two_balls
-from moving_splats import moving_scene
-from states import assert_same_bits
+from support.mixed_rows import check_rows
+from support.moving_runs import train
+from support.moving_scene import WHITE, camera_at, two_balls
+from support.moving_splats import moving_scene
+from support.states import assert_same_bits
 
 from gsfw.commands.main import main
 from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer, OptimizerSettings
-from gsfw.core.run_folder import RunFolder, read_checkpoint
 from gsfw.core.table import SplatTable
 from gsfw.methods.spacetime.config import SpacetimeConfig
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer

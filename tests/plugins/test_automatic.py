@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from fake_parts import Base, FakePlugin, fake_registry, registry_of
+from support.fake_parts import Base, FakePlugin, fake_registry, registry_of
 
 from gsfw.core.capabilities import Capabilities, Feature
 from gsfw.core.errors import ConfigError, DataError

@@ -2,7 +2,7 @@
 
 import pytest
 import yaml
-from fake_parts import FakePlugin, fake_registry, registry_of
+from support.fake_parts import FakePlugin, fake_registry, registry_of
 
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.config_file import read_config, write_config

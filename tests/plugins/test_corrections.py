@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 import torch
-from perturbed_captures import WrongCapture, wrong_motions
+from support.perturbed_captures import WrongCapture, wrong_motions
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Feature
-from gsfw.core.corrections import CaptureCorrections
 from gsfw.core.datamanager import DataManager, Split
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.corrections import CaptureCorrections
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.compose import compose, open_data
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve

@@ -1,7 +1,7 @@
 """Tests of gsfw.plugins.discovery."""
 
 import pytest
-from fake_parts import registry_of
+from support.fake_parts import registry_of
 
 from gsfw.plugins.discovery import BUILTIN, Discovery, PluginError
 from gsfw.plugins.specs import Spec, hookimpl

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, make_dataclass
 
-from fake_parts import Demo, Grow, Move
+from support.fake_parts import Demo, Grow, Move
 
 from gsfw.plugins.keys import field_help, keys, suggest_key
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 import torch
-from moving_scene import DriftingPlugin
-from states import assert_same_bits
+from support.moving_scene import DriftingPlugin
+from support.states import assert_same_bits
 
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.evaluation import draw
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.formats.model_file import ModelFileExporter, read_model_file
 from gsfw.plugins.compose import compose
 from gsfw.plugins.discovery import _Source

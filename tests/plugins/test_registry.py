@@ -1,7 +1,7 @@
 """Tests of gsfw.plugins.registry."""
 
 import pytest
-from fake_parts import FakePlugin, fake_registry, registry_of
+from support.fake_parts import FakePlugin, fake_registry, registry_of
 
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.discovery import PluginError

@@ -1,7 +1,7 @@
 """Tests of gsfw.plugins.settings."""
 
 import pytest
-from fake_parts import Demo, FakePlugin, fake_registry, registry_of
+from support.fake_parts import Demo, FakePlugin, fake_registry, registry_of
 
 from gsfw.core.config import MethodConfig, Rescaled
 from gsfw.core.errors import ConfigError

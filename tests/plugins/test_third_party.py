@@ -45,7 +45,7 @@ from dataclasses import dataclass
 
 from gsfw.core.config import StrategyConfig
 from gsfw.core.strategy import DensityStrategy
-from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.rasterizers.reference.config import ReferenceConfig
 
 @dataclass

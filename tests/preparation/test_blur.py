@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from captured import arc, photos
 from scipy import ndimage
+from support.captured import arc, photos
 
 from gsfw.preparation.blur import BLOCK, DIRECTED, direction_of_blur
 

@@ -2,9 +2,9 @@
 
 from types import SimpleNamespace
 
-import captured
 import numpy as np
 import pytest
+from support import captured
 
 from gsfw.core.errors import OutputError
 from gsfw.preparation import disk_room

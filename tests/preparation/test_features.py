@@ -3,13 +3,13 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import captured
 import numpy as np
 import pycolmap
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
+from support import captured
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 from gsfw.datamanagers.picture_quality import PictureQuality

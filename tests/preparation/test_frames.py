@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_videos import write_video
+from support.small_videos import write_video
 
 from gsfw.datamanagers.pictures import Header
 from gsfw.preparation.exif import Exif

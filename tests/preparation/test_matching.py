@@ -4,10 +4,10 @@ from contextlib import closing
 from itertools import combinations
 from pathlib import Path
 
-import captured
 import numpy as np
 import pycolmap
 import pytest
+from support import captured
 
 from gsfw.core.errors import DataError
 from gsfw.preparation import matching

@@ -1,9 +1,9 @@
 from pathlib import Path
 
-import captured
 import numpy as np
 import pycolmap
 import pytest
+from support import captured
 
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.features import FeatureSettings, extract_features

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from panorama import HEIGHT, WIDTH, colored, view
 from PIL import Image
-from small_videos import write_video
+from support.panorama import HEIGHT, WIDTH, colored, view
+from support.small_videos import write_video
 
 from gsfw.core.errors import ConfigError, DataError, OutputError
 from gsfw.datamanagers.video import Video

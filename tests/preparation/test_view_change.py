@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from panorama import WIDTH, view
 from PIL import Image
+from support.panorama import WIDTH, view
 
 from gsfw.preparation.view_change import KNOWN, NO_OVERLAP, ViewPath, is_plain, overlap
 

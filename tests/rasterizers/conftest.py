@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 import torch
 from emulation.launcher import EmulatedLauncher
-from native_programs import compiler
-from on_cuda import OnCuda
+from support.native_programs import compiler
+from support.on_cuda import OnCuda
 
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.rasterizers import gsfw_rasterizers

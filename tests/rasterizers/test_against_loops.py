@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.numerics import DEFAULT, GSPLAT_1_5, NumericsProfile

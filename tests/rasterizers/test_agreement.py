@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from agreement import (
+from hypothesis import HealthCheck, Phase, given, settings
+from support.agreement import (
     FUSED,
     Drawn,
     as_float64,
@@ -15,8 +16,7 @@ from agreement import (
     check_float64,
     draw_everything,
 )
-from hypothesis import HealthCheck, Phase, given, settings
-from random_scenes import CHANNELS, SIZES, Kind, kinds
+from support.random_scenes import CHANNELS, SIZES, Kind, kinds
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras

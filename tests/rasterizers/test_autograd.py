@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from agreement import draw_everything, leaves
-from scenes import front_camera, random_splats
+from support.agreement import draw_everything, leaves
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh

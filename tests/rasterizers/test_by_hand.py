@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from flat_scenes import dots, flat_camera, leaves
+from support.flat_scenes import dots, flat_camera, leaves
 
 from gsfw.core.numerics import DEFAULT, GSPLAT_1_5
 from gsfw.core.render_output import RenderOutput

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import pytest
 import torch
-from scenes import front_camera
+from support.scenes import front_camera
 
 from gsfw.core.capabilities import Determinism
 from gsfw.core.rasterizer import Rasterizer

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.numerics import GSPLAT_1_5

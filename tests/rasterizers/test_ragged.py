@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from agreement import as_float64, check_float32, check_float64, draw_everything
-from scenes import front_camera, random_splats
+from support.agreement import as_float64, check_float32, check_float64, draw_everything
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.render_settings import RenderSettings, Validation

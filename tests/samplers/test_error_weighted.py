@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 import torch
-from timed_views import timed_views
+from support.timed_views import timed_views
 
 from gsfw.core.errors import ConfigError
 from gsfw.samplers.error_weighted import ErrorWeightedConfig

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from timed_views import timed_views
+from support.timed_views import timed_views
 
 from gsfw.core.errors import ConfigError
 from gsfw.samplers.progressive import ProgressiveConfig, window_sizes

@@ -1,7 +1,7 @@
 """Runs with samplers that know of times or losses are interrupted in the middle of an epoch."""
 
 import pytest
-from resuming import resumes_to_the_same_bits
+from support.resuming import resumes_to_the_same_bits
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Several views of one time."""
 
 import pytest
-from timed_views import timed_views
+from support.timed_views import timed_views
 
 from gsfw.core.errors import ConfigError
 from gsfw.samplers.same_time import SameTimeConfig

@@ -5,7 +5,7 @@ from itertools import groupby, pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from timed_views import timed_views
+from support.timed_views import timed_views
 
 from gsfw.core.errors import ConfigError
 from gsfw.samplers.sequential import SequentialConfig, time_starts

@@ -4,7 +4,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import front_camera
+from support.scenes import front_camera
 
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError

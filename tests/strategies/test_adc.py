@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import pytest
 import torch
-from gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
-from scenes import random_splats
-from states import assert_same_bits
+from support.gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
+from support.scenes import random_splats
+from support.states import assert_same_bits
 
 from gsfw.core.capabilities import Feature
 from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
-from gsfw.methods.static_gaussians.config import StaticGaussiansOptim
-from gsfw.methods.static_gaussians.initialisation import from_splats
-from gsfw.methods.static_gaussians.model import StaticGaussians
+from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
+from gsfw.methods.gaussians3d.initialisation import from_splats
+from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.strategies.adc import AdcConfig
 
 SETTINGS = AdcConfig(refine_start=0, refine_every=10, refine_stop=100, reset_every=0)

@@ -1,7 +1,7 @@
 """What a budget may say, and how many rows that is."""
 
 import pytest
-from gaussians import gaussians, toy_scene
+from support.gaussians import gaussians, toy_scene
 
 from gsfw.core.capabilities import Feature
 from gsfw.core.errors import ConfigError

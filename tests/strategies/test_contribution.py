@@ -2,8 +2,8 @@
 
 import pytest
 import torch
-from looks import look
-from states import assert_same_bits
+from support.looks import look
+from support.states import assert_same_bits
 
 from gsfw.strategies.contribution import Contributions
 

@@ -5,13 +5,13 @@ from itertools import count
 
 import pytest
 import torch
-from gaussians import gaussians, set_rows, table_of, toy_scene
-from looks import look
-from resuming import resumes_to_the_same_bits
-from states import assert_same_bits
+from support.gaussians import gaussians, set_rows, table_of, toy_scene
+from support.looks import look
+from support.resuming import resumes_to_the_same_bits
+from support.states import assert_same_bits
 
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.render_settings import Statistic
-from gsfw.core.run_folder import RunFolder, read_checkpoint
 from gsfw.strategies.adc import AdcConfig
 from gsfw.strategies.budget import BudgetConfig
 from gsfw.strategies.count_control import ROUNDS, CountControl, least_useful

@@ -4,19 +4,19 @@ from dataclasses import replace
 
 import pytest
 import torch
-from gaussians import EXTENT, context_of, gaussians, table_of, toy_scene
-from resuming import resumes_to_the_same_bits
-from scenes import front_camera
-from states import assert_same_bits
+from support.gaussians import EXTENT, context_of, gaussians, table_of, toy_scene
+from support.resuming import resumes_to_the_same_bits
+from support.scenes import front_camera
+from support.states import assert_same_bits
 
 from gsfw.core.batch import Batch, MaskMode
 from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Feature
 from gsfw.core.errors import ConfigError
+from gsfw.core.maths.spherical_harmonics import dc_to_rgb
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth
 from gsfw.core.scene import Scene
-from gsfw.core.spherical_harmonics import dc_to_rgb
 from gsfw.strategies.adc import AdcConfig
 from gsfw.strategies.guided_sampling import (
     DEPTHS,

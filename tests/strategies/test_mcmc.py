@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 import torch
-from gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
-from scenes import random_splats
-from states import assert_same_bits
+from support.gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
+from support.scenes import random_splats
+from support.states import assert_same_bits
 
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import step_settings

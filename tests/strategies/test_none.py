@@ -1,8 +1,8 @@
 """No density control."""
 
 import torch
-from gaussians import gaussians, table_of, toy_scene
-from states import assert_same_bits
+from support.gaussians import gaussians, table_of, toy_scene
+from support.states import assert_same_bits
 
 from gsfw.core.capabilities import Needs
 from gsfw.strategies.none import NoneConfig

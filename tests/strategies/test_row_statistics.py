@@ -1,7 +1,7 @@
 """What views have seen of every row."""
 
 import torch
-from states import assert_same_bits
+from support.states import assert_same_bits
 
 from gsfw.strategies.row_statistics import RowStatistics
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 import torch
-from looks import look
-from scenes import front_camera
-from states import assert_same_bits
+from support.looks import look
+from support.scenes import front_camera
+from support.states import assert_same_bits
 
 from gsfw.core.batch import Batch
 from gsfw.strategies.view_losses import ViewLosses

@@ -1,3 +1,3 @@
 """Fixtures of the studies' tests."""
 
-from small_study import quick  # noqa: F401 - a fixture
+from support.small_study import quick  # noqa: F401 - a fixture

@@ -1,6 +1,6 @@
 """Tests of gsfw.studies.comparison."""
 
-from small_study import TINY, small_study
+from support.small_study import TINY, small_study
 
 from gsfw.studies.comparison import compare
 from gsfw.studies.result import Failure, Result

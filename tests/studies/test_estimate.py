@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from small_study import plan, small_study
+from support.small_study import plan, small_study
 
 from gsfw.studies import origin as origin_module
 from gsfw.studies.estimate import START_SECONDS, STEP_SECONDS, Estimate

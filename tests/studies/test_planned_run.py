@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from small_study import TINY, plan, small_study
+from support.small_study import TINY, plan, small_study
 
 from gsfw.core.errors import ConfigError
 from gsfw.studies.planned_run import data_path, is_missing

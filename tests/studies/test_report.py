@@ -5,7 +5,7 @@ import io
 from dataclasses import replace
 
 from PIL import Image
-from small_study import TINY, small_study
+from support.small_study import TINY, small_study
 
 from gsfw.studies.columns import find_column
 from gsfw.studies.report import csv_text, protocol_lines

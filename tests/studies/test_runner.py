@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_training import (
+from support.fake_training import (
     DISK_FULL,
     HUNG_UP,
     INTERRUPTS,
@@ -16,7 +16,7 @@ from fake_training import (
     TORN,
     WAITS_FOR_ANOTHER,
 )
-from small_study import TINY, make, plan, small_study
+from support.small_study import TINY, make, plan, small_study
 
 from gsfw.core.callback import Control
 from gsfw.studies.planned_run import fingerprint
@@ -136,7 +136,7 @@ def test_data_that_has_moved_is_told_to_a_run_that_goes_on(tmp_path):
         (place / "cameras.bin").touch()
     rows = {"still": {"method": "3dgs", "data": "robot", "datamanager": "colmap"}}
     study = small_study(seeds=(KILLED,), rows=rows, settings={"steps": 10})
-    from small_study import installed, plan_runs
+    from support.small_study import installed, plan_runs
 
     for name in ("before", "now"):
         planned = plan_runs(study.cells(), installed(), tmp_path / name, tmp_path)

@@ -1,7 +1,7 @@
 """Tests of gsfw.studies.study."""
 
 import pytest
-from small_study import TINY, small_study
+from support.small_study import TINY, small_study
 
 from gsfw.core.errors import ConfigError
 from gsfw.studies.study import Rule, slug

@@ -33,7 +33,7 @@ constexpr int MAPS = 4, PICTURE_MAPS = 2;
 static_assert(MAPS * ACROSS > PICTURE_MAPS * TAKEN, "what is put there fits");
 static_assert(TAKEN > ACROSS, "what is put there fits");
 
-/// Weight of a tap of the Gaussian window of 11 taps, sigma 1.5 (gsfw.core.ssim).
+/// Weight of a tap of the Gaussian window of 11 taps, sigma 1.5 (gsfw.core.maths.ssim).
 template <class T>
 __device__ __forceinline__ T window_weight(int tap) {
   constexpr double half[] = {0.00102838008447911, 0.007598758135239185, 0.03600077212843083,

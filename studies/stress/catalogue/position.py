@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import torch
 
-from gsfw.core.frame import transform_splats
+from gsfw.core.maths.frame import transform_splats
+from gsfw.core.maths.similarity import Similarity
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.similarity import Similarity
 from gsfw.studies.stress.case import Change, Drawing, StressCase
 from gsfw.studies.stress.catalogue.shape import FLAT, scaled
 from gsfw.studies.stress.catalogue.variants import splat_cases

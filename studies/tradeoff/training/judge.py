@@ -7,8 +7,8 @@ from dataclasses import replace
 from statistics import mean, median, quantiles
 
 from gsfw.core.datamanager import Split
-from gsfw.core.determinism import deterministic
-from gsfw.core.evaluation import draw, evaluate
+from gsfw.core.loop.determinism import deterministic
+from gsfw.core.loop.evaluation import draw, evaluate
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored, restore
 from gsfw.plugins.settings import Layer

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.callback import Control
-from gsfw.core.run_folder import RunFolder
+from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import Registry
 from gsfw.studies.planned_run import PlannedRun, plan_runs
 from gsfw.studies.result import MEGABYTE, Result

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.json_text import json_text
-from gsfw.core.run_folder import write_atomically
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import json_text
 from gsfw.studies.tradeoff.hyperparameters import Session, write_hyperparameters
 from gsfw.studies.tradeoff.recommendation import Recommendation
 from gsfw.studies.tradeoff.training.plot import write_plot

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from small_captures import CENTER, FOCAL, HEIGHT, WIDTH, ring, write_colmap
+from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH, ring, write_colmap
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap import binary, text

@@ -7,9 +7,17 @@ import numpy as np
 import pycolmap
 import pytest
 import torch
-from distorted_pictures import DISTORTIONS, HEIGHT, WIDTH, lens, parameters, spot_errors, spots
 from PIL import Image
-from small_captures import SmallCapture, request, ring, write_colmap_cameras, write_picture
+from support.distorted_pictures import (
+    DISTORTIONS,
+    HEIGHT,
+    WIDTH,
+    lens,
+    parameters,
+    spot_errors,
+    spots,
+)
+from support.small_captures import SmallCapture, request, ring, write_colmap_cameras, write_picture
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.datamanager import DataManager, Split

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_captures import projection_error, request, ring, write_colmap, write_pictures
+from support.small_captures import projection_error, request, ring, write_colmap, write_pictures
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, DataError

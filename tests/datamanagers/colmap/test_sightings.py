@@ -3,7 +3,7 @@
 import struct
 
 import pytest
-from small_captures import request, ring, write_colmap, write_pictures
+from support.small_captures import request, ring, write_colmap, write_pictures
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap.config import ColmapConfig

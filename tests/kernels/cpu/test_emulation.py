@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from native_programs import (
+from support.native_programs import (
     EMULATOR,
     compile_engine,
     compile_source,

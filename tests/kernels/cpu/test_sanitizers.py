@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from native_programs import (
+from support.native_programs import (
     MACHINE,
     compile_engine,
     compile_source,

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator
 
 import pytest
-from cuda_stubs import StubDriver
 from emulation.launcher import EmulatedLauncher
+from support.cuda_stubs import StubDriver
 
 from gsfw.kernels.cuda.cache import KernelCache
 from gsfw.kernels.cuda.errors import CudaError

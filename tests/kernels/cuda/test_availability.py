@@ -5,7 +5,7 @@ import sys
 
 import pytest
 import torch
-from cuda_stubs import FakeNvrtc
+from support.cuda_stubs import FakeNvrtc
 
 from gsfw.core.errors import UserError
 from gsfw.kernels.cuda import driver, nvrtc_library

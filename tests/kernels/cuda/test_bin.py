@@ -9,7 +9,12 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import torch
-from ellipses import (
+from emulation.launcher import EmulatedLauncher
+from emulation.sanitizers import run_sanitized
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from support.ellipses import (
     LENGTHS,
     STRIDE,
     SUBTILE_HEIGHT,
@@ -20,11 +25,6 @@ from ellipses import (
     random_scene,
     reached,
 )
-from emulation.launcher import EmulatedLauncher
-from emulation.sanitizers import run_sanitized
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 from torch import Tensor
 
 from gsfw.kernels.cuda.jobs import INT, INT64, POINTER, EmitJob, Grid, TilesJob

@@ -10,7 +10,7 @@ import pytest
 import torch
 from emulation import launcher as emulated_launcher
 from emulation.launcher import EmulatedLauncher, EmulationError
-from native_programs import EMULATOR, compile_source, compiler, cross_compiler, run_program
+from support.native_programs import EMULATOR, compile_source, compiler, cross_compiler, run_program
 from torch import Tensor
 
 from gsfw.kernels.cuda.launcher import Kernel, address

@@ -4,7 +4,7 @@ import re
 
 import pytest
 import torch
-from native_programs import ROOT
+from support.native_programs import ROOT
 
 from gsfw.kernels.cuda.instances import WIDTHS, Instances
 from gsfw.rasterizers.cuda import picture

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 import torch
-from cuda_stubs import FakeDevice, FakeNvrtc, StubDriver
+from support.cuda_stubs import FakeDevice, FakeNvrtc, StubDriver
 
 from gsfw.kernels.cuda import compiler as compiler_module
 from gsfw.kernels.cuda.architecture import choose_target

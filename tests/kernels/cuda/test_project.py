@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 from emulation.launcher import EmulatedLauncher
-from projection_jobs import BRUSH_CHANNELS, SCENES, Scene, projected, reference_of, scene_of
-from scenes import front_camera, random_splats
+from support.projection_jobs import BRUSH_CHANNELS, SCENES, Scene, projected, reference_of, scene_of
+from support.scenes import front_camera, random_splats
 from torch import Tensor
 
 from gsfw.core.numerics import DEFAULT

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import torch
 from emulation.launcher import EmulatedLauncher
-from projection_jobs import (
+from support.projection_jobs import (
     BRUSH_CHANNELS,
     POSE_FIELDS,
     SCENES,
@@ -20,7 +20,7 @@ from projection_jobs import (
     run_backward,
     scene_of,
 )
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras

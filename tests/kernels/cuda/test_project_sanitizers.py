@@ -7,7 +7,7 @@ PROJECT = """
 import sys
 import torch
 from emulation.launcher import EmulatedLauncher
-from projection_jobs import SCENES, projected, run_backward, scene_of
+from support.projection_jobs import SCENES, projected, run_backward, scene_of
 
 launcher = EmulatedLauncher(sanitize=sys.argv[1])
 for name in ("SH in two parts", "channels", "ragged beyond the active degree"):

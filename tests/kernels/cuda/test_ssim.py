@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from gsfw.core.maths.ssim import C1, C2, SIGMA, WINDOW
 from gsfw.core.operators import Operators
-from gsfw.core.ssim import C1, C2, SIGMA, WINDOW
 from gsfw.kernels.cuda.source_files import source_text
 
 SHAPES = [

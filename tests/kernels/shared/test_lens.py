@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from scenes import front_camera
+from support.scenes import front_camera
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.numerics import DEFAULT

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn.functional import normalize
 
-from gsfw.core.spherical_harmonics import MAX_DEGREE, num_coefficients, sh_basis
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients, sh_basis
 
 
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])

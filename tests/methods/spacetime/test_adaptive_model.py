@@ -4,8 +4,8 @@ import math
 
 import pytest
 import torch
-from adaptive_splats import adaptive, ragged
-from moving_splats import at, seeded, spacetime
+from support.adaptive_splats import adaptive, ragged
+from support.moving_splats import at, seeded, spacetime
 
 from gsfw.methods.spacetime.adaptive_model import MIDDLE
 from gsfw.methods.spacetime.places import Places

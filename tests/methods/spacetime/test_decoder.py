@@ -1,11 +1,11 @@
 """Feature colours: rays of pixels, and the network, in float64."""
 
 import torch
-from moving_splats import at, seeded, spacetime
-from scenes import turned_camera
+from support.moving_splats import at, seeded, spacetime
+from support.scenes import turned_camera
 
-from gsfw.core.evaluation import draw
-from gsfw.core.rays import pixel_rays
+from gsfw.core.loop.evaluation import draw
+from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.render_settings import RenderSettings
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer

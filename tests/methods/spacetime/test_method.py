@@ -2,16 +2,16 @@
 
 import pytest
 import torch
-from moving_splats import moving_scene
-from scenes import random_splats
+from support.moving_splats import moving_scene
+from support.scenes import random_splats
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.table import SplatTable
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.spacetime.config import SpacetimeConfig
 from gsfw.methods.spacetime.model import SpacetimeGaussians
-from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
 
 
 def start(scene=None, initial=None, **settings):

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import pytest
 import torch
-from moving_splats import at, moving_scene, seeded, spacetime
-from scenes import front_camera, random_splats
+from support.moving_splats import at, moving_scene, seeded, spacetime
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats

@@ -4,11 +4,11 @@ import math
 
 import pytest
 import torch
-from adaptive_splats import adaptive
-from mixed_rows import check_rows, standing
-from moving_splats import at
+from support.adaptive_splats import adaptive
+from support.mixed_rows import check_rows, standing
+from support.moving_splats import at
 
-from gsfw.methods.settling import settle
+from gsfw.methods.moving.settling import settle
 from gsfw.methods.spacetime.adaptive_model import MIDDLE
 from gsfw.methods.spacetime.simplification import simplify
 

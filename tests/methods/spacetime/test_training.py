@@ -3,11 +3,11 @@
 import json
 
 import pytest
-from moving_runs import train
-from states import assert_same_bits
+from support.moving_runs import train
+from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
 SHORT = (
     *("steps=30", "checkpoint_every=15", "eval_every=0"),

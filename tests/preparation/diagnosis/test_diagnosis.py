@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from captured import arc, photos
 from PIL import Image
 from scipy import ndimage
+from support.captured import arc, photos
 
-from gsfw.core.camera_path import look_at
-from gsfw.core.finding import Finding, Verdict, Weight
-from gsfw.core.json_text import json_text
+from gsfw.core.files.json_text import json_text
+from gsfw.core.maths.camera_path import look_at
 from gsfw.datamanagers.picture_quality import PictureQuality
 from gsfw.datamanagers.pictures import Header
 from gsfw.preparation.camera_group import CameraGroup
@@ -35,6 +34,7 @@ from gsfw.preparation.diagnosis.residuals import Stretch
 from gsfw.preparation.diagnosis.view_findings import view_findings
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
+from gsfw.preparation.finding import Finding, Verdict, Weight
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.matching import match_pairs

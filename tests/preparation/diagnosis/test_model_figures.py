@@ -6,7 +6,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from gsfw.core.json_text import json_text
+from gsfw.core.files.json_text import json_text
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.triangulation_angles import widest_angles

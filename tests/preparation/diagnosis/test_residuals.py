@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from matched_captures import MatchedCapture, matched_capture
+from support.matched_captures import MatchedCapture, matched_capture
 
 from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.residuals import Stretch

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from matched_captures import matched_capture, partial_model
+from support.matched_captures import matched_capture, partial_model
 
 from gsfw.preparation.mapping import mapping as mapping_module
 from gsfw.preparation.mapping.covisibility import cut_loose, held_together

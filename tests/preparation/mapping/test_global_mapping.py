@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from matched_captures import matched_capture
+from support.matched_captures import matched_capture
 
 from gsfw.core.errors import DataError
 from gsfw.preparation.mapping.global_mapping import LOG, run_global

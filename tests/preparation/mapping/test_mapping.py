@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-import captured
 import numpy as np
 import pycolmap
 import pytest
-from matched_captures import MatchedCapture, matched_capture, pose_errors
+from support import captured
+from support.matched_captures import MatchedCapture, matched_capture, pose_errors
 
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.preparation.mapping.incremental_mapping import LEAST_POINTS, solid

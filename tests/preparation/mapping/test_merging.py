@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 import pytest
-from matched_captures import MatchedCapture, matched_capture, partial_model
+from support.matched_captures import MatchedCapture, matched_capture, partial_model
 
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.merging import bridge_pairs, merge_models

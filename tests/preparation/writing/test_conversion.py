@@ -8,7 +8,7 @@ import pytest
 import torch
 from PIL import Image
 from plyfile import PlyData
-from small_captures import (
+from support.small_captures import (
     HEIGHT,
     WIDTH,
     SmallCapture,
@@ -18,7 +18,7 @@ from small_captures import (
     write_pictures,
     write_transforms,
 )
-from small_videos import cameras
+from support.small_videos import cameras
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, OutputError

@@ -10,10 +10,10 @@ import numpy as np
 import pycolmap
 import pytest
 import torch
-from distorted_pictures import HEIGHT, WIDTH, lens, parameters
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
-from small_captures import request, ring
+from support.distorted_pictures import HEIGHT, WIDTH, lens, parameters
+from support.small_captures import request, ring
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError, OutputError
@@ -392,7 +392,7 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
     def full(handle):
         raise OSError(errno.ENOSPC, "no space")
 
-    monkeypatch.setattr("gsfw.core.run_folder.os.fsync", full)
+    monkeypatch.setattr("gsfw.core.loop.run_folder.os.fsync", full)
     with pytest.raises(OutputError) as error:
         write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
     assert str(error.value) == (

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from small_captures import request, ring, write_colmap, write_pictures
+from support.small_captures import request, ring, write_colmap, write_pictures
 
 from gsfw.core.errors import OutputError
 from gsfw.datamanagers.colmap.config import ColmapConfig

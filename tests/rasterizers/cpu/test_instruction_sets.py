@@ -6,8 +6,8 @@ import sys
 
 import pytest
 import torch
-from agreement import as_float64, check_float32, check_float64, draw_everything
-from random_scenes import Kind
+from support.agreement import as_float64, check_float32, check_float64, draw_everything
+from support.random_scenes import Kind
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.render_settings import Depth

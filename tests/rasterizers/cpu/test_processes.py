@@ -21,7 +21,7 @@ import multiprocessing, signal, threading, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 import torch
 from dataclasses import replace
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.kernels.cpu.native_module import native

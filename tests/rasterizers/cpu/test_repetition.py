@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 import torch
-from agreement import draw_everything
-from random_scenes import Kind
-from scenes import front_camera, random_splats
+from support.agreement import draw_everything
+from support.random_scenes import Kind
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic

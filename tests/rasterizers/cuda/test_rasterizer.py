@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from agreement import as_float64, check_float32, check_float64, draw_everything
 from emulation.launcher import EmulatedLauncher
-from native_programs import compiler
-from scenes import front_camera, random_splats
+from support.agreement import as_float64, check_float32, check_float64, draw_everything
+from support.native_programs import compiler
+from support.scenes import front_camera, random_splats
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from gsfw.core.cameras import Cameras

@@ -7,10 +7,10 @@ import pytest
 import torch
 from conftest import SMALL_SCENE
 from emulation.launcher import EmulatedLauncher
-from native_programs import compiler
+from support.native_programs import compiler
 
 from gsfw.commands.main import main
-from gsfw.core.run_folder import read_checkpoint
+from gsfw.core.loop.run_folder import read_checkpoint
 from gsfw.kernels.cuda.operators import CudaOperators
 from gsfw.plugins import compose
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer

@@ -3,8 +3,8 @@
 import sys
 from types import ModuleType, SimpleNamespace
 
-import fake_gsplat
 import pytest
+from support import fake_gsplat
 
 from gsfw.rasterizers.gsplat import package, rasterizer
 from gsfw.rasterizers.gsplat.rasterizer import GsplatRasterizer

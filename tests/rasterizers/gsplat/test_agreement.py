@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 import torch
-from agreement import PICTURES, Drawn, as_float64, check_float32, draw_everything
 from hypothesis import HealthCheck, Phase, given, settings
-from random_scenes import CHANNELS, Kind, kinds
-from scenes import front_camera, random_splats
+from support.agreement import PICTURES, Drawn, as_float64, check_float32, draw_everything
+from support.random_scenes import CHANNELS, Kind, kinds
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.numerics import GSPLAT_1_5

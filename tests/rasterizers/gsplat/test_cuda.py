@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 import torch
-from agreement import PICTURES, STATISTICS, as_float64, distance, draw_everything
-from on_cuda import OnCuda
-from random_scenes import Kind
+from support.agreement import PICTURES, STATISTICS, as_float64, distance, draw_everything
+from support.on_cuda import OnCuda
+from support.random_scenes import Kind
 
 from gsfw.core.cameras import CameraModel
+from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.numerics import PROFILES
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
-from gsfw.core.spherical_harmonics import degree_of
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.gsplat import package
 from gsfw.rasterizers.gsplat.config import GsplatConfig

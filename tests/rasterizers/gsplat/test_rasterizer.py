@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Determinism, Feature, Needs

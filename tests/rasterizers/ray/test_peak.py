@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 import torch
-from scenes import front_camera, random_splats, turned_camera
+from support.scenes import front_camera, random_splats, turned_camera
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.numerics import DEFAULT
-from gsfw.core.rays import pixel_rays
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.ray.footprint import pixel_steps

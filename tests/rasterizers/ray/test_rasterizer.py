@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from scenes import front_camera, random_splats, turned_camera
+from support.scenes import front_camera, random_splats, turned_camera
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Capabilities, Determinism, Feature, Needs, check_fit, fitting

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from scenes import random_splats, turned_camera
+from support.scenes import random_splats, turned_camera
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.numerics import DEFAULT

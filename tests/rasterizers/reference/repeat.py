@@ -13,7 +13,7 @@ os.environ["OMP_WAIT_POLICY"] = "passive"
 from dataclasses import replace
 
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Sh, Splats

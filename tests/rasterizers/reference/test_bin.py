@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT

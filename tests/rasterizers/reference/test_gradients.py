@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import torch
-from flat_scenes import flat_camera
-from scenes import front_camera, random_splats
+from support.flat_scenes import flat_camera
+from support.scenes import front_camera, random_splats
 
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 

@@ -1,13 +1,13 @@
 """Floats are counted by what they are for, whatever the model calls its columns."""
 
 import torch
-from gaussians import gaussians
-from mixed_model import MixedModel
+from support.gaussians import gaussians
+from support.mixed_model import MixedModel
 
 from gsfw.core.column import Column, Layout
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer, OptimizerSettings
 from gsfw.studies.requirements.census import Census
 
 RATE = LearningRate(0.1)

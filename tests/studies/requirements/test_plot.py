@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from gsfw.core.requirements import FloatGroup, LeastUseful, Motion, Requirements
+from gsfw.core.loop.requirements import FloatGroup, LeastUseful, Motion, Requirements
 from gsfw.studies.requirements.plot import BAR, BLUES, HEADING, MARGIN, WIDTH, plot
 
 REQUIREMENTS = Requirements(

@@ -1,7 +1,7 @@
 """What people read: what was left out, what could be, and what to try."""
 
 from gsfw.core.datamanager import Split
-from gsfw.core.requirements import LeastUseful, Motion
+from gsfw.core.loop.requirements import LeastUseful, Motion
 from gsfw.studies.requirements.census import Census
 from gsfw.studies.requirements.sentences import could_go, decibels, headline, left_out, percent
 from gsfw.studies.requirements.worth import Worth

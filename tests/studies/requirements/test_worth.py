@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
@@ -15,8 +15,8 @@ from gsfw.core.learning_rate import LearningRate
 from gsfw.core.metrics import PSNR_MAX
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.methods.static_gaussians.initialisation import from_splats
-from gsfw.methods.static_gaussians.model import StaticGaussians
+from gsfw.methods.gaussians3d.initialisation import from_splats
+from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.requirements.worth import MOST_VIEWS, Worth
 from gsfw.studies.tradeoff.subject import Subject

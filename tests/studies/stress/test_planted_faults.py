@@ -12,8 +12,8 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.splats import Sh
-from gsfw.methods.sliced_gaussians import model as sliced
-from gsfw.methods.sliced_gaussians.conditional import Conditional, conditional
+from gsfw.methods.rotor4d import model as sliced
+from gsfw.methods.rotor4d.conditional import Conditional, conditional
 from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference import project
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
@@ -215,7 +215,7 @@ def test_the_textbook_conditional_covariance_is_caught_by_a_named_case(monkeypat
 
 
 def test_a_rotor_that_is_not_normalised_is_caught_by_a_named_case(monkeypatch):
-    from gsfw.methods.sliced_gaussians import rotation
+    from gsfw.methods.rotor4d import rotation
 
     case = next(case for case in MOVING_CASES if case.name == "time/rotors-1e-9")
     model = moving_model("4d-rotor", installed())

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from gsfw.callbacks.tensorboard import TensorBoard
@@ -19,17 +19,17 @@ from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.errors import TrainingError
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.trainer import Trainer
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import Psnr
 from gsfw.core.operators import Operators
-from gsfw.core.optimizer import Optimizer
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.run_folder import RunFolder, read_checkpoint
 from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
-from gsfw.core.trainer import Trainer
-from gsfw.core.training_parts import TrainingParts, TrainingPlan
-from gsfw.methods.static_gaussians.config import StaticGaussiansConfig
-from gsfw.methods.static_gaussians.method import StaticGaussiansMethod
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig

@@ -5,7 +5,7 @@ from dataclasses import replace
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh

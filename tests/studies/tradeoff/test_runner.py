@@ -6,13 +6,13 @@ import sys
 import numpy as np
 import pytest
 import torch
-from tradeoff_models import finished_model
+from support.tradeoff_models import finished_model
 
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.evaluation import evaluate
-from gsfw.core.memory import added_memory_mb
+from gsfw.core.loop.evaluation import evaluate
+from gsfw.core.loop.memory import added_memory_mb
 from gsfw.core.metrics import psnr
 from gsfw.formats.ply import PlyImporter
 from gsfw.studies.tradeoff.catalogue import catalogue

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from scenes import front_camera, random_splats
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.splats import Sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer

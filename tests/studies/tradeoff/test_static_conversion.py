@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from moving_splats import at, spacetime
-from scenes import front_camera, random_splats
+from support.moving_splats import at, spacetime
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh

@@ -2,9 +2,9 @@
 
 import pytest
 import torch
-from mixed_model import MixedModel
-from moving_splats import spacetime
-from tracked_splats import after
+from support.mixed_model import MixedModel
+from support.moving_splats import spacetime
+from support.tracked_splats import after
 
 from gsfw.studies.tradeoff.contribution import Kept
 from gsfw.studies.tradeoff.sh_truncation import ShTruncation

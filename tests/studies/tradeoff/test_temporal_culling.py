@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import torch
-from moving_splats import at, spacetime
-from scenes import front_camera, random_splats
+from support.moving_splats import at, spacetime
+from support.scenes import front_camera, random_splats
 
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings

@@ -5,9 +5,9 @@ from dataclasses import replace
 from statistics import mean
 from types import SimpleNamespace
 
-import fake_variants
 import pytest
-from tradeoff_models import finished_model
+from support import fake_variants
+from support.tradeoff_models import finished_model
 
 from gsfw.core.callback import Control
 from gsfw.core.datamanager import Split

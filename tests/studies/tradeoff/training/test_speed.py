@@ -3,8 +3,8 @@
 import sys
 import time
 
-import fake_variants
 import pytest
+from support import fake_variants
 
 from gsfw.core.callback import Control
 from gsfw.core.errors import DataError

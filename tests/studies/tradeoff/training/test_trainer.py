@@ -5,9 +5,9 @@ import sys
 import time
 from pathlib import Path
 
-import fake_variants
 import pytest
-from fake_variants import KILLED
+from support import fake_variants
+from support.fake_variants import KILLED
 
 from gsfw.core.callback import Control
 from gsfw.plugins.registry import installed

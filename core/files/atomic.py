@@ -1,0 +1,73 @@
+"""Atomic writes: a file is there as it was or as it will be, never in between."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gsfw.core.errors import OutputError
+
+NOT_WRITABLE = (
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOTDIR,
+    errno.ENOENT,
+    errno.EEXIST,
+    errno.ENAMETOOLONG,
+)
+"""System errors that mean: not here. (EEXIST: a file stands where a folder should.)"""
+
+
+@contextmanager
+def readable_write_errors(path: Path) -> Iterator[None]:
+    """Turn the system's write errors into one clear message.
+
+    Raises:
+        OutputError: the disk is full, or the place cannot be written to.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise OutputError(
+                f"the disk is full: {path} could not be written.",
+                "Free some space, or choose another place with out=DIR.",
+            ) from error
+        if error.errno in NOT_WRITABLE:
+            raise OutputError(
+                f"{path} cannot be written: {os.strerror(error.errno or 0)}.",
+                "Choose another place with out=DIR.",
+            ) from error
+        raise
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that at every moment either the old or the whole new one is there.
+
+    Raises:
+        OutputError: it cannot be written; the old file, if any, is untouched.
+    """
+    with readable_write_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(name, 0o666 & ~_umask())
+            os.replace(name, path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,110 @@
+"""Evaluation: the held-out views, drawn and compared under the stated protocol."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.callback import EvaluatedView
+from gsfw.core.cameras import Cameras
+from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.loop.device import wait_for
+from gsfw.core.metrics import Metric
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_output import RenderOutput
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.temporal_metrics.over_time import OverTime, means
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures of the held-out views."""
+
+    views: tuple[str, ...]
+    per_view: tuple[Mapping[str, float], ...]
+    render_ms: float
+    """Median wall-clock time to draw one view, in milliseconds."""
+    means: Mapping[str, float] = field(default_factory=dict)
+    """Mean of each metric over the views; empty when there are none."""
+    over_time: tuple[Mapping[str, Any], ...] = ()
+    """The same at each time, in order of time; empty for a static capture."""
+    notes: Mapping[str, str] = field(default_factory=dict)
+    """How figures over time came about, or why there are none; empty for a static capture."""
+
+    def document(self) -> dict[str, Any]:
+        """Plain data for result files."""
+        views = [{"name": n, **m} for n, m in zip(self.views, self.per_view, strict=True)]
+        figures = {**self.means, "render_ms": self.render_ms, **self.time_document()}
+        return {**figures, "per_view": views}
+
+    def time_document(self) -> dict[str, Any]:
+        """What data with times adds to result files; empty for a static capture."""
+        if not self.notes:
+            return {}
+        return {**self.notes, "over_time": [dict(point) for point in self.over_time]}
+
+
+@torch.no_grad()
+def draw(
+    model: PrimitiveModel,
+    rasterizer: Rasterizer,
+    cameras: Cameras,
+    settings: RenderSettings,
+    time: Float[Tensor, ""] | None = None,
+) -> RenderOutput:
+    """Draw a model as it is at ``time``, without gradients."""
+    cameras = model.cameras(cameras)
+    output = rasterizer.render(model.splats(time), cameras, model.settings(settings))
+    return model.decode(output, cameras)
+
+
+@torch.no_grad()
+def evaluate(
+    model: PrimitiveModel,
+    rasterizer: Rasterizer,
+    data: DataManager,
+    metrics: Mapping[str, Metric],
+    settings: RenderSettings,
+    device: torch.device,
+    split: Split = Split.EVAL,
+    on_view: Callable[[EvaluatedView], None] | None = None,
+) -> Evaluation:
+    """Draw and compare every view of a split, one at a time."""
+    assert settings.background is not None
+    views = data.views(split)
+    watch = None
+    if data.scene.is_dynamic and views.times:
+        watch = OverTime(data, split, settings.background, device, metrics)
+    order = range(len(views)) if watch is None else watch.order()
+    per_view: list[Mapping[str, float]] = [{}] * len(views)
+    durations: list[float] = []
+    for place, index in enumerate(order):
+        data.prefetch(split, order[place + 1 : place + 3])
+        (batch,) = data.load(split, [index], device)
+        wait_for(device)  # The clock is the host's, and a GPU works behind its back.
+        started = time.perf_counter()
+        output = draw(model, rasterizer, batch.cameras, settings, batch.time)
+        wait_for(device)
+        durations.append(1e3 * (time.perf_counter() - started))
+        picture, target = output.color[0], batch.target(settings.background)[0]
+        valid = None if batch.valid is None else batch.valid[0]
+        figures = {name: metric(picture, target, valid) for name, metric in metrics.items()}
+        if watch is not None:
+            figures |= watch.compare(index, picture, target, valid)
+        per_view[index] = figures
+        if on_view is not None:
+            on_view(EvaluatedView(views.names[index], figures, target, picture))
+    middle = sorted(durations)[len(durations) // 2] if durations else 0.0
+    averages = means(per_view)
+    if watch is None:
+        return Evaluation(views.names, tuple(per_view), middle, averages)
+    averages |= watch.figures()
+    curve = watch.curve(per_view)
+    return Evaluation(views.names, tuple(per_view), middle, averages, curve, watch.notes())

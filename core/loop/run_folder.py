@@ -1,0 +1,172 @@
+"""RunFolder: where a run keeps its state, and how it is written without ever losing any."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.errors import DataError
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import json_text
+
+CHECKPOINT_SCHEMA = 1
+"""Number of the checkpoint layout; raised when an older gsfw could not read a newer file."""
+
+_STEP = re.compile(r"step_(\d+)\.pt$")
+
+
+def check_finite(state: object, where: str = "") -> None:
+    """Check every floating-point tensor of a nested state.
+
+    Raises:
+        ValueError: naming the first tensor that holds a NaN or an infinity.
+    """
+    if isinstance(state, Tensor):
+        if state.is_floating_point() and not bool(state.isfinite().all()):
+            raise ValueError(f"{where} is not finite")
+    elif isinstance(state, Mapping):
+        for key, value in state.items():
+            check_finite(value, f"{where}.{key}" if where else str(key))
+    elif isinstance(state, list | tuple):
+        for index, value in enumerate(state):
+            check_finite(value, f"{where}[{index}]")
+
+
+class RunFolder:
+    """The files of one run; see "State of a run" in the architecture notes of the README."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def config(self) -> Path:
+        """Every setting, as plain data."""
+        return self.path / "config.yaml"
+
+    @property
+    def metrics_log(self) -> Path:
+        """One line of JSON per logged step."""
+        return self.path / "metrics.jsonl"
+
+    @property
+    def summary(self) -> Path:
+        """The final figures."""
+        return self.path / "metrics.json"
+
+    @property
+    def requirements(self) -> Path:
+        """Where the floats of the final model went, and what each bought."""
+        return self.path / "requirements.json"
+
+    @property
+    def requirements_plot(self) -> Path:
+        """The same as a picture."""
+        return self.path / "requirements.png"
+
+    @property
+    def log(self) -> Path:
+        """What was said, and tracebacks."""
+        return self.path / "log.txt"
+
+    @property
+    def tensorboard(self) -> Path:
+        """Event files."""
+        return self.path / "tb"
+
+    @property
+    def evaluations(self) -> Path:
+        """Per-view figures of each evaluation."""
+        return self.path / "eval"
+
+    @property
+    def splats(self) -> Path:
+        """The final model as a 3DGS PLY, in the world of the data."""
+        return self.path / "splats.ply"
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of step_N.pt."""
+        return self.path / "checkpoints"
+
+    def checkpoint(self, step: int) -> Path:
+        """File of the checkpoint after ``step`` steps."""
+        return self.checkpoints / f"step_{step:09d}.pt"
+
+    def latest_checkpoint(self) -> Path | None:
+        """The one with most steps; ``None`` when there is none."""
+        return next(iter(self._all_checkpoints()[::-1]), None)
+
+    def _all_checkpoints(self) -> list[Path]:
+        """Every checkpoint, by step."""
+        found = [p for p in self.checkpoints.glob("step_*.pt") if _STEP.fullmatch(p.name)]
+        return sorted(found, key=lambda path: path.name)
+
+    def write_json(self, path: Path, document: object) -> None:
+        """Write plain data, whole or not at all."""
+        write_atomically(path, (json_text(document, indent=1) + "\n").encode())
+
+    def write_checkpoint(self, step: int, state: Mapping[str, Any], keep: int = 2) -> Path:
+        """Write a checkpoint atomically; only the last ``keep`` stay.
+
+        Later ones go: they are what became of a run that was then resumed from an earlier step.
+
+        Raises:
+            ValueError: a tensor is not finite (nothing is written).
+            OutputError: it cannot be written; earlier checkpoints are untouched.
+        """
+        check_finite(state)
+        buffer = io.BytesIO()
+        torch.save({"schema": CHECKPOINT_SCHEMA, "step": step, **state}, buffer)
+        path = self.checkpoint(step)
+        write_atomically(path, buffer.getvalue())
+        kept = [other for other in self._all_checkpoints() if other.name <= path.name][-keep:]
+        for other in self._all_checkpoints():
+            if other not in kept:
+                other.unlink(missing_ok=True)
+        return path
+
+    def cut_metrics_log(self, step: int) -> None:
+        """Drop logged lines after ``step``, and a line that a crash cut short."""
+        if not self.metrics_log.exists():
+            return
+        kept: list[str] = []
+        for line in self.metrics_log.read_text().splitlines():
+            try:
+                document = json.loads(line)
+            except json.JSONDecodeError:
+                break
+            if document["step"] > step:
+                break
+            kept.append(line)
+        write_atomically(self.metrics_log, "".join(f"{line}\n" for line in kept).encode())
+
+
+def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+    """Read a checkpoint (tensors and plain data only).
+
+    Raises:
+        DataError: it is missing, damaged, or of a layout this version does not know.
+    """
+    try:
+        state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
+    except FileNotFoundError:
+        raise DataError(f"{path}: there is no such checkpoint.") from None
+    except Exception as error:
+        raise DataError(
+            f"{path} cannot be read as a checkpoint: {type(error).__name__}.",
+            "It may have been cut short in copying; use an earlier one.",
+        ) from error
+    if not isinstance(state, dict) or state.get("schema") != CHECKPOINT_SCHEMA:
+        found = state.get("schema") if isinstance(state, dict) else type(state).__name__
+        raise DataError(
+            f"{path}: expected checkpoint schema {CHECKPOINT_SCHEMA}, found {found}.",
+            "It was written by another version of gsfw; use that one to read it.",
+        )
+    return state

@@ -1,0 +1,371 @@
+"""Trainer: the one loop, for static and dynamic methods alike."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.context import StepContext
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import TrainingError
+from gsfw.core.loop.determinism import deterministic, environment
+from gsfw.core.loop.device import moved, wait_for
+from gsfw.core.loop.evaluation import Evaluation, evaluate
+from gsfw.core.loop.memory import memory_summary, peak_memory_mb
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.stopwatch import Stopwatch
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.metrics import psnr
+
+
+@dataclass
+class _Drawn:
+    """One batch of a step after its forward pass."""
+
+    context: StepContext
+    losses: Mapping[str, Tensor]
+    """Every weighted term."""
+    data_losses: tuple[str, ...]
+    """Names of the terms that compare with the pictures."""
+    total: Tensor
+    """Their sum, times what this batch counts in the step."""
+
+
+class Trainer:
+    """Batches -> splats -> render -> decode -> losses -> backward -> observe -> step -> refine."""
+
+    def __init__(
+        self,
+        parts: TrainingParts,
+        plan: TrainingPlan,
+        folder: RunFolder,
+        info: RunInfo,
+        callbacks: Sequence[Callback] = (),
+    ) -> None:
+        self.parts, self.plan, self.folder, self.info = parts, plan, folder, info
+        self.control = Control()
+        self.step = 0
+        self.train_seconds = 0.0
+        self.callbacks = callbacks
+        self._stopwatch = Stopwatch()
+        self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
+        self._skipped_in_a_row = torch.zeros_like(self._skipped)
+        self._checkpointed = -1
+        self._refined: Counter[str] = Counter()
+        views = parts.data.views(Split.TRAIN)
+        self._times = views.times
+        self._widths = [camera.width for camera in views.cameras]
+
+    def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
+        """Train until the plan's end or until a callback asks to stop; the run's summary.
+
+        Args:
+            afterwards: is called when a run was completed and has written its figures, while
+                callbacks still listen.
+
+        Raises:
+            TrainingError: too many steps in a row were not finite.
+            OutputError: a checkpoint could not be written.
+        """
+        with deterministic(self.parts.device):
+            try:
+                if self._checkpointed != self.step:  # Also proves that the folder can hold one.
+                    self._checkpoint()
+                for callback in self.callbacks:
+                    callback.on_start(self.info, self.control)
+                self._stopwatch.restart()
+                while self.step < self.plan.steps and self.control.stop_reason is None:
+                    self._one_step()
+                summary = self._finish()
+                if summary["completed"] and afterwards is not None:
+                    afterwards()
+                return summary
+            finally:
+                for callback in self.callbacks:
+                    callback.close()
+
+    def _one_step(self) -> None:
+        """One optimizer step and what follows from it."""
+        started = time.perf_counter()
+        parts, clock = self.parts, self._stopwatch
+        with clock.stage("load"):
+            views = parts.sampler.next()
+            batches = self._load(views)
+        parts.method.prepare(self.step, parts.model, parts.optimizer, self._time_of(views[0]))
+        num_views = sum(len(batch.views) for batch in batches)
+        drawn: list[_Drawn] = []
+        for batch in batches:
+            with clock.stage("render"):
+                drawn.append(self._draw(batch, share=len(batch.views) / num_views))
+            with clock.stage("backward"):
+                drawn[-1].total.backward()
+        with clock.stage("optimize"):
+            finite = self._reduce([item.total for item in drawn])
+            parts.optimizer.step(self.step, finite, self._visible(drawn))
+            parts.model.project_()
+            parts.corrections.project_()
+        with clock.stage("refine"):
+            for item in drawn:
+                self._observe(item, finite)
+            parts.optimizer.zero_gradients()
+            for refine in (parts.strategy.refine, parts.method.adapt):
+                self._refined.update(refine(self.step, parts.table, parts.model, parts.generator))
+        clock.step_done()
+        self.step += 1
+        self.train_seconds += time.perf_counter() - started
+        self._follow_up(drawn)
+
+    def _observe(self, item: _Drawn, finite: Tensor) -> None:
+        """Let strategy and sampler take note of a batch; of one that was not finite, nothing."""
+        parts, context = self.parts, item.context
+        statistics = parts.reducer.statistics(context.rendered.statistics.where(finite))
+        parts.strategy.observe(context, statistics, parts.model)
+        with torch.no_grad():
+            loss = torch.stack([item.losses[name] for name in item.data_losses]).sum()
+            views = context.batch.views
+            parts.sampler.observe(views, torch.where(finite, loss, 0.0).expand(len(views)))
+
+    def _time_of(self, view: int) -> float | None:
+        """When a training view was taken, in [0, 1]; known to the host."""
+        return None if self._times is None else self._times[view]
+
+    def _load(self, views: tuple[int, ...]) -> list[Batch]:
+        parts = self.parts
+        parts.data.prefetch(Split.TRAIN, parts.sampler.peek(self.plan.prefetch_views))
+        alone = parts.method.looks_at_single_views(self.step)
+        groups = [(view,) for view in views] if alone else [views]
+        batches = [
+            batch for group in groups for batch in parts.data.load(Split.TRAIN, group, parts.device)
+        ]
+        return [self.plan.resolution.reduce(batch, self.step) for batch in batches]
+
+    def _draw(self, batch: Batch, share: float) -> _Drawn:
+        """Forward pass of one batch, whose loss counts ``share`` of the step's."""
+        parts = self.parts
+        batch = parts.method.prepare_batch(batch, self.step)
+        batch = replace(batch, cameras=parts.model.cameras(batch.cameras))
+        splats = parts.model.splats(batch.time)
+        settings = replace(
+            self.plan.settings,
+            background=self._background(),
+            statistics=parts.strategy.statistics(self.step),
+            depth=parts.strategy.depth(self.step),
+        )
+        output = parts.rasterizer.render(splats, batch.cameras, parts.model.settings(settings))
+        assert settings.background is not None
+        rendered = parts.model.decode(output, batch.cameras)
+        context = StepContext(
+            step=self.step,
+            steps=self.plan.steps,
+            phase=parts.method.phase(self.step),
+            batch=batch,
+            splats=splats,
+            rendered=parts.corrections.expose(rendered, batch.views, settings.background),
+            target=batch.target(settings.background),
+            num_rows=len(parts.table),
+            share=share,
+            extent=parts.data.scene.extent,
+            operators=parts.operators,
+            generator=parts.generator,
+        )
+        data_losses = parts.method.losses(context)
+        losses = {
+            **data_losses,
+            **parts.model.regularizers(context),
+            **parts.strategy.regularizers(context),
+        }
+        total = torch.stack(list(losses.values())).sum() * (share * batch.weight)
+        return _Drawn(context, losses, tuple(data_losses), total)
+
+    def _background(self) -> Tensor | None:
+        if not self.plan.random_background:
+            return self.plan.settings.background
+        return torch.rand(3, generator=self.parts.generator, device=self.parts.device)
+
+    def _reduce(self, totals: list[Tensor]) -> Tensor:
+        """Average gradients over processes; whether loss and gradients are finite."""
+        gradients = self.parts.optimizer.gradients()
+        self.parts.reducer.gradients_(gradients)
+        sums = [self.parts.reducer.loss(total.detach()) for total in totals]
+        finite = self.parts.operators.all_finite([*sums, *gradients])
+        self._skipped += ~finite
+        self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
+        return finite
+
+    def _visible(self, drawn: list[_Drawn]) -> Tensor:
+        """Model rows that any view of the step saw."""
+        visible = torch.zeros(len(self.parts.table), dtype=torch.bool, device=self.parts.device)
+        for item in drawn:
+            seen = item.context.rendered.statistics.visible.any(0)
+            rows = item.context.splats.rows
+            if rows is not None:
+                seen = torch.zeros_like(visible).index_copy(0, rows, seen)
+            visible |= seen
+        return self.parts.reducer.visible(visible)
+
+    # After a step. Here, and in refinements, the host reads what a GPU has computed, and waits.
+
+    def _catch_up(self) -> None:
+        """Wait for the steps that a GPU has yet to run: their time is training time."""
+        started = time.perf_counter()
+        wait_for(self.parts.device)
+        self.train_seconds += time.perf_counter() - started
+
+    def _follow_up(self, drawn: list[_Drawn]) -> None:
+        plan, step = self.plan, self.step
+        for callback in self.callbacks:
+            callback.on_tick(step, self.control)
+        if step % plan.log_every == 0 or step in (1, plan.steps):
+            self._report(drawn)
+        if step % min(plan.log_every, plan.max_skipped) == 0:
+            self._check_skipped()
+        if plan.eval_every and step % plan.eval_every == 0 and step < plan.steps:
+            self._evaluate()
+            self._stopwatch.restart()
+        due = plan.checkpoint_every and step % plan.checkpoint_every == 0
+        if due or self.control.checkpoint_requested:
+            self._checkpoint()
+
+    @torch.no_grad()
+    def _report(self, drawn: list[_Drawn]) -> None:
+        self._catch_up()
+        losses: dict[str, float] = {}
+        for item in drawn:
+            for name, value in item.losses.items():
+                share = item.context.share * item.context.batch.weight
+                losses[name] = losses.get(name, 0.0) + float(value) * share
+        context = drawn[0].context
+        valid = None if context.batch.valid is None else context.batch.valid[0]
+        full_width = self._widths[context.batch.views[0]]
+        step_ms, stage_ms = self._stopwatch.read()
+        report = StepReport(
+            step=self.step,
+            loss=sum(float(item.total) for item in drawn),
+            losses=losses,
+            psnr=psnr(context.rendered.color[0], context.target[0], valid),
+            num_gaussians=len(self.parts.table),
+            learning_rates=self.parts.optimizer.learning_rates(self.step - 1),
+            step_ms=step_ms,
+            stage_ms=stage_ms,
+            memory_mb=peak_memory_mb(self.parts.device),
+            skipped_steps=int(self._skipped),
+            resolution=context.batch.cameras.width / full_width,
+            refined=dict(self._refined),
+        )
+        self._refined.clear()
+        for callback in self.callbacks:
+            callback.on_step(report, self.control)
+
+    def _check_skipped(self) -> None:
+        """Stop when too many steps in a row were not finite; reads the flag late, now and then."""
+        self._catch_up()
+        skipped_in_a_row = int(self._skipped_in_a_row)
+        if skipped_in_a_row >= self.plan.max_skipped:
+            self._checkpoint()  # Skipped steps move no parameter by a gradient: it is finite.
+            raise TrainingError(
+                f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
+                f"stopped at step {self.step}.",
+                f"The last good state is in {self.folder.checkpoints}. Try lower learning rates "
+                "(optim.means_lr=...), or look for broken images or poses with gsfw info DATA.",
+            )
+
+    def _evaluate(self) -> Evaluation:
+        self._catch_up()
+        parts = self.parts
+
+        def on_view(view: EvaluatedView) -> None:
+            for callback in self.callbacks:
+                callback.on_view(self.step, view)
+
+        settings = self.plan.settings
+        evaluation = evaluate(
+            parts.model,
+            parts.rasterizer,
+            parts.data,
+            parts.metrics,
+            settings,
+            parts.device,
+            on_view=on_view,
+        )
+        for callback in self.callbacks:
+            callback.on_evaluation(self.step, evaluation, self.control)
+        return evaluation
+
+    def _finish(self) -> dict[str, Any]:
+        completed = self.step >= self.plan.steps
+        if self._checkpointed != self.step:
+            self._checkpoint()
+        summary: dict[str, Any] = {"completed": completed}
+        if completed:
+            evaluation = self._evaluate()
+            summary |= evaluation.means
+            summary |= {"views": len(evaluation.views), "render_ms": evaluation.render_ms}
+            summary |= evaluation.time_document()
+        else:
+            summary["stopped"] = self.control.stop_reason
+        summary |= {
+            "num_gaussians": len(self.parts.table),
+            "train_seconds": round(self.train_seconds, 3),
+            "steps": self.step,
+            "skipped_steps": int(self._skipped),
+            **self.parts.model.summary(),
+            **self.parts.corrections.summary(),
+            "optimizer_bytes": self.parts.optimizer.num_bytes(),
+            **memory_summary(self.parts.device),
+        }
+        for callback in self.callbacks:
+            callback.on_end(self.step, summary)
+        return summary
+
+    # State.
+
+    def _checkpoint(self) -> None:
+        self._catch_up()
+        path = self.folder.write_checkpoint(self.step, self.state_dict())
+        self._checkpointed = self.step
+        self.control.checkpoint_requested = False
+        for callback in self.callbacks:
+            callback.on_checkpoint(self.step, path)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that a step depends on: tensors and plain data."""
+        parts = self.parts
+        return {
+            "model": dict(parts.model.state_dict()),
+            "corrections": dict(parts.corrections.state_dict()),
+            "optimizer": parts.optimizer.state_dict(),
+            "strategy": parts.strategy.state_dict(),
+            "sampler": parts.sampler.state_dict(),
+            "method": parts.method.state_dict(),
+            "generator": parts.generator.get_state(),
+            "train_seconds": self.train_seconds,
+            "skipped": self._skipped,
+            "skipped_in_a_row": self._skipped_in_a_row,
+            "environment": environment(parts.device, parts.rasterizer.capabilities().details),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from a checkpoint, whatever device it was written on or read to."""
+        parts = self.parts
+        parts.model.load_state_dict(state["model"])
+        parts.corrections.load_state(state)
+        parts.optimizer.load_state_dict(state["optimizer"])
+        parts.strategy.load_state_dict(moved(state["strategy"], parts.device))
+        parts.sampler.load_state_dict(moved(state["sampler"], parts.device))
+        parts.method.load_state_dict(moved(state["method"], parts.device))
+        if state["environment"]["device"] == parts.device.type:
+            parts.generator.set_state(state["generator"].cpu())
+        else:  # Generators of different devices have states of different kinds.
+            parts.generator.manual_seed(parts.generator.initial_seed() + state["step"])
+        self.train_seconds = state["train_seconds"]
+        self._skipped = state["skipped"].to(parts.device)
+        self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)
+        self.step = self._checkpointed = state["step"]

@@ -1,0 +1,61 @@
+"""TrainingParts and TrainingPlan: what a run is made of, and what happens when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import torch
+
+from gsfw.core.datamanager import DataManager
+from gsfw.core.loop.corrections import CaptureCorrections
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.loop.resolution import FULL_SIZE, ResolutionSchedule
+from gsfw.core.method import Method
+from gsfw.core.metrics import Metric
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.reducer import Reducer
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.sampler import Sampler
+from gsfw.core.strategy import DensityStrategy
+from gsfw.core.table import SplatTable
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """How long, and what happens when; intervals in steps, 0 meaning only at the end."""
+
+    steps: int
+    log_every: int
+    eval_every: int
+    checkpoint_every: int
+    settings: RenderSettings
+    """How training views are drawn; the background is that of the evaluation too."""
+    random_background: bool = False
+    max_skipped: int = 20
+    prefetch_views: int = 4
+    resolution: ResolutionSchedule = FULL_SIZE
+    """How large training pictures are; evaluation sees them in full."""
+
+
+@dataclass(frozen=True)
+class TrainingParts:
+    """Everything a run is made of; built and checked by ``gsfw.plugins.compose``."""
+
+    method: Method
+    model: PrimitiveModel
+    optimizer: Optimizer
+    table: SplatTable
+    strategy: DensityStrategy
+    sampler: Sampler
+    data: DataManager
+    rasterizer: Rasterizer
+    operators: Operators
+    metrics: Mapping[str, Metric]
+    generator: torch.Generator
+    device: torch.device
+    reducer: Reducer = field(default_factory=Reducer)
+    corrections: CaptureCorrections = field(default_factory=CaptureCorrections)
+    """What is learnt of the capture itself, apart from the model; usually nothing."""

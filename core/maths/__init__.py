@@ -1,0 +1,1 @@
+"""Geometry, rotations, spherical harmonics and image similarity."""

@@ -1,0 +1,117 @@
+"""Settings of method dynamic3dgs; the defaults are those of Luiten et al. 2024, where they fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from gsfw.core.config import Rescaled, steps_field
+from gsfw.core.errors import ConfigError
+from gsfw.methods.gaussians3d.config import GaussiansConfig, StaticGaussiansOptim
+
+if TYPE_CHECKING:
+    from gsfw.core.method import Method
+
+
+@dataclass
+class TrackedGaussiansOptim(StaticGaussiansOptim):
+    """Learning rates: those of method 3dgs for the first time, and those of tracking.
+
+    The paper tracks with a constant 1.6e-4 for positions and 1e-3 for quaternions, for 2000 steps
+    at each time. Rates that begin higher and decay within each time need a tenth of the steps.
+    """
+
+    means_lr_steps: int = steps_field(10_000)
+    """Steps over which the rate of positions decays at the first time."""
+    tracked_means_lr: float = 3e-3
+    """Rate of positions at the first step of every later time, times the scene's extent."""
+    tracked_quats_lr: float = 1e-2
+    """Rate of the quaternions at the first step of every later time."""
+    tracked_decay: float = 0.1
+    """What both have decayed to at the last step of a time, relative to its first."""
+
+
+@dataclass
+class TrackedGaussiansConfig(GaussiansConfig):
+    """Persistent Gaussians, tracked through time (Luiten et al. 2024)."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "default": {
+            "sampler": "sequential",
+            "strategy.reset_every": 0,
+            "strategy.refine_stop": Rescaled(5_000),
+        },
+    }
+    """Times in order, Gaussians added and removed at the first one only, and no opacity resets."""
+
+    colors: Literal["soft", "fixed"] = "soft"
+    """Whether constant colours may change with time, at a price (color_change)."""
+    rigid: float = 4.0
+    """Weight of how far neighbours stray from where a row's own motion would take them, in
+    extents."""
+    rotation: float = 4.0
+    """Weight of how differently neighbours turn, as a difference of quaternions."""
+    isometry: float = 2.0
+    """Weight of how much distances to neighbours change from the first time on, in extents."""
+    color_change: float = 0.01
+    """Weight of how much colours differ from those at the time before (colors=soft)."""
+    neighbors: int = 20
+    """Neighbours of each row, found once, when the first time is finished."""
+    neighbors_per_step: int = 5
+    """How many of them a step looks at, in turn; the cost is in proportion."""
+    optim: TrackedGaussiansOptim = field(default_factory=TrackedGaussiansOptim)
+
+    def build(self) -> Method:
+        """The method."""
+        from gsfw.methods.dynamic3d.method import TrackedGaussiansMethod
+
+        return TrackedGaussiansMethod(self)
+
+    def check(self) -> None:
+        """Check the values every run has, and this method's own.
+
+        Raises:
+            ConfigError: naming the key, what was expected, and what was given.
+        """
+        super().check()
+        if self.sh == "adaptive":
+            raise ConfigError(
+                "sh=adaptive: tracked Gaussians keep the bands that they have at the first time.",
+                "Give all of them the same with sh=0 to sh=4.",
+            )
+        weights = ("rigid", "rotation", "isometry", "color_change")
+        self.expect(
+            {
+                **{
+                    key: (0 <= getattr(self, key) < math.inf, "a finite number of at least 0")
+                    for key in weights
+                },
+                "neighbors": (self.neighbors >= 1, "a number of at least 1"),
+                "neighbors_per_step": (
+                    1 <= self.neighbors_per_step <= self.neighbors,
+                    f"a number from 1 to neighbors={self.neighbors}",
+                ),
+                "optim.tracked_decay": (
+                    0 < self.optim.tracked_decay <= 1,
+                    "a number above 0, at most 1",
+                ),
+            }
+        )
+        self._check_refinement()
+
+    def _check_refinement(self) -> None:
+        """Refuse rows that come or go while they are tracked: they would have no past.
+
+        A sampler that does not say how long the first time is, is not this method's own; a strategy
+        that does not say when it stops does not refine.
+        """
+        first = getattr(self.sampler, "first_steps", None)
+        stop = getattr(self.strategy, "refine_stop", None)
+        if first is not None and stop is not None and stop > first:
+            raise ConfigError(
+                f"strategy.refine_stop={stop}: method 'dynamic3dgs' adds and removes Gaussians "
+                f"at the first time only, which ends after sampler.first_steps={first} steps.",
+                f"Give strategy.refine_stop={first // 2} or so.",
+            )

@@ -1,0 +1,195 @@
+"""Tracked Gaussians: static ones that are the same at every time, somewhere else and turned.
+
+Luiten et al. 2024, "Dynamic 3D Gaussians: Tracking by Persistent Dynamic View Synthesis". The
+canonical columns hold the time that is being worked on, and are what the optimizer moves; times
+that are finished lie in a trajectory. Scale, opacity and view-dependent colour are those of the
+first time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.column import Column
+from gsfw.core.context import StepContext
+from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.splats import Sh, Splats
+from gsfw.methods.dynamic3d.neighborhood import Neighborhood
+from gsfw.methods.dynamic3d.rigidity import rigidity
+from gsfw.methods.dynamic3d.rotation import same_half
+from gsfw.methods.dynamic3d.trajectory import Pose, Trajectory
+from gsfw.methods.gaussians3d.model import StaticGaussians
+
+
+@dataclass(frozen=True)
+class Regularization:
+    """Weights of what is added to the loss from the second time on."""
+
+    rigid: float
+    rotation: float
+    isometry: float
+    color: float
+    neighbors: int
+    """How many each row has."""
+    neighbors_per_step: int
+    """How many of them a step looks at."""
+
+
+class TrackedGaussians(PrimitiveModel):
+    """Rows that persist: each is the same piece of surface at all times."""
+
+    def __init__(
+        self, canonical: StaticGaussians, regularization: Regularization, moving_colors: bool
+    ) -> None:
+        """Take static Gaussians as they are before the first time."""
+        super().__init__()
+        self.canonical = canonical
+        self._regularization = regularization
+        self._moving_colors = moving_colors
+        self.trajectory = Trajectory(self._pose())
+        self._neighborhood: Neighborhood | None = None
+
+    def columns(self) -> Mapping[str, Column]:
+        """Those of static Gaussians now; past_means, past_quats, and past_colors if they change."""
+        return {**self.canonical.columns(), **self.trajectory.columns()}
+
+    def temporal_columns(self) -> Mapping[str, Column]:
+        """The past ones: poses of the times that are finished."""
+        return self.trajectory.columns()
+
+    def _pose(self) -> Pose:
+        """The time that is being worked on."""
+        rows = self.canonical
+        colors = rows.sh_dc.values if self._moving_colors else None
+        return Pose(rows.means.values, rows.quats.values, colors)
+
+    @property
+    def tracking(self) -> bool:
+        """Whether the first time is finished."""
+        return self.trajectory.num_finished > 0
+
+    @torch.no_grad()
+    def advance_(self, time: float) -> None:
+        """Finish the current time, if there is one, and go on to ``time``.
+
+        Positions and rotations begin where they would be if they moved on as they last did
+        (forward initialisation, section 3.2).
+        """
+        if self.trajectory.current is not None:
+            self.trajectory.store(self._pose())
+            self._move_on()
+        self.trajectory.begin(time)
+
+    def _move_on(self) -> None:
+        """Begin at x + (x - x_prev) and q + (q - q_prev), the latter normalised."""
+        rows, count = self.canonical, self.trajectory.columns()["past_means"].values.shape[0]
+        # As it was stored: the rounding of the one before must not look like a turn.
+        now = self.trajectory.stored(count - 1, rows.means.values)
+        before = self.trajectory.stored(max(count - 2, 0), rows.means.values)
+        quats = 2 * now.quats - same_half(before.quats, now.quats)
+        rows.means.values.copy_(2 * now.means - before.means)
+        rows.quats.values.copy_(torch.nn.functional.normalize(quats, dim=1))
+
+    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+        """The Gaussians at ``time``, between the times beside it; at the first one for ``None``.
+
+        Times that are still to come look as the current one.
+        """
+        still, current = self.canonical.splats(), self._pose()
+        time = torch.zeros((), device=current.means.device) if time is None else time
+        pose = self.trajectory.at(time, current)
+        splats = replace(still, means=pose.means, quats=pose.quats)
+        if pose.colors is None:
+            return splats
+        assert isinstance(still.colors, Sh)
+        return replace(splats, colors=replace(still.colors, coefficients=pose.colors))
+
+    def active_bands(self) -> int:
+        """Those of the canonical Gaussians."""
+        return self.canonical.active_bands()
+
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+        """From the second time on: rigidity among neighbours, and how much colours change."""
+        if not self.tracking:
+            return {}
+        weights, now = self._regularization, self._pose()
+        before = self.trajectory.stored(self.trajectory.num_finished - 1, now.means)
+        neighbors = self._neighbors(context).some(context.step, self.trajectory, now.means)
+        rigid, rotation, isometry = rigidity(neighbors, now.means, now.quats, before.quats)
+        terms = {
+            "rigid": weights.rigid / context.extent * rigid,
+            "rotation": weights.rotation * rotation,
+            "isometry": weights.isometry / context.extent * isometry,
+        }
+        if now.colors is not None and before.colors is not None:
+            terms["color_change"] = weights.color * (now.colors - before.colors).abs().mean()
+        return terms
+
+    def _neighbors(self, context: StepContext) -> Neighborhood:
+        """Who is near whom, found once when the first time is finished."""
+        if self._neighborhood is None or not self._neighborhood.fits(self.num_rows):
+            weights = self._regularization
+            self._neighborhood = Neighborhood(
+                self.trajectory, weights.neighbors, weights.neighbors_per_step, context.operators
+            )
+        return self._neighborhood
+
+    def project_(self) -> None:
+        """Keep scales in range."""
+        self.canonical.project_()
+
+    def summary(self) -> Mapping[str, int | float]:
+        """Bytes of all that it takes to draw it, and of these what is kept of other times."""
+        found, stored = super().summary(), self.trajectory.num_bytes()
+        return {**found, "model_bytes": found["model_bytes"] + stored, "stored_bytes": stored}
+
+    # What a strategy may ask for, of the current time. What is stored goes with the rows.
+
+    def opacities(self) -> Float[Tensor, " n"]:
+        """Opacity of each row in [0, 1], the same at all times."""
+        return self.canonical.opacities()
+
+    def sizes(self) -> Float[Tensor, " n"]:
+        """Largest standard deviation of each row, in scene units, the same at all times."""
+        return self.canonical.sizes()
+
+    @torch.no_grad()
+    def split_rows(
+        self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
+    ) -> Children:
+        """Smaller children at points of the row's own Gaussian, on its path."""
+        children = self.clone_rows(rows.repeat(copies))
+        return {**children, **self.canonical.split_rows(rows, copies, generator)}
+
+    @torch.no_grad()
+    def rows_at(
+        self,
+        points: Float[Tensor, "r 3"],
+        colors: Float[Tensor, "r 3"],
+        sizes: Float[Tensor, " r"],
+        time: float | None,
+    ) -> Children:
+        """Round and faint rows, which were at ``points`` at all times that are finished."""
+        fresh = self.canonical.rows_at(points, colors, sizes, time)
+        constant = fresh["sh_dc"].values if self._moving_colors else None
+        pose = Pose(fresh["means"].values, fresh["quats"].values, constant)
+        return {**fresh, **self.trajectory.at_rest(pose)}
+
+    @torch.no_grad()
+    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
+        """``rows`` with the opacity and scale of which ``counts`` copies look as one did."""
+        return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
+
+    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+        """Add noise to positions at the first time, where opacity is near nothing."""
+        if not self.tracking:
+            self.canonical.perturb_(rate, generator)
+
+    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
+        """Cap every opacity at ``limit``, in (0, 1)."""
+        return self.canonical.lower_opacities_(limit)

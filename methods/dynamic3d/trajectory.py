@@ -1,0 +1,168 @@
+"""Trajectory: where and how turned every row was at the times that are finished."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from gsfw.core.column import Column, Layout, Rows
+from gsfw.methods.dynamic3d.rotation import from_integers, same_half, to_integers
+
+
+@dataclass(frozen=True)
+class Pose:
+    """What changes with time, of every row."""
+
+    means: Float[Tensor, "n 3"]
+    quats: Float[Tensor, "n 4"]
+    """Of any norm; unit where they were stored."""
+    colors: Float[Tensor, "n 1 3"] | None
+    """Constant SH coefficients; ``None`` when they do not change."""
+
+
+class Trajectory(nn.Module):
+    """The finished times in compact stacks, and the time that is being worked on.
+
+    20 bytes for each row and time: positions in float32, quaternions in 16-bit integers; 6 more
+    where colours change, in float16 (the released code of Luiten et al. has 40).
+    """
+
+    times: Tensor
+
+    def __init__(self, pose: Pose) -> None:
+        """Nothing is finished yet; ``pose`` says how many rows there are, and what changes."""
+        super().__init__()
+        self._times: list[float] = []
+        self.register_buffer("times", torch.zeros(0, dtype=torch.float64))
+        stacks = {
+            name: Column(values[None, :][:0], layout=Layout.STACKED)
+            for name, values in _stored(pose).items()
+        }
+        self.stacks = nn.ModuleDict(stacks)
+
+    def columns(self) -> Mapping[str, Column]:
+        """The stacks, as rows are edited; no optimizer moves them."""
+        return {name: self._stack(name) for name in self.stacks}
+
+    def _stack(self, name: str) -> Column:
+        column = self.stacks[name]
+        assert isinstance(column, Column)
+        return column
+
+    @property
+    def current(self) -> float | None:
+        """The time that is being worked on; ``None`` before the first."""
+        return self._times[-1] if self._times else None
+
+    @property
+    def num_finished(self) -> int:
+        """How many times are stored."""
+        return max(len(self._times) - 1, 0)
+
+    def begin(self, time: float) -> None:
+        """Make ``time`` the one that is being worked on; it follows those before."""
+        self._set_times([*self._times, time])
+
+    def _set_times(self, times: list[float]) -> None:
+        self._times = times
+        self.times = torch.tensor(times, dtype=torch.float64, device=self.times.device)
+
+    def num_bytes(self) -> int:
+        """Bytes of the stacks."""
+        return sum(column.values.nbytes for column in self.columns().values())
+
+    @torch.no_grad()
+    def store(self, pose: Pose) -> None:
+        """Finish the current time: this is how it was left."""
+        for name, values in _stored(pose).items():
+            stack = self._stack(name)
+            stack.assign(Rows(torch.cat([stack.values, values[None].to(stack.values)])))
+
+    def stored(self, index: int | Int[Tensor, ""], like: Tensor) -> Pose:
+        """A finished time, in the type of ``like``."""
+        columns = self.columns()
+        chosen = {name: _at(column.values, index) for name, column in columns.items()}
+        colors = chosen.get("past_colors")
+        return Pose(
+            chosen["past_means"].to(like),
+            from_integers(chosen["past_quats"], like),
+            None if colors is None else colors.to(like),
+        )
+
+    def at_rest(self, pose: Pose) -> dict[str, Rows]:
+        """Rows of the stacks that have always been as ``pose``."""
+        count = self.num_finished
+        return {
+            name: Rows(values[None].repeat(count, *[1] * values.dim()))
+            for name, values in _stored(pose).items()
+        }
+
+    def at(self, time: Float[Tensor, ""], current: Pose) -> Pose:
+        """The pose at ``time``, between the two times beside it; differentiable in ``current``.
+
+        Before the first time it is as then, after the current one as now. Quaternions are
+        interpolated linearly, on the same great circle as slerp; colours linearly. The host does
+        not wait for ``time``.
+        """
+        last = len(self._times) - 1
+        if last < 1:
+            return current
+        after = torch.searchsorted(self.times, time.to(self.times)).clamp(1, last)
+        # Not times[after]: to index by a single number, torch reads it.
+        first, second = self.times.index_select(0, torch.stack([after - 1, after])).unbind(0)
+        share = ((time.to(self.times) - first) / (second - first)).clamp(0.0, 1.0)
+        start = self.stored(after - 1, current.means)
+        end = _chosen(after == last, current, self.stored(after.clamp(max=last - 1), current.means))
+        share = share.to(current.means)
+        colors = None
+        if start.colors is not None and end.colors is not None:
+            colors = torch.lerp(start.colors, end.colors, share)
+        return Pose(
+            torch.lerp(start.means, end.means, share),
+            torch.lerp(same_half(start.quats, end.quats), end.quats, share),
+            colors,
+        )
+
+    def _load_from_state_dict(
+        self,
+        state_dict: Mapping[str, Any],
+        prefix: str,
+        *args: Any,  # noqa: ANN401
+    ) -> None:
+        """Accept any number of times: a checkpoint has as many as were reached."""
+        times = state_dict.get(prefix + "times")
+        if times is not None:
+            self._set_times(times.tolist())
+        super()._load_from_state_dict(state_dict, prefix, *args)
+
+
+def _stored(pose: Pose) -> dict[str, Tensor]:
+    """A pose as it is kept, by the name of its column."""
+    values = {
+        "past_means": pose.means.detach().float(),
+        "past_quats": to_integers(pose.quats.detach()),
+    }
+    if pose.colors is not None:
+        values["past_colors"] = pose.colors.detach().half()
+    return values
+
+
+def _at(stack: Tensor, index: int | Tensor) -> Tensor:
+    return stack[index] if isinstance(index, int) else stack.index_select(0, index[None])[0]
+
+
+def _chosen(first: Tensor, one: Pose, other: Pose) -> Pose:
+    """``one`` where ``first`` is true, else ``other``."""
+    colors = None
+    if one.colors is not None and other.colors is not None:
+        colors = torch.where(first, one.colors, other.colors)
+    return Pose(
+        torch.where(first, one.means, other.means),
+        torch.where(first, one.quats, other.quats),
+        colors,
+    )

@@ -1,0 +1,195 @@
+"""Settings of method 3dgs; the defaults are those of Kerbl et al. 2023."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.config import MethodConfig, OptimConfig, steps_field
+from gsfw.core.errors import ConfigError
+from gsfw.core.learning_rate import LearningRate
+
+if TYPE_CHECKING:
+    from gsfw.core.method import Method
+
+MAX_SH_DEGREE = 4
+"""The highest that rasterizers draw."""
+
+
+@dataclass
+class StaticGaussiansOptim(OptimConfig):
+    """Learning rates of the columns."""
+
+    means_lr: float = 1.6e-4
+    """Rate of positions at the first step, times the scene's extent."""
+    means_lr_final: float = 1.6e-6
+    """Rate of positions once it has decayed, log-linearly, times the scene's extent."""
+    means_lr_steps: int = steps_field(30_000)
+    """Steps over which the rate of positions decays."""
+    scales_lr: float = 5e-3
+    """Rate of the logarithms of the scales."""
+    quats_lr: float = 1e-3
+    """Rate of the quaternions."""
+    opacities_lr: float = 5e-2
+    """Rate of the logits of the opacities."""
+    sh_dc_lr: float = 2.5e-3
+    """Rate of the constant colour coefficient."""
+    sh_rest_lr: float = 1.25e-4
+    """Rate of the view-dependent colour coefficients."""
+
+    def learning_rates(self, extent: float) -> dict[str, LearningRate]:
+        """The rate of every column, by its name."""
+        means = LearningRate(
+            self.means_lr * extent, self.means_lr_final * extent, self.means_lr_steps
+        )
+        return {
+            "means": means,
+            "log_scales": LearningRate(self.scales_lr),
+            "quats": LearningRate(self.quats_lr),
+            "opacity_logits": LearningRate(self.opacities_lr),
+            "sh_dc": LearningRate(self.sh_dc_lr),
+            "sh_rest": LearningRate(self.sh_rest_lr),
+        }
+
+    def check(self) -> None:
+        """Check the rates.
+
+        Raises:
+            ConfigError: one is negative; names it.
+        """
+        for key, value in vars(self).items():
+            if key != "sparse" and not 0 <= value < math.inf:
+                raise ConfigError(f"optim.{key}={value:g}: expected a finite number of at least 0.")
+
+
+@dataclass
+class BandsConfig:
+    """When splats gain and lose bands of spherical harmonics, and how many (sh=adaptive)."""
+
+    share: float = 0.45
+    """Part of the colour floats of sh_degree that splats end with, the constant ones included."""
+    signal: float = 2.0
+    """A splat gains a band above this signal-to-noise ratio of what its gradients have to do with
+    the direction, which is 1 for one that needs none; higher: fewer bands."""
+    rate: float = 4.0
+    """The rate of the bands begins at this many times optim.sh_rest_lr, where it ends: what is on
+    trial has little time to show its worth."""
+    every: int = steps_field(1000, at_least=50)
+    """Steps between looks at which splats gain or lose a band."""
+    grow_stop: int = steps_field(5000)
+    """Splats gain bands up to this step, and lose them after it."""
+    stop: int = steps_field(15_000)
+    """No splat gains or loses a band after this step."""
+
+
+@dataclass
+class GaussiansConfig(MethodConfig):
+    """What every method that begins with 3D Gaussians sets: colours, loss, and how they start."""
+
+    sh_degree: int = 3
+    """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""
+    sh: Literal["same", "adaptive", "0", "1", "2", "3", "4"] = "same"
+    """same: every splat has the bands up to sh_degree; adaptive: each only those that its colour
+    requires; a number is short for sh=same and that sh_degree."""
+    bands: BandsConfig = field(default_factory=BandsConfig)
+    sh_degree_interval: int = steps_field(1000)
+    """Steps after which one more degree is trained; 0: all from the first step."""
+    ssim_weight: float = 0.2
+    """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
+    init_opacity: float = 0.1
+    """Opacity of every splat at the start."""
+    init_scale: float = 1.0
+    """Size at the start, times the mean distance to the three nearest points."""
+    random_points: int = 100_000
+    """Splats to start from when they start at random."""
+    random_region: Literal["auto", "object", "surroundings"] = "auto"
+    """Where those are: around what the cameras look at (object), or all around the cameras
+    (surroundings). auto: object where pictures have alpha."""
+    optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
+
+    def __post_init__(self) -> None:
+        """Let sh=2 be sh=same sh_degree=2, so that everything else reads one of them."""
+        if self.sh.isdigit():
+            self.sh, self.sh_degree = "same", int(self.sh)
+
+    def check(self) -> None:
+        """Check the values every run has, and this method's own.
+
+        Raises:
+            ConfigError: naming the key, what was expected, and what was given.
+        """
+        super().check()
+        self.optim.check()
+        self.expect(self._of_bands())
+        expectations = {
+            "sh_degree": (
+                0 <= self.sh_degree <= MAX_SH_DEGREE,
+                f"a whole number from 0 to {MAX_SH_DEGREE}",
+            ),
+            "sh_degree_interval": (self.sh_degree_interval >= 0, "a number of at least 0"),
+            "ssim_weight": (0 <= self.ssim_weight <= 1, "a number from 0 to 1"),
+            "init_opacity": (0 < self.init_opacity < 1, "a number between 0 and 1"),
+            "init_scale": (self.init_scale > 0, "a number above 0"),
+            "random_points": (self.random_points >= 1, "a number of at least 1"),
+        }
+        self.expect(expectations)
+
+    def needs(self) -> Needs:
+        """Ragged colours where splats have degrees of their own."""
+        ragged = frozenset({Feature.RAGGED_SH} if self.sh == "adaptive" else ())
+        return super().needs() | Needs(features=ragged)
+
+    def _of_bands(self) -> dict[str, tuple[bool, str]]:
+        """What is expected of adaptive bands, by dotted key."""
+        bands = self.bands
+        return {
+            "bands.share": (0 < bands.share <= 1, "a number above 0 and at most 1"),
+            "bands.signal": (bands.signal >= 1, "a number of at least 1"),
+            "bands.rate": (0 < bands.rate < math.inf, "a finite number above 0"),
+            "bands.every": (bands.every >= 2, "a number of at least 2"),
+            "bands.grow_stop": (bands.grow_stop >= 0, "a number of at least 0"),
+            "bands.stop": (bands.stop >= bands.grow_stop, "at least bands.grow_stop"),
+        }
+
+    def learning_rates(self, extent: float) -> dict[str, LearningRate]:
+        """The rate of every column, by its name."""
+        rates, rate = self.optim.learning_rates(extent), self.optim.sh_rest_lr
+        if self.sh == "adaptive":
+            rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, self.steps)
+        return rates
+
+    def expect(self, expectations: Mapping[str, tuple[bool, str]]) -> None:
+        """Check settings: by dotted key, whether it is as expected, and what that is.
+
+        Raises:
+            ConfigError: naming the first that is not.
+        """
+        for key, (fulfilled, expected) in expectations.items():
+            if not fulfilled:
+                raise ConfigError(f"{key}={attrgetter(key)(self)}: expected {expected}.")
+
+
+@dataclass
+class StaticGaussiansConfig(GaussiansConfig):
+    """Static 3D Gaussians (Kerbl et al. 2023)."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "fast": {"steps": 7_000, "sh_degree": 2},
+        "default": {},
+        "high": {"strategy": "mcmc", "strategy.cap_max": 2_000_000},
+    }
+    """fast: a quarter of the steps, every schedule in proportion, and 27 instead of 48 colour
+    coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
+
+    ignore_time: bool = False
+    """Train on a capture of several times as if it were of one; what moves becomes blurred."""
+
+    def build(self) -> Method:
+        """The method."""
+        from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
+
+        return StaticGaussiansMethod(self, self.ignore_time)

@@ -1,0 +1,233 @@
+"""Where Gaussians start: at surface points, at random, or at the splats of a file.
+
+Kerbl et al. 2023, section 5.1: isotropic, with the mean distance to the three nearest points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.config import AUTO
+from gsfw.core.errors import DataError
+from gsfw.core.maths.spherical_harmonics import num_coefficients, rgb_to_dc
+from gsfw.core.operators import Operators
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Sh, Splats
+from gsfw.methods.gaussians3d.model import GaussianParameters
+
+CAMERA_CLEARANCE = 1e-2
+"""Points nearer to a camera than this, in extents, are triangulated cameras or noise. Splats there
+cover whole pictures, and one at the centre of a camera has no projection (graphdeco issue 41)."""
+NEIGHBORS = 3
+MIN_SPACING = 1e-7
+"""Distances below this, in extents, would be splats that nothing can see."""
+LONE_SPACING = 1e-2
+"""Size of a point that has no neighbour, in extents."""
+MIN_OPACITY, MAX_OPACITY = 1e-6, 1 - 1e-6
+"""Opacities of a file are moved in here: a saturated sigmoid has no gradient to come back by."""
+MIN_SCALE = 1e-10
+OBJECT_SIZE = 0.33
+"""Half of the box of an object's random points, in distances of its cameras: NeRF-synthetic has
+cameras at 4.03 and, in the code of Kerbl et al. 2023, points within 1.3."""
+ROOM_SIZE = 3.0
+"""Half of the box of any other scene's random points, in extents: what lies behind the things that
+cameras stand around is part of it."""
+ROUNDNESS = 0.1
+"""Cameras are on a sphere when their distances from its centre differ by less, relatively, and look
+at one point when their axes pass it by less."""
+MIN_AXES = 2
+"""One camera looks at no point in particular."""
+CHUNK = 65_536
+
+
+def usable_points(
+    scene: Scene,
+) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"], dict[str, int]]:
+    """The scene's points to start from, their colours, and how many were left out, by reason."""
+    rows, dropped = usable_rows(scene)
+    return scene.points[rows], scene.point_colors[rows], dropped
+
+
+def usable_rows(scene: Scene) -> tuple[Int[Tensor, " p"], dict[str, int]]:
+    """Which of the scene's points to start from, and how many were left out, by reason."""
+    rows = torch.arange(len(scene.points))
+    dropped: dict[str, int] = {}
+
+    def keep(chosen: Tensor, reason: str) -> None:
+        nonlocal rows
+        if chosen.sum() < len(rows):
+            dropped[reason] = len(rows) - int(chosen.sum())
+            rows = rows[chosen]
+
+    keep(scene.points.isfinite().all(1) & scene.point_colors.isfinite().all(1), "not finite")
+    keep(_first_of_each(scene.points[rows]), "a copy of another")
+    keep(_clear_of_cameras(scene.points[rows], scene), "at a camera")
+    return rows, dropped
+
+
+def _first_of_each(points: Float[Tensor, "p 3"]) -> Tensor:
+    chosen = torch.zeros(len(points), dtype=torch.bool)
+    if len(points):
+        _, first = np.unique(points.numpy(), axis=0, return_index=True)
+        chosen[torch.from_numpy(first)] = True
+    return chosen
+
+
+def _clear_of_cameras(points: Float[Tensor, "p 3"], scene: Scene) -> Tensor:
+    """Whether each point is far enough from every camera."""
+    nearest = [
+        torch.cdist(chunk, scene.camera_centers, compute_mode="donot_use_mm_for_euclid_dist").amin(
+            dim=1
+        )
+        for chunk in points.split(CHUNK)
+    ]
+    return torch.cat(nearest) >= CAMERA_CLEARANCE * scene.extent
+
+
+def from_points(
+    points: Float[Tensor, "p 3"],
+    colors: Float[Tensor, "p 3"],
+    *,
+    extent: float,
+    scale: float,
+    opacity: float,
+    sh_degree: int,
+    operators: Operators,
+) -> GaussianParameters:
+    """One round Gaussian at each point.
+
+    Args:
+        points: at least one, all different, in the scene frame.
+        colors: in [0, 1].
+        extent: of the scene.
+        scale: standard deviation, in mean distances to the three nearest points.
+        opacity: of all.
+        sh_degree: coefficients above the constant one begin at zero.
+        operators: for nearest neighbours.
+    """
+    count = len(points)
+    spacing = _spacing(operators.neighbor_distances(points, NEIGHBORS), extent)
+    sh = torch.zeros(count, num_coefficients(sh_degree), 3)
+    sh[:, 0] = rgb_to_dc(colors)
+    return GaussianParameters(
+        means=points.clone(),
+        quats=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
+        log_scales=(spacing * scale).log()[:, None].repeat(1, 3),
+        opacity_logits=torch.full((count,), opacity).logit(),
+        sh=sh,
+    )
+
+
+def _spacing(distances: Float[Tensor, "p k"], extent: float) -> Float[Tensor, " p"]:
+    """Mean distance to the neighbours there are."""
+    there = distances.isfinite()
+    count = there.sum(1)
+    mean = torch.where(there, distances, 0.0).sum(1) / count.clamp_min(1)
+    mean = torch.where(count > 0, mean, LONE_SPACING * extent)
+    return mean.clamp_min(MIN_SPACING * extent)
+
+
+def random_points(
+    scene: Scene, count: int, generator: torch.Generator, region: str = AUTO
+) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:
+    """Uniform points and colours in a box that should hold what the cameras see."""
+    center, half = random_box(scene, region)
+    positions = 2.0 * torch.rand(count, 3, generator=generator) - 1.0
+    return center + half * positions, torch.rand(count, 3, generator=generator)
+
+
+def random_box(scene: Scene, region: str = AUTO) -> tuple[Float[Tensor, " 3"], float]:
+    """Centre and half of the side.
+
+    Pictures with alpha show an object. If their cameras stand around it on a sphere, the object is
+    at its centre; if they look at one point, it is there. Captures without alpha are taken to fill
+    the surroundings of their cameras, unless ``region`` is "object".
+    """
+    center = scene.camera_centers.mean(dim=0)
+    if region == "surroundings" or (region == AUTO and not scene.has_alpha):
+        return center, ROOM_SIZE * scene.extent
+    place = object_place(scene)
+    return (center, scene.extent) if place is None else (place[0], OBJECT_SIZE * place[1])
+
+
+def object_place(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:
+    """Where cameras have an object in their midst, and how far from it; ``None``: nowhere."""
+    return fitted_sphere(scene.camera_centers, 1.5 * scene.extent) or focus(scene)
+
+
+def focus(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:
+    """The point that all cameras look at, and their mean distance; ``None`` if there is none.
+
+    It is the one nearest to all viewing axes: sum over axes (1 - a a^T)(x - c) = 0.
+    """
+    if scene.camera_axes is None or len(scene.camera_axes) < MIN_AXES:
+        return None
+    axes, centers = scene.camera_axes.double(), scene.camera_centers.double()
+    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    # Parallel axes meet nowhere, and the least-norm answer is then behind or beside the cameras.
+    right = (across @ centers[:, :, None]).sum(0)
+    point = (torch.linalg.pinv(across.sum(0), rcond=1e-6) @ right)[:, 0]
+    ahead = ((point - centers) * axes).sum(1)
+    missed = (across @ (point - centers)[:, :, None])[:, :, 0].norm(dim=1)
+    if bool((ahead <= 0).any()) or bool((missed > ROUNDNESS * ahead).any()):
+        return None
+    return point.to(scene.camera_centers), float(ahead.mean())
+
+
+def fitted_sphere(
+    centers: Float[Tensor, "v 3"], largest: float
+) -> tuple[Float[Tensor, " 3"], float] | None:
+    """Centre and radius of the sphere through camera positions; ``None`` if they are on none.
+
+    |x - m|^2 = r^2 is linear in m and r^2 - |m|^2. Where the cameras lie in a plane, the solution
+    of least norm is the centre of their circle.
+    """
+    mean = centers.mean(dim=0)
+    offsets = (centers - mean).double()
+    system = torch.cat([2.0 * offsets, torch.ones(len(offsets), 1, dtype=torch.float64)], dim=1)
+    solution = torch.linalg.pinv(system, rcond=1e-2) @ offsets.square().sum(1)
+    distances = (offsets - solution[:3]).norm(dim=1)
+    radius = float(distances.mean())
+    round_enough = float((distances - radius).abs().max()) <= ROUNDNESS * radius
+    if len(centers) < 4 or radius > largest or not round_enough:
+        return None
+    return mean + solution[:3].to(mean), radius
+
+
+def from_splats(splats: Splats, sh_degree: int) -> GaussianParameters:
+    """The splats of a file, in the scene frame; colours are cut or padded to ``sh_degree``.
+
+    Raises:
+        DataError: the file holds none, or values that are not finite.
+    """
+    assert isinstance(splats.colors, Sh)
+    assert splats.quats is not None
+    assert splats.scales is not None
+    if len(splats) == 0:
+        raise DataError("init: the file holds no splats.", "Start from init=points or init=random.")
+    for name, tensor in splats.tensors().items():
+        if not bool(tensor.isfinite().all()):
+            raise DataError(
+                f"init: the {name} of the file hold values that are not finite.",
+                "Export the file again, or start from init=points or init=random.",
+            )
+    sh = torch.zeros(len(splats), num_coefficients(sh_degree), 3)
+    given = splats.colors.dense()[:, : sh.shape[1]]
+    sh[:, : given.shape[1]] = given
+    return GaussianParameters(
+        means=splats.means.clone(),
+        quats=splats.quats.clone(),
+        log_scales=splats.scales.clamp_min(MIN_SCALE).log(),
+        opacity_logits=splats.opacities.clamp(MIN_OPACITY, MAX_OPACITY).logit(),
+        sh=sh,
+    )
+
+
+def degrees_of(sh: Float[Tensor, "n k 3"]) -> Int[Tensor, " n"]:
+    """The highest degree of which each row has a coefficient that is not zero."""
+    there = (sh != 0).any(dim=2)
+    last = torch.where(there, torch.arange(sh.shape[1]), 0).amax(dim=1)
+    return (last + 0.5).sqrt().long()

@@ -1,0 +1,238 @@
+"""Static Gaussians: position, rotation, scale, opacity and spherical-harmonic colour of each.
+
+Kerbl et al. 2023, section 4: covariance R S S^T R^T (equation 6), scales through exp and opacities
+through a sigmoid. Quaternions are left at any norm, as there: rasterizers normalise them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.column import Column, Layout, Rows
+from gsfw.core.context import StepContext
+from gsfw.core.learning_rate import LearningRate
+from gsfw.core.maths.spherical_harmonics import degree_of, num_coefficients, rgb_to_dc
+from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.splats import Sh, Splats
+from gsfw.methods.gaussians3d.band_evidence import BandEvidence
+from gsfw.methods.gaussians3d.relocation import coincident_copies
+
+MIN_NORM = 1e-12
+"""A shorter quaternion counts as the identity, as rasterizers have it."""
+MIN_LOG_SCALE, MAX_LOG_SCALE = math.log(1e-10), math.log(1e6)
+"""In scene units, whose cameras span about 1: beyond them exp would soon leave float32."""
+NEW_OPACITY = 0.1
+"""Of rows that are tried where the picture lacks something, as at the start (Kerbl et al. 2023)."""
+SPLIT_SHRINK = 0.8
+"""Children of a split are smaller by 1 / (0.8 * copies): 1.6 for two (Kerbl et al. 2023, 5.2)."""
+NOISE_SHARPNESS, NOISE_OPACITY = 100.0, 0.005
+"""Where noise fades out: sigmoid(-100 (o - 0.005)). The text of Kheradmand et al. 2024 has
+t = 1 - 0.005 in equation 8; the released code has 0.005, the pruning threshold, and so have we."""
+
+
+@dataclass(frozen=True)
+class GaussianParameters:
+    """Gaussians as they are trained, before activation."""
+
+    means: Float[Tensor, "n 3"]
+    quats: Float[Tensor, "n 4"]
+    log_scales: Float[Tensor, "n 3"]
+    opacity_logits: Float[Tensor, " n"]
+    sh: Float[Tensor, "n k 3"]
+
+
+class StaticGaussians(PrimitiveModel):
+    """Gaussians that do not change with time.
+
+    ``active_degree`` is the SH degree drawn and trained now, and ``gathering`` whether gradients
+    are evidence for bands. Both follow from the step, which is why they are not part of the state;
+    until a method lowers it, all bands are drawn.
+    """
+
+    def __init__(
+        self,
+        start: GaussianParameters,
+        rates: Mapping[str, LearningRate],
+        degrees: Int[Tensor, " n"] | None = None,
+    ) -> None:
+        """Take parameters over.
+
+        Args:
+            start: values.
+            rates: of each column.
+            degrees: SH degree of each row, which may change then; ``None``: the same for all.
+        """
+        super().__init__()
+        self.degree = degree_of(start.sh.shape[1])
+        self.active_degree = self.degree
+        self.means = Column(start.means, rates["means"])
+        self.quats = Column(start.quats, rates["quats"])
+        self.log_scales = Column(start.log_scales, rates["log_scales"])
+        self.opacity_logits = Column(start.opacity_logits, rates["opacity_logits"])
+        self.sh_dc = Column(start.sh[:, :1], rates["sh_dc"])
+        self.sh_rest: Column | None = None
+        self.evidence: BandEvidence | None = None
+        self.gathering = False
+        if self.degree > 0 and degrees is None:
+            self.sh_rest = Column(start.sh[:, 1:], rates["sh_rest"], bands=True)
+        elif degrees is not None:
+            colors = Sh(start.sh, self.degree).of_degrees(degrees)
+            assert colors.rest is not None
+            self.sh_rest = Column(colors.rest, rates["sh_rest"], Layout.RAGGED, colors.offsets)
+            self.evidence = BandEvidence(len(start.sh))
+
+    def columns(self) -> Mapping[str, Column]:
+        """Means, quats, log_scales, opacity_logits, sh_dc, and sh_rest above degree 0.
+
+        Rows of different degrees have what says which of them need more bands, besides.
+        """
+        always = {
+            "means": self.means,
+            "quats": self.quats,
+            "log_scales": self.log_scales,
+            "opacity_logits": self.opacity_logits,
+            "sh_dc": self.sh_dc,
+        }
+        if self.sh_rest is None:
+            return always
+        evidence = {} if self.evidence is None else self.evidence.columns()
+        return {**always, "sh_rest": self.sh_rest, **evidence}
+
+    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+        """The activated Gaussians, the same at every time."""
+        return Splats(
+            means=self.means.values,
+            opacities=self.opacity_logits.values.sigmoid(),
+            colors=self._colors(),
+            quats=self.quats.values,
+            scales=self.log_scales.values.exp(),
+        )
+
+    def _colors(self) -> Sh:
+        # Joining the columns would copy every coefficient, and so would taking the active bands.
+        if self.sh_rest is None or self.active_degree == 0 or len(self.sh_rest.values) == 0:
+            return Sh(self.sh_dc.values, 0)
+        return Sh(self.sh_dc.values, self.active_degree, self.sh_rest.values, self.sh_rest.offsets)
+
+    def degrees(self) -> Int[Tensor, " n"]:
+        """SH degree of each row, as far as it has coefficients."""
+        if self.sh_rest is None or self.sh_rest.offsets is None:
+            return torch.full((self.num_rows,), self.degree, device=self.means.values.device)
+        return ((self.sh_rest.offsets.diff() + 1).double().sqrt().round() - 1).long()
+
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+        """None; where rows have different degrees, their gradients are watched from here on."""
+        if self.evidence is not None and self.gathering:
+            self.evidence.watch(context, self.degrees())
+        return {}
+
+    def active_bands(self) -> int:
+        """Coefficients above the constant one that are drawn and trained now."""
+        return num_coefficients(self.active_degree) - 1
+
+    @torch.no_grad()
+    def project_(self) -> None:
+        """Keep scales where exp neither overflows nor vanishes, at any learning rate."""
+        self.log_scales.values.clamp_(MIN_LOG_SCALE, MAX_LOG_SCALE)
+
+    # What a strategy may ask for.
+
+    @torch.no_grad()
+    def opacities(self) -> Float[Tensor, " n"]:
+        """Opacity of each row in [0, 1]."""
+        return self.opacity_logits.values.sigmoid()
+
+    @torch.no_grad()
+    def sizes(self) -> Float[Tensor, " n"]:
+        """Largest standard deviation of each row, in scene units."""
+        return self.log_scales.values.amax(dim=1).exp()
+
+    @torch.no_grad()
+    def split_rows(
+        self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
+    ) -> Children:
+        """Smaller children at points drawn from each row's own Gaussian (section 5.2)."""
+        children = dict(self.clone_rows(rows.repeat(copies)))
+        means, log_scales = children["means"].values, children["log_scales"].values
+        noise = torch.randn(means.shape, generator=generator, device=means.device)
+        along_axes = (log_scales.exp() * noise.to(means)).T
+        offsets = (rotations(children["quats"].values) * along_axes).sum(1)
+        children["means"] = Rows(means + offsets.T)
+        children["log_scales"] = Rows(log_scales - math.log(SPLIT_SHRINK * copies))
+        return children
+
+    @torch.no_grad()
+    def rows_at(
+        self,
+        points: Float[Tensor, "r 3"],
+        colors: Float[Tensor, "r 3"],
+        sizes: Float[Tensor, " r"],
+        time: float | None,
+    ) -> Children:
+        """Round and faint rows, of one colour from everywhere."""
+        count, means = len(points), self.means.values
+        log_scales = sizes.to(means).log().clamp(MIN_LOG_SCALE, MAX_LOG_SCALE)
+        identity = torch.eye(1, 4, dtype=means.dtype, device=means.device)
+        values = {
+            "means": points.to(means),
+            "quats": identity.repeat(count, 1),
+            "log_scales": log_scales[:, None].repeat(1, 3),
+            "opacity_logits": means.new_full((count,), NEW_OPACITY).logit(),
+            "sh_dc": rgb_to_dc(colors.to(means))[:, None],
+        }
+        rows = {name: Rows(rows) for name, rows in values.items()}
+        if self.evidence is not None:
+            none = torch.zeros(count, dtype=torch.int64, device=means.device)
+            return {
+                **rows,
+                "sh_rest": Rows(means.new_zeros(0, 3), none),
+                **self.evidence.new_rows(count),
+            }
+        if self.sh_rest is not None:
+            rows["sh_rest"] = Rows(means.new_zeros(count, *self.sh_rest.values.shape[1:]))
+        return rows
+
+    @torch.no_grad()
+    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
+        """``rows`` with the opacity and scale of which ``counts`` copies look as one did."""
+        children = dict(self.clone_rows(rows))
+        logits, log_scales = children["opacity_logits"].values, children["log_scales"].values
+        new_logits, factors = coincident_copies(logits, counts)
+        children["opacity_logits"] = Rows(new_logits.to(logits))
+        children["log_scales"] = Rows(log_scales + factors.log().to(log_scales)[:, None])
+        return children
+
+    @torch.no_grad()
+    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+        """Add noise of covariance Sigma^2 to positions, where opacity is near nothing (eq. 8)."""
+        means, quats = self.means.values, self.quats.values
+        noise = torch.randn(means.shape, generator=generator, device=means.device).to(means)
+        strength = torch.sigmoid(NOISE_SHARPNESS * (NOISE_OPACITY - self.opacities()))
+        variances = (2.0 * self.log_scales.values).exp()
+        turned = rotations(quats)
+        along_axes = (turned * noise.T[:, None]).sum(0) * variances.T
+        shaped = (turned * along_axes).sum(1)
+        means.add_((shaped * (rate * strength)).T)
+
+    @torch.no_grad()
+    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
+        """Cap every opacity at ``limit``, in (0, 1)."""
+        self.opacity_logits.values.clamp_(max=math.log(limit / (1.0 - limit)))
+        return ("opacity_logits",)
+
+
+def rotations(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "3 3 n"]:
+    """Rotation matrices of quaternions of any norm, rows last: many times faster than first."""
+    w, x, y, z = (quats / quats.norm(dim=1, keepdim=True).clamp_min(MIN_NORM)).T.contiguous()
+    entries = [
+        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    ]
+    return torch.stack(entries).view(3, 3, -1)

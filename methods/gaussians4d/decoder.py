@@ -1,0 +1,56 @@
+"""Decoder: from the features of a place and a time to how a Gaussian there changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn.functional import relu
+
+from gsfw.methods.gaussians4d.layers import linear, zero_linear
+
+
+class Decoder(nn.Module):
+    """Linear layers that all quantities share, a hidden layer for each, and one output for each.
+
+    Outputs begin at exactly zero, unlike those of the released code of Wu et al. 2024.
+    """
+
+    def __init__(
+        self,
+        features: int,
+        width: int,
+        depth: int,
+        outputs: Mapping[str, int],
+        generator: torch.Generator,
+    ) -> None:
+        """Draw the layers.
+
+        Args:
+            features: that are given.
+            width: of all hidden layers.
+            depth: shared layers; 0 for none, and then outputs are linear in the features.
+            outputs: quantities by name, and how many numbers each has.
+            generator: on the CPU.
+        """
+        super().__init__()
+        counts = [features, *[width] * depth]
+        self.shared = nn.ModuleList([linear(inputs, width, generator) for inputs in counts[:depth]])
+        # The hidden layers of all quantities are one matrix: a single product instead of several.
+        self.hidden = linear(width, width * len(outputs), generator) if depth > 0 else None
+        self.outputs = nn.ModuleDict(
+            {name: zero_linear(counts[-1], count) for name, count in outputs.items()}
+        )
+
+    def forward(self, features: Float[Tensor, "n f"]) -> dict[str, Float[Tensor, "n _"]]:
+        """The numbers of each quantity."""
+        for position, layer in enumerate(self.shared):
+            features = layer(relu(features) if position > 0 else features)
+        given = [features] * len(self.outputs)
+        if self.hidden is not None:
+            hidden = relu(self.hidden(relu(features)))
+            given = list(hidden.chunk(len(self.outputs), dim=1))
+        named = zip(self.outputs.items(), given, strict=True)
+        return {name: output(inputs) for (name, output), inputs in named}

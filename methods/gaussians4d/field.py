@@ -1,0 +1,67 @@
+"""DeformationField: how Gaussians differ at a time from what they are in the canonical space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from gsfw.methods.gaussians4d.box import SpaceBox
+from gsfw.methods.gaussians4d.decoder import Decoder
+from gsfw.methods.gaussians4d.encoder import Encoder
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """What is added to parameters before their activation."""
+
+    means: Float[Tensor, "n 3"]
+    """In scene units."""
+    log_scales: Float[Tensor, "n 3"]
+    quats: Float[Tensor, "n 4"]
+    opacity_logits: Float[Tensor, " n"] | None
+    """``None``: opacities do not change."""
+    sh: Float[Tensor, "n k 3"] | None
+    """``None``: colours do not change."""
+
+
+class DeformationField(nn.Module):
+    """Box, encoder and decoder, evaluated for all Gaussians at once."""
+
+    def __init__(self, box: SpaceBox, encoder: Encoder, decoder: Decoder) -> None:
+        super().__init__()
+        self.box, self.encoder, self.decoder = box, encoder, decoder
+
+    def forward(self, means: Float[Tensor, "n 3"], time: Float[Tensor, ""]) -> Deformation:
+        """The changes of Gaussians whose canonical centres are ``means``.
+
+        Args:
+            means: in scene units.
+            time: in [0, 1]; what is earlier or later counts as the first or the last instant.
+        """
+        places = self.box(means.detach() if self.encoder.detached else means)
+        changes = self.decoder(self.encoder(places, time.clamp(0, 1)))
+        opacities, sh = changes.get("opacity_logits"), changes.get("sh")
+        return Deformation(
+            # The network moves things in units of the box: the scene's unit is nothing to it.
+            means=changes["means"] * self.box.size,
+            log_scales=changes["log_scales"],
+            quats=changes["quats"],
+            opacity_logits=None if opacities is None else opacities[:, 0],
+            sh=None if sh is None else sh.unflatten(1, (-1, 3)),
+        )
+
+    def grids(self) -> tuple[nn.Parameter, ...]:
+        """Parameters with cells in space and time."""
+        return self.encoder.grids()
+
+    def networks(self) -> tuple[nn.Parameter, ...]:
+        """All others."""
+        grids = {id(parameter) for parameter in self.grids()}
+        return tuple(p for p in self.parameters() if id(p) not in grids)
+
+    def regularizers(self) -> Mapping[str, Tensor]:
+        """Weighted scalars to add to the loss, by name."""
+        return self.encoder.regularizers()

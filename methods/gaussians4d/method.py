@@ -1,0 +1,111 @@
+"""Method 4dgs: Gaussians in a canonical space, and a field that deforms them over time.
+
+Wu et al. 2024, "4D Gaussian Splatting for Real-Time Dynamic Scene Rendering"; Yang et al. 2024,
+"Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene Reconstruction" (encoder mlp);
+Mueller et al. 2022 (encoder hash). A coarse phase trains static Gaussians, a fine one the field
+with them (section 5 of Wu et al.).
+
+Where we differ from the released code of Wu et al.: the field begins as the identity; learning
+rates of Gaussians and optimizer state go on through the change of phase; opacities are not reset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import torch
+
+from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
+from gsfw.methods.gaussians3d.model import StaticGaussians
+from gsfw.methods.gaussians4d.box import SpaceBox
+from gsfw.methods.gaussians4d.decoder import Decoder
+from gsfw.methods.gaussians4d.encoder import Encoder
+from gsfw.methods.gaussians4d.field import DeformationField
+from gsfw.methods.gaussians4d.frequency import FrequencyMlp
+from gsfw.methods.gaussians4d.hash_grid import HashGrid
+from gsfw.methods.gaussians4d.hexplane import HexPlane
+from gsfw.methods.gaussians4d.model import DeformedGaussians
+from gsfw.methods.moving.method import MovingMethod
+
+if TYPE_CHECKING:
+    from gsfw.methods.gaussians4d.config import DeformationConfig
+
+MAX_TIMES = 100
+"""Most cells along time when they follow from the capture (Wu et al. 2024 have 25 to 150)."""
+COARSE, FINE = "coarse", "fine"
+
+
+class DeformationMethod(MovingMethod):
+    """Static Gaussians for the coarse steps; then these and the field, together."""
+
+    name = "4dgs"
+
+    def __init__(self, config: DeformationConfig) -> None:
+        super().__init__(config, config)
+        self._config = config
+
+    def build_model(
+        self,
+        scene: Scene,
+        operators: Operators,
+        generator: torch.Generator,
+        initial: Splats | None,
+    ) -> DeformedGaussians:
+        """Canonical Gaussians as method 3dgs begins with, and a field around them."""
+        config = self._config
+        canonical = self._static.build_model(scene, operators, generator, initial)
+        box = SpaceBox(canonical.means.values.detach(), scene.extent)
+        encoder = _encoder(config, scene.num_times, generator)
+        field = DeformationField(box, encoder, _decoder(config, encoder, canonical, generator))
+        return DeformedGaussians(
+            canonical,
+            field,
+            config.optim.field_rates(config.coarse_steps),
+            # Canonical rows have no time of their own, even where points know theirs.
+            self.still_rows(replace(scene, point_times=None), canonical.num_rows, initial),
+        )
+
+    def phase(self, step: int) -> str:
+        """Coarse for the first ``coarse_steps``, then fine."""
+        return COARSE if step < self._config.coarse_steps else FINE
+
+    def prepare(
+        self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
+    ) -> None:
+        """Let the field and the SH degree follow the step."""
+        assert isinstance(model, DeformedGaussians)
+        model.deforming = self.phase(step) == FINE
+        super().prepare(step, model, optimizer, time)
+
+
+def _encoder(config: DeformationConfig, num_times: int, generator: torch.Generator) -> Encoder:
+    """The chosen encoder, drawn."""
+    captured = min(max(num_times, 2), MAX_TIMES)
+    if config.encoder == "hexplane":
+        return HexPlane(config.hexplane, config.hexplane.times or captured, generator)
+    if config.encoder == "hash":
+        return HashGrid(config.hash, config.hash.times or captured, generator)
+    return FrequencyMlp(config.mlp, generator)
+
+
+def _decoder(
+    config: DeformationConfig,
+    encoder: Encoder,
+    canonical: StaticGaussians,
+    generator: torch.Generator,
+) -> Decoder:
+    """What decodes the features of that encoder."""
+    outputs = {"means": 3, "log_scales": 3, "quats": 4}
+    if config.deform_opacity:
+        outputs["opacity_logits"] = 1
+    if config.deform_sh:
+        outputs["sh"] = 3 * (canonical.degree + 1) ** 2
+    if config.encoder == "mlp":  # Its layers are the encoder's own, and its outputs are linear.
+        return Decoder(encoder.features, encoder.features, 0, outputs, generator)
+    sizes = config.hexplane if config.encoder == "hexplane" else config.hash
+    return Decoder(encoder.features, sizes.width, sizes.depth, outputs, generator)

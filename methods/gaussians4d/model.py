@@ -1,0 +1,197 @@
+"""Deformed Gaussians: canonical Gaussians, and a field that says how they differ at each time.
+
+Wu et al. 2024, section 4: positions, rotations and scales at a time are those of the canonical
+space plus what the field decodes there (equations 7 and 8); opacity and colour on request. All is
+added before activation (Yang et al. 2024 add to activated scales, which may become negative).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.column import Column
+from gsfw.core.context import StepContext
+from gsfw.core.learning_rate import LearningRate
+from gsfw.core.model import Children
+from gsfw.core.parameter_group import ParameterGroup
+from gsfw.core.splats import Sh, Splats
+from gsfw.methods.gaussians3d.model import MAX_LOG_SCALE, MIN_LOG_SCALE, StaticGaussians
+from gsfw.methods.gaussians4d.field import Deformation, DeformationField
+from gsfw.methods.moving.gaussians import MovingGaussians
+from gsfw.methods.moving.still_rows import StillRows
+
+INSTANTS = 9
+"""Times over which what the field does to a place is averaged."""
+FIXED_POINT_STEPS = 5
+"""Of x = point - field(x), which finds what the field moves to a point; the field is smooth."""
+
+
+class DeformedGaussians(MovingGaussians):
+    """Rows are canonical Gaussians, on which density control acts as on static ones.
+
+    ``deforming`` is false in the coarse phase, which leaves the field out. It follows from the
+    step, which is why it is not part of the state; until the field is trained it changes nothing.
+    """
+
+    def __init__(
+        self,
+        canonical: StaticGaussians,
+        field: DeformationField,
+        rates: Mapping[str, LearningRate],
+        still: StillRows | None = None,
+    ) -> None:
+        """Join both.
+
+        Args:
+            canonical: the Gaussians.
+            field: what deforms them.
+            rates: learning rates of the field's "grid" and "network".
+            still: which rows the field leaves alone; ``None``: none of them.
+        """
+        super().__init__(canonical, still)
+        self.field = field
+        self._rates = rates
+        self.deforming = True
+
+    def temporal_columns(self) -> Mapping[str, Column]:
+        """None: the field is all there is."""
+        return {}
+
+    def parameter_groups(self) -> tuple[ParameterGroup, ...]:
+        """Grid (where the encoder has one) and network."""
+        groups = {"grid": self.field.grids(), "network": self.field.networks()}
+        return tuple(
+            ParameterGroup(name, parameters, self._rates[name])
+            for name, parameters in groups.items()
+            if parameters
+        )
+
+    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+        """The Gaussians as they are at ``time``; without one, as they are in canonical space."""
+        still = self.canonical.splats()
+        if time is None or not self.deforming:
+            return still
+        rows, logits = self.canonical, self.canonical.opacity_logits.values
+        change = self.field(self.taken(rows.means.values), time)
+        if change.opacity_logits is not None:
+            logits = self.moved(logits, change.opacity_logits)
+        log_scales = self.moved(rows.log_scales.values, change.log_scales)
+        assert isinstance(still.colors, Sh)
+        return replace(
+            still,
+            means=self.moved(rows.means.values, change.means),
+            quats=self.moved(rows.quats.values, change.quats),
+            scales=log_scales.clamp(MIN_LOG_SCALE, MAX_LOG_SCALE).exp(),
+            opacities=logits.sigmoid(),
+            colors=still.colors if change.sh is None else self._shifted(still.colors, change.sh),
+        )
+
+    def _shifted(self, colors: Sh, change: Float[Tensor, "m k 3"]) -> Sh:
+        """Colours with something added to each coefficient that is drawn."""
+        rest = None if colors.rest is None else self.moved(colors.rest, change[:, 1:])
+        coefficients = self.moved(colors.coefficients, change[:, :1])
+        return replace(colors, coefficients=coefficients, rest=rest)
+
+    @property
+    def changing(self) -> bool:
+        """Whether the field is there yet."""
+        return self.deforming
+
+    def penalties(self, context: StepContext) -> Mapping[str, Tensor]:
+        """Those of the field, while it is trained."""
+        return self.field.regularizers() if self.deforming else {}
+
+    def project_(self) -> None:
+        """Keep the canonical Gaussians in range."""
+        self.canonical.project_()
+
+    # What a strategy may ask for, of the canonical Gaussians.
+
+    def opacities(self) -> Float[Tensor, " n"]:
+        """Canonical opacity of each row in [0, 1]."""
+        return self.canonical.opacities()
+
+    def sizes(self) -> Float[Tensor, " n"]:
+        """Largest canonical standard deviation of each row, in scene units."""
+        return self.canonical.sizes()
+
+    def split_rows(
+        self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
+    ) -> Children:
+        """Smaller children at points of the row's own Gaussian; the field moves them along."""
+        smaller = self.canonical.split_rows(rows, copies, generator)
+        return {**self.clone_rows(rows.repeat(copies)), **smaller}
+
+    @torch.no_grad()
+    def rows_at(
+        self,
+        points: Float[Tensor, "r 3"],
+        colors: Float[Tensor, "r 3"],
+        sizes: Float[Tensor, " r"],
+        time: float | None,
+    ) -> Children:
+        """Round and faint canonical rows, which the field moves to ``points`` at ``time``."""
+        still = points.to(self.canonical.means.values)
+        if time is not None and self.deforming:
+            for _ in range(FIXED_POINT_STEPS):
+                still = points - self.field(still, still.new_tensor(time)).means
+        fresh = self.canonical.rows_at(still, colors, sizes, time)
+        return {**fresh, **self.temporal_rows({}, len(points))}
+
+    def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
+        """``rows`` with the opacity and scale of which ``counts`` copies look as one did."""
+        return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
+
+    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+        """Add noise to canonical positions, where opacity is near nothing."""
+        self.canonical.perturb_(rate, generator)
+
+    def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
+        """Canonical values that the field turns, on average, into what the rows are now."""
+        if not self.deforming:
+            return
+        canonical = self.canonical
+        start = canonical.means.values[rows]
+        still = start
+        for _ in range(FIXED_POINT_STEPS):
+            still = start - self._average(still).means
+        change = self._average(still)
+        canonical.means.values[rows] = still
+        canonical.log_scales.values[rows] -= change.log_scales
+        canonical.quats.values[rows] -= change.quats
+        if change.opacity_logits is not None:
+            canonical.opacity_logits.values[rows] -= change.opacity_logits
+        self._recolor_(rows, change, sign=-1.0)
+
+    def end_(self, rows: Int[Tensor, " r"]) -> None:
+        """Colours as they are on average."""
+        if self.deforming:
+            self._recolor_(rows, self._average(self.canonical.means.values[rows]), sign=1.0)
+
+    def _recolor_(self, rows: Int[Tensor, " r"], change: Deformation, sign: float) -> None:
+        if change.sh is not None:
+            self.canonical.sh_dc.values[rows] += sign * change.sh[:, :1]
+            if self.canonical.sh_rest is not None:
+                self.canonical.sh_rest.values[rows] += sign * change.sh[:, 1:]
+
+    def _average(self, means: Float[Tensor, "r 3"]) -> Deformation:
+        """What the field does, on average over the sequence, to Gaussians at ``means``."""
+        times = torch.linspace(0, 1, INSTANTS, device=means.device).to(means)
+        changes = [self.field(means, time) for time in times]
+
+        def mean(values: Sequence[Tensor | None]) -> Tensor | None:
+            there = [value for value in values if value is not None]
+            return torch.stack(there).mean(0) if there else None
+
+        return Deformation(
+            means=torch.stack([change.means for change in changes]).mean(0),
+            log_scales=torch.stack([change.log_scales for change in changes]).mean(0),
+            quats=torch.stack([change.quats for change in changes]).mean(0),
+            opacity_logits=mean([change.opacity_logits for change in changes]),
+            sh=mean([change.sh for change in changes]),
+        )

@@ -1,0 +1,1 @@
+"""What methods for moving scenes share."""

@@ -1,0 +1,184 @@
+"""MovingGaussians: canonical Gaussians, all or some of which change with time."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from gsfw.core.column import Column, Layout, Rows
+from gsfw.core.context import StepContext
+from gsfw.core.learning_rate import LearningRate
+from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.splats import Splats
+from gsfw.core.table import SplatTable
+from gsfw.methods.gaussians3d.model import StaticGaussians
+from gsfw.methods.moving.still_rows import StillRows
+
+
+class MovingGaussians(PrimitiveModel):
+    """Static Gaussians, ``canonical``, and what changes them with time.
+
+    With ``still`` only some rows change, which are those that have values in the temporal columns,
+    ragged then, one each and in order; the others are drawn as they are in canonical space. Without
+    it all rows change, and temporal columns are dense.
+    """
+
+    def __init__(self, canonical: StaticGaussians, still: StillRows | None) -> None:
+        super().__init__()
+        self.canonical, self.still = canonical, still
+
+    @abstractmethod
+    def temporal_columns(self) -> Mapping[str, Column]:
+        """What rows that change have besides, by name."""
+
+    @abstractmethod
+    def penalties(self, context: StepContext) -> Mapping[str, Tensor]:
+        """Weighted scalars to add to the loss, by name."""
+
+    @abstractmethod
+    def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
+        """Give rows that stood still until now a path that goes nowhere, always there.
+
+        In place, and so that the picture stays as it is; their temporal values are zero before.
+
+        Args:
+            rows: some of those that change now, in order.
+            times: when each is needed the most.
+        """
+
+    def end_(self, rows: Int[Tensor, " r"]) -> None:
+        """Average what else of rows that change is about to stand still: their colours. In place.
+
+        Args:
+            rows: some of those that change, in order.
+        """
+
+    def columns(self) -> Mapping[str, Column]:
+        """Those of static Gaussians, temporal ones, and those that say which rows stand still."""
+        still = {} if self.still is None else self.still.columns()
+        return {**self.canonical.columns(), **self.temporal_columns(), **still}
+
+    def temporal_column(self, values: Float[Tensor, "n ..."], rate: LearningRate) -> Column:
+        """A column of what rows that change have: of all of them, or of none so far."""
+        if self.still is None:
+            return Column(values, rate)
+        moves = ~self.still.mask()
+        offsets = torch.cat([torch.zeros(1, dtype=torch.int64), moves.cumsum(0)])
+        return Column(values[moves], rate, Layout.RAGGED, offsets)
+
+    @property
+    def changing(self) -> bool:
+        """Whether anything changes with time at this step; false in a phase without it."""
+        return True
+
+    def active_bands(self) -> int:
+        """Those of the canonical Gaussians."""
+        return self.canonical.active_bands()
+
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+        """The method's penalties; rows that may gain a parameter are watched from here on."""
+        if self.still is not None and context.batch.time is not None:
+            self.still.watch(context.splats, context.batch.time)
+        return {**self.canonical.regularizers(context), **self.penalties(context)}
+
+    # Which rows change.
+
+    def moving(self) -> Int[Tensor, " m"] | None:
+        """Rows that change with time, in the order of temporal values; ``None`` for all."""
+        return None if self.still is None else self.still.moving()
+
+    def taken(self, values: Float[Tensor, "n ..."]) -> Float[Tensor, "m ..."]:
+        """The values of the rows that change, of those of all."""
+        rows = self.moving()
+        return values if rows is None else values.index_select(0, rows)
+
+    def everywhere(self, values: Float[Tensor, " m"], otherwise: float) -> Float[Tensor, " n"]:
+        """Values of the rows that change, and another for all that do not."""
+        rows = self.moving()
+        if rows is None:
+            return values
+        return values.new_full((self.num_rows,), otherwise).index_copy(0, rows, values)
+
+    def moved(
+        self, values: Float[Tensor, "n ..."], change: Float[Tensor, "m ..."]
+    ) -> Float[Tensor, "n ..."]:
+        """Values of all rows with something added to those that change."""
+        rows = self.moving()
+        return values + change if rows is None else values.index_add(0, rows, change)
+
+    @torch.no_grad()
+    def stop_(self, table: SplatTable, rows: Int[Tensor, " r"], at_rest: Splats) -> None:
+        """Let rows stand still from now on, and look as the splats of ``at_rest`` do."""
+        self.end_(rows)
+        canonical, scales = self.canonical, at_rest.scales
+        assert scales is not None
+        assert at_rest.quats is not None
+        canonical.means.values[rows] = at_rest.means
+        canonical.quats.values[rows] = at_rest.quats
+        canonical.log_scales.values[rows] = scales.log()
+        canonical.opacity_logits.values[rows] = at_rest.opacities.logit()
+        self._resize(table, rows, moves=False)
+
+    @torch.no_grad()
+    def start_(
+        self, table: SplatTable, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]
+    ) -> None:
+        """Let rows that stand still change from now on; at first they do not."""
+        assert self.still is not None
+        self._resize(table, rows, moves=True)
+        self.still.extend_(rows)
+        self.begin_(rows, times)
+
+    def _resize(self, table: SplatTable, rows: Int[Tensor, " r"], *, moves: bool) -> None:
+        assert self.still is not None
+        still = self.still.mask()
+        still[rows] = not moves
+        for name in self.temporal_columns():
+            table.resize(name, (~still).long())
+        table.resize("stillness", still.long())
+        table.reset_rows(rows)
+
+    def write_temporal_(self, name: str, rows: Int[Tensor, " r"], values: Tensor) -> None:
+        """Overwrite a temporal value of rows that change."""
+        self.temporal_columns()[name].write(rows, Rows(values, torch.ones_like(rows)))
+
+    # New rows.
+
+    def temporal_rows(self, values: Mapping[str, Tensor], count: int) -> Children:
+        """Temporal values of ``count`` new rows, all of which change; with what goes with them."""
+        if self.still is None:
+            return {name: Rows(rows) for name, rows in values.items()}
+        lengths = torch.ones(count, dtype=torch.int64, device=self.canonical.means.values.device)
+        moving = {name: Rows(rows, lengths) for name, rows in values.items()}
+        return {**moving, **self.still.moving_rows(lengths)}
+
+    # What is the same for all.
+
+    def summary(self) -> Mapping[str, int | float]:
+        """Sizes, and how many rows stand still."""
+        if self.still is None:
+            return super().summary()
+        static = len(self.still.rows())
+        rows = max(self.num_rows, 1)
+        counts = {"static_rows": static, "moving_rows": self.num_rows - static}
+        return {**super().summary(), **counts, "static_share": round(static / rows, 4)}
+
+    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
+        """Cap every canonical opacity at ``limit``, in place."""
+        return self.canonical.lower_opacities_(limit)
+
+
+def moving_children(children: Children) -> Int[Tensor, " m"] | None:
+    """Which of some new rows change with time; ``None`` for all."""
+    lengths = children["time_centers"].lengths
+    return None if lengths is None else lengths.nonzero()[:, 0]
+
+
+def added(children: Children, name: str, change: Float[Tensor, "m d"]) -> Float[Tensor, "r d"]:
+    """A canonical value of new rows, with something added to those that change with time."""
+    values, rows = children[name].values, moving_children(children)
+    return values + change if rows is None else values.index_add(0, rows, change)

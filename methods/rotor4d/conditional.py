@@ -1,0 +1,96 @@
+"""Conditional: what a Gaussian of space and time is at one instant.
+
+Duan et al. 2024 and Yang et al. 2024: with M = R S, whose last row is m and whose others are M3,
+the covariance of space and time is M M^T, and given the time t
+
+    variance = |m|^2,  velocity = M3 m / |m|^2,  mean(t) = x + velocity (t - center),
+    covariance = P P^T  with  P = M3 - (M3 m) m^T / |m|^2,
+
+which is positive semi-definite by construction; the difference of two large matrices, as released
+codes have it, is not (in float32, with scales of 1e-4 in space and 10 in time, in 98% of draws).
+We expand P further, with r for the last row of R and s for the scales:
+
+    P_ij = s_j / |m|^2 * sum over k of (R_ij r_k - R_ik r_j) s_k^2 r_k.
+
+Nothing of different size is subtracted any more: in float32 the relative error stays below 1e-6
+where that of P as first written is 0.02 (scales of 1e-4 and 100) or above 1 (1e-4 and 1e4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.methods.rotor4d.dot import dot
+
+MIN_VARIANCE = 1e-30
+"""Smaller ones count as this, whose inverse float32 can hold; models keep far above it."""
+
+AXES = range(4)
+"""x, y, z and t before the rotation."""
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """Of ``n`` Gaussians, given a time; only their means and weights depend on which."""
+
+    factors: Float[Tensor, "3 4 n"]
+    """P, of which P P^T is the covariance; times a unit normal, it draws from the Gaussian."""
+    velocities: Float[Tensor, "n 3"]
+    """In scene units per sequence."""
+    variances: Float[Tensor, " n"]
+    """Of the time, in sequences squared."""
+
+    @property
+    def covariances(self) -> Float[Tensor, "n 3 3"]:
+        """Symmetric to the bit, in scene units squared."""
+        x, y, z = (row.unbind(0) for row in self.factors.unbind(0))
+        xy, xz, yz = dot(x, y), dot(x, z), dot(y, z)
+        entries = [dot(x, x), xy, xz, xy, dot(y, y), yz, xz, yz, dot(z, z)]
+        return torch.stack(entries, dim=1).view(-1, 3, 3)
+
+
+def conditional(rotations: Float[Tensor, "4 4 n"], scales: Float[Tensor, "n 4"]) -> Conditional:
+    """The conditional Gaussians of rotation matrices (of x, y, z, t) and scales along their axes.
+
+    Entry by entry, each for all rows: several times faster than by products of small matrices.
+
+    Args:
+        rotations: rows last.
+        scales: standard deviations, the last one in sequences; positive.
+    """
+    *space, time = (row.unbind(0) for row in rotations.unbind(0))
+    along = scales.T.contiguous().unbind(0)
+    pulls = [scale * scale * share for scale, share in zip(along, time, strict=True)]
+    variances = time_variances(rotations[3], scales)
+    relative = torch.stack(along) / variances
+    return Conditional(
+        factors=torch.stack([torch.stack(_pulled(row, time, pulls)) * relative for row in space]),
+        velocities=torch.stack([dot(row, pulls) / variances for row in space], dim=1),
+        variances=variances,
+    )
+
+
+def _pulled(
+    row: Sequence[Tensor], time: Sequence[Tensor], pulls: Sequence[Tensor]
+) -> list[Float[Tensor, " n"]]:
+    """Sum over k of (row_j time_k - row_k time_j) pull_k, for each j."""
+    minors = {(j, k): row[j] * time[k] - row[k] * time[j] for j, k in combinations(AXES, 2)}
+    minors |= {(k, j): -minor for (j, k), minor in minors.items()}
+    others = [[k for k in AXES if k != j] for j in AXES]
+    return [dot([minors[j, k] for k in others[j]], [pulls[k] for k in others[j]]) for j in AXES]
+
+
+def time_variances(time: Float[Tensor, "4 n"], scales: Float[Tensor, "n 4"]) -> Float[Tensor, " n"]:
+    """|m|^2, from the last rows of the rotation matrices."""
+    return (time * scales.T).square().sum(0).clamp_min(MIN_VARIANCE)
+
+
+def weights(elapsed: Float[Tensor, " n"], variances: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
+    """exp(-elapsed^2 / (2 variance)): what opacity is left some time away from the centre."""
+    return torch.exp(-0.5 * elapsed.square() / variances)

@@ -1,0 +1,104 @@
+"""Settings of method 4d-rotor; the defaults are those of Duan et al. 2024, where they fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.config import steps_field
+from gsfw.core.learning_rate import LearningRate
+from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
+from gsfw.methods.moving.config import MovingConfig
+
+if TYPE_CHECKING:
+    from gsfw.core.method import Method
+
+MAX_INIT_DURATION = 10.0
+"""The longest that a model keeps."""
+
+
+@dataclass
+class SlicedGaussiansOptim(StaticGaussiansOptim):
+    """Learning rates of the columns."""
+
+    means_lr_steps: int = steps_field(20_000)
+    """Steps over which the rate of positions decays."""
+    time_quats_lr: float = 1e-3
+    """Rate of the second quaternion of each rotation."""
+    time_centers_lr: float = 1.6e-4
+    """Rate of temporal centres at the first step, in sequences; decays as that of positions."""
+    log_durations_lr: float = 5e-3
+    """Rate of the logarithms of the scales along the fourth axis."""
+
+    def learning_rates(self, extent: float) -> dict[str, LearningRate]:
+        """The rate of every column, by its name."""
+        decay = self.means_lr_final / self.means_lr if self.means_lr > 0 else 1.0
+        centers = LearningRate(
+            self.time_centers_lr, self.time_centers_lr * decay, self.means_lr_steps
+        )
+        return super().learning_rates(extent) | {
+            "time_quats": LearningRate(self.time_quats_lr),
+            "time_centers": centers,
+            "log_durations": LearningRate(self.log_durations_lr),
+        }
+
+
+@dataclass
+class SlicedGaussiansConfig(MovingConfig):
+    """Gaussians of space and time, sliced at an instant (Duan et al. 2024)."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "default": {
+            "strategy.reset_every": 0,
+            "strategy.grow_time_gradient": 5e-5,
+            "sampler.views_per_step": 2,
+        },
+    }
+    """Two views of any times in a step, growth by the gradient of temporal centres too, and no
+    opacity resets, which hurt what moves. On the built-in moving scene (120 x 90, 500 steps, seed
+    42) that growth gives 0.15 dB, 0.30 dB where things move, and 17 % more rows."""
+
+    steps: int = 20_000
+    """Training steps. Schedules follow in proportion, unless rescale=false."""
+    rotation: Literal["rotor", "two-quaternions"] = "rotor"
+    """Form in which 4D rotations are trained; two-quaternions is that of Yang et al. 2024."""
+    init_duration: float = 0.2
+    """Standard deviation in time of every splat at the start: 0.2 covers half of the sequence."""
+    entropy_reg: float = 1e-3
+    """Weight of the opacities' entropy, which makes splats opaque or vanish."""
+    velocity_reg: float = 0.05
+    """Weight of how much velocities, in extents per sequence, differ from those nearby."""
+    neighbors_every: int = steps_field(100, at_least=50)
+    """Steps after which each splat's neighbours are looked for again."""
+    optim: SlicedGaussiansOptim = field(default_factory=SlicedGaussiansOptim)
+
+    def build(self) -> Method:
+        """The method."""
+        from gsfw.methods.rotor4d.method import SlicedGaussiansMethod
+
+        return SlicedGaussiansMethod(self)
+
+    def needs(self) -> Needs:
+        """Splats given by covariances."""
+        return super().needs() | Needs(features=frozenset({Feature.COVARIANCES}))
+
+    def check(self) -> None:
+        """Check the values every run has, and this method's own.
+
+        Raises:
+            ConfigError: naming the key, what was expected, and what was given.
+        """
+        super().check()
+        self.expect(
+            {
+                "init_duration": (
+                    0 < self.init_duration <= MAX_INIT_DURATION,
+                    f"a number above 0, at most {MAX_INIT_DURATION:g}",
+                ),
+                "entropy_reg": (self.entropy_reg >= 0, "a number of at least 0"),
+                "velocity_reg": (self.velocity_reg >= 0, "a number of at least 0"),
+                "neighbors_every": (self.neighbors_every >= 1, "a number of at least 1"),
+            }
+        )

@@ -1,0 +1,69 @@
+"""Method 4d-rotor: Duan et al. 2024, "4D-Rotor Gaussian Splatting".
+
+Losses, the SH degree and where Gaussians start are those of method 3dgs, of which this one holds
+an instance. Density control looks at the gradient of temporal centres too, as the paper's does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import torch
+
+from gsfw.core.operators import Operators
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Splats
+from gsfw.methods.moving.method import MovingMethod
+from gsfw.methods.rotor4d.model import MAX_DURATION, Regularization, SlicedGaussians
+from gsfw.methods.rotor4d.rotation import Rotation
+from gsfw.methods.rotor4d.rotor import Rotor
+from gsfw.methods.rotor4d.two_quaternions import TwoQuaternions
+
+if TYPE_CHECKING:
+    from gsfw.methods.rotor4d.config import SlicedGaussiansConfig
+
+ROTATIONS: Mapping[str, type[Rotation]] = {"rotor": Rotor, "two-quaternions": TwoQuaternions}
+
+
+class SlicedGaussiansMethod(MovingMethod):
+    """Static Gaussians at first, each with a time at which it is there."""
+
+    name = "4d-rotor"
+
+    def __init__(self, config: SlicedGaussiansConfig) -> None:
+        super().__init__(config, config)
+        self._config = config
+
+    def build_model(
+        self,
+        scene: Scene,
+        operators: Operators,
+        generator: torch.Generator,
+        initial: Splats | None,
+    ) -> SlicedGaussians:
+        """Gaussians at rest at the splats of a file, at the scene's points, or at random."""
+        config = self._config
+        canonical = self._static.build_model(scene, operators, generator, initial)
+        if initial is None:
+            centers = self.start_times(scene, canonical.num_rows, generator)
+        else:
+            centers = torch.full((canonical.num_rows,), 0.5)
+        return SlicedGaussians(
+            canonical,
+            centers,
+            config.optim.learning_rates(scene.extent),
+            ROTATIONS[config.rotation](),
+            # The splats of a file belong to every time.
+            duration=config.init_duration if initial is None else MAX_DURATION,
+            min_duration=min_duration(scene),
+            regularization=Regularization(
+                config.entropy_reg, config.velocity_reg, config.neighbors_every
+            ),
+            still=self.still_rows(scene, canonical.num_rows, initial),
+        )
+
+
+def min_duration(scene: Scene) -> float:
+    """Shortest standard deviation in time, in sequences: half of the time between two pictures."""
+    return 0.5 / max(scene.num_times - 1, 1)

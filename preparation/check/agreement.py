@@ -1,0 +1,111 @@
+"""Agreement: whether pictures show the same colours where the points say they show the same thing.
+
+Poses that belong to other pictures, or follow another convention, leave colours at random; a camera
+that sets its exposure anew for each picture moves them by a factor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from gsfw.preparation.check.looks import Looks
+from gsfw.preparation.check.surface import Surface
+from gsfw.preparation.check.viewpoints import Viewpoints
+
+MIN_VIEWS, MIN_POINTS = 3, 50
+"""Points seen in fewer of the sampled pictures say nothing, and fewer points too little."""
+NEAREST = 4
+"""So many pictures are compared at each point, the nearest: whether other things hide it from the
+rest, points alone cannot tell."""
+ONE_SIDE = 30.0
+"""Degrees from the nearest: from farther around, other things hide a point, or it shines."""
+FLOOR = 0.03
+"""Added to brightness before ratios are taken: dark pixels are mostly noise."""
+READABLE = (0.03, 0.97)
+"""Brightness outside is clipped, and takes no part in ratios."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How the sampled pictures agree on the colours of points."""
+
+    scatter: float
+    """Variance of a point's colours over pictures, in parts of that over all points: 0 where all
+    pictures agree, about 1 where colours are at random."""
+    gains: Float[np.ndarray, " l"]
+    """Brightness of each sampled picture relative to the others at the same points; NaN without."""
+    points: int
+    """How many points it was measured at."""
+
+    @staticmethod
+    def of(surface: Surface | None, viewpoints: Viewpoints, looks: Looks) -> Agreement | None:
+        """Over the sampled pictures; ``None`` where too few points are seen by enough of them."""
+        if surface is None or not surface.measured or len(looks.looks) < MIN_VIEWS:
+            return None
+        colors = np.stack([_colors(surface, viewpoints, looks, i) for i in range(len(looks.looks))])
+        colors[~_near(surface, viewpoints, looks, np.isfinite(colors[..., 0]))] = np.nan
+        often = np.isfinite(colors[..., 0]).sum(0) >= MIN_VIEWS
+        if often.sum() < MIN_POINTS:
+            return None
+        colors = colors[:, often]
+        gains = _gains(colors.mean(2))
+        even = colors / np.where(np.isfinite(gains), gains, 1.0)[:, None, None]
+        within = np.nanvar(even, axis=0).mean()
+        every = even[np.isfinite(even[..., 0])]
+        total = every.var(axis=0).mean()
+        # The mean of few samples is nearer to them than the true one.
+        seen = np.isfinite(even[..., 0]).sum(0).mean()
+        scatter = float(within / max(total, 1e-9) * seen / (seen - 1))
+        return Agreement(scatter, gains, int(often.sum()))
+
+
+def _near(
+    surface: Surface, viewpoints: Viewpoints, looks: Looks, seen: Bool[np.ndarray, "l p"]
+) -> Bool[np.ndarray, "l p"]:
+    """Which pictures are among the nearest that show a point from about one side.
+
+    That side is the one of the nearest of them: fewest things stand in between.
+    """
+    centers = viewpoints.centers[[look.view for look in looks.looks]]
+    rays = surface.points - centers[:, None]
+    away = np.linalg.norm(rays, axis=2)
+    rays = rays / np.maximum(away, 1e-12)[..., None]
+    first = np.where(seen, away, np.inf).argmin(0)
+    cosines = (rays * rays[first, np.arange(len(first))]).sum(2)
+    alike = seen & (cosines >= math.cos(math.radians(ONE_SIDE)))
+    rank = np.argsort(np.argsort(np.where(alike, away, np.inf), axis=0), axis=0)
+    return np.asarray(alike & (rank < NEAREST))
+
+
+def _colors(
+    surface: Surface, viewpoints: Viewpoints, looks: Looks, index: int
+) -> Float[np.ndarray, "p 3"]:
+    """Of all points in one sampled picture; NaN where they are not in it."""
+    look = looks.looks[index]
+    pixels, inside = viewpoints.project(look.view, surface.points)
+    height, width = look.preview.shape[:2]
+    scale = np.array([width, height]) / viewpoints.sizes[look.view]
+    cells = np.floor(pixels[inside] * scale).astype(int)
+    cells = np.clip(cells, 0, np.array([width, height]) - 1)
+    colors = np.full((len(surface.points), 3), np.nan)
+    colors[inside] = look.preview[cells[:, 1], cells[:, 0]]
+    return colors
+
+
+def _gains(brightness: Float[np.ndarray, "l p"]) -> Float[np.ndarray, " l"]:
+    """Median ratio of each picture's points to the median of the same points in all pictures."""
+    low, high = READABLE
+    readable = np.isfinite(brightness) & (brightness > low) & (brightness < high)
+    gains = np.full(len(brightness), np.nan)
+    logs = np.where(readable, np.log(np.where(readable, brightness, 1.0) + FLOOR), np.nan)
+    enough = readable.sum(0) >= MIN_VIEWS
+    usual = np.nanmedian(logs[:, enough], axis=0)
+    for picture, row in enumerate(logs[:, enough]):
+        known = np.isfinite(row)
+        if known.sum() >= MIN_POINTS // 2:
+            gains[picture] = np.exp(np.median(row[known] - usual[known]))
+    return gains

@@ -1,0 +1,225 @@
+"""What the decoded pictures say: damaged, empty, blurred, over-exposed, uneven, the same twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gsfw.datamanagers.picture_quality import BLURRED, CLIPPED, EMPTY, SOFT, lit_sharpness
+from gsfw.preparation.check.looks import Look
+from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.finding import Finding, Weight, listed
+
+MANY_BLURRED = 0.3
+"""Part of the pictures: so many that leaving them out is no answer."""
+UNEVEN = 0.1
+"""Standard deviation of the logarithm of brightness at the same points: fox has 0.02, plush 0.04,
+and a camera that halves its exposure for some pictures 0.2 and more."""
+UNEVEN_WITHOUT_POINTS = 0.4
+"""The same of whole pictures, which differ because they show different things: 0.1 to 0.27."""
+SAME = 0.03
+"""Root mean square difference of two pictures as 16x16 grey pixels, in standard deviations of these
+pixels: another JPEG quality makes about 0.01, the next photo of fox or plush 0.1 and more."""
+
+
+def picture_findings(survey: Survey) -> Iterator[Finding]:
+    """Everything that the sampled pictures show."""
+    yield from _damaged(survey)
+    yield from _empty(survey)
+    yield from _blur(survey)
+    yield from _clipped(survey)
+    yield from _uneven(survey)
+    yield from _drifting(survey)
+    yield from _copies(survey)
+    yield from _masked(survey)
+    yield from _turned(survey)
+
+
+def _damaged(survey: Survey) -> Iterator[Finding]:
+    failures = survey.looks.failures
+    if failures:
+        names = survey.viewpoints.named([view for view, _ in failures])
+        yield Finding(
+            "damaged pictures",
+            Weight.STOP,
+            f"{len(failures)} of {survey.looks.tried} pictures do not decode: {failures[0][1]}",
+            "Training ends with an error when it comes to one.",
+            "Replace them, or remove them: missing pictures are left out.",
+            names,
+        )
+
+
+def _empty(survey: Survey) -> Iterator[Finding]:
+    looks = survey.looks.looks
+    empty = [look for look in looks if look.contrast < EMPTY]
+    if empty:
+        names = survey.viewpoints.named([look.view for look in empty])
+        yield Finding(
+            "empty pictures",
+            Weight.STOP if 2 * len(empty) > len(looks) else Weight.LIMIT,
+            f"{len(empty)} of {len(looks)} pictures are of one colour: {listed(names)}.",
+            "They teach that nothing is there.",
+            "Remove them; if alpha or masks made them empty, check which side is which.",
+            names,
+        )
+
+
+def _textured(survey: Survey) -> list[Look]:
+    return [look for look in survey.looks.looks if look.contrast >= EMPTY]
+
+
+def _blur(survey: Survey) -> Iterator[Finding]:
+    looks = _textured(survey)
+    if not looks:
+        return
+    light = float(np.median([look.brightness for look in looks]))
+    # Dark pictures are another finding.
+    sharpness = np.array([lit_sharpness(look.sharpness, look.brightness, light) for look in looks])
+    middle = float(np.median(sharpness))
+    if middle < SOFT:
+        yield Finding(
+            "all blurred",
+            Weight.LIMIT,
+            f"The typical picture has hardly an edge (variance of its Laplacian {middle:.1g}).",
+            "The result can be no sharper than its pictures, and poses from them are uncertain.",
+            "Take pictures with more light and a steady camera; shrunk ones (downscale=2) lose "
+            "nothing then.",
+        )
+        return
+    order = np.argsort(sharpness)
+    blurred = [looks[i] for i in order if sharpness[i] < BLURRED * middle]
+    if blurred:
+        names = survey.viewpoints.named([look.view for look in blurred])
+        yield Finding(
+            "blurred pictures",
+            Weight.LIMIT,
+            f"{len(blurred)} of {len(looks)} pictures have less than {100 * BLURRED:.0f} % of the "
+            f"usual sharpness, the worst {100 * sharpness.min() / middle:.0f} %: {listed(names)}.",
+            "They pull the result towards their blur.",
+            "Take the capture again with a shorter exposure."
+            if len(blurred) > MANY_BLURRED * len(looks)
+            else "Leave them out.",
+            names,
+        )
+
+
+def _clipped(survey: Survey) -> Iterator[Finding]:
+    looks = _textured(survey)
+    worst = sorted(looks, key=lambda look: -look.clipped)
+    clipped = [look for look in worst if look.clipped > CLIPPED]
+    if clipped:
+        names = survey.viewpoints.named([look.view for look in clipped])
+        yield Finding(
+            "clipped pictures",
+            Weight.LIMIT,
+            f"{len(clipped)} of {len(looks)} pictures are pure white or black in up to "
+            f"{100 * clipped[0].clipped:.0f} % of what counts: {listed(names)}.",
+            "Nothing is left there that depth could be found from.",
+            "Expose for the bright parts; mask what is plain, or name it as background=.",
+            names,
+        )
+
+
+def _uneven(survey: Survey) -> Iterator[Finding]:
+    looks, agreement = survey.looks.looks, survey.agreement
+    if agreement is not None:
+        gains, limit, how = agreement.gains, UNEVEN, "at the same points"
+    else:
+        gains = np.array([look.brightness for look in looks])
+        gains = gains / max(float(np.median(gains)), 1e-6) if len(gains) else gains
+        limit, how = UNEVEN_WITHOUT_POINTS, "as a whole"
+    known = np.flatnonzero(np.isfinite(gains) & (gains > 1e-3))
+    if len(known) < 3:
+        return
+    gains = gains[known]
+    if float(np.log(gains).std()) > limit:
+        order = np.argsort(-np.abs(np.log(gains)))
+        names = survey.viewpoints.named([looks[known[i]].view for i in order[:10]])
+        yield Finding(
+            "uneven exposure",
+            Weight.LIMIT,
+            f"Pictures are {gains.min():.2f} to {gains.max():.2f} times as bright as usual {how}.",
+            "Differences become fog in front of the cameras.",
+            "Train with exposure=true; next time fix exposure and white balance.",
+            names,
+        )
+
+
+def _drifting(survey: Survey) -> Iterator[Finding]:
+    found = survey.view_dependence
+    if found is not None and found.drifts:
+        before, after = (255 * float(np.median(d)) for d in (found.exposed, found.deviation))
+        yield Finding(
+            "exposure drifts",
+            Weight.NOTE,
+            f"A point's colours differ by {before:.1f} grey levels, and by {after:.1f} once each "
+            "picture has its own gains and offsets.",
+            "Without these, spherical harmonics learn the exposure of each side as if it shone.",
+            "exposure=true gives pictures their own (held-out ones are drawn without, and measure "
+            "lower); next time fix exposure and white balance.",
+        )
+
+
+def _copies(survey: Survey) -> Iterator[Finding]:
+    """Pictures that are the same although another place, or the same twice, took them."""
+    looks, viewpoints = _textured(survey), survey.viewpoints
+    copies: list[int] = []
+    for i, look in enumerate(looks):
+        for other in looks[:i]:
+            if _may_be_alike(survey, look, other) or look.print.shape != other.print.shape:
+                continue
+            difference = float(np.sqrt(np.square(look.print - other.print).mean()))
+            if difference < SAME * float(look.print.std()):
+                copies.append(look.view)
+                break
+    if copies:
+        names = viewpoints.named(copies)
+        yield Finding(
+            "copies",
+            Weight.LIMIT,
+            f"{len(copies)} of {len(looks)} pictures are nearly the same as another: "
+            f"{listed(names)}.",
+            "They show nothing new, count twice, and a held-out copy of a trained picture makes "
+            "figures too good.",
+            "Remove them; if their poses differ, one of the poses is wrong.",
+            names,
+        )
+
+
+def _may_be_alike(survey: Survey, one: Look, other: Look) -> bool:
+    """A camera that stands still takes the same picture again at another time."""
+    viewpoints = survey.viewpoints
+    if viewpoints.times is None or viewpoints.times[one.view] == viewpoints.times[other.view]:
+        return False
+    return bool(viewpoints.place_of[one.view] == viewpoints.place_of[other.view])
+
+
+def _masked(survey: Survey) -> Iterator[Finding]:
+    looks = survey.looks.looks
+    hidden = [look for look in looks if look.valid == 0 or look.covered == 0]
+    if hidden:
+        names = survey.viewpoints.named([look.view for look in hidden])
+        yield Finding(
+            "nothing left of pictures",
+            Weight.STOP if len(hidden) == len(looks) else Weight.LIMIT,
+            f"Masks or alpha leave nothing of {len(hidden)} of {len(looks)} pictures: "
+            f"{listed(names)}.",
+            "They teach nothing, or that nothing is there.",
+            "Check the masks; if they are dark where pixels count, datamanager.invert_masks=true.",
+            names,
+        )
+
+
+def _turned(survey: Survey) -> Iterator[Finding]:
+    turned = survey.files.turned
+    if turned:
+        yield Finding(
+            "turned pictures",
+            Weight.NOTE,
+            f"{len(turned)} of {len(survey.viewpoints)} pictures carry an EXIF orientation, which "
+            f"gsfw applies: {listed(turned)}.",
+            "Their cameras have to describe the upright pictures.",
+            "If results are sideways, remove that tag from the files.",
+            turned,
+        )

@@ -1,0 +1,115 @@
+"""Plan: what would be trained, how much memory it takes, and the command to do it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from gsfw.core.config import MethodConfig
+from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.check.time_findings import SEVERAL, cameras_at_times
+from gsfw.preparation.finding import Finding
+
+LONG_SIDE, SHORT_ENOUGH = 1600, 800
+"""Pictures are shrunk to at most 1600 pixels (as Kerbl et al. 2023's code does); to fit the cache,
+not below 800."""
+FLOATS = 59
+"""Numbers of a Gaussian with spherical harmonics of degree 3: 3 + 4 + 3 + 1 + 48."""
+COPIES = 4
+"""Each with its gradient and Adam's two moments."""
+USUAL_RANDOM = 100_000
+"""Where the method does not say how many Gaussians a random start has."""
+MOST = 0.8
+"""Part of the sampled pictures that has to agree on a background."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What fits this capture."""
+
+    method: str
+    methods: tuple[str, ...]
+    """All methods that suit it, the suggested one first."""
+    changes: Mapping[str, str]
+    """Settings to add, in the order they are typed."""
+    decoded_mb: float
+    """All pictures at the size of the command, as 8-bit numbers; the CPU or the GPU keeps them."""
+    cache_mb: int
+    """How much of that the run keeps."""
+    gaussians: int
+    """To start with."""
+
+    @staticmethod
+    def of(survey: Survey, findings: Iterable[Finding], config: MethodConfig, method: str) -> Plan:
+        """The plan for a survey.
+
+        Args:
+            survey: of a data set that was opened with ``config``.
+            findings: what was said about it.
+            config: settings that were given, or their defaults.
+            method: the one that was asked for; empty to choose.
+        """
+        suited = _methods(survey)
+        downscale = _downscale(survey, config)
+        changes = {"downscale": f"{downscale:g}"} if downscale > 1 else {}
+        background = plain_background(survey)
+        if background:
+            changes["background"] = background
+        points = len(survey.scene.points)
+        if not points and not survey.scene.has_alpha and survey.surface is not None:
+            changes["random_region"] = "object"
+        if any(finding.kind == "uneven exposure" for finding in findings):
+            changes["exposure"] = "true"
+        shrunk = (config.downscale / downscale) ** 2
+        return Plan(
+            method=method or suited[0],
+            methods=suited,
+            changes=changes,
+            decoded_mb=_decoded_mb(survey) * shrunk,
+            cache_mb=config.cache_mb,
+            gaussians=points or int(getattr(config, "random_points", USUAL_RANDOM)),
+        )
+
+    def megabytes(self, gaussians: int) -> float:
+        """What so many Gaussians take with all that training keeps of them."""
+        return gaussians * FLOATS * COPIES * 4 / 1e6
+
+    def command(self, given: Mapping[str, str]) -> str:
+        """The command line, with the settings that were given and those to add."""
+        settings = {"method": self.method, **given, **self.changes}
+        return shlex.join(["gsfw", "train", *(f"{key}={text}" for key, text in settings.items())])
+
+
+def plain_background(survey: Survey) -> str:
+    """White or black where the borders of nearly all opaque pictures are; else empty."""
+    looks = survey.looks.looks
+    if survey.scene.has_alpha or not looks:
+        return ""
+    for name in ("white", "black"):
+        if sum(look.border == name for look in looks) >= MOST * len(looks):
+            return name
+    return ""
+
+
+def _methods(survey: Survey) -> tuple[str, ...]:
+    if survey.scene.num_times < 2:
+        return ("3dgs",)
+    if cameras_at_times(survey) < SEVERAL:
+        return ("4dgs", "4d-rotor", "spacetime")
+    masked = any(look.valid < 1 for look in survey.looks.looks)
+    return ("spacetime", "4d-rotor", "4dgs", *(() if masked else ("dynamic3dgs",)))
+
+
+def _decoded_mb(survey: Survey) -> float:
+    channels = 4 if survey.scene.has_alpha else 3
+    return float(survey.viewpoints.sizes.astype(float).prod(1).sum()) * channels / 1e6
+
+
+def _downscale(survey: Survey, config: MethodConfig) -> float:
+    """The factor that was given, doubled until pictures are of a sensible size."""
+    downscale, megabytes = config.downscale, _decoded_mb(survey)
+    longest = float(survey.viewpoints.sizes.max())
+    while longest > LONG_SIDE or (megabytes > config.cache_mb and longest >= 2 * SHORT_ENOUGH):
+        downscale, longest, megabytes = 2 * downscale, longest / 2, megabytes / 4
+    return downscale

@@ -1,0 +1,66 @@
+"""Survey: all that is measured of a capture before anything is judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gsfw.core.datamanager import DataManager
+from gsfw.core.scene import Scene
+from gsfw.preparation.check.agreement import Agreement
+from gsfw.preparation.check.files import Files
+from gsfw.preparation.check.looks import Looks
+from gsfw.preparation.check.surface import Angles, Surface
+from gsfw.preparation.check.track_colors import TrackColors
+from gsfw.preparation.check.view_dependence import ViewDependence
+from gsfw.preparation.check.viewpoints import Viewpoints
+
+PICTURES, VIDEO_PICTURES = 50, 16
+"""So many pictures are decoded unless asked otherwise: a few seconds of files of 1 to 2 megapixels;
+each picture of a video takes a second or two, for all between it and the last key frame is decoded
+as well."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What cameras, points and a sample of the pictures say."""
+
+    scene: Scene
+    viewpoints: Viewpoints
+    surface: Surface | None
+    """``None`` where there are no points and cameras look at no one point."""
+    angles: Angles | None
+    """``None`` as well then."""
+    files: Files
+    looks: Looks
+    agreement: Agreement | None
+    """``None`` where there are too few points in too few pictures."""
+    track_colors: TrackColors
+    """Of points in the sampled pictures that are known to show them; none where nobody said."""
+    view_dependence: ViewDependence | None
+    """``None`` where these are too few."""
+
+    @staticmethod
+    def of(data: DataManager, pictures: int | None = None) -> Survey:
+        """Measure a data set.
+
+        Args:
+            data: is read, and not closed.
+            pictures: how many to decode; 0: all; ``None``: what takes a few seconds.
+        """
+        scene, viewpoints = data.scene, Viewpoints.of(data)
+        files, surface = Files.of(data), Surface.of(scene, viewpoints)
+        if pictures is None:
+            pictures = VIDEO_PICTURES if files.in_videos else PICTURES
+        looks = Looks.of(data, viewpoints, pictures)
+        colors = TrackColors.of(data, viewpoints, [look.view for look in looks.looks])
+        return Survey(
+            scene=scene,
+            viewpoints=viewpoints,
+            surface=surface,
+            angles=None if surface is None else Angles.of(surface, viewpoints),
+            files=files,
+            looks=looks,
+            agreement=Agreement.of(surface, viewpoints, looks),
+            track_colors=colors,
+            view_dependence=ViewDependence.of(colors),
+        )

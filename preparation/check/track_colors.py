@@ -1,0 +1,120 @@
+"""TrackColors: the colours of matched points in the pictures that show them.
+
+A colour is the mean of a patch under a Gaussian, so that a match that is off by a pixel hardly
+moves it. The patch lies in space, across the mean direction that its point is seen from, and so
+covers about the same of the surface in all pictures: else those nearer, or less aslant, would show
+finer texture, and how fine it is would look as if it came with the direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch.nn.functional import grid_sample
+
+from gsfw.core.batch import Batch
+from gsfw.core.datamanager import DataManager
+from gsfw.core.loop.area import shrink_batch
+from gsfw.preparation.check.track_places import TrackPlaces, measured_sizes, often
+from gsfw.preparation.check.viewpoints import Viewpoints
+
+SIGMA = 1.5
+"""Of the Gaussian in pixels, in the picture that shows the surface coarsest: COLMAP keeps matches
+up to 4 pixels off, and the usual ones are off by 1."""
+REACH, STEPS = 2.5, 9
+"""The patch goes so many standard deviations to each side, in so many samples."""
+SHOWN = 0.99
+"""Part of the patch that has to lie in the picture, and to count there."""
+
+
+@dataclass(frozen=True)
+class TrackColors:
+    """``o`` observations of ``p`` points."""
+
+    rows: Int[np.ndarray, " p"]
+    """Of the points, among those of the scene."""
+    points: Int[np.ndarray, " o"]
+    """Of each observation, among ``rows``; ascending."""
+    views: Int[np.ndarray, " o"]
+    """Its picture, among the viewpoints."""
+    directions: Float[np.ndarray, "o 3"]
+    """Unit vectors from camera to point."""
+    colors: Float[np.ndarray, "o 3"]
+    """In [0, 1]."""
+    misplaced: Float[np.ndarray, " o"]
+    """Variance of a channel there, over all places that are off by the reprojection error."""
+
+    @staticmethod
+    def of(data: DataManager, viewpoints: Viewpoints, views: Sequence[int]) -> TrackColors:
+        """Sample the pictures of some views; none where nobody said which show which point.
+
+        Args:
+            data: where pictures come from.
+            viewpoints: of the same data.
+            views: numbers of those that decode.
+        """
+        places = TrackPlaces.of(data, viewpoints, views)
+        colors = np.full((len(places.rows), 3), np.nan)
+        slopes = np.full(len(places.rows), np.nan)
+        steps, axes, sizes = _steps(), places.axes, measured_sizes(viewpoints)
+        for view in np.unique(places.views).tolist():
+            split, number = viewpoints.splits[view], viewpoints.numbers[view]
+            (batch,) = data.load(split, [number], torch.device("cpu"))
+            batch = shrink_batch(batch, *sizes[view].tolist())
+            here = places.views == view
+            patches = places.points[here, None] + SIGMA * steps @ axes[here]
+            pixels, _ = viewpoints.project(view, patches.reshape(-1, 3))
+            relative = pixels.reshape(-1, len(steps), 2) / viewpoints.sizes[view]
+            sigmas = SIGMA * places.zooms[here]
+            colors[here], slopes[here] = _looked_up(batch, relative, steps, sigmas)
+        kept = often(places.rows, np.isfinite(slopes))
+        rows, points = np.unique(places.rows[kept], return_inverse=True)
+        return TrackColors(
+            rows=rows,
+            points=points,
+            views=places.views[kept],
+            directions=places.directions[kept],
+            colors=colors[kept],
+            # A shift of length e to any side moves a value of slope g by g e / sqrt(2).
+            misplaced=(slopes[kept] * places.errors[kept]) ** 2 / 2,
+        )
+
+
+def _steps() -> Float[np.ndarray, "s 2"]:
+    """Where a patch is sampled, in standard deviations."""
+    axis = np.linspace(-REACH, REACH, STEPS)
+    return np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+
+
+def _looked_up(
+    batch: Batch,
+    places: Float[np.ndarray, "o s 2"],
+    steps: Float[np.ndarray, "s 2"],
+    sigmas: Float[np.ndarray, " o"],
+) -> tuple[Float[np.ndarray, "o 3"], Float[np.ndarray, " o"]]:
+    """Mean colours, and how steep they are per pixel; NaN where a patch is not all in the picture.
+
+    Args:
+        batch: of one picture.
+        places: samples of the patches, in widths and heights of the picture.
+        steps: of the samples from the middle, in standard deviations.
+        sigmas: these deviations in pixels.
+    """
+    counts = torch.ones_like(batch.images[..., :1])
+    for part in (batch.valid, batch.coverage):
+        counts = counts if part is None else counts * part
+    layers = torch.cat([batch.images, counts], dim=-1).permute(0, 3, 1, 2)
+    grid = torch.from_numpy(2 * places - 1).float()[None]
+    samples = grid_sample(layers, grid, align_corners=False)[0].double().numpy()
+    weights = np.exp(-np.square(steps).sum(1) / 2)
+    weights /= weights.sum()
+    means = samples @ weights
+    # Least squares: exact where the colour is linear.
+    slopes = samples[:3] @ (weights[:, None] * steps) / (weights @ np.square(steps[:, 0]))
+    steep = np.sqrt(np.square(slopes).sum(2).mean(0)) / sigmas
+    shown = np.where(means[3] >= SHOWN, 1.0, np.nan)
+    return (means[:3] * shown).T, steep * shown

@@ -1,0 +1,200 @@
+"""What the places of the cameras say: how many there are, how they spread, what they leave out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.finding import Finding, Weight, listed
+
+FEWEST_VIEWS = 3
+"""With two views every point on a ray that both see fits as well; nothing is redundant."""
+FEW_VIEWS = 20
+"""The shared sets that train well have 40 and more; nine (garden_robot_mv) show seams between."""
+FLAT, LINE = 1.5, 5.0
+"""Degrees between the outermost rays to a point: COLMAP drops points below 1.5
+(``filter_min_tri_angle``), and depth there is uncertain by 1 / sin(5 degrees) = 11 times the
+uncertainty across."""
+STRAIGHT = 0.02
+"""Cameras are on a line if they leave it by this part of its length; a ring of the shared sets
+leaves it by 0.28 at least."""
+FAR_NEIGHBOR = 30.0
+"""Degrees to the nearest view of the same: about where SIFT stops finding its features again, and
+twice what the shared sets that train well have as their median (4 to 16)."""
+FAR_HELD_OUT = 2.0
+"""Held-out views are far from trained ones if that angle is so many times what trained views
+have between them."""
+HELD_OUT_FROM = 5.0
+"""Below so many degrees held-out views are near whatever trained ones have between them."""
+OPEN_SIDE = 120.0
+"""Degrees without a camera around what is looked at: a third of the sides was never seen."""
+
+
+def viewpoint_findings(survey: Survey) -> Iterator[Finding]:
+    """Everything that the cameras alone show."""
+    yield from _number(survey)
+    yield from _spread(survey)
+    yield from _neighbors(survey)
+    yield from _held_out(survey)
+    yield from _open_side(survey)
+
+
+def _number(survey: Survey) -> Iterator[Finding]:
+    viewpoints = survey.viewpoints
+    views = int(viewpoints.trained.sum())
+    places = _trained_places(survey)
+    what = f"{views} pictures to train on" + (
+        f" from {len(places)} places" if len(places) < views else ""
+    )
+    advice = "Take more pictures: 50 to 150 around a thing, each overlapping the next by two thirds"
+    if viewpoints.stand_still:
+        advice = "Add cameras between them, or be content with views near the cameras"
+    # A static capture with every picture twice still has too few; a moving camera has enough.
+    enough = len(places) if viewpoints.stand_still or survey.scene.num_times < 2 else views
+    if views < FEWEST_VIEWS or enough < 2:
+        yield Finding(
+            "few views",
+            Weight.STOP,
+            f"{what}.",
+            "Any shape along the cameras' rays explains so few pictures.",
+            f"{advice}; or hold out fewer (holdout_every=0).",
+        )
+    elif enough < FEW_VIEWS:
+        yield Finding(
+            "few views",
+            Weight.LIMIT,
+            f"{what}.",
+            "Views between the trained ones will show floaters and seams.",
+            f"{advice}.",
+        )
+    if viewpoints.trained.all():
+        yield Finding(
+            "nothing held out",
+            Weight.NOTE,
+            "All pictures are trained on.",
+            "There will be no held-out figures, so nothing tells how good other views are.",
+            "Leave holdout_every at 8, or name pictures with holdout=NAME,...",
+        )
+
+
+def _trained_places(survey: Survey) -> np.ndarray:
+    viewpoints = survey.viewpoints
+    return viewpoints.places[viewpoints.trained[viewpoints.places]]
+
+
+def _spread(survey: Survey) -> Iterator[Finding]:
+    """Whether cameras have moved enough to tell depth."""
+    views = int(survey.viewpoints.trained.sum())
+    centers = survey.viewpoints.centers[_trained_places(survey)]
+    if views < 2:
+        return
+    offsets = centers - centers.mean(0)
+    sizes = np.linalg.svd(offsets, compute_uv=False)
+    why = "Depth is only seen from places apart; turning on the spot shows none."
+    advice = "Walk around the scene with the camera instead of turning it."
+    if np.linalg.norm(offsets, axis=1).max() < 1e-4:
+        found = f"All {views} pictures were taken from one place."
+        yield Finding("no baseline", Weight.STOP, found, why, advice)
+        return
+    angles = survey.angles
+    if angles is not None and np.isfinite(angles.nearest).any() and angles.widest < LINE:
+        yield Finding(
+            "no baseline" if angles.widest < FLAT else "small baseline",
+            Weight.STOP if angles.widest < FLAT else Weight.LIMIT,
+            f"The outermost views of a point are {angles.widest:.1f} degrees apart (median).",
+            why,
+            advice,
+        )
+    if len(centers) > 2 and len(sizes) > 1 and sizes[1] < STRAIGHT * sizes[0]:
+        yield Finding(
+            "cameras on a line",
+            Weight.LIMIT,
+            f"All cameras lie on a line, and leave it by {100 * sizes[1] / sizes[0]:.1f} % "
+            "of its length.",
+            "Edges along the line show no parallax, and other heights were never seen.",
+            "Add a pass at another height.",
+        )
+
+
+def _neighbors(survey: Survey) -> Iterator[Finding]:
+    angles, viewpoints = survey.angles, survey.viewpoints
+    if angles is None:
+        return
+    rows = viewpoints.trained[list(angles.places)]
+    nearest = angles.nearest[rows]
+    views = np.array(angles.places)[rows]
+    if len(nearest) < 2:
+        return
+    alone = np.flatnonzero(np.isnan(nearest))
+    if len(alone):
+        names = viewpoints.named(views[alone].tolist())
+        yield Finding(
+            "views without neighbours",
+            Weight.LIMIT,
+            f"{len(alone)} of {len(nearest)} places share less than a fifth of what they see with "
+            f"any other: {listed(names)}.",
+            "What only one picture shows is painted at any depth.",
+            "Add pictures between them and the others, or leave them out.",
+            names,
+        )
+    if len(alone) == len(nearest):
+        return
+    middle = float(np.nanmedian(nearest))
+    if middle > FAR_NEIGHBOR:
+        yield Finding(
+            "views far apart",
+            Weight.LIMIT,
+            f"Neighbouring views see the same points {middle:.0f} degrees apart (median).",
+            "Surfaces look different from so far apart, and the gaps between are guessed.",
+            "Add pictures between; 5 to 15 degrees apart is usual.",
+        )
+
+
+def _held_out(survey: Survey) -> Iterator[Finding]:
+    angles, viewpoints = survey.angles, survey.viewpoints
+    if angles is None:
+        return
+    rows = viewpoints.trained[list(angles.places)]
+    held, trained = angles.nearest[~rows], angles.nearest[rows]
+    if not np.isfinite(held).any() or not np.isfinite(trained).any():
+        return
+    far, usual = float(np.nanmedian(held)), float(np.nanmedian(trained))
+    if far > max(FAR_HELD_OUT * usual, HELD_OUT_FROM):
+        yield Finding(
+            "held-out views far away",
+            Weight.NOTE,
+            f"Held-out views are {far:.0f} degrees from the nearest trained one (median), trained "
+            f"ones {usual:.0f} from each other.",
+            "Figures then measure views that the training never came near.",
+            "Expect lower figures than from every 8th picture of one pass.",
+        )
+
+
+def _open_side(survey: Survey) -> Iterator[Finding]:
+    """The largest sector around what is looked at from which there is no picture."""
+    surface = survey.surface
+    if surface is None:
+        return
+    places = _trained_places(survey)
+    if len(places) < FEWEST_VIEWS:
+        return
+    centers = survey.viewpoints.centers[places]
+    middle = np.median(surface.points, axis=0)
+    inward = ((middle - centers) * survey.viewpoints.axes[places]).sum(1) > 0
+    if inward.mean() < 0.9:  # A room is seen from inside.
+        return
+    offsets = centers - middle
+    _, _, axes = np.linalg.svd(offsets - offsets.mean(0), full_matrices=False)
+    around = np.sort(np.arctan2(offsets @ axes[1], offsets @ axes[0]))
+    gaps = np.diff(np.append(around, around[0] + 2 * np.pi))
+    widest = float(np.degrees(gaps.max()))
+    if widest > OPEN_SIDE:
+        yield Finding(
+            "open side",
+            Weight.NOTE,
+            f"There is no camera in {widest:.0f} of the 360 degrees around the scene.",
+            "From there the result shows what no picture shows.",
+            "If it shall be looked at from there, take pictures there.",
+        )

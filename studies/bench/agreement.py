@@ -1,0 +1,84 @@
+"""Agreement: how near a rasterizer's pictures and gradients are to the float64 reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.rasterizer import Rasterizer
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Splats
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.studies.bench.entrants import Candidate
+from gsfw.studies.bench.scene import SEED, scattered
+
+FLIP = 1e-5
+"""A pixel further off than this has another list of splats: a rounding at a cut-off."""
+
+RANDOM_SPLATS, RANDOM_SIZE = 2000, (160, 104)
+"""Of each random scene: large splats, about 50 to each pixel as in the larger scenes."""
+
+REFERENCE_CHUNK_MB, REFERENCE_PAIRS_MB = 64.0, 16384.0
+
+Errors = Mapping[str, float]
+
+
+def agreement(candidate: Candidate, splats: Splats, cameras: Cameras) -> Errors:
+    """Errors of one scene: |found - expected| / |expected| in L2, unless said otherwise.
+
+    ``picture``; ``largest``, of any number of the picture; ``flips``, pixels that are off by more
+    than 1e-5; and ``gradient of NAME``, of every field and the pose, from one random gradient.
+    """
+    reference = ReferenceRasterizer(REFERENCE_CHUNK_MB, REFERENCE_PAIRS_MB)
+    expected = _drawn(
+        reference,
+        splats.map(lambda tensor: tensor.double()),
+        cameras.to(dtype=torch.float64),
+        candidate.settings,
+    )
+    found = _drawn(candidate.rasterizer, splats, cameras, candidate.settings)
+    difference = (found["picture"].double() - expected["picture"]).abs()
+    errors = {name: _distance(found[name], tensor) for name, tensor in expected.items()}
+    errors["largest"] = float(difference.max())
+    errors["flips"] = float((difference.amax(-1) > FLIP).sum())
+    return errors
+
+
+def agreement_at_random(candidate: Candidate, scenes: int, device: torch.device) -> Errors:
+    """The largest of each error over random scenes, and all flips together."""
+    errors: dict[str, list[float]] = {}
+    for seed in range(SEED, SEED + scenes):
+        scene = scattered(RANDOM_SPLATS, *RANDOM_SIZE, device, seed)
+        for name, error in agreement(candidate, *scene).items():
+            errors.setdefault(name, []).append(error)
+    # The largest of a tensor is NaN if one of its numbers is.
+    worst = {name: float(torch.tensor(found).amax()) for name, found in errors.items()}
+    return worst | {"flips": sum(errors.get("flips", ()))}
+
+
+def _drawn(
+    rasterizer: Rasterizer, splats: Splats, cameras: Cameras, settings: RenderSettings
+) -> dict[str, Tensor]:
+    """The picture, and the gradients from one random gradient of it."""
+    splats = splats.map(lambda tensor: tensor.detach().clone().requires_grad_())
+    pose = cameras.world_to_camera.clone().requires_grad_()
+    output = rasterizer.render(splats, replace(cameras, world_to_camera=pose), settings)
+    generator = torch.Generator().manual_seed(SEED)
+    weights = torch.randn(output.color.shape, generator=generator, dtype=torch.float64)
+    output.color.backward(weights.to(output.color))
+    leaves = splats.tensors() | {"pose": pose}
+    gradients = {
+        f"gradient of {name}": torch.zeros_like(leaf) if leaf.grad is None else leaf.grad
+        for name, leaf in leaves.items()
+    }
+    return {"picture": output.color.detach(), **gradients}
+
+
+def _distance(found: Tensor, expected: Tensor) -> float:
+    """|found - expected| / |expected|; of what is 0, the difference itself."""
+    size = float(expected.norm())
+    return float((found.double() - expected).norm()) / (size if size > 0.0 else 1.0)

@@ -1,0 +1,191 @@
+"""Workload: the splats and cameras that a measurement draws, and how they are read from a file."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.errors import DataError
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients
+from gsfw.core.rasterizer import check_values
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.splats import Sh, Splats
+
+Array = NDArray[np.float32]
+
+FIELDS = (
+    "means",
+    "quats",
+    "scales",
+    "opacities",
+    "colors",
+    "world_to_camera",
+    "intrinsics",
+    "width",
+    "height",
+)
+"""What a file holds; more is left alone."""
+
+ADVICE = (
+    "A workload is an npz file with means [n, 3], quats [n, 4] (wxyz), scales [n, 3] and "
+    "opacities [n] after their activation, colors [n, 3] (RGB) or [n, k, 3] (SH), "
+    "world_to_camera [4, 4] or [c, 4, 4], intrinsics [3, 3] or [c, 3, 3], width and height."
+)
+
+MAX_SIDE = 32_768
+"""Of a picture, in pixels: more is a mistake, and would be noticed as lack of memory only."""
+
+
+@dataclass(frozen=True)
+class Workload:
+    """What is drawn; float32."""
+
+    name: str
+    """The file, or how the splats were made."""
+    splats: Splats
+    cameras: Cameras
+
+    @property
+    def description(self) -> str:
+        """What it is, as a phrase."""
+        splats, cameras = self.splats, self.cameras
+        colors = splats.colors
+        kind = f"SH degree {colors.degree}" if isinstance(colors, Sh) else "RGB"
+        views = "one camera" if len(cameras) == 1 else f"{len(cameras)} cameras"
+        return f"{len(splats):,} splats, {kind}, {views} of {cameras.width}x{cameras.height}"
+
+    def to(self, device: torch.device) -> Workload:
+        """The same on another device."""
+        splats = self.splats.map(lambda tensor: tensor.to(device))
+        return replace(self, splats=splats, cameras=self.cameras.to(device))
+
+    def copied(self, copies: int) -> Workload:
+        """``copies`` x ``copies`` of it side by side along the world's x and y, seen as before.
+
+        They are as far apart as the splats' centres reach, and the cameras stay with the one in the
+        middle: what gsplat's own profile does with its "scene_grid" to stand for a large scene.
+        """
+        if copies == 1:
+            return self
+        means = self.splats.means
+        reach = (means.amax(0) - means.amin(0)) * means.new_tensor([1.0, 1.0, 0.0])
+        places = torch.arange(copies, dtype=means.dtype, device=means.device) - copies // 2
+        x, y = (axis.flatten() for axis in torch.meshgrid(places, places, indexing="ij"))
+        shifts = torch.stack([x, y, torch.zeros_like(x)], 1) * reach
+        splats = self.splats.map(lambda tensor: torch.cat([tensor] * len(shifts)))
+        means = splats.means + shifts.repeat_interleave(len(means), 0)
+        name = f"{self.name}, {copies}x{copies} copies"
+        return replace(self, name=name, splats=replace(splats, means=means))
+
+    def sized(self, width: int, height: int) -> Workload:
+        """The same in pictures of another size, whose axes are stretched to it."""
+        return replace(self, cameras=self.cameras.resized(width, height))
+
+
+def read_workload(path: Path) -> Workload:
+    """Read a workload from an npz file.
+
+    Raises:
+        DataError: it is absent, no npz file, lacks a field, or holds a wrong shape or value.
+    """
+    arrays = _arrays(path)
+    for name, shapes in _expected(arrays).items():
+        if arrays[name].shape not in shapes:
+            wanted = " or ".join(str(list(shape)) for shape in shapes)
+            raise DataError(
+                f"workload={path}: {name}: expected shape {wanted}, "
+                f"found {list(arrays[name].shape)}.",
+                ADVICE,
+            )
+    splats, cameras = _splats(arrays), _cameras(path, arrays)
+    try:
+        check_values(splats, cameras, RenderSettings())
+    except ValueError as error:
+        raise DataError(f"workload={path}: {error}.", ADVICE) from None
+    return Workload(str(path), splats, cameras)
+
+
+def _arrays(path: Path) -> Mapping[str, Array]:
+    """Every field, as float32.
+
+    Raises:
+        DataError: the file is absent, no npz file, lacks a field, or holds one without numbers.
+    """
+    if not path.is_file():
+        raise DataError(f"workload={path}: there is no such file.", ADVICE)
+    try:
+        if not zipfile.is_zipfile(path):
+            raise ValueError("it is no zip archive of arrays, or was cut off")
+        with path.open("rb") as file:  # numpy leaves it open where the archive is damaged.
+            archive = np.load(file, allow_pickle=False)
+            raw = {name: archive[name] for name in FIELDS if name in archive}
+            found = ", ".join(archive.files) or "nothing"
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise DataError(
+            f"workload={path}: this is not an npz file that can be read: {error}.", ADVICE
+        ) from None
+    for name in FIELDS:
+        if name not in raw:
+            raise DataError(f"workload={path}: {name} is missing; the file holds {found}.", ADVICE)
+        if raw[name].dtype.kind not in "fiu":
+            raise DataError(
+                f"workload={path}: {name}: expected numbers, found {raw[name].dtype}.", ADVICE
+            )
+    with np.errstate(over="ignore"):  # What float32 cannot hold becomes inf, which is refused.
+        return {name: np.array(value, dtype=np.float32) for name, value in raw.items()}
+
+
+def _expected(arrays: Mapping[str, Array]) -> dict[str, list[tuple[int, ...]]]:
+    """The shapes that each field may have, given how many splats and cameras there are."""
+    n = max(arrays["means"].shape[0], 1) if arrays["means"].ndim else 1
+    pose = arrays["world_to_camera"]
+    c = max(pose.shape[0], 1) if pose.ndim == 3 else 1
+    harmonics = [(n, num_coefficients(degree), 3) for degree in range(MAX_DEGREE + 1)]
+    return {
+        "means": [(n, 3)],
+        "quats": [(n, 4)],
+        "scales": [(n, 3)],
+        "opacities": [(n,)],
+        "colors": [(n, 3), *harmonics],
+        "world_to_camera": [(c, 4, 4)] if pose.ndim == 3 else [(4, 4)],
+        "intrinsics": [(3, 3), (c, 3, 3)],
+        "width": [(), (1,)],
+        "height": [(), (1,)],
+    }
+
+
+def _splats(arrays: Mapping[str, Array]) -> Splats:
+    fields = {name: torch.from_numpy(arrays[name]) for name in FIELDS[:5]}
+    colors: Sh | Tensor = fields["colors"]
+    if fields["colors"].ndim == 3:
+        colors = Sh(fields["colors"], round(fields["colors"].shape[1] ** 0.5) - 1)
+    return Splats(fields["means"], fields["opacities"], colors, fields["quats"], fields["scales"])
+
+
+def _cameras(path: Path, arrays: Mapping[str, Array]) -> Cameras:
+    """The cameras; intrinsics that are given once hold for all.
+
+    Raises:
+        DataError: the size of the pictures is no size.
+    """
+    sides = {name: float(arrays[name].reshape(())) for name in ("width", "height")}
+    for name, side in sides.items():
+        if not (1 <= side <= MAX_SIDE and side == int(side)):
+            raise DataError(
+                f"workload={path}: {name}: expected a whole number from 1 to {MAX_SIDE}, "
+                f"found {side:g}.",
+                ADVICE,
+            )
+    poses = torch.from_numpy(arrays["world_to_camera"]).view(-1, 4, 4)
+    intrinsics = torch.from_numpy(arrays["intrinsics"]).view(-1, 3, 3)
+    intrinsics = intrinsics.expand(len(poses), 3, 3).contiguous()
+    return Cameras(poses, intrinsics, int(sides["width"]), int(sides["height"]))

@@ -1,0 +1,114 @@
+"""Evaluation: figures of all pixels, and of data with times also of what moves."""
+
+import pytest
+import torch
+from support.moving_scene import WHITE, MovingPictures, two_balls
+
+from gsfw.core.datamanager import Split
+from gsfw.core.loop.evaluation import evaluate
+from gsfw.core.metrics import Psnr, Ssim, psnr
+from gsfw.core.temporal_metrics.moving_region import UNKNOWN
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+
+CPU = torch.device("cpu")
+FIXED = [(0.0, 3.0), (0.5, 3.0), (1.0, 3.0)]
+
+
+def run(data, model=None, split=Split.EVAL, on_view=None):
+    metrics = {"psnr": Psnr(), "ssim": Ssim()}
+    model = model or two_balls()
+    return evaluate(model, ReferenceRasterizer(), data, metrics, WHITE, CPU, split, on_view)
+
+
+def test_the_truth_is_perfect_everywhere_and_does_not_flicker():
+    found = run(MovingPictures(FIXED))
+    assert found.means == {
+        "psnr": 100.0, "ssim": 1.0, "moving_psnr": 100.0, "moving_ssim": 1.0,
+        "flicker_static": 0.0, "flicker_moving": 0.0,
+    }  # fmt: skip
+
+
+def test_a_model_that_stands_still_fails_where_something_moves():
+    data = MovingPictures(FIXED)
+    found = run(data, two_balls(velocity=0.0))
+    first, _, last = found.per_view
+    assert first["moving_psnr"] == 100.0
+    assert last["moving_psnr"] < last["psnr"] - 3
+    assert found.means["flicker_static"] < 0.01 < found.means["flicker_moving"]
+    assert found.notes["moving_region"].startswith("temporal variance of all pictures of the same")
+    assert found.notes["flicker"] == "2 pairs of neighbouring times, 0.5 apart on average"
+
+
+def test_moving_figures_are_means_over_moving_pixels():
+    mask = torch.zeros(24, 32, 1, dtype=torch.bool)
+    mask[:12, 16:] = True
+    data = MovingPictures(FIXED, mask=mask)
+    pictures = []
+    found = run(data, two_balls(velocity=0.3), on_view=pictures.append)
+    for view, shown in zip(found.per_view, pictures, strict=True):
+        error = (shown.rendered.clamp(0, 1) - shown.target)[:12, 16:].double() ** 2
+        expected = min(float(-10 * error.mean().log10()), 100.0)
+        assert view["moving_psnr"] == pytest.approx(expected)
+        assert view["psnr"] == psnr(shown.rendered, shown.target)
+
+
+def test_pixels_that_are_not_valid_are_in_no_figure():
+    valid = torch.ones(24, 32, 1, dtype=torch.bool)
+    valid[:14] = False
+    found = run(MovingPictures(FIXED, valid=valid), two_balls(velocity=0.0))
+    # All that moves is in the upper rows: nothing is left to measure it by.
+    assert found.means["psnr"] == pytest.approx(100.0, abs=30.0)
+    assert "moving_psnr" not in found.means
+    assert "flicker_moving" not in found.means
+    assert "flicker_static" in found.means
+
+
+def test_the_curve_has_a_point_for_each_time_in_order():
+    data = MovingPictures([(1.0, 3.0), (0.0, 3.0), (0.25, 3.0), (1.0, 4.0)])
+    curve = run(data, two_balls(velocity=0.2)).over_time
+    assert [(point["time"], point["data_time"], point["views"]) for point in curve] == [
+        (0.0, 10.0, 1), (0.25, 11.0, 1), (1.0, 14.0, 2),
+    ]  # fmt: skip
+    found = run(data, two_balls(velocity=0.2))
+    both = (found.per_view[0]["psnr"] + found.per_view[3]["psnr"]) / 2
+    assert curve[2]["psnr"] == pytest.approx(both)
+    # The camera at distance 4 shows one time: its moving region is unknown, and not made up.
+    assert curve[2]["moving_psnr"] == found.per_view[0]["moving_psnr"]
+
+
+def test_figures_stay_with_their_views_whatever_order_they_are_drawn_in():
+    shuffled = MovingPictures([(1.0, 3.0), (0.0, 4.0), (0.0, 3.0), (1.0, 4.0)])
+    found = run(shuffled, two_balls(velocity=0.1))
+    sorted_moments = MovingPictures([(0.0, 3.0), (1.0, 3.0), (0.0, 4.0), (1.0, 4.0)])
+    wanted = run(sorted_moments, two_balls(velocity=0.1))
+    assert [found.per_view[i] for i in (2, 0, 1, 3)] == list(wanted.per_view)
+    # Neighbours in time are paired, not neighbours in name.
+    assert found.means["flicker_moving"] == pytest.approx(wanted.means["flicker_moving"])
+    assert found.views == ("eval_0", "eval_1", "eval_2", "eval_3")
+
+
+def test_a_monocular_capture_says_that_there_is_no_moving_region():
+    found = run(MovingPictures([(0.0, 3.0), (0.5, 3.1), (1.0, 3.2)]))
+    assert set(found.means) == {"psnr", "ssim"}
+    document = found.document()
+    assert document["moving_region"] == UNKNOWN
+    assert document["flicker"] == "not available: no held-out camera shows several times"
+    assert [point["psnr"] for point in document["over_time"]] == [100.0] * 3
+
+
+def test_a_static_capture_has_none_of_this():
+    found = run(MovingPictures([(None, 3.0), (None, 3.5)], train=[(None, 4.0)]))
+    assert set(found.document()) == {"psnr", "ssim", "render_ms", "per_view"}
+    assert found.time_document() == {}
+
+
+def test_no_views_give_no_figures():
+    found = run(MovingPictures([]))
+    assert (found.means, found.per_view, found.over_time) == ({}, (), ())
+    assert found.render_ms == 0.0
+
+
+def test_the_training_views_can_be_evaluated_too():
+    found = run(MovingPictures(FIXED), split=Split.TRAIN)
+    assert found.views == ("train_0", "train_1")
+    assert found.means["moving_psnr"] == 100.0

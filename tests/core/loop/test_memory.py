@@ -1,0 +1,64 @@
+"""Memory of a piece of work is what it takes beyond what is held before."""
+
+import pytest
+import torch
+
+from gsfw.core.loop import memory
+from gsfw.core.loop.memory import added_memory_mb
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def supported():
+    if added_memory_mb(lambda: None, CPU) is None:
+        pytest.skip("this system does not say how much memory a piece of work takes")
+
+
+def test_fifty_megabytes_are_seen_though_they_are_free_again_and_no_more_before(supported):
+    before = torch.ones(10_000_000)
+    found = added_memory_mb(lambda: torch.ones(12_500_000), CPU)
+    assert 40.0 < found < 70.0
+    assert before.sum() == 10_000_000
+
+
+def test_memory_that_was_used_and_freed_before_counts_again(supported):
+    def many():
+        return [torch.ones(250_000) for _ in range(50)]
+
+    many()
+    assert added_memory_mb(many, CPU) > 40.0
+    assert added_memory_mb(many, CPU) > 40.0
+
+
+def test_work_that_takes_nothing_takes_nothing(supported):
+    assert 0.0 <= added_memory_mb(lambda: None, CPU) < 5.0
+
+
+@pytest.mark.parametrize("missing", ["CLEAR_REFS", "STATUS"])
+def test_where_the_system_does_not_say_the_work_is_done_all_the_same(
+    supported, monkeypatch, tmp_path, missing
+):
+    (tmp_path / "empty").touch()
+    path = tmp_path / ("absent" if missing == "CLEAR_REFS" else "empty")
+    monkeypatch.setattr(memory, missing, path)
+    done = []
+    assert added_memory_mb(lambda: done.append(1), CPU) is None
+    assert done == [1]
+
+
+def test_without_permission_it_is_not_known(monkeypatch, tmp_path):
+    monkeypatch.setattr(memory, "CLEAR_REFS", tmp_path)  # A folder cannot be written to.
+    assert added_memory_mb(lambda: None, CPU) is None
+
+
+def test_of_other_devices_it_is_not_known():
+    assert added_memory_mb(lambda: None, torch.device("mps")) is None
+
+
+def test_on_a_gpu_it_is_what_torch_allocates_beyond_what_lay_there(monkeypatch):
+    peak = [9e6]
+    monkeypatch.setattr(torch.cuda, "reset_peak_memory_stats", lambda device: peak.clear())
+    monkeypatch.setattr(torch.cuda, "memory_allocated", lambda device: 2e6)
+    monkeypatch.setattr(torch.cuda, "max_memory_allocated", lambda device: max(peak))
+    assert added_memory_mb(lambda: peak.append(5e6), torch.device("cuda")) == 3.0

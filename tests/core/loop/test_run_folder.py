@@ -1,0 +1,107 @@
+"""Files of a run are written whole or not at all."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+import torch
+
+from gsfw.core.errors import DataError, OutputError
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+
+
+def test_a_checkpoint_reads_back_bit_for_bit(tmp_path):
+    folder = RunFolder(tmp_path)
+    state = {"model": {"means": torch.randn(5, 3)}, "count": 3, "names": ["a", "b"]}
+    path = folder.write_checkpoint(7, state)
+    read = read_checkpoint(path)
+    assert torch.equal(read["model"]["means"], state["model"]["means"])
+    assert (read["step"], read["count"], read["names"]) == (7, 3, ["a", "b"])
+
+
+def test_only_the_last_two_checkpoints_stay(tmp_path):
+    folder = RunFolder(tmp_path)
+    for step in (0, 5, 10, 100000):
+        folder.write_checkpoint(step, {})
+    names = sorted(path.name for path in folder.checkpoints.iterdir())
+    assert names == ["step_000000010.pt", "step_000100000.pt"]
+    assert folder.latest_checkpoint() == folder.checkpoint(100000)
+
+
+def test_resuming_from_an_earlier_step_drops_what_had_followed_it(tmp_path):
+    folder = RunFolder(tmp_path)
+    for step in (10, 20, 15):
+        folder.write_checkpoint(step, {})
+    assert folder.latest_checkpoint() == folder.checkpoint(15)
+    assert not folder.checkpoint(20).exists()
+    assert folder.checkpoint(10).exists()
+
+
+def test_a_state_that_is_not_finite_is_never_written(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.write_checkpoint(1, {"model": {"means": torch.ones(2)}})
+    bad = {"model": {"means": torch.tensor([1.0, float("nan")])}}
+    with pytest.raises(ValueError, match=r"^model\.means is not finite$"):
+        folder.write_checkpoint(2, bad)
+    assert [path.name for path in folder.checkpoints.iterdir()] == ["step_000000001.pt"]
+
+
+def test_a_checkpoint_that_was_cut_short_is_refused_with_advice(tmp_path):
+    folder = RunFolder(tmp_path)
+    path = folder.write_checkpoint(1, {"values": torch.zeros(1000)})
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(DataError, match="cannot be read as a checkpoint") as caught:
+        read_checkpoint(path)
+    assert "use an earlier one" in str(caught.value)
+
+
+def test_a_checkpoint_of_another_schema_is_refused(tmp_path):
+    torch.save({"schema": 99}, tmp_path / "step_000000001.pt")
+    with pytest.raises(DataError, match="expected checkpoint schema 1, found 99"):
+        read_checkpoint(tmp_path / "step_000000001.pt")
+
+
+def test_a_checkpoint_cannot_run_code(tmp_path):
+    torch.save({"schema": 1, "evil": os.system}, tmp_path / "evil.pt")
+    with pytest.raises(DataError, match="cannot be read as a checkpoint"):
+        read_checkpoint(tmp_path / "evil.pt")
+
+
+def test_an_interrupted_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
+    path = tmp_path / "metrics.json"
+    write_atomically(path, b"old")
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(OutputError, match="the disk is full"):
+        write_atomically(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_place_that_cannot_be_written_to_is_one_clear_message(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written") as caught:
+        write_atomically(tmp_path / "file" / "metrics.json", b"x")
+    assert "out=DIR" in str(caught.value)
+
+
+def test_a_full_disk_keeps_the_last_good_checkpoint(tiny_disk):
+    folder = RunFolder(Path(tiny_disk) / "run")
+    folder.write_checkpoint(1, {"values": torch.ones(100_000)})
+    with pytest.raises(OutputError, match="the disk is full"):
+        folder.write_checkpoint(2, {"values": torch.ones(200_000)})
+    assert [path.name for path in folder.checkpoints.iterdir()] == ["step_000000001.pt"]
+    assert read_checkpoint(folder.checkpoint(1))["values"].sum() == 100_000
+
+
+def test_the_log_is_cut_back_to_the_checkpoint_and_a_torn_line_is_dropped(tmp_path):
+    folder = RunFolder(tmp_path)
+    lines = [json.dumps({"step": step}) for step in (10, 20, 30)]
+    folder.metrics_log.write_text("\n".join(lines) + '\n{"step": 4')
+    folder.cut_metrics_log(20)
+    assert folder.metrics_log.read_text() == '{"step": 10}\n{"step": 20}\n'

@@ -1,0 +1,313 @@
+"""The loop: losses fall, resumed runs repeat bit for bit, broken steps are skipped and counted."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from support.gaussians import EXTENT
+from support.scenes import front_camera, random_splats
+from support.states import assert_same_bits
+
+from gsfw.core.batch import Batch
+from gsfw.core.callback import Callback, RunInfo
+from gsfw.core.cameras import Cameras
+from gsfw.core.datamanager import DataManager, Split, Views
+from gsfw.core.errors import TrainingError
+from gsfw.core.learning_rate import LearningRate
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.trainer import Trainer
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.metrics import Psnr
+from gsfw.core.operators import Operators
+from gsfw.core.parameter_group import ParameterGroup
+from gsfw.core.render_settings import RenderSettings
+from gsfw.core.scene import Scene
+from gsfw.core.table import SplatTable
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
+from gsfw.methods.gaussians3d.model import StaticGaussians
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.samplers.uniform import UniformSampler
+from gsfw.strategies.adc import AdcConfig
+from gsfw.strategies.mcmc import McmcConfig
+from gsfw.strategies.none import NoneConfig
+
+# Whole trainings and scenes; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
+CPU = torch.device("cpu")
+TRUTH = random_splats(100, degree=0)
+
+STRATEGIES = {
+    "adc": AdcConfig(
+        refine_start=5, refine_stop=50, refine_every=10, grow_gradient=2e-4, reset_every=25,
+        reset_opacity=0.1,
+    ),
+    "mcmc": McmcConfig(refine_start=5, refine_stop=50, refine_every=10, cap_max=130),
+    "none": NoneConfig(),
+}  # fmt: skip
+
+
+def camera(index: int, width: int = 32, height: int = 24) -> Cameras:
+    """One of eight cameras around the scene."""
+    angle = torch.tensor(index * torch.pi / 4)
+    turn = torch.eye(4)
+    turn[0, 0], turn[0, 2], turn[2, 0], turn[2, 2] = (
+        angle.cos(), angle.sin(), -angle.sin(), angle.cos(),
+    )  # fmt: skip
+    front = front_camera(width, height)
+    return replace(front, world_to_camera=front.world_to_camera @ turn)
+
+
+class MemoryData(DataManager):
+    """Pictures of known splats, drawn once and kept."""
+
+    def __init__(self, sizes: tuple[tuple[int, int], ...] = ((32, 24),)) -> None:
+        cameras = [camera(i, *sizes[i % len(sizes)]) for i in range(8)]
+        self.split = {
+            Split.TRAIN: Views(tuple(f"t{i}" for i in range(6)), tuple(cameras[:6])),
+            Split.EVAL: Views(("e0", "e1"), tuple(cameras[6:])),
+        }
+        with torch.no_grad():
+            outputs = [ReferenceRasterizer().render(TRUTH, item) for item in cameras]
+        pictures = [output.color.clamp(0, 1) for output in outputs]
+        self.pictures = {Split.TRAIN: pictures[:6], Split.EVAL: pictures[6:]}
+
+    @property
+    def scene(self) -> Scene:
+        jitter = torch.randn(100, 3, generator=torch.Generator().manual_seed(1))
+        centers = torch.cat([item.centers for item in self.split[Split.TRAIN].cameras])
+        points = TRUTH.means + 0.05 * jitter
+        return Scene("memory", points, torch.full_like(points, 0.5), centers, EXTENT)
+
+    def views(self, split: Split) -> Views:
+        return self.split[split]
+
+    def load(self, split, indices, device) -> list[Batch]:
+        views, pictures = self.split[split], self.pictures[split]
+        return [
+            Batch(
+                torch.cat([pictures[i] for i in group]),
+                Cameras.cat([views.cameras[i] for i in group]),
+                group,
+            )
+            for group in views.groups(indices)
+        ]
+
+
+class Recorder(Callback):
+    """Remembers reports, and stops the run where it is told to."""
+
+    def __init__(self, stop_at: int | None = None) -> None:
+        self.stop_at = stop_at
+        self.reports = []
+
+    def on_step(self, report, control) -> None:
+        self.reports.append(report)
+
+    def on_tick(self, step, control) -> None:
+        if step == self.stop_at:
+            control.request_stop("the test says so")
+
+
+class Poisoned(StaticGaussiansMethod):
+    """Its loss is not a number at the given steps."""
+
+    def __init__(self, config, steps) -> None:
+        super().__init__(config)
+        self.steps = steps
+
+    def losses(self, context):
+        losses = dict(super().losses(context))
+        if context.step in self.steps:
+            losses["poison"] = losses["l1"] * torch.nan
+        return losses
+
+
+def trainer(
+    folder: Path, strategy: str, callback: Callback, poisoned=(), views_per_step=1,
+    sizes=((32, 24),), seed=3, **plan,
+) -> Trainer:  # fmt: skip
+    config = StaticGaussiansConfig(seed=seed, sh_degree=1, sh_degree_interval=20, init_opacity=0.3)
+    config.optim.means_lr_steps = 60
+    method = Poisoned(config, poisoned) if poisoned else config.build()
+    data, operators = MemoryData(sizes), Operators()
+    seeded = torch.Generator().manual_seed(config.seed)
+    model = method.build_model(data.scene, operators, seeded, None)
+    optimizer = Optimizer(model, operators, OptimizerSettings())
+    parts = TrainingParts(
+        method=method,
+        model=model,
+        optimizer=optimizer,
+        table=SplatTable(model, optimizer),
+        strategy=STRATEGIES[strategy].build(data.scene),
+        sampler=UniformSampler(6, views_per_step, config.seed),
+        data=data,
+        rasterizer=ReferenceRasterizer(),
+        operators=operators,
+        metrics={"psnr": Psnr()},
+        generator=torch.Generator().manual_seed(config.seed + 1),
+        device=CPU,
+    )
+    settings = RenderSettings(background=torch.zeros(3))
+    steps = {"steps": 60, "log_every": 1, "eval_every": 0, "checkpoint_every": 0} | plan
+    info = RunInfo(folder, "3dgs", "memory", steps["steps"], 0, {}, {})
+    return Trainer(
+        parts, TrainingPlan(settings=settings, **steps), RunFolder(folder), info, [callback]
+    )
+
+
+def state_of(run: Trainer) -> dict:
+    """What a checkpoint holds, but for the clock."""
+    return {key: value for key, value in run.state_dict().items() if key != "train_seconds"}
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_losses_fall_and_held_out_pictures_are_met(tmp_path, strategy):
+    recorder = Recorder()
+    summary = trainer(tmp_path, strategy, recorder).fit()
+    losses = [report.losses["l1"] for report in recorder.reports]
+    assert len(losses) == 60
+    assert sum(losses[-6:]) < 0.5 * sum(losses[:6])
+    assert summary["psnr"] > 18
+    assert (summary["num_gaussians"] != 100) == (strategy != "none")
+    assert summary["skipped_steps"] == 0
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_reports_say_what_became_of_rows_since_the_last_one(tmp_path, every):
+    recorder = Recorder()
+    trainer(tmp_path, "adc", recorder, log_every=every).fit()
+    rows = 100
+    for report in recorder.reports:
+        # A clone adds a row; a split puts two in the place of one.
+        verbs = {verb: report.refined.get(verb, 0) for verb in ("cloned", "split", "pruned")}
+        rows += verbs["cloned"] + verbs["split"] - verbs["pruned"]
+        assert report.num_gaussians == rows
+    assert rows != 100
+
+
+@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+def test_a_resumed_run_repeats_across_refinements_bit_for_bit(tmp_path, strategy):
+    whole = trainer(tmp_path / "whole", strategy, Recorder(), steps=36)
+    whole.fit()
+    interrupted = trainer(tmp_path / "cut", strategy, Recorder(stop_at=23), steps=36)
+    interrupted.fit()
+    checkpoint = interrupted.folder.latest_checkpoint()
+    assert checkpoint == interrupted.folder.checkpoint(23)
+    recorder = Recorder()
+    resumed = trainer(tmp_path / "cut", strategy, recorder, steps=36)
+    resumed.load_state_dict(read_checkpoint(checkpoint))
+    resumed.fit()
+    assert recorder.reports[0].step == 24
+    counts = {report.num_gaussians for report in recorder.reports}
+    assert len(counts) > 1, "a refinement must lie behind the checkpoint"
+    assert_same_bits(state_of(resumed), state_of(whole))
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not(tmp_path):
+    runs = [trainer(tmp_path / str(i), "mcmc", Recorder(), seed=seed, steps=12)
+            for i, seed in enumerate([3, 3, 4])]  # fmt: skip
+    for run in runs:
+        run.fit()
+    assert_same_bits(state_of(runs[0]), state_of(runs[1]))
+    means = [run.parts.model.state_dict()["means.values"] for run in runs]
+    assert means[0].shape != means[2].shape or not torch.equal(means[0], means[2])
+
+
+@pytest.mark.parametrize("step", [0, 4])
+def test_a_step_that_is_not_finite_is_skipped_and_counted(tmp_path, step):
+    recorder = Recorder()
+    run = trainer(tmp_path, "adc", recorder, poisoned=[step], steps=step + 1)
+    before = trainer(tmp_path / "before", "adc", Recorder(), steps=step)
+    before.fit()
+    summary = run.fit()
+    assert summary["skipped_steps"] == 1
+    assert recorder.reports[-1].skipped_steps == 1
+    assert_same_bits(dict(run.parts.model.state_dict()), dict(before.parts.model.state_dict()))
+    moments = [one.parts.optimizer.state_dict()["moments"] for one in (run, before)]
+    if step:  # The SH bands count steps in which they were not drawn.
+        assert_same_bits(moments[0], moments[1])
+
+
+def test_too_many_broken_steps_in_a_row_stop_the_run_with_advice(tmp_path):
+    run = trainer(tmp_path, "adc", Recorder(), poisoned=range(7, 60), max_skipped=5)
+    with pytest.raises(TrainingError) as caught:
+        run.fit()
+    assert str(caught.value) == (
+        "5 steps in a row had a loss or gradient that is not finite; stopped at step 12.\n"
+        f"The last good state is in {tmp_path / 'checkpoints'}. Try lower learning rates "
+        "(optim.means_lr=...), or look for broken images or poses with gsfw info DATA."
+    )
+    checkpoint = RunFolder(tmp_path).latest_checkpoint()
+    assert checkpoint is not None
+    state = read_checkpoint(checkpoint)
+    assert state["step"] == 12
+    assert int(state["skipped"]) == 5
+
+
+def test_broken_steps_that_are_not_in_a_row_do_not_stop_it(tmp_path):
+    run = trainer(tmp_path, "none", Recorder(), poisoned=[2, 4, 6, 8], max_skipped=2, steps=10)
+    assert run.fit()["skipped_steps"] == 4
+
+
+def test_views_of_several_sizes_share_a_step(tmp_path):
+    contexts = []
+
+    class Watched(StaticGaussiansMethod):
+        def losses(self, context):
+            contexts.append(context)
+            return super().losses(context)
+
+    sizes = ((32, 24), (20, 28))
+    run = trainer(tmp_path, "adc", Recorder(), views_per_step=4, sizes=sizes, steps=12)
+    method = Watched(StaticGaussiansConfig(sh_degree=1))
+    run.parts = replace(run.parts, method=method)
+    run.fit()
+    for step in range(12):
+        batches = [context for context in contexts if context.step == step]
+        assert sum(len(item.batch.views) for item in batches) == 4
+        assert sum(item.share for item in batches) == 1.0
+        assert {item.share for item in batches} <= {0.25, 0.5, 0.75, 1.0}
+
+
+def test_a_method_may_train_on_smaller_pictures(tmp_path):
+    sizes = set()
+
+    class Coarse(StaticGaussiansMethod):
+        def prepare_batch(self, batch, step):
+            images = batch.images[:, ::2, ::2] if step < 3 else batch.images
+            height, width = images.shape[1:3]
+            return replace(batch, images=images, cameras=batch.cameras.resized(width, height))
+
+        def losses(self, context):
+            sizes.add((context.step < 3, *context.rendered.color.shape[1:3]))
+            return super().losses(context)
+
+    run = trainer(tmp_path, "none", Recorder(), steps=6)
+    run.parts = replace(run.parts, method=Coarse(StaticGaussiansConfig(sh_degree=1)))
+    run.fit()
+    assert sizes == {(True, 12, 16), (False, 24, 32)}
+
+
+def test_a_model_may_refine_its_cameras(tmp_path):
+    class Refining(StaticGaussians):
+        def cameras(self, cameras):
+            column = torch.nn.functional.pad(self.shift, (0, 1))[:, None]
+            shift = torch.eye(4) + torch.nn.functional.pad(column, (3, 0))
+            return replace(cameras, world_to_camera=cameras.world_to_camera @ shift)
+
+        def parameter_groups(self):
+            return (ParameterGroup("poses", (self.shift,), LearningRate(1e-3)),)
+
+    run = trainer(tmp_path, "none", Recorder(), steps=4)
+    model = run.parts.model
+    model.__class__, model.shift = Refining, torch.nn.Parameter(torch.zeros(3))
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    table = SplatTable(model, optimizer)
+    run.parts = replace(run.parts, optimizer=optimizer, table=table)
+    run.fit()
+    assert 0 < float(model.shift.detach().abs().max()) <= 4.1e-3
+    assert "poses" in optimizer.learning_rates(0)

@@ -1,0 +1,128 @@
+"""Splats moved to another frame look the same from cameras moved with them."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from support.scenes import front_camera, random_splats
+
+from gsfw.core.maths.frame import multiply_quaternions, quaternion_of, transform_splats
+from gsfw.core.maths.similarity import Similarity
+from gsfw.core.splats import Sh, Splats
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+
+
+def rotation(seed: int) -> torch.Tensor:
+    """A random rotation."""
+    generator = torch.Generator().manual_seed(seed)
+    matrix, _ = torch.linalg.qr(torch.randn(3, 3, generator=generator, dtype=torch.float64))
+    return matrix * matrix.det()
+
+
+def general(seed: int = 3) -> Similarity:
+    """Another scale, another direction, another place."""
+    return Similarity(2.7, rotation(seed), torch.tensor([5.0, -6.0, 7.0], dtype=torch.float64))
+
+
+def matrix_of(quat: torch.Tensor) -> torch.Tensor:
+    """The textbook rotation matrix of a unit quaternion, wxyz."""
+    w, x, y, z = quat.tolist()
+    return torch.tensor(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ],
+        dtype=torch.float64,
+    )
+
+
+def draw(splats: Splats, similarity: Similarity | None = None) -> torch.Tensor:
+    """A picture, from a camera that is moved along."""
+    camera = front_camera(dtype=torch.float64)
+    if similarity is not None:
+        camera = replace(camera, world_to_camera=similarity.camera(camera.world_to_camera))
+    return ReferenceRasterizer().render(splats, camera).color
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_quaternions_and_rotation_matrices_agree(seed):
+    quat = quaternion_of(rotation(seed))
+    assert float(quat.norm()) == pytest.approx(1)
+    assert float(quat[0]) >= 0
+    assert torch.allclose(matrix_of(quat), rotation(seed))
+
+
+def test_many_rotation_matrices_have_the_quaternions_of_each():
+    matrices = torch.stack([rotation(seed) for seed in range(8)])
+    expected = torch.stack([quaternion_of(matrix) for matrix in matrices])
+    assert torch.equal(quaternion_of(matrices), expected)
+    assert quaternion_of(matrices[:0]).shape == (0, 4)
+
+
+def test_half_turns_have_a_quaternion_too():
+    for axis in range(3):
+        half = -torch.eye(3, dtype=torch.float64)
+        half[axis, axis] = 1
+        assert torch.allclose(matrix_of(quaternion_of(half)), half)
+
+
+def test_a_product_of_quaternions_turns_by_the_second_first():
+    first, second = rotation(1), rotation(2)
+    product = multiply_quaternions(quaternion_of(first), quaternion_of(second))
+    assert torch.allclose(matrix_of(product), first @ second)
+
+
+@pytest.mark.parametrize("degree", range(5))
+def test_moved_splats_look_the_same_from_a_camera_moved_with_them(degree):
+    splats = random_splats(40, degree, dtype=torch.float64)
+    before, after = draw(splats), draw(transform_splats(splats, general()), general())
+    assert float(before.max()) > 0.5
+    assert float((before - after).abs().max()) < 1e-9
+
+
+def test_view_dependent_colours_that_were_not_turned_would_look_different():
+    splats = random_splats(40, 3, dtype=torch.float64)
+    moved = transform_splats(splats, general())
+    unturned = draw(replace(moved, colors=splats.colors), general())
+    assert float((unturned - draw(splats)).abs().max()) > 0.05
+
+
+def test_covariances_and_plain_channels_are_moved_too():
+    splats = random_splats(40, 0, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(0)
+    factors = 0.1 * torch.randn(40, 3, 3, generator=generator, dtype=torch.float64)
+    splats = Splats(
+        means=splats.means,
+        opacities=splats.opacities,
+        colors=torch.rand(40, 3, generator=generator, dtype=torch.float64),
+        covariances=factors @ factors.transpose(1, 2),
+    )
+    after = draw(transform_splats(splats, general()), general())
+    assert float((draw(splats) - after).abs().max()) < 1e-9
+
+
+def test_there_and_back_is_where_it_was_and_keeps_bands_that_are_not_active_yet():
+    splats = random_splats(20, 3, dtype=torch.float64)
+    splats = replace(splats, colors=Sh(splats.colors.coefficients, 1))
+    back = transform_splats(transform_splats(splats, general()), general().inverse())
+    assert torch.allclose(back.means, splats.means)
+    assert torch.allclose(back.scales, splats.scales)
+    assert back.colors.degree == 1
+    assert torch.allclose(back.colors.coefficients, splats.colors.coefficients)
+
+
+def test_ragged_colours_become_dense_and_look_the_same():
+    dense = random_splats(6, 2, dtype=torch.float64)
+    ragged = replace(dense, colors=dense.colors.of_degrees(torch.arange(6) % 3))
+    moved = transform_splats(ragged, general())
+    assert moved.colors.coefficients.shape == (6, 9, 3)
+    assert float((draw(ragged) - draw(moved, general())).abs().max()) < 1e-9
+
+
+def test_float32_splats_become_float64_and_are_not_changed_by_the_identity():
+    splats = random_splats(20, 3)
+    moved = transform_splats(splats, Similarity())
+    for name, tensor in splats.tensors().items():
+        assert moved.tensors()[name].dtype == torch.float64
+        assert torch.allclose(moved.tensors()[name], tensor.double(), atol=1e-14)

@@ -1,0 +1,173 @@
+"""Method 4dgs: settings, refusals, and its two phases."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from support.scenes import random_splats
+
+from gsfw.core.config import step_settings
+from gsfw.core.errors import ConfigError
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.operators import Operators
+from gsfw.core.scene import Scene
+from gsfw.methods.gaussians4d.config import (
+    DeformationConfig,
+    DeformationOptim,
+    HashConfig,
+    HexPlaneConfig,
+    MlpConfig,
+)
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer, resolve
+
+
+def scene(num_points: int = 20, **options) -> Scene:
+    points = torch.rand(num_points, 3, generator=torch.Generator().manual_seed(0))
+    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
+    moving = Scene("toy", points, points.clone(), centers, 2.0, time_range=(0.0, 9.0), num_times=6)
+    return replace(moving, **options)
+
+
+def build(config: DeformationConfig, initial=None):
+    method = config.build()
+    seeded = torch.Generator().manual_seed(config.seed)
+    return method, method.build_model(scene(), Operators(), seeded, initial)
+
+
+def test_the_defaults_are_those_of_the_paper_for_synthetic_scenes():
+    config = DeformationConfig()
+    config.check()
+    assert (config.encoder, config.steps, config.coarse_steps) == ("hexplane", 23_000, 3000)
+    assert config.ssim_weight == 0
+    assert (config.deform_opacity, config.deform_sh) == (False, False)
+    rates = config.optim.field_rates(config.coarse_steps)
+    assert [rates["grid"].at(step) for step in (2999, 3000)] == [0.0, 8e-3]
+    assert rates["grid"].at(23_000) == pytest.approx(8e-4)
+    assert rates["network"].at(3000) == 8e-4
+    assert rates["network"].at(23_000) == pytest.approx(8e-5)
+    assert step_settings(config)["coarse_steps"] == (3000, 0)
+    assert step_settings(config)["optim.field_lr_steps"] == (20_000, 0)
+
+
+@pytest.mark.parametrize("preset", sorted(DeformationConfig.presets))
+def test_presets_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset):
+    values = {"method": "4dgs", "preset": preset, "steps": 2300, "device": "cpu"}
+    found = resolve(installed(), [Layer("test", values)])
+    assert found.flat()["strategy.reset_every"] == 0
+    config = found.config
+    assert isinstance(config, DeformationConfig)
+    config.check()
+    assert config.coarse_steps == 300
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (
+            {"steps": 100, "coarse_steps": 100},
+            "coarse_steps=100: expected at least 0 and less than steps=100, so that the field is "
+            "trained.",
+        ),
+        (
+            {"coarse_steps": -1},
+            "coarse_steps=-1: expected at least 0 and less than steps=23000, so that the field is "
+            "trained.",
+        ),
+        (
+            {"hexplane": HexPlaneConfig(resolution=1)},
+            "hexplane.resolution=1: expected a whole number of at least 2.",
+        ),
+        (
+            {"hexplane": HexPlaneConfig(multipliers=(1, 0))},
+            "hexplane.multipliers=(1, 0): expected whole numbers of at least 1, such as 1,2.",
+        ),
+        (
+            {"hexplane": HexPlaneConfig(times=1)},
+            "hexplane.times=1: expected 0, or a whole number of at least 2.",
+        ),
+        (
+            {"hexplane": HexPlaneConfig(plane_tv=-1.0)},
+            "hexplane.plane_tv=-1.0: expected a finite number of at least 0.",
+        ),
+        ({"mlp": MlpConfig(depth=0)}, "mlp.depth=0: expected a whole number of at least 1."),
+        (
+            {"hash": HashConfig(log2_rows=30)},
+            "hash.log2_rows=30: expected a whole number from 1 to 24.",
+        ),
+        (
+            {"hash": HashConfig(coarsest=64, finest=32)},
+            "hash.finest=32: expected a whole number of at least hash.coarsest=64.",
+        ),
+        ({"sh_degree": 5}, "sh_degree=5: expected a whole number from 0 to 4."),
+        (
+            {"optim": DeformationOptim(grid_lr=-1.0)},
+            "optim.grid_lr=-1: expected a finite number of at least 0.",
+        ),
+    ],
+)
+def test_values_out_of_range_are_refused(settings, message):
+    with pytest.raises(ConfigError) as caught:
+        DeformationConfig(**settings).check()
+    assert caught.value.message == message
+
+
+def test_an_unknown_encoder_is_refused_by_name():
+    with pytest.raises(ConfigError) as caught:
+        resolve(installed(), [Layer("command line", {"method": "4dgs", "encoder": "planes"})])
+    assert "encoder=planes: expected one of hexplane, mlp, hash" in str(caught.value)
+
+
+@pytest.mark.parametrize("num_times", [0, 1])
+def test_a_capture_without_times_is_refused_with_advice(num_times):
+    with pytest.raises(ConfigError) as caught:
+        DeformationConfig().build().check_scene(scene(num_times=num_times))
+    assert str(caught.value) == (
+        "method '4dgs' is for captures of several times, and 'toy' has one.\n"
+        "Use method=3dgs. If the scene does move, its data have to say when each picture was "
+        'taken, such as by "time" in every frame of a transforms.json.'
+    )
+    DeformationConfig().build().check_scene(scene())
+
+
+def test_points_that_are_not_there_cannot_be_asked_for():
+    with pytest.raises(ConfigError) as caught:
+        DeformationConfig(init="points").build().check_scene(scene(0))
+    assert caught.value.message == (
+        "init=points: 'toy' brings 0 points, and none that can be used."
+    )
+
+
+def test_notes_say_what_a_random_start_costs_and_nothing_of_time():
+    method = DeformationConfig(init="random", random_points=50).build()
+    (note,) = method.notes(scene())
+    assert note.startswith("Starting from 50 random splats")
+    assert DeformationConfig().build().notes(scene()) == ()
+
+
+def test_the_field_comes_in_after_the_coarse_steps():
+    method, model = build(DeformationConfig(steps=30, coarse_steps=10))
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    assert model.deforming, "a model that is only looked at is deformed"
+    phases = []
+    for step in (0, 9, 10, 29):
+        method.prepare(step, model, optimizer, None)
+        rates = optimizer.learning_rates(step)
+        phases.append((method.phase(step), model.deforming, rates["grid"] > 0))
+    assert phases == [("coarse", False, False)] * 2 + [("fine", True, True)] * 2
+
+
+def test_a_splat_file_keeps_its_degree_through_a_resume():
+    config = DeformationConfig(init="somewhere.ply")
+    method, model = build(config, initial=random_splats(7, degree=2))
+    again = config.build()
+    again.load_state_dict(method.state_dict())
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    again.prepare(0, model, optimizer, None)
+    assert model.canonical.active_degree == 2
+
+
+@pytest.mark.parametrize(("given", "rows"), [(0, 6), (3, 3)])
+def test_time_has_a_row_for_each_captured_time_unless_told_otherwise(given, rows):
+    _, model = build(DeformationConfig(hexplane=HexPlaneConfig(resolution=4, times=given)))
+    assert [len(plane) for plane in model.field.encoder.time] == [rows, rows]

@@ -1,0 +1,200 @@
+"""Deformed Gaussians: identity at the start, gradients at a time, and what is done to rows."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
+from gsfw.core.operators import Operators
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Sh
+from gsfw.core.table import SplatTable
+from gsfw.methods.gaussians3d.model import MAX_LOG_SCALE
+from gsfw.methods.gaussians4d.config import (
+    DeformationConfig,
+    HashConfig,
+    HexPlaneConfig,
+    MlpConfig,
+)
+from gsfw.methods.gaussians4d.model import DeformedGaussians
+
+SMALL = DeformationConfig(
+    sh_degree=1,
+    hexplane=HexPlaneConfig(channels=8, resolution=4, width=6),
+    mlp=MlpConfig(width=6, depth=3, frequencies=2, time_frequencies=2),
+    hash=HashConfig(levels=2, features=3, log2_rows=8, coarsest=2, finest=6, width=6),
+)
+ENCODERS = ("hexplane", "mlp", "hash")
+EVERYTHING = {"deform_opacity": True, "deform_sh": True}
+TIME = torch.tensor(0.3)
+
+
+def gaussians(encoder: str = "hexplane", trained: bool = False, **options) -> DeformedGaussians:
+    """A model before its first step, or one whose every parameter has moved."""
+    generator = torch.Generator().manual_seed(0)
+    points, colors = torch.rand(2, 12, 3, generator=generator)
+    centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
+    scene = Scene("toy", points, colors, centers, 2.0, time_range=(0.0, 1.0), num_times=5)
+    config = replace(SMALL, encoder=encoder, **options)
+    model = config.build().build_model(scene, Operators(), generator, None)
+    assert isinstance(model, DeformedGaussians)
+    if trained:
+        model.double()
+        with torch.no_grad():
+            for parameter in model.parameters():
+                noise = torch.randn(parameter.shape, generator=generator, dtype=parameter.dtype)
+                parameter.add_(0.1 * noise)
+    return model
+
+
+def assert_same_splats(first, second):
+    one, other = first.tensors(), second.tensors()
+    assert one.keys() == other.keys()
+    for name, tensor in one.items():
+        assert torch.equal(tensor, other[name]), name
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+@pytest.mark.parametrize("options", [{}, EVERYTHING])
+def test_the_field_changes_nothing_before_its_first_step(encoder, options):
+    model = gaussians(encoder, **options)
+    for time in (0.0, 0.37, 1.0, 7.0):
+        assert_same_splats(model.splats(torch.tensor(time)), model.canonical.splats())
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_without_a_time_or_in_the_coarse_phase_gaussians_are_canonical(encoder):
+    model = gaussians(encoder, trained=True)
+    canonical = model.canonical.splats()
+    assert not torch.equal(model.splats(TIME).means, canonical.means)
+    assert_same_splats(model.splats(None), canonical)
+    model.deforming = False
+    assert_same_splats(model.splats(TIME), canonical)
+    model.splats(TIME).means.sum().backward()
+    assert all(parameter.grad is None for parameter in model.field.parameters())
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_what_the_field_says_is_added_before_activation(encoder):
+    model = gaussians(encoder, trained=True, **EVERYTHING)
+    rows, splats = model.canonical, model.splats(TIME)
+    change = model.field(rows.means.values, TIME)
+    assert change.opacity_logits is not None
+    assert change.sh is not None
+    assert splats.scales is not None
+    assert isinstance(splats.colors, Sh)
+    assert rows.sh_rest is not None
+    logits = rows.opacity_logits.values + change.opacity_logits
+    torch.testing.assert_close(splats.means, rows.means.values + change.means)
+    torch.testing.assert_close(splats.quats, rows.quats.values + change.quats)
+    torch.testing.assert_close(splats.scales, (rows.log_scales.values + change.log_scales).exp())
+    torch.testing.assert_close(splats.opacities, logits.sigmoid())
+    coefficients = torch.cat([rows.sh_dc.values, rows.sh_rest.values], dim=1) + change.sh
+    torch.testing.assert_close(splats.colors.dense(), coefficients)
+    model.canonical.active_degree = 0
+    constant = model.splats(TIME).colors
+    assert isinstance(constant, Sh)
+    torch.testing.assert_close(constant.dense(), coefficients[:, :1])
+
+
+@pytest.mark.parametrize("time", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_splats_have_the_gradients_of_finite_differences_for_every_parameter(encoder, time):
+    model = gaussians(encoder, trained=True, **EVERYTHING)
+    instant = torch.tensor(time, dtype=torch.float64)
+    held = {"canonical.means.values"} if model.field.encoder.detached else set()
+    inputs = tuple(value for name, value in model.named_parameters() if name not in held)
+    assert len(inputs) + len(held) == len([*model.parameters()]) > 12
+    assert torch.autograd.gradcheck(
+        lambda *_: tuple(model.splats(instant).tensors().values()), inputs, fast_mode=True
+    )
+
+
+@pytest.mark.parametrize(("encoder", "detached"), [("hexplane", False), ("mlp", True)])
+def test_positions_move_through_the_field_where_the_paper_has_it_so(encoder, detached):
+    model = gaussians(encoder, trained=True)
+    splats = model.splats(TIME)
+    assert splats.scales is not None
+    means = model.canonical.means.values
+    (through_means,) = torch.autograd.grad(splats.means.sum(), means, retain_graph=True)
+    assert torch.equal(through_means, torch.ones_like(means)) == detached
+    (through_scales,) = torch.autograd.grad(splats.scales.sum(), means, allow_unused=True)
+    assert (through_scales is None) == detached
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_times_before_and_after_the_capture_count_as_its_ends(encoder):
+    model = gaussians(encoder, trained=True)
+    for outside, end in ((-10.0, 0.0), (1e8, 1.0), (float("inf"), 1.0)):
+        first, second = (model.splats(torch.tensor(time)) for time in (outside, end))
+        assert_same_splats(first, second)
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_extreme_parameters_make_finite_splats_and_gradients(encoder):
+    model = gaussians(encoder, trained=True, **EVERYTHING).float()
+    with torch.no_grad():
+        for output in model.field.decoder.outputs.values():
+            output.weight.mul_(1e6)
+        model.canonical.means.values[:3] = torch.tensor([[1e30], [-1e30], [1e9]])
+    splats = model.splats(TIME)
+    assert splats.scales is not None
+    assert float(splats.scales.detach().max()) <= 1.001 * torch.tensor(MAX_LOG_SCALE).exp()
+    for name, tensor in splats.tensors().items():
+        assert bool(tensor.isfinite().all()), name
+    splats.opacities.sum().backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad is None or bool(parameter.grad.isfinite().all()), name
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_groups_hold_every_parameter_of_the_field_once(encoder):
+    model = gaussians(encoder)
+    groups = {group.name: group for group in model.parameter_groups()}
+    assert set(groups) == ({"network"} if encoder == "mlp" else {"grid", "network"})
+    grouped = [id(parameter) for group in groups.values() for parameter in group.parameters]
+    assert sorted(grouped) == sorted(id(parameter) for parameter in model.field.parameters())
+    assert set(model.columns()) == set(model.canonical.columns())
+
+
+def test_rows_come_and_go_as_those_of_static_gaussians():
+    model = gaussians(trained=True)
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    table, seeded = SplatTable(model, optimizer), torch.Generator().manual_seed(0)
+    rows = torch.tensor([3, 5])
+    for children in (
+        model.clone_rows(rows, seeded),
+        model.split_rows(rows, 2, seeded),
+        model.relocated(rows, torch.tensor([2, 3])),
+    ):
+        before = len(table)
+        table.append(children)
+        assert len(table) == before + len(children["means"].values)
+        assert len(model.splats(TIME)) == len(table)
+    assert model.lower_opacities_(0.01) == ("opacity_logits",)
+    assert float(model.opacities().max()) <= 0.01 + 1e-6
+    model.perturb_(0.1, seeded)
+    model.project_()
+    assert model.sizes().shape == (20,)
+    assert model.lifetimes() is None
+    assert model.active_bands() == 3
+
+
+def test_a_restored_model_draws_the_same_whatever_its_rows_were():
+    model, other = gaussians(trained=True), gaussians(trained=True)
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    SplatTable(model, optimizer).append(model.clone_rows(torch.tensor([1, 2])))
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.mul_(1.5)
+        model.field.box.center.add_(0.1)
+    other.load_state_dict(model.state_dict())
+    assert_same_splats(other.splats(TIME), model.splats(TIME))
+
+
+@pytest.mark.parametrize("encoder", ENCODERS)
+def test_the_same_seed_gives_the_same_model(encoder):
+    first, again = gaussians(encoder), gaussians(encoder)
+    for name, value in first.state_dict().items():
+        assert torch.equal(value, again.state_dict()[name]), name

@@ -1,0 +1,41 @@
+"""What times show."""
+
+import numpy as np
+from support.checked_captures import moving_findings, write_moving
+
+EVEN = np.linspace(0, 1, 8).tolist()
+KINDS = {
+    "few times",
+    "gaps in time",
+    "one camera at each time",
+    "two cameras at each time",
+    "hardly anything moves",
+}
+
+
+def time_kinds(folder):
+    return set(moving_findings(folder)) & KINDS
+
+
+def test_cameras_that_stand_around_what_moves_are_fine(tmp_path):
+    found = moving_findings(write_moving(tmp_path / "a", EVEN, 4))
+    assert not set(found) & KINDS
+    assert "copies" not in found
+    assert found["few views"].found == "32 pictures to train on from 4 places."
+
+
+def test_few_times_and_gaps_are_told(tmp_path):
+    assert "few times" in time_kinds(write_moving(tmp_path / "a", [0.0, 0.5, 1.0], 4))
+    gap = [0.0, 0.1, 0.2, 0.3, 0.8, 0.9, 1.0]
+    found = moving_findings(write_moving(tmp_path / "b", gap, 4))["gaps in time"]
+    assert "the longest from 0.3 to 0.8" in found.found
+
+
+def test_how_many_cameras_see_a_time_is_told(tmp_path):
+    assert "two cameras at each time" in time_kinds(write_moving(tmp_path / "a", EVEN, 2))
+    assert "one camera at each time" in time_kinds(write_moving(tmp_path / "b", EVEN, 1))
+
+
+def test_a_scene_that_stands_still_is_told(tmp_path):
+    found = moving_findings(write_moving(tmp_path / "a", EVEN, 4, moves=0.0))
+    assert "ignore_time=true" in found["hardly anything moves"].advice

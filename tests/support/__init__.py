@@ -1,0 +1,1 @@
+"""Scenes, captures, fakes and runs that several tests share."""
