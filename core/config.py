@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from gsfw.core.loop.optimizer import OptimizerSettings
     from gsfw.core.method import Method
     from gsfw.core.rasterizer import Rasterizer
+    from gsfw.core.refiner import Refiner
     from gsfw.core.sampler import Sampler
     from gsfw.core.scene import Scene
-    from gsfw.core.strategy import DensityStrategy
 
 MAX_SEED = 2**62
 """Generators take 64-bit seeds, and some of them are made by counting up from this one."""
@@ -86,13 +86,29 @@ class SlotConfig:
         return Needs()
 
 
+NO_BUDGET = "none"
+"""The choice of no budget: the strategy alone decides how many Gaussians there are."""
+
+
 @dataclass
 class StrategyConfig(SlotConfig, ABC):
-    """Settings of a density strategy."""
+    """Settings of a density strategy, and of the budget that goes with any of them."""
+
+    budget: str = NO_BUDGET
+    """Gaussians to end with: none, auto (as the scene needs), a number, or megabytes as in 20MB."""
+    budget_share: float = 0.025
+    """Under budget=auto, each round of pruning removes what holds less than this of all there is.
+    """
+    budget_every: int = steps_field(1500, at_least=50)
+    """Under a budget, steps between rounds of pruning, in which what is left makes up for it."""
 
     @abstractmethod
-    def build(self, scene: Scene) -> DensityStrategy:
-        """The strategy, before its first step."""
+    def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
+        """The refiners of the strategy in the order in which they edit rows, before the first step.
+
+        Raises:
+            ConfigError: settings are out of range or contradict each other.
+        """
 
 
 @dataclass
