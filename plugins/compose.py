@@ -39,7 +39,7 @@ from gsfw.core.method import Method
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
-from gsfw.core.refinement.budget import Budget, BudgetSize
+from gsfw.core.refinement.budget import with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.scene import Scene
@@ -308,11 +308,7 @@ def make_refiners(
             "DensifiableModel: it does not say how.",
             "Use strategy=none, or let the model derive from gsfw.core.model.DensifiableModel.",
         )
-    found = strategy.refiners(scene)
-    ends = [refiner.growth_ends for refiner in found if refiner.growth_ends is not None]
-    size = BudgetSize.parse(strategy)
-    budget = [Budget(size, strategy, scene, max(ends, default=None))] if size.is_given else []
-    return Refiners([*budget, *found, *method.refiners(scene, model)])
+    return Refiners([*with_budget(strategy, scene), *method.refiners(scene, model)])
 
 
 def make_corrections(config: MethodConfig, data: DataManager) -> CaptureCorrections:

@@ -46,7 +46,6 @@ class Trainer:
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)
-        self._forward = Forward(parts, plan)
         self._times = views.times
         self._widths = [camera.width for camera in views.cameras]
 
@@ -82,15 +81,16 @@ class Trainer:
         """One optimizer step, and the refinement, reports and checkpoints that follow it."""
         started = time.perf_counter()
         parts, step, clock = self.parts, self.step, self._stopwatch
+        forward = Forward(parts, self.plan)
         with clock.stage("load"):
             views = parts.sampler.next()
-            batches = self._forward.load(views, step)
+            batches = forward.load(views, step)
         parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
         num_views = sum(len(batch.views) for batch in batches)
         rendered: list[RenderedBatch] = []
         for batch in batches:
             with clock.stage("render"):
-                rendered.append(self._forward.render(batch, step, len(batch.views) / num_views))
+                rendered.append(forward.render(batch, step, len(batch.views) / num_views))
             with clock.stage("backward"):
                 rendered[-1].total.backward()
         with clock.stage("optimize"):

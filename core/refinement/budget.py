@@ -329,3 +329,16 @@ def least_useful(scores: Float[Tensor, " n"], share: float) -> Int[Tensor, " r"]
     order = scores.argsort(stable=True)
     held = scores[order].double().cumsum(0)
     return order[: int((held < share * held[-1]).sum())] if len(held) else order
+
+
+def with_budget(strategy: StrategyConfig, scene: Scene) -> tuple[Refiner, ...]:
+    """The refiners of a strategy, after the budget that its settings give it, if any.
+
+    Raises:
+        ConfigError: settings are out of range or contradict each other.
+    """
+    size, found = BudgetSize.parse(strategy), strategy.refiners(scene)
+    if not size.is_given:
+        return found
+    ends = [refiner.growth_ends for refiner in found if refiner.growth_ends is not None]
+    return (Budget(size, strategy, scene, max(ends, default=None)), *found)

@@ -27,7 +27,7 @@ class Grow(StrategyConfig):
     until: int = steps_field(15_000)
     """No growing after this step."""
 
-    def build(self, scene):
+    def refiners(self, scene):
         raise NotImplementedError
 
 
