@@ -64,7 +64,7 @@ def test_no_density_control_is_no_trouble():
         (
             "optim.tracked_decay",
             "0",
-            "optim.tracked_decay=0: expected a number above 0 and at most",
+            "optim.tracked_decay=0: expected a number above 0",
         ),
         ("optim.tracked_means_lr", "-1", "optim.tracked_means_lr=-1: expected a finite number of"),
     ],
