@@ -29,8 +29,6 @@ def psnr(
 class Metric(ABC):
     """A figure for one picture."""
 
-    higher_is_better: bool = True
-
     def __init__(self, operators: Operators | None = None) -> None:
         """Measure with the operators of the run's device; ``None`` for plain torch."""
         self.operators = operators or Operators()
