@@ -84,15 +84,15 @@ class AdcConfig(BudgetConfig):
     """Rows above this deviation, in extents, are removed after the first reset; 0: none."""
     prune_radius: float = 0.0
     """Rows above this radius in pixels are removed after the first reset (papers: 20); 0: none."""
-    refine_start: int = steps_field(500, at_least=100)
+    refine_start: int = steps_field(500, floor=100)
     """No refinement up to this step; before, most gradients only say that nothing has settled."""
     refine_stop: int = steps_field(15_000)
     """No refinement and no reset from this step on."""
-    refine_every: int = steps_field(100, at_least=50)
+    refine_every: int = steps_field(100, floor=50)
     """Steps between refinements, in which gradients are gathered."""
     max_rounds: int = 0
     """Refinements in which rows grow; later ones only prune (Li et al.: 6 to 12); 0: no limit."""
-    reset_every: int = steps_field(3000, at_least=300)
+    reset_every: int = steps_field(3000, floor=300)
     """Steps between opacity resets, after which opacities have to recover; 0: no reset."""
     reset_opacity: float = 0.01
     """Opacities are capped at this by a reset."""

@@ -25,7 +25,7 @@ class BudgetConfig(StrategyConfig):
     budget_share: float = 0.025
     """Under budget=auto, each round of pruning removes what holds less than this of all there is.
     """
-    budget_every: int = steps_field(1500, at_least=50)
+    budget_every: int = steps_field(1500, floor=50)
     """Under a budget, steps between rounds of pruning, in which what is left makes up for it."""
 
     def needs(self) -> Needs:

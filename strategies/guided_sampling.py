@@ -69,7 +69,7 @@ class GuidedSamplingConfig:
     """How often rows are added where pictures are drawn worst (6 are enough); 0: never."""
     start: int = steps_field(1600)
     """The first round goes with the first refinement at this step or later."""
-    every: int = steps_field(500, at_least=50)
+    every: int = steps_field(500, floor=50)
     """Steps between rounds, in which views are drawn again."""
     share: float = 0.1
     """Share of a picture's patches that get rows, the worst ones, in (0, 1]."""

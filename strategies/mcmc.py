@@ -67,11 +67,11 @@ class McmcConfig(BudgetConfig):
     """Weight of the mean opacity in the loss."""
     scale_reg: float = 0.01
     """Weight of the mean scale, in scene units, in the loss."""
-    refine_start: int = steps_field(500, at_least=100)
+    refine_start: int = steps_field(500, floor=100)
     """No relocation and no growth up to this step."""
     refine_stop: int = steps_field(25_000)
     """No relocation and no growth from this step on."""
-    refine_every: int = steps_field(100, at_least=20)
+    refine_every: int = steps_field(100, floor=20)
     """Steps between refinements; short runs refine, and so grow, in fewer rounds."""
 
     def needs(self) -> Needs:
