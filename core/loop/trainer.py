@@ -6,13 +6,14 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from gsfw.core.batch import Batch
-from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
@@ -23,6 +24,7 @@ from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
 
 
@@ -54,7 +56,7 @@ class Trainer:
         self.control = Control()
         self.step = 0
         self.train_seconds = 0.0
-        self.callbacks = callbacks
+        self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
@@ -79,8 +81,7 @@ class Trainer:
             try:
                 if self._checkpointed != self.step:  # Also proves that the folder can hold one.
                     self._checkpoint()
-                for callback in self.callbacks:
-                    callback.on_start(self.info, self.control)
+                self.callbacks.on_start(self.info, self.control)
                 self._stopwatch.restart()
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
@@ -89,8 +90,7 @@ class Trainer:
                     afterwards()
                 return summary
             finally:
-                for callback in self.callbacks:
-                    callback.close()
+                self.callbacks.close()
 
     def _one_step(self) -> None:
         """One optimizer step and what follows from it."""
@@ -221,8 +221,7 @@ class Trainer:
 
     def _follow_up(self, drawn: list[_Drawn]) -> None:
         plan, step = self.plan, self.step
-        for callback in self.callbacks:
-            callback.on_tick(step, self.control)
+        self.callbacks.on_tick(step, self.control)
         if step % plan.log_every == 0 or step in (1, plan.steps):
             self._report(drawn)
         if step % min(plan.log_every, plan.max_skipped) == 0:
@@ -261,8 +260,7 @@ class Trainer:
             refined=dict(self._refined),
         )
         self._refined.clear()
-        for callback in self.callbacks:
-            callback.on_step(report, self.control)
+        self.callbacks.on_step(report, self.control)
 
     def _check_skipped(self) -> None:
         """Stop when too many steps in a row were not finite; reads the flag late, now and then."""
@@ -280,11 +278,6 @@ class Trainer:
     def _evaluate(self) -> Evaluation:
         self._catch_up()
         parts = self.parts
-
-        def on_view(view: EvaluatedView) -> None:
-            for callback in self.callbacks:
-                callback.on_view(self.step, view)
-
         settings = self.plan.settings
         evaluation = evaluate(
             parts.model,
@@ -293,10 +286,9 @@ class Trainer:
             parts.metrics,
             settings,
             parts.device,
-            on_view=on_view,
+            on_view=partial(self.callbacks.on_view, self.step),
         )
-        for callback in self.callbacks:
-            callback.on_evaluation(self.step, evaluation, self.control)
+        self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
     def _finish(self) -> dict[str, Any]:
@@ -321,8 +313,7 @@ class Trainer:
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
         }
-        for callback in self.callbacks:
-            callback.on_end(self.step, summary)
+        self.callbacks.on_end(self.step, summary)
         return summary
 
     # State.
@@ -332,8 +323,7 @@ class Trainer:
         path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.step
         self.control.checkpoint_requested = False
-        for callback in self.callbacks:
-            callback.on_checkpoint(self.step, path)
+        self.callbacks.on_checkpoint(self.step, path)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a step depends on: tensors and plain data."""
