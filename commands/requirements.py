@@ -30,13 +30,10 @@ class RequirementsReport:
         try:
             found = measure(trainer.parts, trainer.plan, trainer.step, trainer.info.settings)
             picture = plot(found)
-            for callback in trainer.callbacks:
-                callback.on_requirements(found, picture)
+            trainer.callbacks.on_requirements(found, picture)
         except Exception as error:  # The run is finished: all that matters of it is written.
-            logger.exception("what the run required could not be reported")
-            self._console.warn(
-                f"what the run required could not be reported: {type(error).__name__}: {error}"
-            )
+            kind = type(error).__name__
+            logger.warning("no report of requirements: %s: %s", kind, error, exc_info=True)
             return
         file = trainer.folder.requirements_plot.name
         self.line = f"requirements: {found.headline}: {file}"

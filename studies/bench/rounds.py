@@ -10,8 +10,8 @@ from functools import partial
 import torch
 
 from gsfw.core.splats import Splats
-from gsfw.plugins.automatic import load_all
 from gsfw.plugins.compose import choose_operators
+from gsfw.plugins.loading import load_all
 from gsfw.plugins.registry import Registry
 from gsfw.rasterizers.gsplat.rasterizer import GsplatRasterizer
 from gsfw.studies.bench.device import begin_peak, peak_mb

@@ -9,7 +9,8 @@ import torch
 
 from gsfw.core.capabilities import Capabilities, Needs, check_fit
 from gsfw.core.rasterizer import Rasterizer
-from gsfw.plugins.automatic import load, rasterizer_capabilities
+from gsfw.plugins.automatic import rasterizer_capabilities
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 
 REFERENCE = "reference"

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.render_settings import Validation
-from gsfw.plugins.automatic import load
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 from gsfw.studies.tradeoff.subject import Subject, enlarged
 
