@@ -25,6 +25,7 @@ class Feature(Enum):
     SCREEN_GRADIENT = "screen gradient"
     ABSGRAD = "absgrad"
     CONTRIBUTION = "contribution"
+    WEIGHTED_CONTRIBUTION = "contribution weighted by pixels"
     FLOAT64 = "float64"
 
 

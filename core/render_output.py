@@ -28,7 +28,8 @@ class RenderStatistics:
     absgrad: Float[Tensor, "c n"] | None = None
     """The same with each pixel's absolute gradient summed instead (Ye et al. 2024, AbsGS)."""
     contribution: Float[Tensor, "c n"] | None = None
-    """Sum over pixels of alpha times transmittance; written by the forward pass."""
+    """Sum over pixels of alpha times transmittance, each times the pixel's weight in
+    ``RenderSettings.contribution_weights``; written by the forward pass."""
 
     @staticmethod
     def zeros(

@@ -61,6 +61,9 @@ class RenderSettings:
     depth: Depth = Depth.NONE
     statistics: frozenset[Statistic] = field(default_factory=frozenset)
     """What to measure; the gradient ones are written when ``backward`` runs."""
+    contribution_weights: Float[Tensor, "c h w 1"] | None = None
+    """Weight of each pixel in ``Statistic.CONTRIBUTION``, such as a mask or an error image; any
+    finite number, without gradient. ``None`` for ones."""
     profile: NumericsProfile = DEFAULT
     validation: Validation = Validation.FULL
 
@@ -71,4 +74,6 @@ class RenderSettings:
             features.add(Feature.ANTIALIAS)
         if self.depth is not Depth.NONE:
             features.add(Feature.DEPTH)
+        if self.contribution_weights is not None:
+            features.add(Feature.WEIGHTED_CONTRIBUTION)
         return Needs(features=frozenset(features))

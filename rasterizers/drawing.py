@@ -155,6 +155,7 @@ def _paint(
     arrays["world_to_camera"] = cameras.world_to_camera[index].detach().contiguous()
     arrays["intrinsics"] = cameras.intrinsics[index].detach().contiguous()
     arrays["background"] = request.background
+    arrays["pixel_weights"] = _row(request.pixel_weights, index)
     outputs = {
         "image": image[index],
         "alpha": alpha[index],

@@ -65,8 +65,8 @@ class Painter(ABC):
 
         Args:
             arrays: the tensors of ``drawing.INPUTS``, colours in flat rows, with this camera's
-                world_to_camera [4, 4], intrinsics [3, 3] and the background [d]; where rest is
-                ragged [m, 3], the ``offsets`` [n + 1] of its rows.
+                world_to_camera [4, 4], intrinsics [3, 3], pixel_weights [h, w] and the background
+                [d]; where rest is ragged [m, 3], the ``offsets`` [n + 1] of its rows.
             numbers: as ``request.request_of`` has them.
             outputs: what is written: image [h, w, d], alpha [h, w], visible [n], radii [n], and
                 contribution [n] if asked for.

@@ -54,6 +54,8 @@ class Request:
     numbers: dict[str, float | int | bool]
     """Everything that is a plain number, by the name that kernels give it."""
     statistics: RenderStatistics
+    pixel_weights: Tensor | None
+    """[c, h, w]: of each pixel in contributions; ``None`` for ones."""
     limit: PairLimit
 
     def refuse(self, pairs: int) -> ConfigError:
@@ -101,7 +103,9 @@ def request_of(
         "depth_channels": DEPTH_CHANNELS[settings.depth],
         "most_pairs": limit.count,
     }
-    return Request(cameras, background, numbers, statistics, limit)
+    weights = settings.contribution_weights
+    pixel_weights = None if weights is None else weights.detach()[..., 0].contiguous()
+    return Request(cameras, background, numbers, statistics, pixel_weights, limit)
 
 
 def _sh_degree(colors: Sh | Tensor) -> int:

@@ -241,6 +241,7 @@ class CudaPicture(Picture):
             image=address(image),
             alpha=address(alpha),
             contribution=address(measured),
+            pixel_weights=address(self._arrays["pixel_weights"]),
             slots=address(self._slots),
         )
         if self._numbers["differentiated"]:

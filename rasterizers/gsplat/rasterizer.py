@@ -24,7 +24,7 @@ from gsfw.rasterizers.gsplat.request import drawn_channels, request_of
 
 DEVICES = frozenset({"cuda"})
 
-LACKING = frozenset({Feature.DISTORTION, Feature.CONTRIBUTION, Feature.FLOAT64})
+LACKING = frozenset({Feature.DISTORTION, Feature.FLOAT64})
 """gsplat draws distorted lenses only with another projection (3DGUT), which this adapter does not
 ask for."""
 
@@ -78,7 +78,31 @@ class GsplatRasterizer(Rasterizer):
         statistics.radii.copy_(radii.amax(2))
         statistics.visible.copy_((radii > 0).all(2))
         _record_gradients(meta["means2d"], statistics, cameras)
+        if statistics.contribution is not None:
+            statistics.contribution.copy_(self._contribution(splats, cameras, settings))
         return _output(image, alpha, splats, settings, statistics)
+
+    def _contribution(
+        self, splats: Splats, cameras: Cameras, settings: RenderSettings
+    ) -> Float[Tensor, "c n"]:
+        """Sum blending weights over pixels, in a second pass.
+
+        gsplat returns no weights. An image is linear in its colours, so the weights are the
+        derivatives of a channel in which every splat shows 1.
+        """
+        pose = cameras.world_to_camera.detach()
+        arguments = request_of(
+            splats.map(torch.Tensor.detach),
+            replace(cameras, world_to_camera=pose),
+            replace(settings, background=None, depth=Depth.NONE, statistics=frozenset()),
+        )
+        with torch.enable_grad():
+            ones = splats.means.new_ones(len(cameras), len(splats), 1).requires_grad_()
+            arguments |= {"colors": ones, "sh_degree": None}
+            image, _, _ = self._gsplat.rasterization(**arguments)
+        weights = settings.contribution_weights
+        weights = torch.ones_like(image) if weights is None else weights.detach()
+        return torch.autograd.grad(image, ones, weights)[0][:, :, 0]
 
 
 def _check_inputs(splats: Splats, cameras: Cameras) -> None:
@@ -114,11 +138,6 @@ def _check_settings(splats: Splats, settings: RenderSettings, installed: str) ->
     Raises:
         ValueError: naming the setting, what was expected and what was found.
     """
-    if Statistic.CONTRIBUTION in settings.statistics:
-        raise ValueError(
-            "settings.statistics: expected no contribution, which gsplat does not measure; use "
-            "another rasterizer"
-        )
     own, asked = package.profile(installed), settings.profile
     if replace(asked, name=own.name, dilation=own.dilation) != own:
         raise ValueError(

@@ -30,7 +30,7 @@ class Painted:
     left: Float[Tensor, "r 1"]
     """Transmittance that remains."""
     contributions: Float[Tensor, " m"]
-    """Sum over rays of each Gaussian's weight; without gradient."""
+    """Sum over rays of each Gaussian's weight times the ray's; without gradient."""
     touched: Bool[Tensor, "r m"]
     """Which Gaussian gives which ray something to see, were it alone."""
 

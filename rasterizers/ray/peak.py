@@ -72,7 +72,7 @@ class Peak(Mode):
             depths=(weights * depths).sum(1, keepdim=True),
             weights=weights.sum(1, keepdim=True),
             left=left,
-            contributions=weights.detach().sum(0),
+            contributions=rays.weigh(weights.detach()),
             touched=touched,
         )
 

@@ -120,6 +120,8 @@ class RayRasterizer(Rasterizer):
             channels = torch.cat([channels, extra], dim=1)
         scene = _Scene(gaussians, channels, _reaches(gaussians, settings))
         rays, tally = rays_of(camera), Tally.empty(splats.means)
+        if settings.contribution_weights is not None:
+            rays = replace(rays, weights=settings.contribution_weights[index].reshape(-1, 1))
         parts: list[Part] = []
         places: list[Tensor] = []
         for number, tile in enumerate(tiles(camera, splats.means.device)):

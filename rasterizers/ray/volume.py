@@ -99,7 +99,7 @@ class Volume(Mode):
             depths=(weights * depths).sum(1, keepdim=True),
             weights=weights.sum(1, keepdim=True),
             left=(-ahead[:, -1:]).exp(),
-            contributions=by_gaussian.detach().sum(0),
+            contributions=rays.weigh(by_gaussian.detach()),
             touched=curves.met,
         )
 

@@ -58,6 +58,15 @@ class Bins:
         x, y = ((self.middles[:, :, None] + steps) < size[:, None]).unbind(1)
         return (y[:, :, None] & x[:, None, :]).flatten(1).to(self.middles.dtype)
 
+    def by_tile(self, image: Float[Tensor, "h w"]) -> Float[Tensor, "t pixels"]:
+        """Cut an image into its tiles, with zeros for what tiles have beyond it."""
+        height, width = image.shape
+        rows = len(self.middles) // self.columns
+        padded = image.new_zeros(rows * TILE, self.columns * TILE)
+        padded[:height, :width] = image
+        tiles = padded.view(rows, TILE, self.columns, TILE).transpose(1, 2)
+        return tiles.reshape(len(self.middles), PIXELS)
+
     def sum_by_ellipse(self, values: Float[Tensor, "p_plus_1 f"]) -> Float[Tensor, "m f"]:
         """Sum the rows of each ellipse's pairs, always in the same order."""
         return embedding_bag(

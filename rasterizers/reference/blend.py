@@ -56,7 +56,9 @@ class _Blend(torch.autograd.Function):
             left[chunk.tiles] = torch.minimum(left[chunk.tiles], layers.left(canvas.cut_offs))
             ahead[chunk.tiles] = layers.transmittance[:, -1]
             if measures:
-                contributions[chunk.pairs] = layers.weights.sum(2, keepdim=True)
+                contributions[chunk.pairs] = canvas.measurements.sum_weights(
+                    chunk.tiles, layers.weights
+                )[:, :, None]
             chunks.append(chunk)
         if measures:
             sums = canvas.bins.sum_by_ellipse(contributions)[:, 0]

@@ -22,10 +22,16 @@ class Measurements:
     screen_gradient: Float[Tensor, " n"] | None
     absgrad: Float[Tensor, " n"] | None
     contribution: Float[Tensor, " n"] | None
+    pixel_weights: Float[Tensor, "tiles p"] | None
+    """Of the pixels in ``contribution``; ``None`` for ones."""
 
     @staticmethod
     def of(
-        statistics: RenderStatistics, index: int, rows: Int[Tensor, " m"], camera: Cameras
+        statistics: RenderStatistics,
+        index: int,
+        rows: Int[Tensor, " m"],
+        camera: Cameras,
+        pixel_weights: Float[Tensor, "tiles p"] | None,
     ) -> Measurements:
         """The rows of ``statistics`` that belong to camera ``index``."""
 
@@ -38,6 +44,7 @@ class Measurements:
             screen_gradient=row(statistics.screen_gradient),
             absgrad=row(statistics.absgrad),
             contribution=row(statistics.contribution),
+            pixel_weights=pixel_weights,
         )
 
     def record_gradients(
@@ -48,6 +55,14 @@ class Measurements:
             self.screen_gradient[self.rows] = (centres * self.half_size).norm(dim=1)
         if self.absgrad is not None and absolute is not None:
             self.absgrad[self.rows] = (absolute * self.half_size).norm(dim=1)
+
+    def sum_weights(
+        self, tiles: Int[Tensor, " t"], weights: Float[Tensor, "t s p"]
+    ) -> Float[Tensor, "t s"]:
+        """Sum blending weights over the pixels of ``tiles``, each times the pixel's weight."""
+        if self.pixel_weights is not None:
+            weights = weights * self.pixel_weights[tiles, None]
+        return weights.sum(2)
 
     def record_contribution(self, weights: Float[Tensor, " m"]) -> None:
         """Keep each ellipse's sum of weights."""

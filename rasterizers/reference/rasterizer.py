@@ -110,12 +110,14 @@ class ReferenceRasterizer(Rasterizer):
             channels.append(torch.ones_like(ellipses.depths)[:, None])
         with torch.no_grad():
             bins = bin_ellipses(ellipses, camera, profile, self.pairs_mb)
+            weights = settings.contribution_weights
+            pixel_weights = None if weights is None else bins.by_tile(weights[index, :, :, 0])
             canvas = Canvas(
                 bins,
                 bins.inside(camera),
                 CutOffs.of(profile, splats.means.dtype),
                 self.chunk_mb,
-                Measurements.of(statistics, index, rows, camera),
+                Measurements.of(statistics, index, rows, camera, pixel_weights),
             )
         painted, left = blend(brushes(ellipses, torch.cat(channels, dim=1)), canvas, camera)
         return _picture(painted, left, splats, settings)

@@ -153,7 +153,7 @@ class See:
             bins = bin_ellipses(ellipses, self.camera, profile, 1000.0)
             wanted = centres.new_zeros(0) if absgrad else None
             rows, half_size = self.rows, centres.new_ones(2)
-            measured = Absolute(rows, half_size, None, wanted, None, index, centres)
+            measured = Absolute(rows, half_size, None, wanted, None, None, index, centres)
             cut_offs = CutOffs.of(profile, channels.dtype)
             canvas = Canvas(bins, bins.inside(self.camera), cut_offs, 4.0, measured)
         return blend(brushes(ellipses, channels), canvas, self.camera)

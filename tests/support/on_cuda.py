@@ -31,10 +31,11 @@ class OnCuda(Rasterizer):
         pairs: list[tuple[Tensor, Tensor]] = []
         splats = splats.map(lambda tensor: _Move.apply(tensor, pairs))
         view = _Move.apply(cameras.world_to_camera, pairs)
-        background = settings.background
+        background, weights = settings.background, settings.contribution_weights
         settings = replace(
             settings,
             background=None if background is None else background.to(DEVICE),
+            contribution_weights=None if weights is None else weights.to(DEVICE),
             validation=Validation.CHEAP,
         )
         output = self._rasterizer.render(

@@ -151,6 +151,7 @@ class Handle {
     channels_ = splats.color_channels + splats.extras + splats.depth_channels;
     request_.background = array<const T>(arrays, "background", {channels_});
     const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
+    request_.pixel_weights = array<const T>(arrays, "pixel_weights", {h, w});
     const DrawingOutputs<T> to = {array<T>(outputs, "image", {h, w, channels_}),
                                   array<T>(outputs, "alpha", {h, w}),
                                   array<uint8_t>(outputs, "visible", {n}),

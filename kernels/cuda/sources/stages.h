@@ -188,6 +188,8 @@ struct BlendJob {
   int* chunk_tiles;
   /// T [n], or T [p] if ``slots`` is given: sums of weights; null where not asked for.
   void* contribution;
+  /// T [h, w]: what a pixel's weights count in these sums; null for ones.
+  const void* pixel_weights;
   /// int32 [p]: where each pair was written when it was emitted; null unless numbered.
   const int* slots;
 };

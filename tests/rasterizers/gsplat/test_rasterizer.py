@@ -27,7 +27,6 @@ def test_it_declares_what_gsplat_does_without_importing_it(monkeypatch):
     assert able.details == {"gsplat": "1.5.3"}
     everything = Needs(frozenset(CameraModel), frozenset(Feature), 1000, profile="default")
     assert able.lacking(everything, "cuda") == [
-        "feature 'contribution'",
         "feature 'float64'",
         "feature 'lens distortion'",
         "numerics 'default' (it draws only with 'gsplat-1.5')",
@@ -82,14 +81,6 @@ def test_intrinsics_that_want_a_gradient_are_refused(adapter):
     )
     with torch.no_grad():
         adapter.render(random_splats(5), camera, SETTINGS)
-
-
-def test_contribution_is_refused(adapter):
-    asked = replace(SETTINGS, statistics=frozenset({Statistic.CONTRIBUTION}))
-    assert refused(adapter, random_splats(5), front_camera(), asked) == (
-        "settings.statistics: expected no contribution, which gsplat does not measure; use "
-        "another rasterizer"
-    )
 
 
 def test_absgrad_over_more_channels_than_one_pass_is_refused(adapter):
