@@ -207,6 +207,7 @@ def refused(weights: Tensor, settings: RenderSettings = MEASURED) -> str:
     return str(caught.value)
 
 
+@pytest.mark.unchecked
 def test_weights_of_another_form_are_refused():
     weights = torch.ones(2, 6, 8, 1, dtype=torch.float64)
     assert refused(weights[:1]) == (

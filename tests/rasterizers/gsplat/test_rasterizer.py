@@ -29,7 +29,7 @@ def test_it_declares_what_gsplat_does_without_importing_it(monkeypatch):
     assert able.lacking(everything, "cuda") == [
         "feature 'float64'",
         "feature 'lens distortion'",
-        "numerics 'default' (it draws only with 'gsplat-1.5')",
+        "numerics 'default' (it renders only with 'gsplat-1.5')",
     ]
     assert able.lacking(Needs(profile="gsplat-1.5"), "cpu") == ["device 'cpu'"]
     assert 10 < able.preference < 20  # Between the cpu and the cuda rasterizer.
