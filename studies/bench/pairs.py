@@ -42,7 +42,7 @@ def _pairs(splats: Splats, camera: Cameras, settings: RenderSettings) -> int:
         bins.inside(camera),
         CutOffs.of(settings.profile, splats.means.dtype),
         chunk_mb,
-        Measurements(rows, splats.means.new_ones(2), None, None, None),
+        Measurements(rows, splats.means.new_ones(2), None, None, None, None),
     )
     shapes = brushes(ellipses, splats.means.new_zeros(len(rows), 0))
     palette = torch.cat([shapes, shapes.new_zeros(1, shapes.shape[1])])
