@@ -11,7 +11,6 @@ from operator import or_
 from gsfw.core.cameras import CameraModel
 from gsfw.core.errors import ConfigError
 
-
 DEPTH_CHANNELS = 2
 """Channels of an expected depth image: the sum of weighted depths, and the sum of weights."""
 

@@ -113,9 +113,9 @@ def bin_ellipses(
 def _check_memory(pairs: int, pairs_mb: float) -> None:
     if pairs * PAIR_BYTES > pairs_mb * 2**20:
         raise ConfigError(
-            f"this picture needs {pairs * PAIR_BYTES} bytes for {pairs} pairs of a splat and a "
+            f"this image needs {pairs * PAIR_BYTES} bytes for {pairs} pairs of a splat and a "
             f"tile that it reaches; rasterizer.pairs_mb={pairs_mb:g} does not allow that.",
-            "Draw a smaller image, keep splats from growing this large, or raise the limit.",
+            "Render a smaller image, keep splats from growing this large, or raise the limit.",
         )
 
 

@@ -14,6 +14,7 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
+from gsfw.rasterizers.kernel_arguments import DTYPES
 from gsfw.rasterizers.reference.bin import bin_ellipses
 from gsfw.rasterizers.reference.blend import blend
 from gsfw.rasterizers.reference.canvas import Canvas, CutOffs
@@ -21,7 +22,6 @@ from gsfw.rasterizers.reference.color import view_colors
 from gsfw.rasterizers.reference.layers import brushes
 from gsfw.rasterizers.reference.measure import Measurements
 from gsfw.rasterizers.reference.project import project, visible_extents
-from gsfw.rasterizers.request import DTYPES
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,7 @@ def test_any_number_of_threads_and_instruction_set_sums_alike(instruction_set, m
     splats = replace(splats, opacities=0.2 * splats.opacities)
     weights, found = signed_weights(cameras), []
     for threads in (1, 2, 5):
-        monkeypatch.setattr("gsfw.rasterizers.cpu.painter.num_threads", lambda n=threads: n)
+        monkeypatch.setattr("gsfw.rasterizers.cpu.rasterizer.num_threads", lambda n=threads: n)
         found.append(CpuRasterizer().contributions(splats, cameras, weights))
     assert torch.equal(found[0], found[1])
     assert torch.equal(found[0], found[2])

@@ -35,6 +35,9 @@ enum BrushField {
 /// gradient of x and of y.
 enum SumField { SUM_G, SUM_U, SUM_V, SUM_UU, SUM_UV, SUM_VV, SUM_CHANNELS };
 
+/// Threads of a block of ``emit`` and of ``find_tiles``.
+constexpr int BIN_THREADS = 256;
+
 /// Entries of a pose gradient: by rotation, by translation, and by the camera centre.
 constexpr int POSE_FIELDS = 15;
 
