@@ -28,7 +28,7 @@ class StageTime:
 
 
 class Rasterizer(ABC):
-    """Renders splats. A backend implements ``capabilities`` and ``_draw``; callers use the rest."""
+    """Renders splats. A backend implements ``capabilities`` and ``_render``."""
 
     @classmethod
     @abstractmethod
@@ -49,7 +49,7 @@ class Rasterizer(ABC):
         check_form(splats, cameras, settings)
         if settings.validation is Validation.FULL:
             check_values(splats, cameras, settings)
-        return self._draw(splats, cameras, settings)
+        return self._render(splats, cameras, settings)
 
     @final
     @torch.no_grad()
@@ -95,5 +95,5 @@ class Rasterizer(ABC):
         return {}
 
     @abstractmethod
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         """Render inputs whose form, and with full validation whose values, are checked."""

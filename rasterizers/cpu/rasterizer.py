@@ -56,7 +56,7 @@ class CpuRasterizer(Rasterizer):
         """Project, sort, bin, blend, and (0 until run) blend_backward, project_backward."""
         return dict(self._log)
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         if splats.means.device.type != "cpu":
             raise ValueError(
                 f"splats.means: expected a tensor on the CPU, found one on {splats.means.device}"

@@ -17,12 +17,12 @@ from gsfw.kernels.cuda.instances import WIDTHS, Instances
 from gsfw.kernels.cuda.launcher import Launcher
 from gsfw.kernels.render_arguments import KernelInputs, KernelOutputs, KernelSettings
 from gsfw.rasterizers.autograd import render
-from gsfw.rasterizers.cuda.stage_clock import StageClock
 from gsfw.rasterizers.cuda.stages import (
     SUM_CHANNELS,
     TILE_PIXELS,
     CudaForwardPass,
     Launching,
+    StageClock,
     instances_of,
     kernels_of,
 )
@@ -70,7 +70,7 @@ class CudaRasterizer(Rasterizer):
         """Project, sort, bin, blend, blend_backward, project_backward; empty unless measured."""
         return dict(self._log)
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         return render(self._backend, self._log, self.pairs_mb, splats, cameras, settings)
 
 

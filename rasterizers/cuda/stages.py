@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -22,7 +23,6 @@ from gsfw.kernels.render_arguments import (
     KernelSettings,
     SplatGradients,
 )
-from gsfw.rasterizers.cuda.stage_clock import StageClock
 from gsfw.rasterizers.kernel_backend import ForwardPass, TooManyPairs
 
 TILE = constant("stages.h", "TILE")
@@ -39,6 +39,40 @@ SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]
 PROJECT_THREADS = constant("splat.h", "PROJECT_THREADS")
 BIN_THREADS = constant("stages.h", "BIN_THREADS")
 WARP = constant("platform.h", "WARP")
+
+
+class StageClock:
+    """Pairs of CUDA events around stages; reading them waits for the device.
+
+    Does nothing unless ``measuring``.
+    """
+
+    def __init__(self, measuring: bool, device: torch.device) -> None:
+        self._measuring = measuring
+        self._device = device
+        self._events: dict[str, tuple[torch.cuda.Event, torch.cuda.Event]] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Measure what is launched within."""
+        if not self._measuring:
+            yield
+            return
+        begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        # Of the GPU that renders, which need not be the one that torch would take.
+        stream = torch.cuda.current_stream(self._device)
+        begin.record(stream)
+        yield
+        end.record(stream)
+        self._events[name] = (begin, end)
+
+    def times(self) -> Mapping[str, tuple[float, float]]:
+        """Milliseconds of each stage so far; the same number for the device and for the wall."""
+        if not self._events:
+            return {}
+        torch.cuda.synchronize(self._device)
+        found = {name: begin.elapsed_time(end) for name, (begin, end) in self._events.items()}
+        return {name: (time, time) for name, time in found.items()}
 
 
 @dataclass(frozen=True)

@@ -85,13 +85,13 @@ def bin_ellipses(
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     device = ellipses.means.device
     if profile.alpha_min > 0:
-        members, tiles = _meetings(ellipses, reach(ellipses, profile), columns, rows, pairs_mb)
+        members, tiles = _intersections(ellipses, reach(ellipses, profile), columns, rows, pairs_mb)
     else:
         _check_memory(len(ellipses.means) * columns * rows, pairs_mb)
         everyone = torch.arange(len(ellipses.means), device=device)
         members = everyone.repeat_interleave(columns * rows)
         tiles = torch.arange(columns * rows, device=device).repeat(len(everyone))
-    # Meetings come ellipse after ellipse, from front to back; a stable sort keeps this in a tile.
+    # Pairs come ellipse after ellipse, from front to back; a stable sort keeps this in a tile.
     sorted_tiles, order = tiles.sort(stable=True)
     counts = sorted_tiles.bincount(minlength=columns * rows)
     by_ellipse = torch.empty_like(order)
@@ -119,7 +119,7 @@ def _check_memory(pairs: int, pairs_mb: float) -> None:
         )
 
 
-def _meetings(
+def _intersections(
     ellipses: Ellipses, reaches: Float[Tensor, " m"], columns: int, rows: int, pairs_mb: float
 ) -> tuple[Int[Tensor, " p"], Int[Tensor, " p"]]:
     """All pairs of an ellipse and a tile that meet, ellipse after ellipse."""

@@ -26,7 +26,7 @@ class ReferenceConfig(RasterizerConfig):
         return ReferenceRasterizer.capabilities()
 
     def build(self, device: torch.device) -> ReferenceRasterizer:
-        """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing.
+        """The rasterizer; it renders wherever its inputs are, so ``device`` changes nothing.
 
         Raises:
             ConfigError: an amount of memory is not positive.

@@ -15,8 +15,7 @@ from gsfw.kernels.cuda.launcher import Kernel, address
 from gsfw.kernels.render_arguments import POSE_FIELDS, KernelSettings
 from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS, PROJECT_THREADS, TILE
 from gsfw.rasterizers.kernel_arguments import PairLimit, render_call
-from gsfw.rasterizers.reference.color import view_colors
-from gsfw.rasterizers.reference.project import Ellipses, project, visible_extents
+from gsfw.rasterizers.reference.project import Ellipses, project, view_colors, visible_extents
 from support.random_scenes import Kind
 
 NAMES = {torch.float32: "float", torch.float64: "double"}

@@ -60,14 +60,14 @@ def test_tensors_on_the_cpu_are_refused():
 def test_float64_is_refused(adapter):
     splats, camera = random_splats(5, dtype=torch.float64), front_camera(dtype=torch.float64)
     assert refused(adapter, splats, camera) == (
-        "splats.means: expected float32, which is all that gsplat draws, found torch.float64"
+        "splats.means: expected float32, which is all that gsplat renders, found torch.float64"
     )
 
 
 def test_distorted_lenses_are_refused(adapter):
     camera = replace(front_camera(), distortion=torch.zeros(1, 4))
     assert refused(adapter, random_splats(5), camera) == (
-        "cameras.distortion: expected None, because the gsplat rasterizer draws without lens "
+        "cameras.distortion: expected None, because the gsplat rasterizer renders without lens "
         "distortion; undistort the images first"
     )
 
@@ -99,7 +99,7 @@ def test_absgrad_over_more_channels_than_one_pass_is_refused(adapter):
 def test_constants_that_gsplat_does_not_draw_with_are_refused(adapter, profile):
     asked = RenderSettings(profile=profile)
     assert refused(adapter, random_splats(5), front_camera(), asked) == (
-        "settings.profile: expected 'gsplat-1.5', because gsplat 1.5.3 draws with no other "
+        "settings.profile: expected 'gsplat-1.5', because gsplat 1.5.3 renders with no other "
         f"constants, found {profile.name!r}; use profile=gsplat-1.5, or another rasterizer"
     )
 

@@ -27,7 +27,7 @@ class Rays:
     pixels: Float[Tensor, "r 2"]
     """Their centres."""
     central: bool
-    """Whether rays begin at an eye; those of an orthographic camera reach back without end."""
+    """Whether rays begin at a centre; those of an orthographic camera reach back without end."""
     weights: Float[Tensor, "r 1"] | None = None
     """What each counts in the contributions; ``None`` for ones."""
 
