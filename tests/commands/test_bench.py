@@ -150,9 +150,9 @@ class Staged(Rasterizer):
         blend = StageTime(self._blend_ms, self._blend_ms)
         return {"blend": blend, "blend_backward": blend}
 
-    def _draw(self, splats, cameras, settings):
+    def _render(self, splats, cameras, settings):
         Staged.turns += (self._name,)
-        return ReferenceRasterizer()._draw(splats, cameras, settings)
+        return ReferenceRasterizer()._render(splats, cameras, settings)
 
 
 class Unstaged(Staged):

@@ -139,6 +139,6 @@ def test_distorted_cameras_are_refused(rasterizer):
     with pytest.raises(ValueError, match="distortion") as caught:
         rasterizer.render(random_splats(1), camera)
     assert re.sub("the [a-z]+ rasterizer", "it", str(caught.value)) == (
-        "cameras.distortion: expected None, because it draws without lens distortion; undistort "
+        "cameras.distortion: expected None, because it renders without lens distortion; undistort "
         "the images first"
     )

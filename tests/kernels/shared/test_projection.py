@@ -10,7 +10,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.numerics import DEFAULT, LENGTH_MAX
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
-from gsfw.rasterizers.reference.layers import brushes
+from gsfw.rasterizers.reference.layers import projected_splats
 from gsfw.rasterizers.reference.project import project, rotations, visible_extents
 
 N = 64
@@ -66,7 +66,7 @@ def by_autograd(
     leaves = {name: splats.tensors()[name].detach().clone().requires_grad_() for name in names}
     pose = camera.world_to_camera.clone().requires_grad_()
     ellipses = project(replace(splats, **leaves), replace(camera, world_to_camera=pose), settings)
-    rows = brushes(ellipses, ellipses.depths[:, None])
+    rows = projected_splats(ellipses, ellipses.depths[:, None])
     wanted = torch.cat([brush_gradients(rows[:, :6], gradients), gradients[:, 2:3]], dim=1)
     found = torch.autograd.grad(rows, [*leaves.values(), pose], wanted)
     return dict(zip(names, found[:-1], strict=True)) | {"pose": found[-1][0, :3]}

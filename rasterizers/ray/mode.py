@@ -1,4 +1,4 @@
-"""Painted: what a mode makes of some rays, and how it is made again for the way back."""
+"""Blended: what a mode makes of some rays, and how it is made again for the backward pass."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from gsfw.core.numerics import NumericsProfile
-from gsfw.rasterizers.ray.eye import Rays
+from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.gaussians import Gaussians
 
 
 @dataclass(frozen=True)
-class Painted:
+class Blended:
     """``r`` rays with what they meet of ``m`` Gaussians."""
 
     channels: Float[Tensor, "r d"]
@@ -30,7 +30,7 @@ class Painted:
     left: Float[Tensor, "r 1"]
     """Transmittance that remains."""
     contributions: Float[Tensor, " m"]
-    """Sum over rays of each Gaussian's weight; without gradient."""
+    """Sum over rays of each Gaussian's weight times the ray's; without gradient."""
     touched: Bool[Tensor, "r m"]
     """Which Gaussian gives which ray something to see, were it alone."""
 
@@ -47,19 +47,19 @@ class Mode(ABC):
         """Random numbers in [0, 1) that so many rays of a tile take, the same each time."""
 
     @abstractmethod
-    def paint(
+    def blend(
         self,
         rays: Rays,
         offsets: Float[Tensor, "r s"],
         gaussians: Gaussians,
         channels: Float[Tensor, "m d"],
         profile: NumericsProfile,
-    ) -> Painted:
+    ) -> Blended:
         """See Gaussians, given from front to back, with their ``channels``; differentiable."""
 
 
 def recomputed(function: Callable[..., tuple[Tensor, ...]], *inputs: Tensor) -> tuple[Tensor, ...]:
-    """``function(*inputs)``, of which nothing is kept: its inside is made again on the way back."""
+    """Call ``function(*inputs)``, keep nothing, and call it again in the backward pass."""
     outputs: tuple[Tensor, ...] = _Recomputed.apply(function, *inputs)
     return outputs
 

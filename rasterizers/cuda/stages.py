@@ -1,10 +1,10 @@
-"""Picture: one camera's drawing, stage by stage, and its way back."""
+"""Stages: the forward pass of one camera, kernel after kernel, and its backward pass."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from jaxtyping import Float, Int
@@ -14,30 +14,70 @@ from gsfw.kernels.cuda import jobs
 from gsfw.kernels.cuda.instances import Instances
 from gsfw.kernels.cuda.launcher import Entry, Launcher, address
 from gsfw.kernels.cuda.sort import radix_sort, sort_kernels
-from gsfw.rasterizers.cuda.stage_clock import StageClock
-from gsfw.rasterizers.painter import POSE_FIELDS, Arrays, Numbers, Picture, TooManyPairs
+from gsfw.kernels.cuda.source_files import constant, enumerators
+from gsfw.kernels.render_arguments import (
+    POSE_FIELDS,
+    KernelGradients,
+    KernelInputs,
+    KernelOutputs,
+    KernelSettings,
+    SplatGradients,
+)
+from gsfw.rasterizers.kernel_backend import ForwardPass, TooManyPairs
 
-TILE = 16
-"""Side of a tile in pixels, as stages.h has it."""
+TILE = constant("stages.h", "TILE")
+"""Side of a tile in pixels."""
 
-BRUSH_CHANNELS = 11
-"""Fields of a brush before its channels, as stages.h has them."""
+TILE_PIXELS = TILE * TILE
 
-SUM_CHANNELS = 6
-"""Sums per splat before those of its channels, as stages.h has them."""
+BRUSH_CHANNELS = enumerators("stages.h", "BrushField")["BRUSH_CHANNELS"]
+"""Fields of a brush before its channels."""
 
-PROJECT_THREADS = 64
-"""As splat.h has it."""
+SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]
+"""Sums per splat before those of its channels."""
 
-BIN_THREADS = 256
-"""As bin.cu has it."""
+PROJECT_THREADS = constant("splat.h", "PROJECT_THREADS")
+BIN_THREADS = constant("stages.h", "BIN_THREADS")
+WARP = constant("platform.h", "WARP")
 
-WARP = 32
+
+class StageClock:
+    """Pairs of CUDA events around stages; reading them waits for the device.
+
+    Does nothing unless ``measuring``.
+    """
+
+    def __init__(self, measuring: bool, device: torch.device) -> None:
+        self._measuring = measuring
+        self._device = device
+        self._events: dict[str, tuple[torch.cuda.Event, torch.cuda.Event]] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Measure what is launched within."""
+        if not self._measuring:
+            yield
+            return
+        begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        # Of the GPU that renders, which need not be the one that torch would take.
+        stream = torch.cuda.current_stream(self._device)
+        begin.record(stream)
+        yield
+        end.record(stream)
+        self._events[name] = (begin, end)
+
+    def times(self) -> Mapping[str, tuple[float, float]]:
+        """Milliseconds of each stage so far; the same number for the device and for the wall."""
+        if not self._events:
+            return {}
+        torch.cuda.synchronize(self._device)
+        found = {name: begin.elapsed_time(end) for name, (begin, end) in self._events.items()}
+        return {name: (time, time) for name, time in found.items()}
 
 
 @dataclass(frozen=True)
-class Equipment:
-    """What a picture is drawn with."""
+class Launching:
+    """The kernels of one image, and how they are run."""
 
     launcher: Launcher
     clock: StageClock
@@ -46,21 +86,21 @@ class Equipment:
     """Whether gradients are summed in a fixed order."""
 
 
-def instances_of(arrays: Arrays, numbers: Numbers) -> Instances:
-    """The kernels that draw these arrays."""
-    grid = _grid(int(numbers["width"]), int(numbers["height"]))
+def instances_of(inputs: KernelInputs, settings: KernelSettings) -> Instances:
+    """The kernel instances that render these inputs."""
+    grid = _grid(settings)
     return Instances(
-        dtype=_given(arrays, "means").dtype,
-        covariances=arrays["covariances"] is not None,
-        sh_degree=int(numbers["sh_degree"]),
-        channels=_given(arrays, "background").shape[0],
+        dtype=inputs.splats.means.dtype,
+        covariances=inputs.splats.covariances is not None,
+        sh_degree=settings.sh_degree,
+        channels=len(inputs.background),
         tile_key=torch.int16 if grid.columns * grid.rows <= 2**16 else torch.int32,
-        ragged=arrays["offsets"] is not None,
+        ragged=inputs.splats.offsets is not None,
     )
 
 
 def kernels_of(chosen: Instances, differentiated: bool) -> list[Entry]:
-    """What an ordinary picture launches, with or without its way back."""
+    """The kernels of an ordinary image, with or without its backward pass."""
     depth_key = torch.int32 if chosen.dtype == torch.float32 else torch.int64
     kernels: list[Entry] = [
         (chosen.project, jobs.ProjectJob),
@@ -76,21 +116,25 @@ def kernels_of(chosen: Instances, differentiated: bool) -> list[Entry]:
     return kernels
 
 
-class CudaPicture(Picture):
-    """What the kernels of one picture share. Nothing waits for the device but one number.
+class CudaForwardPass(ForwardPass):
+    """The forward pass of one image. The host waits for the device only once.
 
-    That number is the count of pairs, by which memory is asked for.
+    It reads the number of tile intersections, which tells how much memory they take.
     """
 
     def __init__(
-        self, equipment: Equipment, arrays: Arrays, numbers: Numbers, outputs: Arrays
+        self,
+        launching: Launching,
+        inputs: KernelInputs,
+        settings: KernelSettings,
+        outputs: KernelOutputs,
     ) -> None:
-        self._launcher, self._clock = equipment.launcher, equipment.clock
-        self._instances, self._deterministic = equipment.instances, equipment.deterministic
-        self._arrays, self._numbers = arrays, numbers
-        self._channels = _given(arrays, "background").shape[0]
-        self._grid = _grid(int(numbers["width"]), int(numbers["height"]))
-        self._visible, self._radii = _given(outputs, "visible"), _given(outputs, "radii")
+        self._launcher, self._clock = launching.launcher, launching.clock
+        self._instances, self._deterministic = launching.instances, launching.deterministic
+        self._inputs, self._settings = inputs, settings
+        self._channels = len(inputs.background)
+        self._grid = _grid(settings)
+        self._visible, self._radii = outputs.visible, outputs.radii
         clock = self._clock
         with clock.stage("project"):
             self._project()
@@ -101,7 +145,7 @@ class CudaPicture(Picture):
         with clock.stage("blend"):
             self._blend(outputs)
 
-    def backward(self, gradients: Mapping[str, Tensor | bool | None]) -> None:
+    def backward(self, gradients: KernelGradients) -> None:
         """Write the gradients of the inputs, and the statistics that come with them."""
         with self._clock.stage("blend_backward"):
             sums = self._blend_backward(gradients)
@@ -113,7 +157,7 @@ class CudaPicture(Picture):
         return self._clock.times()
 
     def _project(self) -> None:
-        means = _given(self._arrays, "means")
+        means = self._inputs.splats.means
         n, width = len(means), BRUSH_CHANNELS + self._instances.width
         self._brushes = means.new_empty(n, _multiple_of_4(width))
         key = torch.int32 if means.dtype == torch.float32 else torch.int64
@@ -123,8 +167,8 @@ class CudaPicture(Picture):
             view=self._view(),
             splats=self._splats(),
             grid=self._grid,
-            level_min=self._numbers["level_min"],
-            bounded=self._numbers["alpha_min"] > 0,
+            level_min=self._settings.level_min,
+            bounded=self._settings.alpha_min > 0,
             stride=self._brushes.shape[1],
             brushes=address(self._brushes),
             depth_keys=address(self._depth_keys),
@@ -136,33 +180,41 @@ class CudaPicture(Picture):
         self._launcher.launch(self._instances.project, blocks, PROJECT_THREADS, self._job)
 
     def _view(self) -> jobs.View:
-        numbers = self._numbers
-        names = (
-            *("jacobian_margin", "dilation", "compensation_min", "alpha_min", "near", "far"),
-            *("length_max", "quaternion_min_norm", "model", "antialias"),
-        )
+        settings = self._settings
         return jobs.View(
-            world_to_camera=address(self._arrays["world_to_camera"]),
-            intrinsics=address(self._arrays["intrinsics"]),
-            **{name: numbers[name] for name in names},
+            world_to_camera=address(self._inputs.world_to_camera),
+            intrinsics=address(self._inputs.intrinsics),
+            jacobian_margin=settings.jacobian_margin,
+            dilation=settings.dilation,
+            compensation_min=settings.compensation_min,
+            alpha_min=settings.alpha_min,
+            near=settings.near,
+            far=settings.far,
+            length_max=settings.length_max,
+            quaternion_min_norm=settings.quaternion_min_norm,
+            model=settings.camera_model,
+            antialias=settings.antialias,
         )
 
     def _splats(self) -> jobs.SplatArrays:
-        arrays, degree = self._arrays, int(self._numbers["sh_degree"])
-        names = (
-            *("means", "quats", "scales", "covariances", "opacities"),
-            *("colors", "rest", "offsets", "extra"),
-        )
-        colors, rest = _given(arrays, "colors"), arrays["rest"]
+        splats = self._inputs.splats
         return jobs.SplatArrays(
-            count=len(colors),
-            **{name: address(arrays[name]) for name in names},
-            rest_rows=0 if rest is None else len(rest),
-            color_stride=colors.shape[1],
-            rest_stride=_width(rest),
-            extras=_width(arrays["extra"]),
-            color_channels=3 if degree >= 0 else colors.shape[1],
-            depth_channels=self._numbers["depth_channels"],
+            count=len(splats.means),
+            means=address(splats.means),
+            quats=address(splats.quats),
+            scales=address(splats.scales),
+            covariances=address(splats.covariances),
+            opacities=address(splats.opacities),
+            colors=address(splats.colors),
+            rest=address(splats.rest),
+            offsets=address(splats.offsets),
+            rest_rows=0 if splats.rest is None else len(splats.rest),
+            extra=address(splats.extra),
+            color_stride=splats.colors.shape[1],
+            rest_stride=_width(splats.rest),
+            extras=_width(splats.extra),
+            color_channels=3 if self._settings.sh_degree >= 0 else splats.colors.shape[1],
+            depth_channels=self._settings.depth_channels,
         )
 
     def _sort_by_depth(self) -> Int[Tensor, " n"]:
@@ -176,7 +228,7 @@ class CudaPicture(Picture):
         counts = self._tile_counts[order]
         ends = counts.cumsum(0, dtype=torch.int64)
         pairs = int(ends[-1]) if len(ends) else 0  # The number that the host waits for.
-        if pairs > int(self._numbers["most_pairs"]):
+        if pairs > self._settings.max_pairs:
             raise TooManyPairs(pairs)
         numbered = self._deterministic
         tiles = ends.new_empty(pairs, dtype=self._instances.tile_key)
@@ -219,17 +271,18 @@ class CudaPicture(Picture):
         self._chunk_starts = torch.zeros_like(starts)
         torch.cumsum(further, 0, out=self._chunk_starts[1:])
 
-    def _blend(self, outputs: Arrays) -> None:
-        image, alpha = _given(outputs, "image"), _given(outputs, "alpha")
-        contribution = outputs["contribution"]
+    def _blend(self, outputs: KernelOutputs) -> None:
+        contribution = outputs.contribution
         measured = contribution
         if contribution is not None and self._slots is not None:
             measured = contribution.new_zeros(len(self._slots))
-        background = self._arrays["background"]
+        settings = self._settings
         self._blend_job = jobs.BlendJob(
             grid=self._grid,
-            **{name: self._numbers[name] for name in ("level_min", "alpha_cap", "alpha_limit")},
-            transmittance_min=self._numbers["transmittance_min"],
+            level_min=settings.level_min,
+            alpha_cap=settings.alpha_cap,
+            alpha_limit=settings.alpha_limit,
+            transmittance_min=settings.transmittance_min,
             brushes=self._job.brushes,
             stride=self._job.stride,
             channels=self._channels,
@@ -237,14 +290,15 @@ class CudaPicture(Picture):
             rows=address(self._pair_rows),
             tile_starts=address(self._tile_starts),
             chunk_starts=address(self._chunk_starts),
-            background=address(background),
-            image=address(image),
-            alpha=address(alpha),
+            background=address(self._inputs.background),
+            image=address(outputs.image),
+            alpha=address(outputs.alpha),
             contribution=address(measured),
+            pixel_weights=address(self._inputs.pixel_weights),
             slots=address(self._slots),
         )
-        if self._numbers["differentiated"]:
-            self._keep_for_backward(alpha)
+        if settings.differentiated:
+            self._keep_for_backward(outputs.alpha)
         kernel = self._instances.blend(contribution is not None)
         num_tiles = self._grid.columns * self._grid.rows
         self._launcher.launch(kernel, num_tiles, TILE * TILE, self._blend_job)
@@ -272,17 +326,16 @@ class CudaPicture(Picture):
         )
         contribution[self._order] = sums
 
-    def _blend_backward(self, gradients: Mapping[str, Any]) -> Tensor:
-        image, alpha = gradients["image"], gradients["alpha"]
-        absolute = gradients["absgrad"] is not None
+    def _blend_backward(self, gradients: KernelGradients) -> Tensor:
+        absolute = gradients.absgrad is not None
         rows = len(self._pair_rows) if self._deterministic else len(self._tile_counts)
         stride = SUM_CHANNELS + self._channels + (2 if absolute else 0)
-        sums = image.new_zeros(rows, stride)
-        self._blend_job.image = address(gradients["drawn"])
+        sums = gradients.image.new_zeros(rows, stride)
+        self._blend_job.image = address(gradients.rendered)
         job = jobs.BlendBackwardJob(
             forward=self._blend_job,
-            image_gradient=address(image),
-            alpha_gradient=address(alpha),
+            image_gradient=address(gradients.image),
+            alpha_gradient=address(gradients.alpha),
             chunks=len(self._chunk_tiles),
             sums=address(sums),
             sum_stride=stride,
@@ -292,41 +345,48 @@ class CudaPicture(Picture):
         self._launcher.launch(kernel, blocks if len(self._pair_rows) else 0, WARP, job)
         return sums
 
-    def _project_backward(self, gradients: Mapping[str, Any], sums: Tensor) -> None:
+    def _project_backward(self, gradients: KernelGradients, sums: Tensor) -> None:
         n = len(self._tile_counts)
         blocks = -(-n // PROJECT_THREADS)
-        pose = gradients["pose"]
+        pose = gradients.pose
         poses = None if pose is None else pose.new_zeros(blocks, POSE_FIELDS)
         slot_ends = None
         if self._deterministic:
             slot_ends = torch.empty_like(self._ends)
             slot_ends[self._order] = self._ends
-        names = ("means", "quats", "scales", "covariances", "opacities", "colors", "rest", "extra")
         job = jobs.ProjectBackwardJob(
             forward=self._job,
             sums=address(sums),
             sum_stride=sums.shape[1],
             channels=self._channels,
             slot_ends=address(slot_ends),
-            gradients=jobs.SplatGradients(**{name: address(gradients[name]) for name in names}),
-            screen_gradient=address(gradients["screen_gradient"]),
-            absgrad=address(gradients["absgrad"]),
+            gradients=_addresses(gradients.splats),
+            screen_gradient=address(gradients.screen_gradient),
+            absgrad=address(gradients.absgrad),
             pose=address(poses),
-            accumulate=gradients["accumulate"],
+            accumulate=gradients.accumulate,
         )
         kernel = self._instances.project_backward(pose is not None)
         self._launcher.launch(kernel, blocks, PROJECT_THREADS, job)
-        if poses is not None:
+        if pose is not None and poses is not None:
             pose += poses.sum(0)
 
 
-def _given(arrays: Arrays, name: str) -> Tensor:
-    tensor = arrays[name]
-    assert tensor is not None, f"{name} is always there"
-    return tensor
+def _addresses(gradients: SplatGradients) -> jobs.SplatGradients:
+    return jobs.SplatGradients(
+        means=address(gradients.means),
+        quats=address(gradients.quats),
+        scales=address(gradients.scales),
+        covariances=address(gradients.covariances),
+        opacities=address(gradients.opacities),
+        colors=address(gradients.colors),
+        rest=address(gradients.rest),
+        extra=address(gradients.extra),
+    )
 
 
-def _grid(width: int, height: int) -> jobs.Grid:
+def _grid(settings: KernelSettings) -> jobs.Grid:
+    width, height = settings.width, settings.height
     return jobs.Grid(width, height, -(-width // TILE), -(-height // TILE))
 
 

@@ -27,7 +27,13 @@ class Rays:
     pixels: Float[Tensor, "r 2"]
     """Their centres."""
     central: bool
-    """Whether rays begin at an eye; those of an orthographic camera reach back without end."""
+    """Whether rays begin at a centre; those of an orthographic camera reach back without end."""
+    weights: Float[Tensor, "r 1"] | None = None
+    """What each counts in the contributions; ``None`` for ones."""
+
+    def weigh(self, parts: Float[Tensor, "r m"]) -> Float[Tensor, " m"]:
+        """Sum ``parts`` over the rays, each times the ray's weight."""
+        return parts.sum(0) if self.weights is None else (parts * self.weights).sum(0)
 
     def select(self, rows: Int[Tensor, " s"]) -> Rays:
         """Some of them."""
@@ -36,6 +42,7 @@ class Rays:
             origins=self.origins.index_select(0, rows),
             directions=self.directions.index_select(0, rows),
             pixels=self.pixels.index_select(0, rows),
+            weights=None if self.weights is None else self.weights.index_select(0, rows),
         )
 
 

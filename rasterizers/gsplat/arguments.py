@@ -22,10 +22,10 @@ MODELS = {
 }
 
 MODES = {Depth.NONE: "RGB", Depth.ACCUMULATED: "RGB+D", Depth.EXPECTED: "RGB+ED"}
-"""With depth, it is drawn as one more channel, the last."""
+"""With depth, it is rendered as one more channel, the last."""
 
 
-def request_of(splats: Splats, cameras: Cameras, settings: RenderSettings) -> dict[str, Any]:
+def arguments_of(splats: Splats, cameras: Cameras, settings: RenderSettings) -> dict[str, Any]:
     """The arguments of ``gsplat.rasterization``, by name.
 
     Only those are used that gsplat 1.5.3 and 1.6.0 have and mean alike.
@@ -56,8 +56,8 @@ def request_of(splats: Splats, cameras: Cameras, settings: RenderSettings) -> di
     }
 
 
-def drawn_channels(splats: Splats, settings: RenderSettings) -> int:
-    """Channels that gsplat is asked to draw: colours, extra ones, and depth."""
+def rendered_channels(splats: Splats, settings: RenderSettings) -> int:
+    """Channels that gsplat is asked to render: colours, extra ones, and depth."""
     extras = 0 if splats.extra is None else splats.extra.shape[1]
     return splats.channels + extras + (settings.depth is not Depth.NONE)
 
@@ -70,7 +70,7 @@ def _colors(splats: Splats, cameras: Cameras) -> tuple[Tensor, int | None]:
     coefficients = colors.dense()
     if extra is None:
         return coefficients, degree_of(coefficients.shape[1])
-    # Beside spherical harmonics gsplat 1.5 draws no other channels, so they are evaluated here.
+    # Beside spherical harmonics gsplat 1.5 renders no other channels, so they are evaluated here.
     seen = _view_colors(coefficients, splats.means, cameras)
     return torch.cat([seen, extra.expand(len(cameras), *extra.shape)], dim=2), None
 
