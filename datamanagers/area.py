@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32, Shaped, UInt8
 from scipy.sparse import csr_matrix
 
 
@@ -53,6 +53,19 @@ def shrink_values(
     values = values.reshape(height, columns, channels).transpose(1, 0, 2)
     values = _weights(columns, width) @ values.reshape(columns, height * channels)
     return values.reshape(width, height, channels).transpose(1, 0, 2)
+
+
+def pick_nearest(
+    values: Shaped[np.ndarray, "h w *d"], width: int, height: int
+) -> Shaped[np.ndarray, "h2 w2 *d"]:
+    """The values at another size, larger or smaller: each pixel gets the nearest one."""
+    if values.shape[:2] == (height, width):
+        return values
+    y, x = (
+        ((np.arange(new) + 0.5) * old / new).astype(np.int64)
+        for old, new in zip(values.shape[:2], (height, width), strict=True)
+    )
+    return values[y[:, None], x]
 
 
 def _weights(size: int, smaller: int) -> csr_matrix:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
+from gsfw.core.batch import Resampling
 from gsfw.datamanagers.pictures import Picture
 from gsfw.datamanagers.upload import Shipment, Upload
 
@@ -19,34 +20,66 @@ and the oldest are dropped."""
 
 
 @dataclass(frozen=True)
+class PlacedMap:
+    """A per-view map where it is used; see ``FittedMap``."""
+
+    values: Float[Tensor, "rows columns d"]
+    known: Bool[Tensor, "h w"]
+    rule: Resampling
+
+
+@dataclass(frozen=True)
 class PlacedPicture:
     """A picture where it is used."""
 
     pixels: UInt8[Tensor, "h w d"]
     """As ``Picture`` has them."""
     mask: Bool[Tensor, "h w"] | None = None
-    depth: Float[Tensor, "h w"] | None = None
+    maps: Mapping[str, PlacedMap] = field(default_factory=dict)
 
     @staticmethod
     def on_host(picture: Picture) -> PlacedPicture:
         """A decoded picture where it is; nothing is copied."""
         mask = None if picture.mask is None else torch.from_numpy(picture.mask)
-        depth = None if picture.depth is None else torch.from_numpy(picture.depth)
-        return PlacedPicture(torch.from_numpy(picture.pixels), mask, depth)
+        maps = {
+            name: PlacedMap(torch.from_numpy(item.values), torch.from_numpy(item.known), item.rule)
+            for name, item in picture.maps.items()
+        }
+        return PlacedPicture(torch.from_numpy(picture.pixels), mask, maps)
 
-    @staticmethod
-    def of(tensors: tuple[Tensor, ...]) -> PlacedPicture:
-        """A picture of its ``tensors``, which are told by their types."""
-        pixels, *others = tensors
-        mask = next((tensor for tensor in others if tensor.dtype is torch.bool), None)
-        depth = next((tensor for tensor in others if tensor.dtype is not torch.bool), None)
-        return PlacedPicture(pixels, mask, depth)
+    @property
+    def layout(self) -> Layout:
+        """What ``tensors`` are."""
+        rules = {name: item.rule for name, item in self.maps.items()}
+        return Layout(self.mask is not None, rules)
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
-        """Pixels, and the mask and the depths if there are any."""
-        others = (tensor for tensor in (self.mask, self.depth) if tensor is not None)
-        return (self.pixels, *others)
+        """Pixels, the mask if there is one, and values and known pixels of each map."""
+        mask = () if self.mask is None else (self.mask,)
+        maps = (tensor for item in self.maps.values() for tensor in (item.values, item.known))
+        return (self.pixels, *mask, *maps)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the tensors of a picture are, to put them together on a device."""
+
+    masked: bool
+    rules: Mapping[str, Resampling]
+    """Of the maps, in order."""
+
+    def picture(self, tensors: Sequence[Tensor]) -> PlacedPicture:
+        """The picture of ``PlacedPicture.tensors``."""
+        pixels, *others = tensors
+        mask = others.pop(0) if self.masked else None
+        maps = {
+            name: PlacedMap(values, known, rule)
+            for (name, rule), values, known in zip(
+                self.rules.items(), others[::2], others[1::2], strict=True
+            )
+        }
+        return PlacedPicture(pixels, mask, maps)
 
 
 def staying(sizes: Sequence[int], budget: int) -> frozenset[int]:
@@ -89,7 +122,7 @@ class DevicePictures:
         self._request = request
         self._upload = upload
         self._kept = kept
-        self._sent: dict[int, Future[Shipment]] = {}
+        self._sent: dict[int, Future[tuple[Layout, Shipment]]] = {}
         self._thread = ThreadPoolExecutor(1, "gsfw-upload")
 
     def lacking(self, numbers: Iterable[int]) -> list[int]:
@@ -103,8 +136,9 @@ class DevicePictures:
             del self._sent[unused]
         self._sent[number] = self._thread.submit(self._ship, picture)
 
-    def _ship(self, picture: Future[Picture]) -> Shipment:
-        return self._upload.send(PlacedPicture.on_host(picture.result()).tensors)
+    def _ship(self, picture: Future[Picture]) -> tuple[Layout, Shipment]:
+        placed = PlacedPicture.on_host(picture.result())
+        return placed.layout, self._upload.send(placed.tensors)
 
     def get(self, number: int) -> PlacedPicture:
         """A picture on the device; waits for it to be decoded and sent, not for its arrival.
@@ -116,12 +150,12 @@ class DevicePictures:
             self.send(number, self._request(number))
         coming = self._sent.pop(number)
         try:
-            shipment = coming.result()
+            layout, shipment = coming.result()
         except CancelledError:  # What was asked for later took its place among the decoded ones.
             return self.get(number)
         if number in self._kept:
             self._sent[number] = coming
-        return PlacedPicture.of(self._upload.receive(shipment))
+        return layout.picture(self._upload.receive(shipment))
 
     def close(self) -> None:
         """Stop sending, and free the device's memory."""

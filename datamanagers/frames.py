@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
@@ -13,8 +13,8 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.depth_map import DepthMap
 from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.map_file import MapFile
 from gsfw.datamanagers.pictures import Header
 from gsfw.datamanagers.sightings import Sightings
 from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
@@ -47,8 +47,16 @@ class Frame:
     """Picture that is bright where something moves; ``None`` when nobody said."""
     shot: Shot | None = None
     """Which picture of the video at ``path``; ``None`` where the path is that of a picture."""
-    depth: DepthMap | None = None
-    """Measured depths; ``None`` when there are none, or nobody asked for them."""
+    maps: Mapping[str, MapFile] = field(default_factory=dict)
+    """Files of per-view maps by name, such as "depth". The framework undistorts, shrinks, masks
+    and caches them, and puts them into ``Batch.maps``. Every frame needs all maps that any frame
+    has, except those under the depth rule: where a frame has none, they are unknown."""
+
+    @property
+    def short_names(self) -> tuple[Path, ...]:
+        """The name, and without its first folder, as in images/a.jpg: for files named alike."""
+        name = Path(self.name)
+        return (name, Path(*name.parts[1:])) if len(name.parts) > 1 else (name,)
 
     def undistortion(self, rule: LensRule) -> Undistortion | None:
         """How the picture is undistorted; ``None`` when its lens is a pinhole.
@@ -125,11 +133,18 @@ class Recording:
     """Times of frames that are neither trained nor evaluated on."""
     point_times: Float64[Tensor, " p"] | None = None
     """When each point was seen, in the unit of the frames' times; ``None`` when nobody said."""
+    shrunk: int = 1
+    """The factor that the images were shrunk by before; ``downscale`` counts from full size."""
     split_origin: str = "the data set's own split"
     """How frames got their ``split``, where they have one."""
     sightings: Callable[[], Sightings] | None = None
     """Reads which frames show which point, which training has no use for; ``None`` when the format
     does not say."""
+
+    @property
+    def root(self) -> Path:
+        """The folder of the data set, which settings that name folders are relative to."""
+        return self.path if self.path.is_dir() else self.path.parent
 
     def read_sightings(self) -> Sightings:
         """Which frames show which point; none where the format does not say.
@@ -140,15 +155,15 @@ class Recording:
         return Sightings.none() if self.sightings is None else self.sightings()
 
 
-def data_folder(path: Path | None, format_name: str) -> Path:
-    """The data set's folder or file.
+def data_path(path: Path | None) -> Path:
+    """The data set's folder or file, which exists.
 
     Raises:
         DataError: none was given, or it is not there.
     """
     if path is None:
         raise DataError(
-            f"datamanager={format_name} reads files, and data is empty.",
+            "the chosen datamanager reads files, and data is empty.",
             "Give the data set: data=DIR.",
         )
     if not path.exists():

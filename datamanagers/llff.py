@@ -9,10 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder
+from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.llff_poses import FILE, read_rows, row_camera
 from gsfw.datamanagers.picture_folder import PictureFolderConfig
 from gsfw.datamanagers.pictures import EXTENSIONS, read_header
@@ -35,19 +33,11 @@ class LlffConfig(PictureFolderConfig):
         # COLMAP's model, which such data sets may hold as well, knows more: points and lenses.
         return Detection(True, LOOKED_FOR, f"{FILE} with {names}", priority=25)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the poses, check the headers of the pictures that ``downscale`` asks for.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        root = _root(data_folder(request.path, "llff"))
-        shrunk, pictures = self._choose(root, request.downscale)
-        # What the folder's pictures were shrunk by is not done again.
-        request = replace(request, downscale=max(1.0, request.downscale / shrunk))
-        return Capture(self._recording(root, pictures, shrunk), request, rule, self.mask_rule())
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the poses and the headers of the images that fit ``downscale``."""
+        root = _root(path)
+        shrunk, pictures = self._choose(root, downscale)
+        return self._recording(root, pictures, shrunk)
 
     def _choose(self, root: Path, downscale: float) -> tuple[int, Path]:
         """By what the pictures were shrunk, and where they are.
@@ -92,6 +82,7 @@ class LlffConfig(PictureFolderConfig):
         return Recording(
             name=root.resolve().name,
             path=root,
+            shrunk=shrunk,
             frames=tuple(replace(frame, camera=numbers[frame.lens]) for frame in frames),
             points=points,
             point_colors=colors,

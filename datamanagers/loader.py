@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import torch
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, UInt8
 from torch import Tensor
 
-from gsfw.core.batch import Batch
+from gsfw.core.batch import Batch, ViewMap
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split, Views
 from gsfw.datamanagers.device_pictures import DevicePictures, PlacedPicture, staying
+from gsfw.datamanagers.fitted_map import enlarged
 from gsfw.datamanagers.picture_cache import PictureCache
 from gsfw.datamanagers.upload import Upload, upload_to
 
@@ -105,7 +106,7 @@ class Loader:
             views=group,
             alpha=pixels[..., 3:] if pixels.shape[3] == 4 else None,
             mask=_mask(pictures),
-            depth=_depth(pictures),
+            maps=_maps(pictures),
         )
 
     def _picture(self, number: int) -> PlacedPicture:
@@ -132,17 +133,18 @@ def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tenso
     return torch.cat([pixels, torch.full_like(pixels[..., :1], 255)], dim=2)
 
 
-def _depth(pictures: list[PlacedPicture]) -> Float[Tensor, "c h w 1"] | None:
-    """Measured depth; where a picture has none, it is unknown."""
-    if all(picture.depth is None for picture in pictures):
-        return None
-    depths = [
-        torch.zeros_like(picture.pixels[..., 0], dtype=torch.float32)
-        if picture.depth is None
-        else picture.depth
-        for picture in pictures
-    ]
-    return torch.stack(depths)[..., None]
+def _maps(pictures: list[PlacedPicture]) -> dict[str, ViewMap]:
+    """Per-view maps, enlarged to the size of the pictures where they are smaller."""
+    found = {}
+    for name, first in pictures[0].maps.items():
+        height, width = first.known.shape
+        known = torch.stack([picture.maps[name].known for picture in pictures])[..., None]
+        values = [
+            enlarged(picture.maps[name].values.float(), first.rule, width, height)
+            for picture in pictures
+        ]
+        found[name] = ViewMap(torch.stack(values) * known, known, first.rule)
+    return found
 
 
 def _mask(pictures: list[PlacedPicture]) -> Bool[Tensor, "c h w 1"] | None:

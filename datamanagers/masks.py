@@ -14,7 +14,7 @@ from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Recording
-from gsfw.datamanagers.pictures import load_mask
+from gsfw.datamanagers.pictures import Picture, load_mask
 
 FOLDER = "masks"
 """Where masks are looked for that nobody has named."""
@@ -63,6 +63,14 @@ class MaskRule:
         alpha = pixels[..., 3] if pixels.shape[2] == 4 else np.full(inside.shape, 255, np.uint8)
         covered = np.where(inside, alpha, 0).astype(np.uint8)
         return np.concatenate([pixels[..., :3], covered[..., None]], axis=2), None
+
+    def inside(self, frame: Frame, picture: Picture) -> Bool[np.ndarray, "h w"] | None:
+        """True where a fitted picture's pixels lie wholly inside its mask; ``None``: all do."""
+        masked = frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
+        if self.mode is MaskMode.IGNORE or not masked:
+            return picture.mask
+        whole = np.asarray(picture.pixels[..., 3] == 255)
+        return whole if picture.mask is None else whole & picture.mask
 
     def gives_alpha(self, frame: Frame) -> bool:
         """Whether a loaded picture has alpha."""
@@ -127,14 +135,9 @@ def _with_mask(frame: Frame, recording: Recording, rule: MaskRule) -> Frame:
     return replace(frame, mask=next(found, None))
 
 
-def _root(recording: Recording) -> Path:
-    """The folder of the data set."""
-    return recording.path if recording.path.is_dir() else recording.path.parent
-
-
 def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
     """Where a frame's mask may be: the named folder, or masks beside the pictures' folder."""
-    root = _root(recording)
+    root = recording.root
     if rule.source != AUTO:
         return [root / rule.source]
     folders = [root / FOLDER]
@@ -146,17 +149,15 @@ def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
 
 def _names(frame: Frame) -> list[str]:
     """What a mask may be called: NAME.jpg.png as COLMAP has it, NAME.png, or as the picture."""
-    name = Path(frame.name)
     names = []
-    # Formats whose names begin with the folder of the pictures (images/a.jpg) leave it out.
-    for own in (name, Path(*name.parts[1:])) if len(name.parts) > 1 else (name,):
+    for own in frame.short_names:
         names += [f"{own}.png", str(own.with_suffix(".png")), str(own)]
     return names
 
 
 def _none_found(recording: Recording, frames: Sequence[Frame], rule: MaskRule) -> tuple[str, ...]:
     """A note on a folder of masks that belongs to no picture; an error where it was asked for."""
-    folder = _root(recording) / (FOLDER if rule.source == AUTO else rule.source)
+    folder = recording.root / (FOLDER if rule.source == AUTO else rule.source)
     looked_for = " or ".join(_names(frames[0])[:2])
     problem = f"{folder} holds no mask of any picture (looked for {looked_for} and so on)"
     if rule.source == AUTO:

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_pictures
 from gsfw.datamanagers.metashape_file import MetashapeCamera, MetashapeFile, is_metashape
 from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out, only_file
 
@@ -32,24 +30,14 @@ class MetashapeConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"Metashape's {files[0].name}", priority=22)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file and its points, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "metashape")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file, its points and the headers of the images."""
         file = only_file(
             path,
             _files(path),
             "XML file of Metashape's cameras",
             "Give the file itself (File > Export > Export Cameras in Metashape).",
         )
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         chunk = MetashapeFile.read(file)
         root = file.absolute().parent
         pictures = self.pictures(root)

@@ -18,11 +18,10 @@ import numpy as np
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
 from gsfw.datamanagers.json_file import mapping
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import EXTENSIONS, read_header
@@ -46,19 +45,10 @@ class NerfiesConfig(CaptureConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"{' and '.join(FILES)} with camera/", priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the files, check the headers of the pictures that ``downscale`` asks for.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        folder = data_folder(request.path, "nerfies")
-        shrunk, pictures = _picture_folder(folder, request.downscale)
-        # What the folder's pictures were shrunk by is not done again.
-        request = replace(request, downscale=max(1.0, request.downscale / shrunk))
-        return Capture(_recording(folder, pictures, shrunk), request, rule, self.mask_rule())
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the cameras and the headers of the images that fit ``downscale``."""
+        shrunk, pictures = _picture_folder(path, downscale)
+        return _recording(path, pictures, shrunk)
 
 
 def _picture_folder(folder: Path, downscale: float) -> tuple[int, Path]:
@@ -106,6 +96,7 @@ def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
     return Recording(
         name=folder.resolve().name,
         path=folder,
+        shrunk=shrunk,
         frames=tuple(frames),
         points=points,
         point_colors=colors,

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.footage import Footage, common_length, common_rate, find_footage
-from gsfw.datamanagers.frames import Recording, data_folder, no_points
+from gsfw.datamanagers.frames import Recording, no_points
 from gsfw.datamanagers.llff_poses import FILE, read_rows, row_camera
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, read_ply
@@ -48,18 +46,9 @@ class Neural3DVideoConfig(MultiCameraConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"{FILE} and {', '.join(cameras)}", priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the poses and the headers of videos and pictures.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "neural-3d-video")
-        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
-
-    def _recording(self, folder: Path) -> Recording:
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the poses and the headers of videos and images."""
+        folder = _folder(path)
         found = find_footage(folder, "cam")
         table = read_rows(folder / FILE)
         if len(found) != len(table):

@@ -17,11 +17,9 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out
@@ -51,15 +49,8 @@ class OpenMvgConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR, _binary(path))
         return Detection(True, LOOKED_FOR, file.name, priority=24)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "openmvg")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file and the headers of the images."""
         file = _file(path)
         if file is None:
             found = _binary(path)
@@ -67,9 +58,6 @@ class OpenMvgConfig(PictureFolderConfig):
                 f"{path} holds no {FILES[0]}" + (f"; found {found}." if found else "."),
                 "Give the folder that does, or the file.",
             )
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         content = mapping(read_json(file), str(file))
         root = file.absolute().parent
         pictures = self._pictures_of(content, root)

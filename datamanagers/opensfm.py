@@ -19,10 +19,8 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
 from gsfw.datamanagers.json_file import mapping, numbers, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.opensfm_lens import read_lens
@@ -47,21 +45,11 @@ class OpenSfmConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, file.name, priority=24)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "opensfm")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file and the headers of the images."""
         file = _file(path)
         if not file.is_file():
             raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         content, others = _largest(file)
         root = _root(file)
         pictures = self.pictures(root)

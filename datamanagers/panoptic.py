@@ -17,10 +17,9 @@ import numpy as np
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.pictures import read_header
@@ -45,18 +44,9 @@ class PanopticConfig(MultiCameraConfig):
         recognised = FILES[Split.TRAIN] in found
         return Detection(recognised, FILES[Split.TRAIN], ", ".join(found), priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read both files, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "panoptic")
-        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
-
-    def _recording(self, folder: Path) -> Recording:
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read both files and the headers of the images."""
+        folder = _folder(path)
         files = {
             split: _MetaFile.read(folder / name)
             for split, name in FILES.items()

@@ -5,18 +5,19 @@ Policy on EXIF orientation: it is always applied, and a camera describes the upr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Num, UInt8
 from PIL import Image, UnidentifiedImageError
 from PIL.ExifTags import Base
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.area import shrink, shrink_mask, shrink_values, to_pixels, to_values
+from gsfw.datamanagers.fitted_map import FittedMap
 from gsfw.datamanagers.warp import Warp
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
@@ -60,8 +61,8 @@ class Picture:
     """Red, green, blue, and alpha where the file has it (d = 3 or 4); straight colours."""
     mask: Bool[np.ndarray, "h w"] | None = None
     """True where a pixel is valid; ``None`` when all are."""
-    depth: Float32[np.ndarray, "h w"] | None = None
-    """Measured depth in scene units, 0 where unknown; ``None`` when there is none."""
+    maps: Mapping[str, FittedMap] = field(default_factory=dict)
+    """Per-view maps by name, undistorted."""
 
 
 def read_header(path: Path) -> Header:
@@ -149,20 +150,41 @@ def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:
         return values > values.max() // 2
 
 
-def decode_numbers(path: Path) -> Float32[np.ndarray, "h w"]:
-    """The upright picture's one channel as the numbers that are stored, of 8, 16 or 32 bits.
+NUMBERS = {"1": 1, "L": 1, "I": 1, "I;16": 1, "I;16B": 1, "F": 1, "P": 1, "LA": 2, "RGB": 3}
+NUMBERS |= {"RGBA": 4}
+"""Pillow's modes whose pixels are read as numbers, and how many each pixel has."""
+
+
+def numbers_header(path: Path) -> tuple[tuple[int, int, int], np.dtype[np.generic]]:
+    """Height, width and channels of the upright image, and its type: see ``decode_numbers``.
 
     Raises:
-        DataError: it does not decode, or has several channels.
+        DataError: it is no image that can be decoded to numbers.
+    """
+    with _opened(path) as image:
+        if image.mode not in NUMBERS:
+            raise DataError(
+                f"{path}: pixels of the mode {image.mode} are no plain numbers.",
+                "Convert the image to grey or RGB, or to .npy.",
+            )
+        width, height = image.size if _orientation(image) < 5 else image.size[::-1]
+        bits = {"F": np.float32}.get(image.mode, np.uint16 if image.mode[0] == "I" else np.uint8)
+        return (height, width, NUMBERS[image.mode]), np.dtype(bits)
+
+
+def decode_numbers(path: Path) -> Num[np.ndarray, "h w d"]:
+    """The upright image's numbers as they are stored, of 1, 8, 16 or 32 bits.
+
+    A palette's numbers are its indices; of 16-bit RGB only the upper 8 bits are read.
+
+    Raises:
+        DataError: it does not decode.
     """
     with _opened(path) as image:
         values = np.asarray(_upright(image))
-        if values.ndim != 2 or image.mode == "P":
-            raise DataError(
-                f"{path}: the picture has several channels ({image.mode}).",
-                "Expected one number for each pixel, as in a 16-bit PNG.",
-            )
-        return values.astype(np.float32)
+    if values.dtype == bool:
+        values = values.astype(np.uint8)
+    return values if values.ndim == 3 else values[..., None]
 
 
 @contextmanager

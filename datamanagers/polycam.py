@@ -16,14 +16,11 @@ from typing import Any
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
     Recording,
-    data_folder,
     missing_pictures,
     no_points,
 )
@@ -55,18 +52,8 @@ class PolycamConfig(CaptureConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"Polycam's {cameras.relative_to(path)}/", priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the cameras, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "polycam")
-        return Capture(self._recording(path), request, rule, self.mask_rule())
-
-    def _recording(self, path: Path) -> Recording:
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the cameras and the headers of the images."""
         keyframes = _keyframes(path)
         folder = _cameras(keyframes, self.corrected)
         files = sorted(folder.glob("*.json")) if folder.is_dir() else []
@@ -96,7 +83,7 @@ class PolycamConfig(CaptureConfig):
                 f"{folder}: {len(files)} cameras",
                 *((low,) if blurred else ()),
                 *missing_pictures(missing, len(files), pictures),
-                *_unused(keyframes),
+                *_unused(keyframes, self.maps),
             ),
             up="y",
         )
@@ -143,12 +130,16 @@ def _cameras(keyframes: Path, corrected: bool) -> Path:
     return keyframes / "cameras"
 
 
-def _unused(keyframes: Path) -> tuple[str, ...]:
+def _unused(keyframes: Path, maps: tuple[str, ...]) -> tuple[str, ...]:
     """What is there and is not used."""
     items = (
-        (keyframes / "depth", "keyframes/depth (measured depth)"),
+        (keyframes / "depth", "keyframes/depth (datamanager.maps=depth:keyframes/depth loads it)"),
         (keyframes / "confidence", "keyframes/confidence"),
         (keyframes.parent / "mesh_info.json", "mesh_info.json (where Polycam's mesh lies)"),
     )
-    found = [name for item, name in items if item.exists()]
+    found = [
+        name
+        for item, name in items
+        if item.exists() and not any(f"keyframes/{item.name}" in text for text in maps)
+    ]
     return (f"not used: {', '.join(found)}",) if found else ()

@@ -24,11 +24,9 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_pictures
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, only_file
 from gsfw.datamanagers.pictures import Header, read_header
@@ -57,15 +55,8 @@ class RealityCaptureConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"RealityCapture's {files[0].name}", priority=22)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file and its points, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "reality-capture")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file, its points and the headers of the images."""
         file = only_file(
             path,
             _files(path),
@@ -73,9 +64,6 @@ class RealityCaptureConfig(PictureFolderConfig):
             "Give the file itself (Alignment > Export > Registration > Internal/External "
             "camera parameters).",
         )
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         root = file.absolute().parent
         pictures = self.pictures(root)
         rows = list(_rows(file))

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.calibration import CalibratedCamera, read_calibration
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.footage import Footage, common_length, common_rate, find_footage
-from gsfw.datamanagers.frames import Recording, data_folder, no_points
+from gsfw.datamanagers.frames import Recording, no_points
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, read_ply
 from gsfw.datamanagers.standing_cameras import StandingCamera, frames_of
@@ -47,32 +45,22 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         videos = ", ".join(item.name for item in find_footage(folder).values())
         return Detection(True, LOOKED_FOR, f"{calibrations[0].name} and {videos}", priority=15)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the calibration and the headers of the videos.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the videos do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "synchronised-videos")
-        return Capture(self._recording(path), request, rule, self.mask_rule())
-
-    def _recording(self, folder: Path) -> Recording:
-        file = self._calibration_file(folder)
-        cameras, left_out = self._cameras(read_calibration(file), folder, file)
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the calibration and the headers of the videos."""
+        file = self._calibration_file(path)
+        cameras, left_out = self._cameras(read_calibration(file), path, file)
         footages = [camera.footage for camera in cameras]
         names = [item.camera for item in footages]
         rate, source = common_rate(footages, self.fps, USUAL_RATE)
         count, length_note = common_length(footages)
-        chosen = self.chosen_times(count, str(folder))
+        chosen = self.chosen_times(count, str(path))
         frames, lens_notes = frames_of(cameras, chosen, rate)
         usual = names[:1] if len(names) >= ENOUGH_TO_HOLD_OUT else ()
         frames, origin = hold_out_cameras(frames, names, self.eval_cameras, usual)
-        (points, colors), point_note = self._points(folder)
+        (points, colors), point_note = self._points(path)
         return Recording(
-            name=folder.resolve().name,
-            path=folder,
+            name=path.resolve().name,
+            path=path,
             frames=tuple(frames),
             points=points,
             point_colors=colors,

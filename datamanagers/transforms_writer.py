@@ -24,6 +24,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.transforms_file import CAMERA_KEY, DEPTH_KEY
 
 FILE, POINTS_FILE = "transforms.json", "points.ply"
@@ -119,9 +120,9 @@ def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
         entry["mask_path"] = _inside(frame.mask, folder)
     if frame.moving is not None:
         entry["motion_mask_path"] = _inside(frame.moving, folder)
-    if frame.depth is not None:
-        entry[DEPTH_KEY] = _inside(frame.depth.path, folder)
-        entry["depth_unit_scale_factor"] = frame.depth.unit
+    if (depth := frame.maps.get(DEPTH)) is not None:
+        entry[DEPTH_KEY] = _inside(depth.path, folder)
+        entry["depth_unit_scale_factor"] = depth.unit
     return entry
 
 

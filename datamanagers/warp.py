@@ -14,7 +14,7 @@ from threading import Lock
 import numpy as np
 import torch
 from jaxtyping import Bool, Float32
-from torch.nn.functional import grid_sample, max_pool2d
+from torch.nn.functional import grid_sample, interpolate, max_pool2d
 
 from gsfw.datamanagers.pixel_map import PixelMap
 from gsfw.datamanagers.undistortion import Undistortion
@@ -64,16 +64,28 @@ class Warp:
         )
         return found[0].permute(1, 2, 0).contiguous().numpy()
 
-    def nearest(self, values: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h2 w2"]:
-        """Undistorted numbers that are not to be mixed; 0 where the lens saw nothing."""
-        found = self._maps.get(self.undistortion)
+    def numbers(
+        self, values: Float32[np.ndarray, "h w d"], width: int, height: int, mode: str
+    ) -> Float32[np.ndarray, "h2 w2 d"]:
+        """Numbers of the distorted image, at any size, as an undistorted map of another size.
+
+        Args:
+            values: a map that covers the whole distorted image.
+            width: of the result, which covers the whole undistorted image.
+            height: likewise.
+            mode: bilinear or nearest. Where the lens saw nothing, the border is repeated.
+        """
+        positions = self._maps.get(self.undistortion).positions.permute(2, 0, 1)[None]
+        if positions.shape[2:] != (height, width):
+            positions = interpolate(positions, (height, width), mode="bilinear")
         placed = grid_sample(
-            torch.from_numpy(values)[None, None],
-            found.positions[None],
-            mode="nearest",
+            torch.from_numpy(np.ascontiguousarray(values)).permute(2, 0, 1)[None],
+            positions.permute(0, 2, 3, 1),
+            mode=mode,
+            padding_mode="border",
             align_corners=False,
-        )[0, 0].numpy()
-        return placed if found.seen is None else placed * found.seen.numpy()
+        )
+        return placed[0].permute(1, 2, 0).contiguous().numpy()
 
     def mask(self, valid: Bool[np.ndarray, "h w"] | None) -> Bool[np.ndarray, "h2 w2"] | None:
         """An undistorted mask: true where all is valid that a colour is mixed from."""

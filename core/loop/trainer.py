@@ -182,7 +182,7 @@ class Trainer:
             **parts.model.regularizers(context),
             **parts.strategy.regularizers(context),
         }
-        total = torch.stack(list(losses.values())).sum() * (share * batch.weight)
+        total = torch.stack(list(losses.values())).sum() * share
         return _Drawn(context, losses, tuple(data_losses), total)
 
     def _background(self) -> Tensor | None:
@@ -240,7 +240,7 @@ class Trainer:
         losses: dict[str, float] = {}
         for item in drawn:
             for name, value in item.losses.items():
-                share = item.context.share * item.context.batch.weight
+                share = item.context.share
                 losses[name] = losses.get(name, 0.0) + float(value) * share
         context = drawn[0].context
         valid = None if context.batch.valid is None else context.batch.valid[0]

@@ -12,6 +12,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.colmap.writer import write_model
 from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
 from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE, write_transforms
 from gsfw.datamanagers.warp import MapCache
@@ -52,7 +53,7 @@ class ConversionRule:
         """Either colmap or transforms."""
         if self.layout != "auto":
             return self.layout
-        needs_more = any(frame.time is not None or frame.depth is not None for frame in frames)
+        needs_more = any(frame.time is not None or DEPTH in frame.maps for frame in frames)
         return "transforms" if needs_more else "colmap"
 
 

@@ -9,7 +9,7 @@ import torch
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import (
     Frame,
-    data_folder,
+    data_path,
     missing_pictures,
     number_cameras,
 )
@@ -82,10 +82,10 @@ def test_a_data_set_without_any_picture_is_refused():
 
 
 def test_a_format_that_reads_files_wants_one():
-    with pytest.raises(DataError, match="datamanager=colmap reads files, and data is empty"):
-        data_folder(None, "colmap")
+    with pytest.raises(DataError, match="datamanager reads files, and data is empty"):
+        data_path(None)
     with pytest.raises(DataError, match="data=nowhere: there is no such file or folder"):
-        data_folder(Path("nowhere"), "colmap")
+        data_path(Path("nowhere"))
 
 
 @pytest.mark.parametrize(("width", "height"), [(21, 16), (22, 16), (16, 12), (32, 24)])

@@ -241,13 +241,3 @@ def test_a_mode_that_is_none_is_refused(folder):
     with pytest.raises(ConfigError) as error:
         open_colmap(folder, mask_mode="hide")
     assert str(error.value) == "datamanager.mask_mode=hide: expected ignore or empty."
-
-
-def test_every_format_passes_the_settings_of_masks_on():
-    import gsfw.datamanagers.capture
-
-    home = Path(gsfw.datamanagers.capture.__file__).parent
-    for path in home.rglob("*.py"):
-        text = path.read_text()
-        if "return Capture(" in text:
-            assert "self.mask_rule()" in text, path

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from support.small_captures import (
     CENTER,
     FOCAL,
@@ -82,9 +83,9 @@ def test_what_is_not_used_is_noted(tmp_path):
     (tmp_path / "keyframes/depth").mkdir()
     (tmp_path / "mesh_info.json").write_text("{}")
     assert (
-        "not used: keyframes/depth (measured depth), mesh_info.json (where Polycam's mesh lies)"
-        in build(tmp_path).notes()
-    )
+        "not used: keyframes/depth (datamanager.maps=depth:keyframes/depth loads it), "
+        "mesh_info.json (where Polycam's mesh lies)"
+    ) in build(tmp_path).notes()
 
 
 def test_missing_pictures_are_noted(tmp_path):
@@ -123,3 +124,16 @@ def test_the_format_is_told_by_its_folders(tmp_path):
     write(tmp_path)
     assert PolycamConfig.detect(tmp_path).found == "Polycam's keyframes/cameras/"
     assert PolycamConfig.detect(tmp_path / "keyframes").found == "Polycam's cameras/"
+
+
+def test_depth_is_loaded_as_a_map(tmp_path):
+    write(tmp_path)
+    folder = tmp_path / "keyframes/depth"
+    folder.mkdir()
+    for image in (tmp_path / "keyframes/images").iterdir():
+        Image.fromarray(np.full((12, 16), 2500, np.uint16)).save(folder / f"{image.stem}.png")
+    data = build(tmp_path, {"maps": ("depth:keyframes/depth",)})
+    (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
+    scale = data.scene.world_from_scene.scale
+    assert np.allclose(scale * batch.maps["depth"].values, 2.5)
+    assert not any("not used" in note for note in data.notes())

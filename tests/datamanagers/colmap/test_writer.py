@@ -83,7 +83,7 @@ def test_every_model_is_written_with_its_parameters(tmp_path, suffix, model):
     recording = replace(recording, frames=frames)
     write_model(recording, tmp_path / "sparse", tmp_path / "images", suffix)
     config = ColmapConfig()
-    found = config._recording(tmp_path).frames[0].lens
+    found = config.recording(tmp_path, 1.0).frames[0].lens
     assert found == lens
 
 
@@ -92,7 +92,7 @@ def test_one_focal_length_becomes_two_where_pictures_were_shrunk_unevenly(tmp_pa
     lens = Lens(140.0, 140.0, 62.0, 50.0, 129, 96, "here", "SIMPLE_RADIAL", (0.1,))
     frames = tuple(replace(frame, lens=lens) for frame in recording.frames)
     write_model(replace(recording, frames=frames), tmp_path / "sparse", tmp_path / "images")
-    found = ColmapConfig()._recording(tmp_path).frames[0].lens
+    found = ColmapConfig().recording(tmp_path, 1.0).frames[0].lens
     assert found.model == "OPENCV"
     assert found.distortion == (0.1, 0.0, 0.0, 0.0)
     slopes = np.array([[0.1, -0.2], [0.3, 0.1]])
@@ -105,7 +105,7 @@ def test_physical_cameras_stay_apart(tmp_path):
     frames = [replace(frame, camera=number % 2) for number, frame in enumerate(recording.frames)]
     recording = replace(recording, frames=tuple(frames))
     write_model(recording, tmp_path / "sparse", tmp_path / "images")
-    found = ColmapConfig()._recording(tmp_path).frames
+    found = ColmapConfig().recording(tmp_path, 1.0).frames
     assert [frame.camera for frame in found] == [0, 1, 0, 1]
 
 
