@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BufferedIOBase
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float
-from numpy.lib import format as numpy_format
 
 from gsfw.core.batch import Resampling
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.array_file import ARRAYS, array_header, read_array
 from gsfw.datamanagers.pictures import EXTENSIONS, Header, decode_numbers, numbers_header
 
-ARRAYS = (".npy", ".npz")
-"""Extensions of NumPy's files."""
 MAP_EXTENSIONS = (*ARRAYS, *EXTENSIONS)
 """Extensions of the files that can hold a map, in the order in which they are looked for."""
 
@@ -70,9 +63,8 @@ class MapFile:
             DataError: the file is damaged or of no known kind, or does not fit the image.
         """
         if not self.is_image:
-            with self._array() as file:
-                shape, dtype = _array_header(file)
-            shape = self._axes(shape)
+            found = array_header(self.path)
+            shape, dtype = self._axes(found.shape), found.dtype
         else:
             shape, dtype = numbers_header(self.path)
         if dtype.kind not in "biuf" or not 2 <= len(shape) <= 3 or 0 in shape:
@@ -103,8 +95,7 @@ class MapFile:
             DataError: the file does not decode.
         """
         if not self.is_image:
-            with self._array() as file:
-                stored = numpy_format.read_array(file, allow_pickle=False)
+            stored = read_array(self.path)
             stored = stored.reshape((*self._axes(stored.shape), 1)[:3])
         else:
             stored = decode_numbers(self.path)
@@ -124,32 +115,3 @@ class MapFile:
         while len(shape) > axes and shape[0] == 1:
             shape = shape[1:]
         return shape
-
-    @contextmanager
-    def _array(self) -> Iterator[BufferedIOBase]:
-        """The array in the file, opened."""
-        try:
-            if self.path.suffix.lower() == ".npy":
-                with self.path.open("rb") as file:
-                    yield file
-            else:
-                with zipfile.ZipFile(self.path) as archive:
-                    names = archive.namelist()
-                    if len(names) != 1:
-                        raise DataError(
-                            f"{self.path} holds {len(names)} arrays ({', '.join(names[:5])}).",
-                            "Expected one: save it with np.savez_compressed(path, values).",
-                        )
-                    with archive.open(names[0]) as member:
-                        yield cast(BufferedIOBase, member)  # typeshed says IO[bytes].
-        except DataError:
-            raise
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise DataError(f"{self.path} cannot be read: {error}", "Copy it again.") from error
-
-
-def _array_header(file: BufferedIOBase) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-    one = numpy_format.read_magic(file) == (1, 0)
-    read = numpy_format.read_array_header_1_0 if one else numpy_format.read_array_header_2_0
-    shape, _, dtype = read(file)
-    return shape, dtype

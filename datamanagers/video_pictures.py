@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.array_file import read_array
 from gsfw.datamanagers.pictures import Picture
 from gsfw.datamanagers.video import Shot, Video
 
@@ -197,7 +198,7 @@ class _Shelf:
     def load(self, index: int) -> Picture:
         """Read a picture."""
         pixels, mask = self._files(index)
-        return Picture(np.load(pixels), np.load(mask) if mask.exists() else None)
+        return Picture(read_array(pixels), read_array(mask) if mask.exists() else None)
 
     def _files(self, index: int) -> tuple[Path, Path]:
         """Of the pixels and of the mask."""
