@@ -166,7 +166,6 @@ class Capture(DataManager):
             camera,
             world_to_camera=scene_from_world.camera(camera.world_to_camera),
             time=None if time is None else torch.tensor([time], dtype=torch.float64),
-            image_index=torch.tensor([index]),
             camera_index=torch.tensor([frame.camera]),
         ).to(dtype=torch.float32)
 

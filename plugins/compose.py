@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 from gsfw.core.callback import Callback, RunInfo
-from gsfw.core.capabilities import Feature, Needs, check_fit
+from gsfw.core.capabilities import Needs, check_fit
 from gsfw.core.config import (
     AUTO,
     DataManagerConfig,
@@ -233,11 +233,7 @@ def compose(
             "Hold out fewer images (holdout_every=0 holds out none).",
         )
     cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
-    distorted = any(camera.distortion is not None for camera in cameras)
-    needs = Needs(
-        camera_models=frozenset(camera.model for camera in cameras),
-        features=frozenset({Feature.DISTORTION} if distorted else ()),
-    )
+    needs = Needs(camera_models=frozenset(camera.model for camera in cameras))
     _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
     method.check_scene(scene)
     corrections = make_corrections(settings.config, data).to(device)

@@ -61,11 +61,6 @@ def draw(
 
 
 def _check(painter: Painter, cameras: Cameras) -> None:
-    if cameras.distortion is not None:
-        raise ValueError(
-            f"cameras.distortion: expected None, because the {painter.name} rasterizer draws "
-            "without lens distortion; undistort the images first"
-        )
     if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
         raise ValueError(
             f"cameras.intrinsics: expected a tensor without gradient, because the {painter.name} "

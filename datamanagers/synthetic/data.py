@@ -93,14 +93,12 @@ class SyntheticData(DataManager):
 
     def _in_scene(self, split: Split, world: Sequence[Cameras], frame: Similarity) -> Views:
         """The views in the scene frame, in float32, with names and numbers."""
-        first = 0 if split is Split.TRAIN else self._config.views
         cameras = [
             replace(
                 camera,
                 world_to_camera=frame.camera(camera.world_to_camera),
-                image_index=torch.tensor([first + index]),
             ).to(dtype=torch.float32)
-            for index, camera in enumerate(world)
+            for camera in world
         ]
         names = tuple(f"{split.value}_{index:03d}" for index in range(len(world)))
         return Views(names, tuple(cameras), "cameras of their own")

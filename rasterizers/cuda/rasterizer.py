@@ -37,11 +37,11 @@ class CudaRasterizer(Rasterizer):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion; with the settings' determinism see the config."""
+        """Everything; with the settings' determinism see the config."""
         return Capabilities(
             devices=frozenset({"cuda"}),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature) - {Feature.DISTORTION},
+            features=frozenset(Feature),
             max_channels=MOST_CHANNELS,
             determinism=Determinism.NONE,
             preference=20,

@@ -24,9 +24,7 @@ from gsfw.rasterizers.gsplat.request import drawn_channels, request_of
 
 DEVICES = frozenset({"cuda"})
 
-LACKING = frozenset({Feature.DISTORTION, Feature.CONTRIBUTION, Feature.FLOAT64})
-"""gsplat draws distorted lenses only with another projection (3DGUT), which this adapter does not
-ask for."""
+LACKING = frozenset({Feature.CONTRIBUTION, Feature.FLOAT64})
 
 ABSGRAD_CHANNELS = 32
 """gsplat draws this many channels in a pass, and each pass overwrites the absgrad of the last."""
@@ -95,11 +93,6 @@ def _check_inputs(splats: Splats, cameras: Cameras) -> None:
         raise ValueError(
             f"splats.means: expected float32, which is all that gsplat draws, found "
             f"{splats.means.dtype}"
-        )
-    if cameras.distortion is not None:
-        raise ValueError(
-            "cameras.distortion: expected None, because the gsplat rasterizer draws without lens "
-            "distortion; undistort the images first"
         )
     if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
         raise ValueError(

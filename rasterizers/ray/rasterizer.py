@@ -21,9 +21,7 @@ from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.tally import Tally
 from gsfw.rasterizers.reference.color import view_colors
 
-LACKING = frozenset(
-    {Feature.DISTORTION, Feature.ANTIALIAS, Feature.SCREEN_GRADIENT, Feature.ABSGRAD}
-)
+LACKING = frozenset({Feature.ANTIALIAS, Feature.SCREEN_GRADIENT, Feature.ABSGRAD})
 """Nothing is projected, so that there is no centre in the image to take a gradient by, and no
 projected area to compensate."""
 
@@ -190,11 +188,6 @@ class RayRasterizer(Rasterizer):
 
 
 def _check(cameras: Cameras, settings: RenderSettings) -> None:
-    if cameras.distortion is not None:
-        raise ValueError(
-            "cameras.distortion: expected None, because the ray rasterizer draws without lens "
-            "distortion; undistort the images first"
-        )
     lacking = sorted(feature.value for feature in settings.needs().features & LACKING)
     if lacking:
         raise ValueError(

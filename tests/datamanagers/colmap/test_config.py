@@ -99,7 +99,6 @@ def test_several_cameras_sizes_and_folders_share_a_model(tmp_path):
     assert [tuple(batch.images.shape[1:3]) for batch in batches] == [(48, 64), (30, 40)]
     assert batches[0].cameras.camera_index.tolist() == [0, 0]
     assert batches[1].cameras.camera_index.tolist() == [1]
-    assert batches[1].cameras.image_index.tolist() == [2]
     assert batches[1].cameras.intrinsics[0, 0].tolist() == [50.0, 0.0, 20.0]
 
 

@@ -132,7 +132,6 @@ def test_it_says_what_it_can_do():
     assert CudaConfig(deterministic=True).capabilities().determinism is Determinism.BITWISE
     everything = Needs(features=frozenset(Feature), channels=1000)
     assert replace(able, unavailable="").lacking(everything, "cuda") == [
-        "feature 'lens distortion'",
         "1000 channels (at most 40)",
     ]
 

@@ -29,7 +29,6 @@ def test_it_declares_what_gsplat_does_without_importing_it(monkeypatch):
     assert able.lacking(everything, "cuda") == [
         "feature 'contribution'",
         "feature 'float64'",
-        "feature 'lens distortion'",
         "numerics 'default' (it draws only with 'gsplat-1.5')",
     ]
     assert able.lacking(Needs(profile="gsplat-1.5"), "cpu") == ["device 'cpu'"]
@@ -62,14 +61,6 @@ def test_float64_is_refused(adapter):
     splats, camera = random_splats(5, dtype=torch.float64), front_camera(dtype=torch.float64)
     assert refused(adapter, splats, camera) == (
         "splats.means: expected float32, which is all that gsplat draws, found torch.float64"
-    )
-
-
-def test_distorted_lenses_are_refused(adapter):
-    camera = replace(front_camera(), distortion=torch.zeros(1, 4))
-    assert refused(adapter, random_splats(5), camera) == (
-        "cameras.distortion: expected None, because the gsplat rasterizer draws without lens "
-        "distortion; undistort the images first"
     )
 
 
