@@ -1,15 +1,21 @@
-"""Footage: what one camera has seen over time, as a video or a folder of pictures."""
+"""Image sequences of cameras that stand still: videos or folders of images, and their frames."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float64
+from torch import Tensor
+
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import EXTENSIONS, Header, read_header
-from gsfw.datamanagers.video import Shot, Video, is_video
+from gsfw.datamanagers.video import Box, Shot, Video, is_video
 
 SAME_RATE = 1e-3
 """Rates of synchronised videos may differ by this part of them: files hold rounded ones."""
@@ -141,3 +147,115 @@ def common_length(footages: Sequence[Footage]) -> tuple[int, tuple[str, ...]]:
         f"camera {shortest} has {length} pictures, others up to {longest}: the first {length} of "
         "each are used",
     )
+
+
+BLACK = 16.0
+"""Mean brightness of a bar, at most: black is 0, and compression leaves a little around it."""
+
+
+def fit_to_video(lens: Lens, video: Video) -> tuple[Lens, Video, str]:
+    """The lens in pixels of the video, the video without black bars, and a note on what was done.
+
+    Raises:
+        DataError: the video's size is not that of the lens, and was not made from it by scaling,
+            with or without black bars.
+    """
+    width, height = video.header.width, video.header.height
+    if (width, height) == (lens.width, lens.height):
+        return lens, video, ""
+    scale = min(width / lens.width, height / lens.height)
+    shown = round(lens.width * scale), round(lens.height * scale)
+    if max(abs(shown[0] - width), abs(shown[1] - height)) <= 1:
+        note = f"{video.path.name} is {width}x{height}, {lens.width}x{lens.height} scaled"
+        return lens.resized(width, height), video, note
+    left, top = (width - shown[0]) // 2, (height - shown[1]) // 2
+    box = left, top, left + shown[0], top + shown[1]
+    if not _has_bars(video, box):
+        advice = "Give the video that the camera was calibrated with, or calibrate with this one."
+        if (height, width) == (lens.width, lens.height):
+            advice = "They differ by a quarter turn; turn the video or the calibration. " + advice
+        raise DataError(
+            f"{video.path} is {video.header}, but {lens.source} describes "
+            f"{lens.width}x{lens.height}, which is another shape, and there are no black bars.",
+            advice,
+        )
+    note = (
+        f"{video.path.name} is {width}x{height}, {lens.width}x{lens.height} scaled to "
+        f"{shown[0]}x{shown[1]} between black bars, which are cut off"
+    )
+    return lens.resized(*shown), video.cropped(box), note
+
+
+def _has_bars(video: Video, box: Box) -> bool:
+    """Whether the first picture is black outside ``box``, and not all black within."""
+    left, top, right, bottom = box
+    brightness = video.picture(0).mean(axis=2)
+    within = float(brightness[top:bottom, left:right].mean())
+    bars = (
+        brightness[:top],
+        brightness[bottom:],
+        brightness[top:bottom, :left],
+        brightness[top:bottom, right:],
+    )
+    return within > BLACK and all(float(np.mean(bar)) <= BLACK for bar in bars if bar.size)
+
+
+@dataclass(frozen=True)
+class StandingCamera:
+    """A camera that does not move, and what it has seen."""
+
+    lens: Lens
+    world_to_camera: Float64[Tensor, "4 4"]
+    """Rigid, OpenCV axes, in the world of the data."""
+    footage: Footage
+
+    def fitted(self) -> tuple[StandingCamera, str]:
+        """With its lens in pixels of its video, and a note where that took something.
+
+        Raises:
+            DataError: the video is not one of this lens.
+        """
+        if self.footage.video is None:
+            return self, ""
+        lens, video, note = fit_to_video(self.lens, self.footage.video)
+        return replace(self, lens=lens, footage=replace(self.footage, video=video)), note
+
+    def frame(self, number: int, camera: int, rate: float) -> Frame:
+        """One picture of its footage.
+
+        Raises:
+            DataError: it is a file that is no picture.
+        """
+        path, shot = self.footage.source(number)
+        return Frame(
+            name=self.footage.name(number),
+            path=path,
+            header=self.footage.header(number),
+            lens=self.lens,
+            world_to_camera=self.world_to_camera,
+            camera=camera,
+            time=number / rate,
+            shot=shot,
+        )
+
+
+def frames_of(
+    cameras: Sequence[StandingCamera], times: range, rate: float
+) -> tuple[list[Frame], tuple[str, ...]]:
+    """The frames of all cameras at the given times, and notes on how lenses were fitted.
+
+    Args:
+        cameras: in the order that they are numbered in.
+        times: numbers of the pictures.
+        rate: pictures per second.
+
+    Raises:
+        DataError: a video is not one of its lens, or a file is no picture.
+    """
+    frames: list[Frame] = []
+    notes: list[str] = []
+    for index, camera in enumerate(cameras):
+        fitted, note = camera.fitted()
+        frames.extend(fitted.frame(number, index, rate) for number in times)
+        notes.extend([note] if note else [])
+    return frames, tuple(notes)

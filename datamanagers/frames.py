@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
@@ -16,9 +17,28 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
 from gsfw.datamanagers.pictures import Header
-from gsfw.datamanagers.sightings import Sightings
 from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
 from gsfw.datamanagers.video import Shot
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """``o`` pairs of a point and a picture of a recording, each at most once."""
+
+    points: Int64[np.ndarray, " o"]
+    """Rows among the points; ascending."""
+    frames: Int64[np.ndarray, " o"]
+    """Rows among the frames."""
+    errors: Float64[np.ndarray, " p"]
+    """Of each point, the mean distance in pixels between where it was matched and where it is
+    projected; of pictures of the size that was reconstructed from."""
+
+    @staticmethod
+    def none() -> Sightings:
+        """Of a data set that has no points."""
+        nothing = np.zeros(0, np.int64)
+        return Sightings(nothing, nothing, np.zeros(0))
+
 
 USUAL = LensRule()
 """What becomes of distorted pictures unless something else is asked for."""

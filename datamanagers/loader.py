@@ -11,10 +11,15 @@ from torch import Tensor
 from gsfw.core.batch import Batch, ViewMap
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split, Views
-from gsfw.datamanagers.device_pictures import DevicePictures, PlacedPicture, staying
+from gsfw.datamanagers.device_pictures import (
+    DevicePictures,
+    PlacedPicture,
+    Upload,
+    staying,
+    upload_to,
+)
 from gsfw.datamanagers.fitted_map import enlarged
 from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.upload import Upload, upload_to
 
 
 class Loader:

@@ -8,11 +8,17 @@ from pathlib import Path
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.calibration import CalibratedCamera, read_calibration
-from gsfw.datamanagers.footage import Footage, common_length, common_rate, find_footage
+from gsfw.datamanagers.footage import (
+    Footage,
+    StandingCamera,
+    common_length,
+    common_rate,
+    find_footage,
+    frames_of,
+)
 from gsfw.datamanagers.frames import Recording, no_points
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, read_ply
-from gsfw.datamanagers.standing_cameras import StandingCamera, frames_of
 from gsfw.datamanagers.video import is_video
 
 PATTERNS = ("cameras*.json", "*calib*.json", "*calib*.toml", "*.qca.txt")

@@ -16,8 +16,8 @@ from gsfw.datamanagers.colmap.model import (
     damaged,
     model_suffix,
 )
+from gsfw.datamanagers.frames import Sightings
 from gsfw.datamanagers.lens import COEFFICIENTS, ONE_FOCAL_LENGTH, Lens
-from gsfw.datamanagers.sightings import Sightings
 
 
 def read_model(folder: Path) -> ColmapModel:

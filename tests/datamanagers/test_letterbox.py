@@ -6,8 +6,8 @@ from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH
 from support.small_videos import picture, write_video
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.footage import fit_to_video
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.letterbox import fit_to_video
 from gsfw.datamanagers.video import Video
 
 pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
