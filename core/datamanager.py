@@ -88,7 +88,7 @@ class DataManager(ABC):
     maps to any other data manager.
     """
 
-    has_pictures: ClassVar[bool] = True
+    has_images: ClassVar[bool] = True
     """False if there is nothing to ``load``: a model file holds cameras alone."""
 
     @property
@@ -140,7 +140,7 @@ class WrappedDataManager(DataManager):
         """Forward to ``given``."""
         self.given = given
         """The data manager that is wrapped."""
-        self.has_pictures = given.has_pictures  # type: ignore[misc]
+        self.has_images = given.has_images  # type: ignore[misc]
 
     @property
     def scene(self) -> Scene:

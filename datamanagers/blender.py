@@ -11,7 +11,7 @@ from gsfw.core.errors import ConfigError, DataError
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Recording,
-    missing_pictures,
+    missing_images,
     no_points,
     number_cameras,
 )
@@ -57,7 +57,7 @@ class BlenderConfig(CaptureConfig):
             frames, missing = frames + held_frames, missing + held_missing
         else:
             notes.append(f"there is no {SPLIT_FILES[self.eval_split]}")
-        notes.extend(missing_pictures(missing, len(frames) + len(missing), folder))
+        notes.extend(missing_images(missing, len(frames) + len(missing), folder))
         points, colors = no_points()
         return Recording(
             name=folder.resolve().name,

@@ -20,14 +20,14 @@ from gsfw.core.scene import Scene
 from gsfw.datamanagers.fitted_map import ImageFit
 from gsfw.datamanagers.frames import USUAL, Recording
 from gsfw.datamanagers.holdout import hold_out
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage, decode, fit_image, fit_mask, load_mask
 from gsfw.datamanagers.loader import Loader
 from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture, decode, fit_mask, fit_picture, load_mask
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.timeline import Timeline
 from gsfw.datamanagers.undistortion import LensRule, undistortion_notes
-from gsfw.datamanagers.video_pictures import VideoPictures
+from gsfw.datamanagers.video_images import VideoImages
 from gsfw.datamanagers.view_maps import MapFolder, ViewMaps
 from gsfw.datamanagers.warp import MapCache, Warp
 
@@ -126,16 +126,16 @@ class Capture(DataManager):
             fits.append(ImageFit(stored, (camera.width, camera.height), warp))
         return fits
 
-    def _make_videos(self) -> VideoPictures:
+    def _make_videos(self) -> VideoImages:
         shots = {i: frame.shot for i, frame in enumerate(self._frames) if frame.shot is not None}
-        sizes = {index: self._picture_bytes(index) for index in shots}
-        return VideoPictures(shots, sizes, self._fit)
+        sizes = {index: self._image_bytes(index) for index in shots}
+        return VideoImages(shots, sizes, self._fit)
 
     def _make_loader(self, request: DataRequest) -> Loader:
         order = [*self._members[Split.TRAIN], *self._members[Split.EVAL]]
-        cache = PictureCache(
+        cache = ImageCache(
             lambda number: self._decode(order[number]),
-            [self._picture_bytes(i) + self._maps.bytes(i, self._fits[i]) for i in order],
+            [self._image_bytes(i) + self._maps.bytes(i, self._fits[i]) for i in order],
             request.cache_megabytes * 1_000_000,
         )
         return Loader(self._views, cache, request.gpu_cache_megabytes * 1_000_000)
@@ -219,7 +219,7 @@ class Capture(DataManager):
         self._loader.close()
         self._videos.close()
 
-    def _decode(self, index: int) -> Picture:
+    def _decode(self, index: int) -> DecodedImage:
         """A picture with its per-view maps."""
         frame = self._frames[index]
         if frame.shot is not None:
@@ -230,14 +230,14 @@ class Capture(DataManager):
         scale = self._scene.world_from_scene.inverse().scale
         return replace(picture, maps=self._maps.load(index, self._fits[index], inside, scale))
 
-    def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> Picture:
+    def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> DecodedImage:
         """A decoded picture, masked, undistorted and shrunk."""
         masks = self._masks
         pixels, valid = masks.apply(pixels, masks.load(self._frames[index]))
         fit = self._fits[index]
-        return fit_picture(pixels, valid, *fit.final, fit.warp)
+        return fit_image(pixels, valid, *fit.final, fit.warp)
 
-    def _picture_bytes(self, index: int) -> int:
+    def _image_bytes(self, index: int) -> int:
         """Memory of a fitted picture without its maps."""
         frame, fit = self._frames[index], self._fits[index]
         blanks = fit.warp is not None and fit.warp.undistortion.has_blanks

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
-from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.images import EXTENSIONS
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 """Extensions of video files."""

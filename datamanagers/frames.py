@@ -14,9 +14,9 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
-from gsfw.datamanagers.pictures import Header
 from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
 from gsfw.datamanagers.video import Shot
 
@@ -62,9 +62,9 @@ class Frame:
     split: Split | None = None
     """The part the data set itself puts it in; ``None`` when it leaves that open."""
     mask: Path | None = None
-    """Picture that is bright where pixels are valid; ``None`` when all are."""
+    """DecodedImage that is bright where pixels are valid; ``None`` when all are."""
     moving: Path | None = None
-    """Picture that is bright where something moves; ``None`` when nobody said."""
+    """DecodedImage that is bright where something moves; ``None`` when nobody said."""
     shot: Shot | None = None
     """Which picture of the video at ``path``; ``None`` where the path is that of a picture."""
     maps: Mapping[str, MapFile] = field(default_factory=dict)
@@ -220,7 +220,7 @@ def no_points() -> tuple[Float64[Tensor, "0 3"], Float[Tensor, "0 3"]]:
     return torch.zeros(0, 3, dtype=torch.float64), torch.zeros(0, 3)
 
 
-def missing_pictures(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:
+def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:
     """The note on frames whose pictures are not on disk; none when all are there.
 
     Raises:

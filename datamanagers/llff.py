@@ -19,9 +19,9 @@ from torch import Tensor
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.image_folder import ImageFolderConfig
+from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.picture_folder import PictureFolderConfig
-from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.poses import from_center
 
 FILE = "poses_bounds.npy"
@@ -67,7 +67,7 @@ LOOKED_FOR = f"{FILE} with images/, or with images_N/"
 
 
 @dataclass
-class LlffConfig(PictureFolderConfig):
+class LlffConfig(ImageFolderConfig):
     """Settings of the ``llff`` format."""
 
     @classmethod
@@ -93,7 +93,7 @@ class LlffConfig(PictureFolderConfig):
         The smallest that are not smaller than asked for; else the largest that there are.
         """
         if self.images:
-            folder = self.pictures(root).path
+            folder = self.image_folder(root).path
             return next((n for n, item in _folders(root).items() if item == folder), 1), folder
         found = _folders(root)
         if not found:
@@ -109,7 +109,7 @@ class LlffConfig(PictureFolderConfig):
         if not file.is_file():
             raise DataError(f"{root} holds no {FILE}.", "Give the folder that does.")
         table = read_rows(file)
-        files = _pictures_in(pictures)
+        files = _images_in(pictures)
         if len(files) != len(table):
             raise DataError(
                 f"{file} has {len(table)} cameras, but there are {len(files)} pictures in "
@@ -151,11 +151,11 @@ def _folders(root: Path) -> dict[int, Path]:
     found = {}
     for item in root.glob("images*"):
         factor = item.name.removeprefix("images_") if item.name != "images" else "1"
-        if factor.isdecimal() and int(factor) > 0 and item.is_dir() and _pictures_in(item):
+        if factor.isdecimal() and int(factor) > 0 and item.is_dir() and _images_in(item):
             found[int(factor)] = item
     return dict(sorted(found.items()))
 
 
-def _pictures_in(folder: Path) -> list[Path]:
+def _images_in(folder: Path) -> list[Path]:
     """The pictures of a folder, in the order that LLFF reads them in: plainly by name."""
     return sorted(item for item in folder.iterdir() if item.suffix.lower() in EXTENSIONS)

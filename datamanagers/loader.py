@@ -11,15 +11,15 @@ from torch import Tensor
 from gsfw.core.batch import Batch, ViewMap
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split, Views
-from gsfw.datamanagers.device_pictures import (
-    DevicePictures,
-    PlacedPicture,
+from gsfw.datamanagers.device_images import (
+    DeviceImages,
+    PlacedImage,
     Upload,
     staying,
     upload_to,
 )
 from gsfw.datamanagers.fitted_map import enlarged
-from gsfw.datamanagers.picture_cache import PictureCache
+from gsfw.datamanagers.image_cache import ImageCache
 
 
 class Loader:
@@ -31,7 +31,7 @@ class Loader:
     def __init__(
         self,
         views: Mapping[Split, Views],
-        cache: PictureCache,
+        cache: ImageCache,
         gpu_budget: int = 0,
         way_to: Callable[[torch.device], Upload | None] = upload_to,
     ) -> None:
@@ -48,7 +48,7 @@ class Loader:
         self._budget = gpu_budget
         self._way_to = way_to
         self._kept = staying(cache.sizes, gpu_budget)
-        self._there: DevicePictures | None = None
+        self._there: DeviceImages | None = None
         self._cameras: dict[Split, list[Cameras]] = {}
         self._device = torch.device("cpu")
 
@@ -93,7 +93,7 @@ class Loader:
         upload = self._way_to(device)
         self._device = device
         self._there = (
-            None if upload is None else DevicePictures(self._cache.request, upload, self._kept)
+            None if upload is None else DeviceImages(self._cache.request, upload, self._kept)
         )
         # All of them at once: to copy the few of each step would let the host wait in each step.
         self._cameras = {
@@ -114,9 +114,9 @@ class Loader:
             maps=_maps(pictures),
         )
 
-    def _picture(self, number: int) -> PlacedPicture:
+    def _picture(self, number: int) -> PlacedImage:
         if self._there is None:
-            return PlacedPicture.on_host(self._cache.get(number))
+            return PlacedImage.on_host(self._cache.get(number))
         return self._there.get(number)
 
     def close(self) -> None:
@@ -126,7 +126,7 @@ class Loader:
             self._there.close()
 
 
-def _pixels(pictures: list[PlacedPicture]) -> UInt8[Tensor, "c h w d"]:
+def _pixels(pictures: list[PlacedImage]) -> UInt8[Tensor, "c h w d"]:
     """Colours, and alpha where any picture has it: the others are opaque."""
     channels = max(picture.pixels.shape[2] for picture in pictures)
     return torch.stack([_with_channels(picture.pixels, channels) for picture in pictures])
@@ -138,7 +138,7 @@ def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tenso
     return torch.cat([pixels, torch.full_like(pixels[..., :1], 255)], dim=2)
 
 
-def _maps(pictures: list[PlacedPicture]) -> dict[str, ViewMap]:
+def _maps(pictures: list[PlacedImage]) -> dict[str, ViewMap]:
     """Per-view maps, enlarged to the size of the pictures where they are smaller."""
     found = {}
     for name, first in pictures[0].maps.items():
@@ -152,7 +152,7 @@ def _maps(pictures: list[PlacedPicture]) -> dict[str, ViewMap]:
     return found
 
 
-def _mask(pictures: list[PlacedPicture]) -> Bool[Tensor, "c h w 1"] | None:
+def _mask(pictures: list[PlacedImage]) -> Bool[Tensor, "c h w 1"] | None:
     """Where pixels are valid; where a picture has no mask, all are."""
     if all(picture.mask is None for picture in pictures):
         return None

@@ -14,7 +14,7 @@ from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Recording
-from gsfw.datamanagers.pictures import Picture, load_mask
+from gsfw.datamanagers.images import DecodedImage, load_mask
 
 FOLDER = "masks"
 """Where masks are looked for that nobody has named."""
@@ -64,7 +64,7 @@ class MaskRule:
         covered = np.where(inside, alpha, 0).astype(np.uint8)
         return np.concatenate([pixels[..., :3], covered[..., None]], axis=2), None
 
-    def inside(self, frame: Frame, picture: Picture) -> Bool[np.ndarray, "h w"] | None:
+    def inside(self, frame: Frame, picture: DecodedImage) -> Bool[np.ndarray, "h w"] | None:
         """True where a fitted picture's pixels lie wholly inside its mask; ``None``: all do."""
         masked = frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
         if self.mode is MaskMode.IGNORE or not masked:

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out, only_file
 from gsfw.datamanagers.metashape_file import MetashapeCamera, MetashapeFile, is_metashape
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out, only_file
 
 LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with pictures beside it"
 
 
 @dataclass
-class MetashapeConfig(PictureFolderConfig):
+class MetashapeConfig(ImageFolderConfig):
     """Settings of the ``metashape`` format."""
 
     @classmethod
@@ -40,7 +40,7 @@ class MetashapeConfig(PictureFolderConfig):
         )
         chunk = MetashapeFile.read(file)
         root = file.absolute().parent
-        pictures = self.pictures(root)
+        pictures = self.image_folder(root)
         frames, missing = _frames(chunk.cameras, pictures, str(file))
         total = len(chunk.cameras)
         (points, colors), point_note = self.start_points(root)
@@ -56,7 +56,7 @@ class MetashapeConfig(PictureFolderConfig):
                 *left_out(chunk.disabled, "that are disabled in Metashape"),
                 *left_out(chunk.unaligned, "that Metashape did not align"),
                 *left_out(chunk.slaves, "of a rig's slave cameras, which are not read,"),
-                *missing_pictures(missing, total, pictures.path),
+                *missing_images(missing, total, pictures.path),
                 *point_note,
             ),
             up=chunk.up,
@@ -64,7 +64,7 @@ class MetashapeConfig(PictureFolderConfig):
 
 
 def _frames(
-    cameras: tuple[MetashapeCamera, ...], pictures: PictureFolder, source: str
+    cameras: tuple[MetashapeCamera, ...], pictures: ImageFolder, source: str
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose pictures are on disk, and the labels of those that are not."""
     numbers = {n: i for i, n in enumerate(sorted({camera.sensor for camera in cameras}))}

@@ -21,10 +21,10 @@ from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture_config import CaptureConfig
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.json_file import mapping
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import from_center
 
@@ -47,11 +47,11 @@ class NerfiesConfig(CaptureConfig):
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the cameras and the headers of the images that fit ``downscale``."""
-        shrunk, pictures = _picture_folder(path, downscale)
+        shrunk, pictures = _image_folder(path, downscale)
         return _recording(path, pictures, shrunk)
 
 
-def _picture_folder(folder: Path, downscale: float) -> tuple[int, Path]:
+def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
     """By what the pictures were shrunk, and where they are: rgb/1x, rgb/2x, ...
 
     The smallest that are not smaller than asked for; else the largest that there are.
@@ -91,7 +91,7 @@ def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
         frame = _frame(folder / "camera" / f"{name}.json", name, picture)
         camera = _whole(metadata[name], ("camera_id",), f"{folder / 'metadata.json'}: {name}", 0)
         frames.append(replace(frame, split=split, time=float(times[name]), camera=camera))
-    missing_note = missing_pictures(missing, len(splits), pictures)
+    missing_note = missing_images(missing, len(splits), pictures)
     (points, colors), point_note = _points(folder / "points.npy")
     return Recording(
         name=folder.resolve().name,

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.footage import (
-    Footage,
+from gsfw.datamanagers.camera_sequence import (
+    CameraSequence,
     StandingCamera,
     common_length,
     common_rate,
-    find_footage,
+    find_sequences,
     frames_of,
 )
 from gsfw.datamanagers.frames import Recording, no_points
@@ -47,7 +47,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
     def detect(cls, path: Path) -> Detection:
         """A folder with poses_bounds.npy and a video or folder for each camera."""
         folder = _folder(path)
-        cameras = find_footage(folder, "cam") if (folder / FILE).is_file() else {}
+        cameras = find_sequences(folder, "cam") if (folder / FILE).is_file() else {}
         if not cameras:
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"{FILE} and {', '.join(cameras)}", priority=40)
@@ -55,7 +55,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the poses and the headers of videos and images."""
         folder = _folder(path)
-        found = find_footage(folder, "cam")
+        found = find_sequences(folder, "cam")
         table = read_rows(folder / FILE)
         if len(found) != len(table):
             raise DataError(
@@ -66,13 +66,13 @@ class Neural3DVideoConfig(MultiCameraConfig):
         cameras = [
             StandingCamera(
                 *row_camera(row, f"{folder / FILE}: row {number} ({name})"),
-                Footage.read(name, path),
+                CameraSequence.read(name, path),
             )
             for number, (row, (name, path)) in enumerate(zip(table, found.items(), strict=True))
         ]
-        footages = [camera.footage for camera in cameras]
-        rate, source = common_rate(footages, self.fps, USUAL_RATE)
-        count, length_note = common_length(footages)
+        sequences = [camera.sequence for camera in cameras]
+        rate, source = common_rate(sequences, self.fps, USUAL_RATE)
+        count, length_note = common_length(sequences)
         chosen = self.chosen_times(count, str(folder))
         frames, lens_notes = frames_of(cameras, chosen, rate)
         names = list(found)

@@ -19,10 +19,10 @@ from torch import Tensor
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out
 from gsfw.datamanagers.point_file import Points
 from gsfw.datamanagers.poses import from_center
 
@@ -38,7 +38,7 @@ NAME_ID = 0x7FFFFFFF
 
 
 @dataclass
-class OpenMvgConfig(PictureFolderConfig):
+class OpenMvgConfig(ImageFolderConfig):
     """Settings of the ``openmvg`` format."""
 
     @classmethod
@@ -60,7 +60,7 @@ class OpenMvgConfig(PictureFolderConfig):
             )
         content = mapping(read_json(file), str(file))
         root = file.absolute().parent
-        pictures = self._pictures_of(content, root)
+        pictures = self._images_of(content, root)
         views = [view for _, view in _entries(content, "views", file)]
         poses = {key: entry for key, entry in _entries(content, "extrinsics", file)}
         placed = [view for view in views if view.get("id_pose") in poses]
@@ -81,20 +81,20 @@ class OpenMvgConfig(PictureFolderConfig):
             notes=(
                 f"{file}: {len(views)} views, {len(points)} points",
                 *left_out(without, "without a pose"),
-                *missing_pictures(missing, len(placed), pictures.path),
+                *missing_images(missing, len(placed), pictures.path),
                 *point_note,
             ),
             up="-y",
         )
 
-    def _pictures_of(self, content: Mapping[str, Any], root: Path) -> PictureFolder:
+    def _images_of(self, content: Mapping[str, Any], root: Path) -> ImageFolder:
         """Where the file says its pictures are, if they are there; else beside the file."""
         stated = content.get("root_path")
         if not self.images and isinstance(stated, str) and stated:
             for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
                 if folder.is_dir():
-                    return PictureFolder(folder)
-        return self.pictures(root)
+                    return ImageFolder(folder)
+        return self.image_folder(root)
 
 
 def _file(path: Path) -> Path | None:
@@ -180,7 +180,7 @@ def _frames(
     views: list[Mapping[str, Any]],
     poses: Mapping[Any, Mapping[str, Any]],
     lenses: Mapping[Any, Lens],
-    pictures: PictureFolder,
+    pictures: ImageFolder,
     file: Path,
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose pictures are on disk, and the names of those that are not."""

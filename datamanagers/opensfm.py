@@ -21,11 +21,11 @@ from torch import Tensor
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig
+from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig
-from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import from_opencv, from_rotation_vector
 
@@ -92,7 +92,7 @@ LOOKED_FOR = f"{FILE} or opensfm/{FILE} with images/"
 
 
 @dataclass
-class OpenSfmConfig(PictureFolderConfig):
+class OpenSfmConfig(ImageFolderConfig):
     """Settings of the ``opensfm`` format."""
 
     @classmethod
@@ -110,7 +110,7 @@ class OpenSfmConfig(PictureFolderConfig):
             raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
         content, others = _largest(file)
         root = _root(file)
-        pictures = self.pictures(root)
+        pictures = self.image_folder(root)
         frames, missing = _frames(content, pictures, file)
         total = len(content["shots"])
         (points, colors), point_note = self.start_points(root, _points(content, file))
@@ -123,7 +123,7 @@ class OpenSfmConfig(PictureFolderConfig):
             notes=(
                 f"{file}: {total} shots, {len(points)} points",
                 *others,
-                *missing_pictures(missing, total, pictures.path),
+                *missing_images(missing, total, pictures.path),
                 *point_note,
                 *_reference(content),
             ),
@@ -169,7 +169,7 @@ def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
 
 
 def _frames(
-    content: Mapping[str, Any], pictures: PictureFolder, file: Path
+    content: Mapping[str, Any], pictures: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose pictures are on disk, and the names of those that are not."""
     cameras: dict[str, tuple[int, Lens]] = {}

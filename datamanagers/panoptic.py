@@ -19,10 +19,10 @@ import torch
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
-from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import from_opencv
 
@@ -67,7 +67,7 @@ class PanopticConfig(MultiCameraConfig):
         for split, file in files.items():
             there, lacking = file.frames(chosen, rate, names, split if len(files) > 1 else None)
             frames, missing = frames + there, missing + lacking
-        missing_note = missing_pictures(missing, len(frames) + len(missing), folder / "ims")
+        missing_note = missing_images(missing, len(frames) + len(missing), folder / "ims")
         origin = f"the data set's own split, {FILES[Split.EVAL]}"
         if self.eval_cameras:
             frames, origin = hold_out_cameras(frames, names, self.eval_cameras)

@@ -21,12 +21,12 @@ from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
     Recording,
-    missing_pictures,
+    missing_images,
     no_points,
 )
+from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.json_file import mapping, number, read_json
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.poses import from_opengl
 
 LOOKED_FOR = "keyframes/ with images/ and cameras/ (Polycam's raw data)"
@@ -82,7 +82,7 @@ class PolycamConfig(CaptureConfig):
             notes=(
                 f"{folder}: {len(files)} cameras",
                 *((low,) if blurred else ()),
-                *missing_pictures(missing, len(files), pictures),
+                *missing_images(missing, len(files), pictures),
                 *_unused(keyframes, self.maps),
             ),
             up="y",

@@ -26,10 +26,10 @@ from torch import Tensor
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, only_file
+from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, only_file
-from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.datamanagers.poses import from_opengl
 
 NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
@@ -44,7 +44,7 @@ HEAD_BYTES = 4096
 
 
 @dataclass
-class RealityCaptureConfig(PictureFolderConfig):
+class RealityCaptureConfig(ImageFolderConfig):
     """Settings of the ``reality-capture`` format."""
 
     @classmethod
@@ -65,7 +65,7 @@ class RealityCaptureConfig(PictureFolderConfig):
             "camera parameters).",
         )
         root = file.absolute().parent
-        pictures = self.pictures(root)
+        pictures = self.image_folder(root)
         rows = list(_rows(file))
         if not rows:
             raise DataError(f"{file} holds no cameras.", "Export the registration again.")
@@ -79,7 +79,7 @@ class RealityCaptureConfig(PictureFolderConfig):
             point_colors=colors,
             notes=(
                 f"{file}: {len(rows)} cameras",
-                *missing_pictures(missing, len(rows), pictures.path),
+                *missing_images(missing, len(rows), pictures.path),
                 *point_note,
             ),
             up="z",
@@ -128,7 +128,7 @@ def _rows(file: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
 
 
 def _frames(
-    rows: list[tuple[int, Mapping[str, str]]], pictures: PictureFolder, file: Path
+    rows: list[tuple[int, Mapping[str, str]]], pictures: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose pictures are on disk, and the names of those that are not."""
     frames, missing = [], []

@@ -8,12 +8,12 @@ from pathlib import Path
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.calibration import CalibratedCamera, read_calibration
-from gsfw.datamanagers.footage import (
-    Footage,
+from gsfw.datamanagers.camera_sequence import (
+    CameraSequence,
     StandingCamera,
     common_length,
     common_rate,
-    find_footage,
+    find_sequences,
     frames_of,
 )
 from gsfw.datamanagers.frames import Recording, no_points
@@ -48,17 +48,17 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         folder = _video_folder(path) if calibrations else None
         if folder is None:
             return Detection(False, LOOKED_FOR)
-        videos = ", ".join(item.name for item in find_footage(folder).values())
+        videos = ", ".join(item.name for item in find_sequences(folder).values())
         return Detection(True, LOOKED_FOR, f"{calibrations[0].name} and {videos}", priority=15)
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the calibration and the headers of the videos."""
         file = self._calibration_file(path)
         cameras, left_out = self._cameras(read_calibration(file), path, file)
-        footages = [camera.footage for camera in cameras]
-        names = [item.camera for item in footages]
-        rate, source = common_rate(footages, self.fps, USUAL_RATE)
-        count, length_note = common_length(footages)
+        sequences = [camera.sequence for camera in cameras]
+        names = [item.camera for item in sequences]
+        rate, source = common_rate(sequences, self.fps, USUAL_RATE)
+        count, length_note = common_length(sequences)
         chosen = self.chosen_times(count, str(path))
         frames, lens_notes = frames_of(cameras, chosen, rate)
         usual = names[:1] if len(names) >= ENOUGH_TO_HOLD_OUT else ()
@@ -100,9 +100,9 @@ class SynchronisedVideosConfig(MultiCameraConfig):
     def _cameras(
         self, calibrated: list[CalibratedCamera], folder: Path, file: Path
     ) -> tuple[list[StandingCamera], tuple[str, ...]]:
-        """The cameras that have footage, and notes on what is left out."""
+        """The cameras that have sequence, and notes on what is left out."""
         where = folder / self.videos if self.videos else _video_folder(folder)
-        found = find_footage(where) if where is not None else {}
+        found = find_sequences(where) if where is not None else {}
         known = {camera.name: camera for camera in calibrated}
         both = [name for name in known if name in found]
         if not both:
@@ -122,7 +122,9 @@ class SynchronisedVideosConfig(MultiCameraConfig):
                 notes.append(f"left out because {what}: {', '.join(names)}")
         cameras = [
             StandingCamera(
-                known[name].lens, known[name].world_to_camera, Footage.read(name, found[name])
+                known[name].lens,
+                known[name].world_to_camera,
+                CameraSequence.read(name, found[name]),
             )
             for name in both
         ]

@@ -12,7 +12,7 @@ from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
     Recording,
-    missing_pictures,
+    missing_images,
     no_points,
     number_cameras,
 )
@@ -53,7 +53,7 @@ def _file(path: Path) -> Path:
 def _recording(file: TransformsFile) -> Recording:
     listed, missing = file.frames()
     folder = file.path.absolute().parent
-    missing_note = missing_pictures(missing, len(listed) + len(missing), folder)
+    missing_note = missing_images(missing, len(listed) + len(missing), folder)
     frames, split_note = _own_split(file, listed)
     (points, colors), point_note = _points(file)
     return Recording(

@@ -18,9 +18,9 @@ from gsfw.core.batch import Resampling
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import DEPTH, MILLIMETRE, MapFile
-from gsfw.datamanagers.pictures import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.poses import from_opengl
 from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
 

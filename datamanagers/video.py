@@ -20,7 +20,7 @@ from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.detection import VIDEOS
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 
 UNEVEN = 0.5
 """An interval that differs from the median by more than this part of it: a picture is missing."""
@@ -124,7 +124,7 @@ class Video:
         after = bisect_right(self.keys, number)
         return range(self.keys[after - 1], (*self.keys, len(self))[after])
 
-    def pictures(self, numbers: Sequence[int]) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
+    def images(self, numbers: Sequence[int]) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
         """Decode pictures, upright and cropped; in order, each with its number.
 
         Args:
@@ -158,13 +158,13 @@ class Video:
             small = frame.reformat(width, height, "gray", interpolation="AREA")
             yield number, self._upright(small.to_ndarray(), box)
 
-    def picture(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
+    def image(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
         """Decode one picture, and those between the key frame before and it.
 
         Raises:
             DataError: it does not decode.
         """
-        return next(self.pictures([number]))[1]
+        return next(self.images([number]))[1]
 
     def _frames(self, numbers: Sequence[int]) -> Iterator[tuple[int, Any]]:
         """Pictures as FFmpeg has them, in order, each with its number.

@@ -14,8 +14,8 @@ from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders, model_suffix
 from gsfw.datamanagers.colmap.reader import lens_of, read_model, read_sightings
 from gsfw.datamanagers.detection import describe_unrecognised
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.poses import from_quaternion
 
 LOOKED_FOR = "cameras, images and points3D (.bin or .txt) in sparse/0, in sparse, or in the folder"
@@ -57,7 +57,7 @@ class ColmapConfig(CaptureConfig):
         if len(folders) > 1:
             others = ", ".join(str(other) for other in folders[1:])
             notes.append(f"used the largest of {len(folders)} models; the others are {others}")
-        notes.extend(missing_pictures(missing, len(model.images), folder))
+        notes.extend(missing_images(missing, len(model.images), folder))
         return Recording(
             name=root.resolve().name,
             path=path,

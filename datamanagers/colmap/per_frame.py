@@ -18,7 +18,7 @@ from gsfw.core.errors import ConfigError, DataError
 from gsfw.datamanagers.colmap.config import frames_of
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders
 from gsfw.datamanagers.colmap.reader import read_model
-from gsfw.datamanagers.frames import Frame, Recording, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 
 PREFIX = "colmap_"
@@ -70,7 +70,7 @@ class ColmapPerFrameConfig(MultiCameraConfig):
         source = "datamanager.fps" if self.fps else "the usual one; datamanager.fps=N gives another"
         missing = [name for instant in instants for name in instant.missing]
         total = len(missing) + sum(len(instant.frames) for instant in instants)
-        missing_note = missing_pictures(missing, total, path)
+        missing_note = missing_images(missing, total, path)
         frames, names = _numbered(instants, rate)
         frames, origin = hold_out_cameras(frames, names, self.eval_cameras, names[:1])
         seen = instants[:: self.points_every]

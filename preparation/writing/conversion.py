@@ -118,7 +118,7 @@ def _decoded(tasks: Sequence[FrameTask]) -> Iterator[FrameTask]:
     for own in videos.values():
         shot = next(iter(own.values())).frame.shot
         assert shot is not None
-        for number, pixels in shot.video.pictures(range(min(own), max(own) + 1)):
+        for number, pixels in shot.video.images(range(min(own), max(own) + 1)):
             if number in own:
                 yield replace(own[number], pixels=pixels)
 

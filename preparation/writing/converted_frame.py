@@ -13,9 +13,9 @@ from jaxtyping import UInt8
 from gsfw.core.batch import LEAST_KNOWN
 from gsfw.datamanagers.fitted_map import ImageFit
 from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.images import Header, decode, fit_mask, load_mask
 from gsfw.datamanagers.map_file import DEPTH, MapFile
 from gsfw.datamanagers.masks import MaskRule
-from gsfw.datamanagers.pictures import Header, decode, fit_mask, load_mask
 from gsfw.datamanagers.warp import MapCache, Warp
 from gsfw.preparation.picture_names import unique_names, with_right_suffix
 from gsfw.preparation.writing.camera_plan import CameraPlan

@@ -10,11 +10,11 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import (
     Frame,
     data_path,
-    missing_pictures,
+    missing_images,
     number_cameras,
 )
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import Header
 
 LENS = Lens(70.0, 72.0, 31.0, 25.5, 64, 48, "camera 1 of cameras.bin")
 
@@ -64,17 +64,17 @@ def test_a_picture_that_exif_turns_away_from_its_camera_is_explained():
 
 def test_missing_pictures_are_listed_up_to_five(tmp_path):
     missing = [f"{index}.png" for index in range(7)]
-    (note,) = missing_pictures(missing, 10, tmp_path)
+    (note,) = missing_images(missing, 10, tmp_path)
     assert note == (
         "7 of 10 pictures are not on disk and are left out: "
         "0.png, 1.png, 2.png, 3.png, 4.png and 2 more"
     )
-    assert missing_pictures([], 10, tmp_path) == ()
+    assert missing_images([], 10, tmp_path) == ()
 
 
 def test_a_data_set_without_any_picture_is_refused():
     with pytest.raises(DataError) as error:
-        missing_pictures(["a.png", "b.png"], 2, Path("data/images"))
+        missing_images(["a.png", "b.png"], 2, Path("data/images"))
     assert str(error.value) == (
         "none of the 2 pictures is in data/images (looked for a.png, b.png).\n"
         "Put the pictures there, or name their folder (datamanager.images=DIR)."

@@ -7,20 +7,20 @@ from support.scenes import front_camera
 from support.slow_ship import SlowShip
 
 from gsfw.core.datamanager import Split, Views
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.loader import Loader
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture
 
 CPU = torch.device("cpu")
 WIDTH, HEIGHT = 6, 4
 BYTES = WIDTH * HEIGHT * 5
 
 
-def picture(number: int) -> Picture:
+def picture(number: int) -> DecodedImage:
     """Every third has alpha, every second a mask."""
     values = np.arange(WIDTH * HEIGHT * 4, dtype=np.uint8).reshape(HEIGHT, WIDTH, 4) + number
     mask = values[..., 0] > 40 if number % 2 else None
-    return Picture(values if number % 3 == 0 else values[..., :3].copy(), mask)
+    return DecodedImage(values if number % 3 == 0 else values[..., :3].copy(), mask)
 
 
 def views(count: int) -> Views:
@@ -33,7 +33,7 @@ def loader():
     built = []
 
     def build(**settings) -> Loader:
-        cache = PictureCache(picture, [BYTES] * 8, 10_000)
+        cache = ImageCache(picture, [BYTES] * 8, 10_000)
         splits = {Split.TRAIN: views(6), Split.EVAL: views(2)}
         built.append(Loader(splits, cache, **settings))
         return built[-1]

@@ -5,7 +5,7 @@ import threading
 import pytest
 import torch
 
-from gsfw.datamanagers.device_pictures import CudaUpload, PlainUpload, upload_to
+from gsfw.datamanagers.device_images import CudaUpload, PlainUpload, upload_to
 
 
 @pytest.fixture

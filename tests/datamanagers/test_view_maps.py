@@ -26,9 +26,9 @@ from gsfw.core.loop.area import shrink_batch
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.frames import Frame, Recording, no_points
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.map_file import MapFile
-from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.transforms import TransformsConfig
 
 CPU = torch.device("cpu")

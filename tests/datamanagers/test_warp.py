@@ -12,7 +12,7 @@ from support.distorted_pictures import (
     spots,
 )
 
-from gsfw.datamanagers.pictures import fit_picture
+from gsfw.datamanagers.images import fit_image
 from gsfw.datamanagers.undistortion import LensRule, undistortion_of
 from gsfw.datamanagers.warp import MapCache, Warp
 
@@ -26,7 +26,7 @@ def warp(model: str, rule: LensRule | None = None) -> Warp:
 def fit(straightened: Warp, pixels, valid=None, shrunk: float = 1):
     target = straightened.undistortion.target
     width, height = round(target.width / shrunk), round(target.height / shrunk)
-    return fit_picture(pixels, valid, width, height, straightened)
+    return fit_image(pixels, valid, width, height, straightened)
 
 
 @pytest.mark.parametrize(

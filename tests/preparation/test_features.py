@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from support import captured
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
+from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.preparation import features
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.exif import Exif

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.video import Box, Shot, Video, is_video
 
 SAME_RATE = 1e-3
@@ -22,7 +22,7 @@ SAME_RATE = 1e-3
 
 
 @dataclass(frozen=True)
-class Footage:
+class CameraSequence:
     """The pictures of one camera, in order of time."""
 
     camera: str
@@ -35,7 +35,7 @@ class Footage:
     """The pictures of the folder, in order; empty for a video."""
 
     @staticmethod
-    def read(camera: str, path: Path) -> Footage:
+    def read(camera: str, path: Path) -> CameraSequence:
         """Look at a video's packets, or at the names in a folder.
 
         Raises:
@@ -45,14 +45,14 @@ class Footage:
         if is_video(path):
             video = Video.read(path)
             video.check_even()
-            return Footage(camera, path, video)
-        files = pictures_in(path)
+            return CameraSequence(camera, path, video)
+        files = images_in(path)
         if not files:
             raise DataError(
                 f"{path}: the folder of camera {camera} holds no pictures.",
                 "Put them there, or remove the camera.",
             )
-        return Footage(camera, path, None, tuple(files))
+        return CameraSequence(camera, path, None, tuple(files))
 
     def __len__(self) -> int:
         return len(self.files) if self.video is None else len(self.video)
@@ -78,7 +78,7 @@ class Footage:
         return self.path, Shot(self.video, number)
 
 
-def pictures_in(folder: Path) -> list[Path]:
+def images_in(folder: Path) -> list[Path]:
     """The pictures of a folder, in order of the numbers in their names."""
     found = [item for item in folder.iterdir() if item.suffix.lower() in EXTENSIONS]
     return sorted(found, key=in_order)
@@ -90,7 +90,7 @@ def in_order(path: Path) -> tuple[object, ...]:
     return tuple((int(part), part) if part.isdecimal() else part for part in parts)
 
 
-def find_footage(folder: Path, prefix: str = "") -> dict[str, Path]:
+def find_sequences(folder: Path, prefix: str = "") -> dict[str, Path]:
     """Videos, or else folders of pictures, whose names begin so, by the camera's name; sorted.
 
     Pictures lie in CAMERA/images or in CAMERA itself.
@@ -103,17 +103,19 @@ def find_footage(folder: Path, prefix: str = "") -> dict[str, Path]:
     found = {}
     for item in items:
         for pictures in (item / "images", item):
-            if pictures.is_dir() and pictures_in(pictures):
+            if pictures.is_dir() and images_in(pictures):
                 found[item.name] = pictures
                 break
     return found
 
 
-def common_rate(footages: Sequence[Footage], asked: float, usual: float) -> tuple[float, str]:
-    """Pictures per second of synchronised footage, and who says so.
+def common_rate(
+    sequences: Sequence[CameraSequence], asked: float, usual: float
+) -> tuple[float, str]:
+    """Pictures per second of synchronised sequence, and who says so.
 
     Args:
-        footages: of all cameras.
+        sequences: of all cameras.
         asked: what the user says; 0 for nothing.
         usual: of the format, where there are no videos to say it.
 
@@ -122,7 +124,7 @@ def common_rate(footages: Sequence[Footage], asked: float, usual: float) -> tupl
     """
     if asked > 0:
         return asked, "datamanager.fps"
-    rated = [(item.video.rate, item) for item in footages if item.video and item.video.rate > 0]
+    rated = [(item.video.rate, item) for item in sequences if item.video and item.video.rate > 0]
     if not rated:
         return usual, "the usual one; datamanager.fps=N gives another"
     rate, first = rated[0]
@@ -136,9 +138,9 @@ def common_rate(footages: Sequence[Footage], asked: float, usual: float) -> tupl
     return rate, "the videos'"
 
 
-def common_length(footages: Sequence[Footage]) -> tuple[int, tuple[str, ...]]:
+def common_length(sequences: Sequence[CameraSequence]) -> tuple[int, tuple[str, ...]]:
     """How many pictures every camera has, and a note where some have more."""
-    counts = {item.camera: len(item) for item in footages}
+    counts = {item.camera: len(item) for item in sequences}
     shortest = min(counts, key=lambda camera: counts[camera])
     length, longest = counts[shortest], max(counts.values())
     if length == longest:
@@ -189,7 +191,7 @@ def fit_to_video(lens: Lens, video: Video) -> tuple[Lens, Video, str]:
 def _has_bars(video: Video, box: Box) -> bool:
     """Whether the first picture is black outside ``box``, and not all black within."""
     left, top, right, bottom = box
-    brightness = video.picture(0).mean(axis=2)
+    brightness = video.image(0).mean(axis=2)
     within = float(brightness[top:bottom, left:right].mean())
     bars = (
         brightness[:top],
@@ -207,7 +209,7 @@ class StandingCamera:
     lens: Lens
     world_to_camera: Float64[Tensor, "4 4"]
     """Rigid, OpenCV axes, in the world of the data."""
-    footage: Footage
+    sequence: CameraSequence
 
     def fitted(self) -> tuple[StandingCamera, str]:
         """With its lens in pixels of its video, and a note where that took something.
@@ -215,22 +217,22 @@ class StandingCamera:
         Raises:
             DataError: the video is not one of this lens.
         """
-        if self.footage.video is None:
+        if self.sequence.video is None:
             return self, ""
-        lens, video, note = fit_to_video(self.lens, self.footage.video)
-        return replace(self, lens=lens, footage=replace(self.footage, video=video)), note
+        lens, video, note = fit_to_video(self.lens, self.sequence.video)
+        return replace(self, lens=lens, sequence=replace(self.sequence, video=video)), note
 
     def frame(self, number: int, camera: int, rate: float) -> Frame:
-        """One picture of its footage.
+        """One picture of its sequence.
 
         Raises:
             DataError: it is a file that is no picture.
         """
-        path, shot = self.footage.source(number)
+        path, shot = self.sequence.source(number)
         return Frame(
-            name=self.footage.name(number),
+            name=self.sequence.name(number),
             path=path,
-            header=self.footage.header(number),
+            header=self.sequence.header(number),
             lens=self.lens,
             world_to_camera=self.world_to_camera,
             camera=camera,

@@ -14,13 +14,13 @@ from torch import Tensor
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, no_points
+from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.point_file import Points, read_ply
 
 
 @dataclass
-class PictureFolderConfig(CaptureConfig, ABC):
+class ImageFolderConfig(CaptureConfig, ABC):
     """Settings of formats whose cameras lie beside the pictures."""
 
     images: str = ""
@@ -28,7 +28,7 @@ class PictureFolderConfig(CaptureConfig, ABC):
     points: str = ""
     """PLY file of points to start from, relative to the data set. Empty: the only one there is."""
 
-    def pictures(self, root: Path) -> PictureFolder:
+    def image_folder(self, root: Path) -> ImageFolder:
         """Where the pictures of the data set ``root`` are looked for.
 
         Raises:
@@ -37,7 +37,7 @@ class PictureFolderConfig(CaptureConfig, ABC):
         folder = root / (self.images or ("images" if (root / "images").is_dir() else ""))
         if not folder.is_dir():
             raise DataError(f"datamanager.images={self.images}: there is no folder {folder}.")
-        return PictureFolder(folder)
+        return ImageFolder(folder)
 
     def start_points(self, root: Path, own: Points | None = None) -> tuple[Points, tuple[str, ...]]:
         """Points of a PLY file, their colours, and a note on where they are from.
@@ -69,7 +69,7 @@ def _read(file: Path, setting: str) -> tuple[Points, tuple[str, ...]]:
 
 
 @dataclass(frozen=True)
-class PictureFolder:
+class ImageFolder:
     """The pictures in a folder and the folders in it."""
 
     path: Path

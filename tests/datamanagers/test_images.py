@@ -1,4 +1,4 @@
-"""Picture files."""
+"""DecodedImage files."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from PIL import Image
 from support.small_captures import write_picture
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import decode, decode_mask, load_mask, read_header
+from gsfw.datamanagers.images import decode, decode_mask, load_mask, read_header
 
 ORIENTATION = 274
 

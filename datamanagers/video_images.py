@@ -1,4 +1,4 @@
-"""VideoPictures: pictures of videos in any order, decoded in order behind the scenes.
+"""VideoImages: pictures of videos in any order, decoded in order behind the scenes.
 
 To reach a picture all those since the key frame before it have to be decoded: on average 0.4 s
 of a core for one of 100 pictures of 1088x1920 pixels between two key frames. So a picture is
@@ -24,7 +24,7 @@ from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.array_file import read_array
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.video import Shot, Video
 
 SHARE_OF_DISK = 0.9
@@ -36,14 +36,14 @@ FOLDERS = f"gsfw-video-{platform.node()}-"
 Segment = tuple[Video, range]
 
 
-class VideoPictures:
+class VideoImages:
     """Decodes pictures of videos, and keeps them on disk until it is closed."""
 
     def __init__(
         self,
         shots: Mapping[int, Shot],
         sizes: Mapping[int, int],
-        finish: Callable[[int, UInt8[np.ndarray, "h w 3"]], Picture],
+        finish: Callable[[int, UInt8[np.ndarray, "h w 3"]], DecodedImage],
         room: int | None = None,
     ) -> None:
         """Nothing is decoded yet.
@@ -84,7 +84,7 @@ class VideoPictures:
             "downscale, or name a folder with more room: TMPDIR=DIR)",
         )
 
-    def get(self, index: int) -> Picture:
+    def get(self, index: int) -> DecodedImage:
         """A picture; called from several threads.
 
         Raises:
@@ -94,7 +94,7 @@ class VideoPictures:
             return self._shelf.load(index)
         shot = self._shots[index]
         self._begin(shot)
-        picture = self._finish(index, shot.video.picture(shot.number))
+        picture = self._finish(index, shot.video.image(shot.number))
         self._keep(index, picture)
         return picture
 
@@ -129,7 +129,7 @@ class VideoPictures:
         wanted = self._wanted[video.path]
         last = max(number for number in segment if number in wanted)
         try:
-            for number, pixels in video.pictures(range(segment.start, last + 1)):
+            for number, pixels in video.images(range(segment.start, last + 1)):
                 index = wanted.get(number)
                 if closed.is_set() or self._left <= 0:
                     return
@@ -139,7 +139,7 @@ class VideoPictures:
             # Whoever asks for the picture decodes it again, and gets the error.
             return
 
-    def _keep(self, index: int, picture: Picture) -> None:
+    def _keep(self, index: int, picture: DecodedImage) -> None:
         """Put a picture onto the shelf, if there is room and nobody else does."""
         with self._lock:
             shelf = self._shelf
@@ -179,7 +179,7 @@ class _Shelf:
         # Also where nobody calls close(): threads must not run while the interpreter goes down.
         self.close = weakref.finalize(self, _clear, self.folder, self.segments, threads, closed)
 
-    def save(self, index: int, picture: Picture) -> None:
+    def save(self, index: int, picture: DecodedImage) -> None:
         """Write a picture, as uncompressed arrays.
 
         Raises:
@@ -195,10 +195,10 @@ class _Shelf:
                 file.unlink(missing_ok=True)
             raise
 
-    def load(self, index: int) -> Picture:
+    def load(self, index: int) -> DecodedImage:
         """Read a picture."""
         pixels, mask = self._files(index)
-        return Picture(read_array(pixels), read_array(mask) if mask.exists() else None)
+        return DecodedImage(read_array(pixels), read_array(mask) if mask.exists() else None)
 
     def _files(self, index: int) -> tuple[Path, Path]:
         """Of the pixels and of the mask."""

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from gsfw.core.batch import Resampling
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.images import DecodedImage
 
 
 @dataclass(frozen=True)
@@ -110,23 +110,23 @@ class PlacedMap:
 
 
 @dataclass(frozen=True)
-class PlacedPicture:
+class PlacedImage:
     """A picture where it is used."""
 
     pixels: UInt8[Tensor, "h w d"]
-    """As ``Picture`` has them."""
+    """As ``DecodedImage`` has them."""
     mask: Bool[Tensor, "h w"] | None = None
     maps: Mapping[str, PlacedMap] = field(default_factory=dict)
 
     @staticmethod
-    def on_host(picture: Picture) -> PlacedPicture:
+    def on_host(picture: DecodedImage) -> PlacedImage:
         """A decoded picture where it is; nothing is copied."""
         mask = None if picture.mask is None else torch.from_numpy(picture.mask)
         maps = {
             name: PlacedMap(torch.from_numpy(item.values), torch.from_numpy(item.known), item.rule)
             for name, item in picture.maps.items()
         }
-        return PlacedPicture(torch.from_numpy(picture.pixels), mask, maps)
+        return PlacedImage(torch.from_numpy(picture.pixels), mask, maps)
 
     @property
     def layout(self) -> Layout:
@@ -150,8 +150,8 @@ class Layout:
     rules: Mapping[str, Resampling]
     """Of the maps, in order."""
 
-    def picture(self, tensors: Sequence[Tensor]) -> PlacedPicture:
-        """The picture of ``PlacedPicture.tensors``."""
+    def image(self, tensors: Sequence[Tensor]) -> PlacedImage:
+        """The picture of ``PlacedImage.tensors``."""
         pixels, *others = tensors
         mask = others.pop(0) if self.masked else None
         maps = {
@@ -160,7 +160,7 @@ class Layout:
                 self.rules.items(), others[::2], others[1::2], strict=True
             )
         }
-        return PlacedPicture(pixels, mask, maps)
+        return PlacedImage(pixels, mask, maps)
 
 
 def staying(sizes: Sequence[int], budget: int) -> frozenset[int]:
@@ -181,7 +181,7 @@ def staying(sizes: Sequence[int], budget: int) -> frozenset[int]:
     return frozenset(chosen)
 
 
-class DevicePictures:
+class DeviceImages:
     """The pictures of a data set on one device; they are sent by a thread, ahead of use.
 
     Besides those that stay, the few that were sent ahead take memory until they are used.
@@ -189,7 +189,7 @@ class DevicePictures:
 
     def __init__(
         self,
-        request: Callable[[int], Future[Picture]],
+        request: Callable[[int], Future[DecodedImage]],
         upload: Upload,
         kept: frozenset[int],
     ) -> None:
@@ -210,18 +210,18 @@ class DevicePictures:
         """Those of ``numbers`` that are neither there nor on their way."""
         return [number for number in numbers if number not in self._sent]
 
-    def send(self, number: int, picture: Future[Picture]) -> None:
+    def send(self, number: int, picture: Future[DecodedImage]) -> None:
         """Have a picture sent as soon as it is decoded."""
         passing = [other for other in self._sent if other not in self._kept]
         for unused in passing[: max(len(passing) + 1 - MOST_PASSING, 0)]:
             del self._sent[unused]
         self._sent[number] = self._thread.submit(self._ship, picture)
 
-    def _ship(self, picture: Future[Picture]) -> tuple[Layout, Shipment]:
-        placed = PlacedPicture.on_host(picture.result())
+    def _ship(self, picture: Future[DecodedImage]) -> tuple[Layout, Shipment]:
+        placed = PlacedImage.on_host(picture.result())
         return placed.layout, self._upload.send(placed.tensors)
 
-    def get(self, number: int) -> PlacedPicture:
+    def get(self, number: int) -> PlacedImage:
         """A picture on the device; waits for it to be decoded and sent, not for its arrival.
 
         Raises:
@@ -236,7 +236,7 @@ class DevicePictures:
             return self.get(number)
         if number in self._kept:
             self._sent[number] = coming
-        return layout.picture(self._upload.receive(shipment))
+        return layout.image(self._upload.receive(shipment))
 
     def close(self) -> None:
         """Stop sending, and free the device's memory."""

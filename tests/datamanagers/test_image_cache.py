@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage
 
 
 class Decoder:
@@ -17,10 +17,10 @@ class Decoder:
         self.counts: dict[int, int] = {}
         self._lock = threading.Lock()
 
-    def __call__(self, index: int) -> Picture:
+    def __call__(self, index: int) -> DecodedImage:
         with self._lock:
             self.counts[index] = self.counts.get(index, 0) + 1
-        return Picture(np.full((1, 10, 3), index, np.uint8))
+        return DecodedImage(np.full((1, 10, 3), index, np.uint8))
 
 
 @pytest.fixture
@@ -28,8 +28,8 @@ def decoder() -> Decoder:
     return Decoder()
 
 
-def cache_of(decoder, pictures: int, budget: int) -> PictureCache:
-    return PictureCache(decoder, [30] * pictures, budget)
+def cache_of(decoder, pictures: int, budget: int) -> ImageCache:
+    return ImageCache(decoder, [30] * pictures, budget)
 
 
 def test_a_picture_is_decoded_once_while_it_fits(decoder):
@@ -76,10 +76,10 @@ def test_looking_ahead_takes_no_more_than_half_of_the_budget(decoder):
 
 
 def test_an_error_reaches_whoever_asks_for_the_picture():
-    def fail(index: int) -> Picture:
+    def fail(index: int) -> DecodedImage:
         raise DataError("broken.png: the file is empty (0 bytes).")
 
-    cache = PictureCache(fail, [30], 1000)
+    cache = ImageCache(fail, [30], 1000)
     cache.prefetch([0])
     with pytest.raises(DataError, match=r"broken\.png"):
         cache.get(0)

@@ -1,4 +1,4 @@
-"""PictureCache: decoded pictures within a memory budget, decoded by threads ahead of use."""
+"""ImageCache: decoded pictures within a memory budget, decoded by threads ahead of use."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.images import DecodedImage
 
 
-class PictureCache:
+class ImageCache:
     """Keeps the pictures that were used last; what is asked for never depends on what is kept."""
 
-    def __init__(self, decode: Callable[[int], Picture], sizes: Sequence[int], budget: int) -> None:
+    def __init__(
+        self, decode: Callable[[int], DecodedImage], sizes: Sequence[int], budget: int
+    ) -> None:
         """Nothing is decoded yet.
 
         Args:
@@ -24,11 +26,11 @@ class PictureCache:
         self.sizes = sizes
         self._decode = decode
         self._budget = budget
-        self._held: OrderedDict[int, Future[Picture]] = OrderedDict()
+        self._held: OrderedDict[int, Future[DecodedImage]] = OrderedDict()
         self._used = 0
         self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "gsfw-decode")
 
-    def get(self, index: int) -> Picture:
+    def get(self, index: int) -> DecodedImage:
         """The picture, waiting for it to be decoded if need be.
 
         Raises:
@@ -36,7 +38,7 @@ class PictureCache:
         """
         return self.request(index).result()
 
-    def prefetch(self, indices: Sequence[int]) -> dict[int, Future[Picture]]:
+    def prefetch(self, indices: Sequence[int]) -> dict[int, Future[DecodedImage]]:
         """Start decoding, as far as half of the budget goes: the rest stays for what is in use.
 
         Gives the pictures that were started or are held already, by their number.
@@ -55,7 +57,7 @@ class PictureCache:
         self._held.clear()
         self._used = 0
 
-    def request(self, index: int) -> Future[Picture]:
+    def request(self, index: int) -> Future[DecodedImage]:
         """The picture as soon as it is decoded; cancelled where others need its room before."""
         if index in self._held:
             self._held.move_to_end(index)

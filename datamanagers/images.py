@@ -1,4 +1,4 @@
-"""Picture files: headers, decoding to upright 8-bit colours, masks.
+"""DecodedImage files: headers, decoding to upright 8-bit colours, masks.
 
 Policy on EXIF orientation: it is always applied, and a camera describes the upright picture.
 """
@@ -54,7 +54,7 @@ class Header:
 
 
 @dataclass(frozen=True)
-class Picture:
+class DecodedImage:
     """A decoded picture."""
 
     pixels: UInt8[np.ndarray, "h w d"]
@@ -83,19 +83,19 @@ def read_header(path: Path) -> Header:
         return Header(width, height, has_alpha, orientation)
 
 
-def fit_picture(
+def fit_image(
     pixels: UInt8[np.ndarray, "h w d"],
     valid: Bool[np.ndarray, "h w"] | None,
     width: int,
     height: int,
     warp: Warp | None = None,
-) -> Picture:
+) -> DecodedImage:
     """A decoded picture, undistorted and shrunk; rounded to 8 bits once."""
     fitted = fit_mask(valid, width, height, warp)
     if warp is None:
-        return Picture(shrink(pixels, width, height), fitted)
+        return DecodedImage(shrink(pixels, width, height), fitted)
     values = warp.colors(to_values(pixels))
-    return Picture(to_pixels(shrink_values(values, width, height)), fitted)
+    return DecodedImage(to_pixels(shrink_values(values, width, height)), fitted)
 
 
 def fit_mask(
