@@ -1,4 +1,4 @@
-"""Area filter: each pixel of a smaller picture is the mean of the area that it covers."""
+"""Area filter: each pixel of a smaller image is the mean of the area that it covers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 def shrink(
     pixels: UInt8[np.ndarray, "h w d"], width: int, height: int
 ) -> UInt8[np.ndarray, "h2 w2 d"]:
-    """A picture at a smaller size; with alpha (d = 4) colours are averaged by their coverage."""
+    """An image at a smaller size; with alpha (d = 4) colours are averaged by their coverage."""
     if pixels.shape[:2] == (height, width):
         return pixels
     return to_pixels(shrink_values(to_values(pixels), width, height))
@@ -45,7 +45,7 @@ def shrink_mask(
 def shrink_values(
     values: Float32[np.ndarray, "h w d"], width: int, height: int
 ) -> Float32[np.ndarray, "h2 w2 d"]:
-    """Means over the areas that the pixels of a smaller picture cover."""
+    """Means over the areas that the pixels of a smaller image cover."""
     if values.shape[:2] == (height, width):
         return values
     rows, columns, channels = values.shape

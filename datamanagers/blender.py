@@ -48,7 +48,7 @@ class BlenderConfig(CaptureConfig):
                 f"{folder} holds no {SPLIT_FILES['train']}.", "Give the folder that does."
             )
         held = files.get(self.eval_split)
-        # Without a split of its own the data set's pictures are held out by name, as any others.
+        # Without a split of its own the data set's images are held out by name, as any others.
         frames, missing = files["train"].frames(Split.TRAIN if held else None)
         notes = [f"{files['train'].path}: {len(frames) + len(missing)} frames"]
         if held:

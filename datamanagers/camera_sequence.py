@@ -23,23 +23,23 @@ SAME_RATE = 1e-3
 
 @dataclass(frozen=True)
 class CameraSequence:
-    """The pictures of one camera, in order of time."""
+    """The images of one camera, in order of time."""
 
     camera: str
     """Its name: that of the video without extension, or of the folder."""
     path: Path
-    """The video, or the folder of the pictures."""
+    """The video, or the folder of the images."""
     video: Video | None
-    """``None`` for a folder of pictures."""
+    """``None`` for a folder of images."""
     files: tuple[Path, ...] = ()
-    """The pictures of the folder, in order; empty for a video."""
+    """The images of the folder, in order; empty for a video."""
 
     @staticmethod
     def read(camera: str, path: Path) -> CameraSequence:
         """Look at a video's packets, or at the names in a folder.
 
         Raises:
-            DataError: the video is damaged or its rate varies, or the folder holds no pictures.
+            DataError: the video is damaged or its rate varies, or the folder holds no images.
             UnavailableError: it is a video, and PyAV is not installed.
         """
         if is_video(path):
@@ -49,7 +49,7 @@ class CameraSequence:
         files = images_in(path)
         if not files:
             raise DataError(
-                f"{path}: the folder of camera {camera} holds no pictures.",
+                f"{path}: the folder of camera {camera} holds no images.",
                 "Put them there, or remove the camera.",
             )
         return CameraSequence(camera, path, None, tuple(files))
@@ -58,28 +58,28 @@ class CameraSequence:
         return len(self.files) if self.video is None else len(self.video)
 
     def header(self, number: int) -> Header:
-        """Of a picture.
+        """Of an image.
 
         Raises:
-            DataError: it is a file that is no picture.
+            DataError: it is a file that is no image.
         """
         return read_header(self.files[number]) if self.video is None else self.video.header
 
     def name(self, number: int) -> str:
-        """Of a picture, as messages and result files call it."""
+        """Of an image, as messages and result files call it."""
         if self.video is None:
             return f"{self.camera}/{self.files[number].name}"
         return f"{self.camera}/{number:06d}"
 
     def source(self, number: int) -> tuple[Path, Shot | None]:
-        """Where a picture is: in a file of its own, or in a video."""
+        """Where an image is: in a file of its own, or in a video."""
         if self.video is None:
             return self.files[number], None
         return self.path, Shot(self.video, number)
 
 
 def images_in(folder: Path) -> list[Path]:
-    """The pictures of a folder, in order of the numbers in their names."""
+    """The images of a folder, in order of the numbers in their names."""
     found = [item for item in folder.iterdir() if item.suffix.lower() in EXTENSIONS]
     return sorted(found, key=in_order)
 
@@ -91,9 +91,9 @@ def in_order(path: Path) -> tuple[object, ...]:
 
 
 def find_sequences(folder: Path, prefix: str = "") -> dict[str, Path]:
-    """Videos, or else folders of pictures, whose names begin so, by the camera's name; sorted.
+    """Videos, or else folders of images, whose names begin so, by the camera's name; sorted.
 
-    Pictures lie in CAMERA/images or in CAMERA itself.
+    Images lie in CAMERA/images or in CAMERA itself.
     """
     items = sorted(folder.iterdir()) if folder.is_dir() else []
     items = [item for item in items if item.name.lower().startswith(prefix)]
@@ -112,7 +112,7 @@ def find_sequences(folder: Path, prefix: str = "") -> dict[str, Path]:
 def common_rate(
     sequences: Sequence[CameraSequence], asked: float, usual: float
 ) -> tuple[float, str]:
-    """Pictures per second of synchronised sequence, and who says so.
+    """Images per second of synchronised sequences, and who says so.
 
     Args:
         sequences: of all cameras.
@@ -131,22 +131,22 @@ def common_rate(
     for other, item in rated:
         if abs(other - rate) > SAME_RATE * rate:
             raise DataError(
-                f"{item.path} has {other:.5g} pictures per second, {first.path} {rate:.5g}.",
-                "Cameras are matched by picture numbers: write the videos anew at one rate "
+                f"{item.path} has {other:.5g} images per second, {first.path} {rate:.5g}.",
+                "Cameras are matched by image numbers: write the videos anew at one rate "
                 f"(ffmpeg -i OLD.mp4 -vf fps={rate:.5g} NEW.mp4).",
             )
     return rate, "the videos'"
 
 
 def common_length(sequences: Sequence[CameraSequence]) -> tuple[int, tuple[str, ...]]:
-    """How many pictures every camera has, and a note where some have more."""
+    """How many images every camera has, and a note where some have more."""
     counts = {item.camera: len(item) for item in sequences}
     shortest = min(counts, key=lambda camera: counts[camera])
     length, longest = counts[shortest], max(counts.values())
     if length == longest:
         return length, ()
     return length, (
-        f"camera {shortest} has {length} pictures, others up to {longest}: the first {length} of "
+        f"camera {shortest} has {length} images, others up to {longest}: the first {length} of "
         "each are used",
     )
 
@@ -189,7 +189,7 @@ def fit_to_video(lens: Lens, video: Video) -> tuple[Lens, Video, str]:
 
 
 def _has_bars(video: Video, box: Box) -> bool:
-    """Whether the first picture is black outside ``box``, and not all black within."""
+    """Whether the first image is black outside ``box``, and not all black within."""
     left, top, right, bottom = box
     brightness = video.image(0).mean(axis=2)
     within = float(brightness[top:bottom, left:right].mean())
@@ -223,10 +223,10 @@ class StandingCamera:
         return replace(self, lens=lens, sequence=replace(self.sequence, video=video)), note
 
     def frame(self, number: int, camera: int, rate: float) -> Frame:
-        """One picture of its sequence.
+        """One image of its sequence.
 
         Raises:
-            DataError: it is a file that is no picture.
+            DataError: it is a file that is no image.
         """
         path, shot = self.sequence.source(number)
         return Frame(
@@ -248,11 +248,11 @@ def frames_of(
 
     Args:
         cameras: in the order that they are numbered in.
-        times: numbers of the pictures.
-        rate: pictures per second.
+        times: numbers of the images.
+        rate: images per second.
 
     Raises:
-        DataError: a video is not one of its lens, or a file is no picture.
+        DataError: a video is not one of its lens, or a file is no image.
     """
     frames: list[Frame] = []
     notes: list[str] = []

@@ -33,7 +33,7 @@ from gsfw.datamanagers.warp import MapCache, Warp
 
 
 class Capture(DataManager):
-    """The frames of a recording in the scene frame, with their pictures decoded as needed."""
+    """The frames of a recording in the scene frame, with their images decoded as needed."""
 
     def __init__(
         self,
@@ -43,17 +43,17 @@ class Capture(DataManager):
         masks: MaskRule = USUAL_MASKS,
         maps: Sequence[MapFolder] = (),
     ) -> None:
-        """Fit the cameras to their pictures, hold frames out, find the scene frame.
+        """Fit the cameras to their images, hold frames out, find the scene frame.
 
         Args:
             recording: what the format's file says.
             request: what the run asks for.
-            rule: what becomes of pictures of distorted lenses.
+            rule: what becomes of images of distorted lenses.
             masks: which there are, and what they mean.
             maps: folders of per-view maps, besides those that the frames have.
 
         Raises:
-            DataError: a picture contradicts its camera, a lens cannot be undistorted, some frames
+            DataError: an image contradicts its camera, a lens cannot be undistorted, some frames
                 have a time and some do not, a name is not unique, masks or maps cannot be used, or
                 nothing is left to train on.
         """
@@ -117,7 +117,7 @@ class Capture(DataManager):
         }
 
     def _make_fits(self, cameras: Sequence[Cameras]) -> list[ImageFit]:
-        """How each picture is undistorted and shrunk."""
+        """How each image is undistorted and shrunk."""
         maps, fits = MapCache(), []
         for frame, camera in zip(self._frames, cameras, strict=True):
             undistortion = frame.undistortion(self._rule)
@@ -198,7 +198,7 @@ class Capture(DataManager):
         self._loader.prefetch(split, indices)
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """Decode views into batches; the same pictures whatever was cached or decoded ahead."""
+        """Decode views into batches; the same images whatever was cached or decoded ahead."""
         return self._loader.load(split, indices, device)
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
@@ -215,12 +215,12 @@ class Capture(DataManager):
         return torch.from_numpy(~fitted)[..., None]
 
     def close(self) -> None:
-        """Stop decoding and free the pictures."""
+        """Stop decoding and free the images."""
         self._loader.close()
         self._videos.close()
 
     def _decode(self, index: int) -> DecodedImage:
-        """A picture with its per-view maps."""
+        """An image with its per-view maps."""
         frame = self._frames[index]
         if frame.shot is not None:
             picture = self._videos.get(index)
@@ -231,14 +231,14 @@ class Capture(DataManager):
         return replace(picture, maps=self._maps.load(index, self._fits[index], inside, scale))
 
     def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> DecodedImage:
-        """A decoded picture, masked, undistorted and shrunk."""
+        """A decoded image, masked, undistorted and shrunk."""
         masks = self._masks
         pixels, valid = masks.apply(pixels, masks.load(self._frames[index]))
         fit = self._fits[index]
         return fit_image(pixels, valid, *fit.final, fit.warp)
 
     def _image_bytes(self, index: int) -> int:
-        """Memory of a fitted picture without its maps."""
+        """Memory of a fitted image without its maps."""
         frame, fit = self._frames[index], self._fits[index]
         blanks = fit.warp is not None and fit.warp.undistortion.has_blanks
         masked = self._masks.gives_mask(frame) or blanks

@@ -1,4 +1,4 @@
-"""CaptureConfig: the settings of every format whose pictures were taken by cameras."""
+"""CaptureConfig: the settings of every format whose images were taken by cameras."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from gsfw.datamanagers.undistortion import LensRule
 from gsfw.datamanagers.view_maps import MapFolder
 
 WIDEST = 160.0
-"""Degrees; at the border of such a pinhole picture a degree is 33 times as wide as inside."""
+"""Degrees; at the border of such a pinhole image a degree is 33 times as wide as inside."""
 
 
 @dataclass(kw_only=True)
 class CaptureConfig(DataManagerConfig, ABC):
-    """Settings of masks, and of distorted lenses; pictures of pinholes stay as they are."""
+    """Settings of masks, and of distorted lenses; images of pinholes stay as they are."""
 
     fisheye: str = "undistort"
-    """Pictures of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""
+    """Images of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""
     field_of_view: float = 120.0
-    """Most degrees, across and down, that a picture undistorted to a pinhole shows."""
+    """Most degrees, across and down, that an image undistorted to a pinhole shows."""
     blank_pixels: float = 0.0
-    """0: undistorted pictures are cut to what the lens saw; 1: all it saw, the rest masked."""
+    """0: undistorted images are cut to what the lens saw; 1: all it saw, the rest masked."""
     masks: str = AUTO
     """Masks, bright where pixels count: auto (as the data set names them, or PNG in masks/), none,
-    alpha (of the pictures), or a folder."""
+    alpha (of the images), or a folder."""
     mask_mode: str = MaskMode.IGNORE.value
     """What lies outside masks: ignore (it carries no loss), or empty (it shows the background)."""
     invert_masks: bool = False
@@ -86,7 +86,7 @@ class CaptureConfig(DataManagerConfig, ABC):
         return folders
 
     def lens_rule(self) -> LensRule:
-        """What becomes of pictures of distorted lenses.
+        """What becomes of images of distorted lenses.
 
         Raises:
             ConfigError: a setting is out of range.

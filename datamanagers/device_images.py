@@ -89,14 +89,14 @@ class CudaUpload(Upload):
 
 
 def upload_to(device: torch.device) -> Upload | None:
-    """The way to a device; ``None`` for the CPU, where pictures are used where they are."""
+    """The way to a device; ``None`` for the CPU, where images are used where they are."""
     if device.type == "cpu":
         return None
     return CudaUpload(device) if device.type == "cuda" else PlainUpload(device)
 
 
 MOST_PASSING = 16
-"""Pictures that were sent ahead and not yet used; more mean that a guess of what comes was wrong,
+"""Images that were sent ahead and not yet used; more mean that a guess of what comes was wrong,
 and the oldest are dropped."""
 
 
@@ -111,7 +111,7 @@ class PlacedMap:
 
 @dataclass(frozen=True)
 class PlacedImage:
-    """A picture where it is used."""
+    """An image where it is used."""
 
     pixels: UInt8[Tensor, "h w d"]
     """As ``DecodedImage`` has them."""
@@ -120,7 +120,7 @@ class PlacedImage:
 
     @staticmethod
     def on_host(picture: DecodedImage) -> PlacedImage:
-        """A decoded picture where it is; nothing is copied."""
+        """A decoded image where it is; nothing is copied."""
         mask = None if picture.mask is None else torch.from_numpy(picture.mask)
         maps = {
             name: PlacedMap(torch.from_numpy(item.values), torch.from_numpy(item.known), item.rule)
@@ -144,14 +144,14 @@ class PlacedImage:
 
 @dataclass(frozen=True)
 class Layout:
-    """What the tensors of a picture are, to put them together on a device."""
+    """What the tensors of an image are, to put them together on a device."""
 
     masked: bool
     rules: Mapping[str, Resampling]
     """Of the maps, in order."""
 
     def image(self, tensors: Sequence[Tensor]) -> PlacedImage:
-        """The picture of ``PlacedImage.tensors``."""
+        """The image of ``PlacedImage.tensors``."""
         pixels, *others = tensors
         mask = others.pop(0) if self.masked else None
         maps = {
@@ -164,13 +164,13 @@ class Layout:
 
 
 def staying(sizes: Sequence[int], budget: int) -> frozenset[int]:
-    """The pictures that stay on a GPU: from the first on, each that still fits.
+    """The images that stay on a GPU: from the first on, each that still fits.
 
-    Always the same ones, because every epoch uses each picture once: keeping those used last would
+    Always the same ones, because every epoch uses each image once: keeping those used last would
     drop each one shortly before it is used again.
 
     Args:
-        sizes: bytes of each picture, those used most first.
+        sizes: bytes of each image, those used most first.
         budget: bytes that all of them may take.
     """
     chosen: list[int] = []
@@ -182,7 +182,7 @@ def staying(sizes: Sequence[int], budget: int) -> frozenset[int]:
 
 
 class DeviceImages:
-    """The pictures of a data set on one device; they are sent by a thread, ahead of use.
+    """The images of a data set on one device; they are sent by a thread, ahead of use.
 
     Besides those that stay, the few that were sent ahead take memory until they are used.
     """
@@ -196,9 +196,9 @@ class DeviceImages:
         """Nothing is sent yet.
 
         Args:
-            request: has a picture decoded, by its number.
+            request: has an image decoded, by its number.
             upload: the way to the device.
-            kept: numbers of the pictures that stay once they are there.
+            kept: numbers of the images that stay once they are there.
         """
         self._request = request
         self._upload = upload
@@ -211,7 +211,7 @@ class DeviceImages:
         return [number for number in numbers if number not in self._sent]
 
     def send(self, number: int, picture: Future[DecodedImage]) -> None:
-        """Have a picture sent as soon as it is decoded."""
+        """Have an image sent as soon as it is decoded."""
         passing = [other for other in self._sent if other not in self._kept]
         for unused in passing[: max(len(passing) + 1 - MOST_PASSING, 0)]:
             del self._sent[unused]
@@ -222,7 +222,7 @@ class DeviceImages:
         return placed.layout, self._upload.send(placed.tensors)
 
     def get(self, number: int) -> PlacedImage:
-        """A picture on the device; waits for it to be decoded and sent, not for its arrival.
+        """An image on the device; waits for it to be decoded and sent, not for its arrival.
 
         Raises:
             DataError: it does not decode.

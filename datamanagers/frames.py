@@ -1,4 +1,4 @@
-"""Frames: the pictures of a data set, each with its camera, as a format's file describes them."""
+"""Frames: the images of a data set, each with its camera, as a format's file describes them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gsfw.datamanagers.video import Shot
 
 @dataclass(frozen=True)
 class Sightings:
-    """``o`` pairs of a point and a picture of a recording, each at most once."""
+    """``o`` pairs of a point and an image of a recording, each at most once."""
 
     points: Int64[np.ndarray, " o"]
     """Rows among the points; ascending."""
@@ -31,7 +31,7 @@ class Sightings:
     """Rows among the frames."""
     errors: Float64[np.ndarray, " p"]
     """Of each point, the mean distance in pixels between where it was matched and where it is
-    projected; of pictures of the size that was reconstructed from."""
+    projected; of images of the size that was reconstructed from."""
 
     @staticmethod
     def none() -> Sightings:
@@ -41,12 +41,12 @@ class Sightings:
 
 
 USUAL = LensRule()
-"""What becomes of distorted pictures unless something else is asked for."""
+"""What becomes of distorted images unless something else is asked for."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture."""
+    """One image."""
 
     name: str
     """As the data set calls it; relative to its folder."""
@@ -66,7 +66,7 @@ class Frame:
     moving: Path | None = None
     """DecodedImage that is bright where something moves; ``None`` when nobody said."""
     shot: Shot | None = None
-    """Which picture of the video at ``path``; ``None`` where the path is that of a picture."""
+    """Which image of the video at ``path``; ``None`` where the path is that of an image."""
     maps: Mapping[str, MapFile] = field(default_factory=dict)
     """Files of per-view maps by name, such as "depth". The framework undistorts, shrinks, masks
     and caches them, and puts them into ``Batch.maps``. Every frame needs all maps that any frame
@@ -79,10 +79,10 @@ class Frame:
         return (name, Path(*name.parts[1:])) if len(name.parts) > 1 else (name,)
 
     def undistortion(self, rule: LensRule) -> Undistortion | None:
-        """How the picture is undistorted; ``None`` when its lens is a pinhole.
+        """How the image is undistorted; ``None`` when its lens is a pinhole.
 
         Raises:
-            DataError: the picture's size contradicts the camera, or the distortion is no lens's.
+            DataError: the image's size contradicts the camera, or the distortion is no lens's.
         """
         self._check_size()
         if self.lens.is_pinhole:
@@ -90,12 +90,12 @@ class Frame:
         return undistortion_of(self.lens.resized(self.header.width, self.header.height), rule)
 
     def camera_at(self, downscale: float, rule: LensRule = USUAL) -> Cameras:
-        """The camera of the undistorted picture shrunk by ``downscale``; float64.
+        """The camera of the undistorted image shrunk by ``downscale``; float64.
 
         It is in the world of the data.
 
         Raises:
-            DataError: the picture's size contradicts the camera, or the distortion is no lens's.
+            DataError: the image's size contradicts the camera, or the distortion is no lens's.
         """
         undistortion = self.undistortion(rule)
         lens = self.lens if undistortion is None else undistortion.target
@@ -114,22 +114,22 @@ class Frame:
     def _check_size(self) -> None:
         width, height = self.header.width, self.header.height
         factor = max(1, round(self.lens.width / width))
-        # Tools that shrink pictures round down, up or to the nearest: Mip-NeRF 360's images_4.
+        # Tools that shrink images round down, up or to the nearest: Mip-NeRF 360's images_4.
         slack = 1 if factor > 1 else 0
         differences = (self.lens.width / factor - width, self.lens.height / factor - height)
         if all(difference == 0 or abs(difference) < slack for difference in differences):
             return
-        advice = "Use the pictures that the cameras were computed from"
+        advice = "Use the images that the cameras were computed from"
         if (height, width) == (self.lens.width, self.lens.height):
             advice += (
                 "; these are turned by 90 degrees (gsfw always applies EXIF orientation, so remove "
-                "that tag if the cameras describe the picture as stored)"
+                "that tag if the cameras describe the image as stored)"
             )
         raise DataError(
             f"{self.path} is {self.header}, but {self.lens.source} describes "
             f"{self.lens.width}x{self.lens.height}.",
             f"{advice}. Smaller ones are fine where both sides are smaller by the same whole "
-            "number; downscale=N shrinks pictures and cameras together.",
+            "number; downscale=N shrinks images and cameras together.",
         )
 
 
@@ -221,17 +221,17 @@ def no_points() -> tuple[Float64[Tensor, "0 3"], Float[Tensor, "0 3"]]:
 
 
 def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:
-    """The note on frames whose pictures are not on disk; none when all are there.
+    """The note on frames whose images are not on disk; none when all are there.
 
     Raises:
-        DataError: none of the pictures is there.
+        DataError: none of the images is there.
     """
     if not missing:
         return ()
     shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
     if len(missing) == total:
         raise DataError(
-            f"none of the {total} pictures is in {looked_in} (looked for {shown}).",
-            "Put the pictures there, or name their folder (datamanager.images=DIR).",
+            f"none of the {total} images is in {looked_in} (looked for {shown}).",
+            "Put the images there, or name their folder (datamanager.images=DIR).",
         )
-    return (f"{len(missing)} of {total} pictures are not on disk and are left out: {shown}",)
+    return (f"{len(missing)} of {total} images are not on disk and are left out: {shown}",)

@@ -1,4 +1,4 @@
-"""ImageCache: decoded pictures within a memory budget, decoded by threads ahead of use."""
+"""ImageCache: decoded images within a memory budget, decoded by threads ahead of use."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gsfw.datamanagers.images import DecodedImage
 
 
 class ImageCache:
-    """Keeps the pictures that were used last; what is asked for never depends on what is kept."""
+    """Keeps the images that were used last; what is asked for never depends on what is kept."""
 
     def __init__(
         self, decode: Callable[[int], DecodedImage], sizes: Sequence[int], budget: int
@@ -19,9 +19,9 @@ class ImageCache:
         """Nothing is decoded yet.
 
         Args:
-            decode: gives a picture by its number; called from several threads.
-            sizes: bytes that each picture takes once decoded.
-            budget: bytes that all of them may take; one picture is kept even if it takes more.
+            decode: gives an image by its number; called from several threads.
+            sizes: bytes that each image takes once decoded.
+            budget: bytes that all of them may take; one image is kept even if it takes more.
         """
         self.sizes = sizes
         self._decode = decode
@@ -31,7 +31,7 @@ class ImageCache:
         self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "gsfw-decode")
 
     def get(self, index: int) -> DecodedImage:
-        """The picture, waiting for it to be decoded if need be.
+        """The image, waiting for it to be decoded if need be.
 
         Raises:
             DataError: it does not decode.
@@ -41,7 +41,7 @@ class ImageCache:
     def prefetch(self, indices: Sequence[int]) -> dict[int, Future[DecodedImage]]:
         """Start decoding, as far as half of the budget goes: the rest stays for what is in use.
 
-        Gives the pictures that were started or are held already, by their number.
+        Gives the images that were started or are held already, by their number.
         """
         ahead, started = 0, {}
         for index in indices:
@@ -52,13 +52,13 @@ class ImageCache:
         return started
 
     def close(self) -> None:
-        """Stop decoding and free the pictures."""
+        """Stop decoding and free the images."""
         self._pool.shutdown(cancel_futures=True)
         self._held.clear()
         self._used = 0
 
     def request(self, index: int) -> Future[DecodedImage]:
-        """The picture as soon as it is decoded; cancelled where others need its room before."""
+        """The image as soon as it is decoded; cancelled where others need its room before."""
         if index in self._held:
             self._held.move_to_end(index)
             return self._held[index]

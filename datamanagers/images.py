@@ -1,6 +1,6 @@
 """DecodedImage files: headers, decoding to upright 8-bit colours, masks.
 
-Policy on EXIF orientation: it is always applied, and a camera describes the upright picture.
+Policy on EXIF orientation: it is always applied, and a camera describes the upright image.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gsfw.datamanagers.fitted_map import FittedMap
 from gsfw.datamanagers.warp import Warp
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
-"""Of picture files; also what is tried, in this order, where a path has no extension."""
+"""Of image files; also what is tried, in this order, where a path has no extension."""
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 """What Pillow may read; told by content, not by extension."""
@@ -34,15 +34,15 @@ UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-"""What turns a picture with this EXIF orientation upright (CIPA DC-008, tag 274)."""
+"""What turns an image with this EXIF orientation upright (CIPA DC-008, tag 274)."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """What is known of a picture without decoding it."""
+    """What is known of an image without decoding it."""
 
     width: int
-    """Pixels of the upright picture."""
+    """Pixels of the upright image."""
     height: int
     has_alpha: bool
     orientation: int = 1
@@ -55,7 +55,7 @@ class Header:
 
 @dataclass(frozen=True)
 class DecodedImage:
-    """A decoded picture."""
+    """A decoded image."""
 
     pixels: UInt8[np.ndarray, "h w d"]
     """Red, green, blue, and alpha where the file has it (d = 3 or 4); straight colours."""
@@ -66,16 +66,16 @@ class DecodedImage:
 
 
 def read_header(path: Path) -> Header:
-    """Look at the beginning of a picture file.
+    """Look at the beginning of an image file.
 
     Raises:
-        DataError: it is no picture that can be decoded.
+        DataError: it is no image that can be decoded.
     """
     with _opened(path) as image:
         if image.mode == "F":
             raise DataError(
                 f"{path}: the pixels are floating-point numbers.",
-                "Expected 8 or 16 bits per channel; convert the picture to PNG.",
+                "Expected 8 or 16 bits per channel; convert the image to PNG.",
             )
         orientation = _orientation(image)
         width, height = image.size if orientation < 5 else image.size[::-1]
@@ -90,7 +90,7 @@ def fit_image(
     height: int,
     warp: Warp | None = None,
 ) -> DecodedImage:
-    """A decoded picture, undistorted and shrunk; rounded to 8 bits once."""
+    """A decoded image, undistorted and shrunk; rounded to 8 bits once."""
     fitted = fit_mask(valid, width, height, warp)
     if warp is None:
         return DecodedImage(shrink(pixels, width, height), fitted)
@@ -101,30 +101,30 @@ def fit_image(
 def fit_mask(
     valid: Bool[np.ndarray, "h w"] | None, width: int, height: int, warp: Warp | None = None
 ) -> Bool[np.ndarray, "h2 w2"] | None:
-    """The mask of a fitted picture; ``None`` when all of its pixels are valid."""
+    """The mask of a fitted image; ``None`` when all of its pixels are valid."""
     if warp is not None:
         valid = warp.mask(valid)
     return None if valid is None else shrink_mask(valid, width, height)
 
 
 def load_mask(mask: Path, path: Path, header: Header) -> Bool[np.ndarray, "h w"]:
-    """Decode the mask of the picture at ``path``.
+    """Decode the mask of the image at ``path``.
 
     Raises:
-        DataError: it does not decode, or its size is not the picture's.
+        DataError: it does not decode, or its size is not the image's.
     """
     bright = decode_mask(mask)
     if bright.shape != (header.height, header.width):
         raise DataError(
             f"{mask}: the mask is {bright.shape[1]}x{bright.shape[0]} pixels, "
-            f"its picture {path} is {header.width}x{header.height}.",
-            "A mask needs the size of its (upright) picture.",
+            f"its image {path} is {header.width}x{header.height}.",
+            "A mask needs the size of its (upright) image.",
         )
     return bright
 
 
 def decode(path: Path, header: Header) -> UInt8[np.ndarray, "h w d"]:
-    """The upright picture as 8-bit RGB, or RGBA where its header says that it has alpha.
+    """The upright image as 8-bit RGB, or RGBA where its header says that it has alpha.
 
     16-bit colours keep their upper 8 bits; grey, palette and CMYK are converted.
 
@@ -197,7 +197,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     except Exception as error:  # Pillow's decoders raise whatever a broken file makes them.
         raise DataError(
             f"{path}: {_reason(path, error)}",
-            "Replace the file, or remove it: pictures that are missing are left out.",
+            "Replace the file, or remove it: images that are missing are left out.",
         ) from error
 
 
@@ -208,8 +208,8 @@ def _reason(path: Path, error: Exception) -> str:
     if size == 0:
         return "the file is empty (0 bytes)."
     if isinstance(error, UnidentifiedImageError):
-        return f"these {size} bytes are no {', '.join(FORMATS)} picture."
-    return f"the picture does not decode: {error}"
+        return f"these {size} bytes are no {', '.join(FORMATS)} image."
+    return f"the image does not decode: {error}"
 
 
 def _orientation(image: Image.Image) -> int:

@@ -1,4 +1,4 @@
-"""The ``llff`` format: poses_bounds.npy and pictures of a static scene (Mildenhall et al. 2019).
+"""The ``llff`` format: poses_bounds.npy and images of a static scene (Mildenhall et al. 2019).
 
 Rows of poses_bounds.npy belong to the images in order of their names; images that were shrunk lie
 in images_N. A row has 17 numbers: a 3x5 matrix [R | t | (h, w, f)] camera-to-world, whose axes are
@@ -72,7 +72,7 @@ class LlffConfig(ImageFolderConfig):
 
     @classmethod
     def detect(cls, path: Path) -> Detection:
-        """A folder with poses_bounds.npy and a folder of pictures."""
+        """A folder with poses_bounds.npy and a folder of images."""
         folder = _root(path)
         pictures = _folders(folder) if (folder / FILE).is_file() else {}
         if not pictures:
@@ -88,7 +88,7 @@ class LlffConfig(ImageFolderConfig):
         return self._recording(root, pictures, shrunk)
 
     def _choose(self, root: Path, downscale: float) -> tuple[int, Path]:
-        """By what the pictures were shrunk, and where they are.
+        """By what the images were shrunk, and where they are.
 
         The smallest that are not smaller than asked for; else the largest that there are.
         """
@@ -98,7 +98,7 @@ class LlffConfig(ImageFolderConfig):
         found = _folders(root)
         if not found:
             raise DataError(
-                f"{root} holds no pictures: there is no images/ and no images_N/ with any.",
+                f"{root} holds no images: there is no images/ and no images_N/ with any.",
                 "Copy the folder images, too, or name it: datamanager.images=DIR.",
             )
         shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
@@ -112,9 +112,9 @@ class LlffConfig(ImageFolderConfig):
         files = _images_in(pictures)
         if len(files) != len(table):
             raise DataError(
-                f"{file} has {len(table)} cameras, but there are {len(files)} pictures in "
+                f"{file} has {len(table)} cameras, but there are {len(files)} images in "
                 f"{pictures}.",
-                "Expected one for each row, in the order of their names; pictures that LLFF left "
+                "Expected one for each row, in the order of their names; images that LLFF left "
                 "out have to be removed.",
             )
         frames = []
@@ -135,7 +135,7 @@ class LlffConfig(ImageFolderConfig):
             points=points,
             point_colors=colors,
             notes=(
-                f"{file}: {len(table)} cameras, pictures of {pictures} (1/{shrunk} of full size); "
+                f"{file}: {len(table)} cameras, images of {pictures} (1/{shrunk} of full size); "
                 "the nearest and farthest depths are not used",
                 *point_note,
             ),
@@ -147,7 +147,7 @@ def _root(path: Path) -> Path:
 
 
 def _folders(root: Path) -> dict[int, Path]:
-    """The folders that hold pictures, by what those were shrunk by; sorted."""
+    """The folders that hold images, by what those were shrunk by; sorted."""
     found = {}
     for item in root.glob("images*"):
         factor = item.name.removeprefix("images_") if item.name != "images" else "1"
@@ -157,5 +157,5 @@ def _folders(root: Path) -> dict[int, Path]:
 
 
 def _images_in(folder: Path) -> list[Path]:
-    """The pictures of a folder, in the order that LLFF reads them in: plainly by name."""
+    """The images of a folder, in the order that LLFF reads them in: plainly by name."""
     return sorted(item for item in folder.iterdir() if item.suffix.lower() in EXTENSIONS)

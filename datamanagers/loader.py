@@ -1,4 +1,4 @@
-"""Loader: batches of a data set's pictures, on any device."""
+"""Loader: batches of a data set's images, on any device."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from gsfw.datamanagers.image_cache import ImageCache
 
 
 class Loader:
-    """Puts pictures, cameras and masks together; on a GPU nothing here waits for it.
+    """Puts images, cameras and masks together; on a GPU nothing here waits for it.
 
-    Pictures cross to a GPU as 8-bit numbers, and become floating-point ones there.
+    Images cross to a GPU as 8-bit numbers, and become floating-point ones there.
     """
 
     def __init__(
@@ -39,9 +39,9 @@ class Loader:
 
         Args:
             views: of every split.
-            cache: of all pictures, numbered as ``numbers`` has them.
-            gpu_budget: bytes of a GPU that pictures may stay in.
-            way_to: how pictures get to a device.
+            cache: of all images, numbered as ``numbers`` has them.
+            gpu_budget: bytes of a GPU that images may stay in.
+            way_to: how images get to a device.
         """
         self._views = views
         self._cache = cache
@@ -53,16 +53,16 @@ class Loader:
         self._device = torch.device("cpu")
 
     def number(self, split: Split, index: int) -> int:
-        """The number of a view's picture: those that are trained on come first."""
+        """The number of a view's image: those that are trained on come first."""
         return index if split is Split.TRAIN else len(self._views[Split.TRAIN]) + index
 
     def notes(self) -> tuple[str, ...]:
-        """How many pictures stay on the GPU, where not all do."""
+        """How many images stay on the GPU, where not all do."""
         total = len(self._cache.sizes)
         if self._budget == 0 or len(self._kept) == total:
             return ()
         return (
-            f"{len(self._kept)} of {total} pictures stay on the GPU "
+            f"{len(self._kept)} of {total} images stay on the GPU "
             f"(gpu_cache_mb={self._budget // 1_000_000}), the others are copied to it for each use",
         )
 
@@ -76,10 +76,10 @@ class Loader:
             self._there.send(number, picture)
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """Batches; the same pictures whatever was cached, decoded or sent ahead.
+        """Batches; the same images whatever was cached, decoded or sent ahead.
 
         Raises:
-            DataError: a picture does not decode.
+            DataError: an image does not decode.
         """
         self._move_to(device)
         return [self._batch(split, group) for group in self._views[split].groups(indices)]
@@ -120,14 +120,14 @@ class Loader:
         return self._there.get(number)
 
     def close(self) -> None:
-        """Stop decoding and sending, and free the pictures."""
+        """Stop decoding and sending, and free the images."""
         self._cache.close()
         if self._there is not None:
             self._there.close()
 
 
 def _pixels(pictures: list[PlacedImage]) -> UInt8[Tensor, "c h w d"]:
-    """Colours, and alpha where any picture has it: the others are opaque."""
+    """Colours, and alpha where any image has it: the others are opaque."""
     channels = max(picture.pixels.shape[2] for picture in pictures)
     return torch.stack([_with_channels(picture.pixels, channels) for picture in pictures])
 
@@ -139,7 +139,7 @@ def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tenso
 
 
 def _maps(pictures: list[PlacedImage]) -> dict[str, ViewMap]:
-    """Per-view maps, enlarged to the size of the pictures where they are smaller."""
+    """Per-view maps, enlarged to the size of the images where they are smaller."""
     found = {}
     for name, first in pictures[0].maps.items():
         height, width = first.known.shape
@@ -153,7 +153,7 @@ def _maps(pictures: list[PlacedImage]) -> dict[str, ViewMap]:
 
 
 def _mask(pictures: list[PlacedImage]) -> Bool[Tensor, "c h w 1"] | None:
-    """Where pixels are valid; where a picture has no mask, all are."""
+    """Where pixels are valid; where an image has no mask, all are."""
     if all(picture.mask is None for picture in pictures):
         return None
     masks = [

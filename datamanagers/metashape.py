@@ -1,4 +1,4 @@
-"""The ``metashape`` format: the cameras XML of Agisoft Metashape, and the pictures it names.
+"""The ``metashape`` format: the cameras XML of Agisoft Metashape, and the images it names.
 
 Facts are those of the Metashape manual (appendix "Camera models") and of exported files. Cameras
 look along +z with x right and y down; their 4x4 transforms lead from the camera to the chunk, and
@@ -15,7 +15,7 @@ from gsfw.datamanagers.frames import Frame, Recording, missing_images
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out, only_file
 from gsfw.datamanagers.metashape_file import MetashapeCamera, MetashapeFile, is_metashape
 
-LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with pictures beside it"
+LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with images beside it"
 
 
 @dataclass
@@ -66,7 +66,7 @@ class MetashapeConfig(ImageFolderConfig):
 def _frames(
     cameras: tuple[MetashapeCamera, ...], pictures: ImageFolder, source: str
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the labels of those that are not."""
+    """The frames whose images are on disk, and the labels of those that are not."""
     numbers = {n: i for i, n in enumerate(sorted({camera.sensor for camera in cameras}))}
     frames, missing = [], []
     for camera in cameras:

@@ -1,7 +1,7 @@
 """The ``nerfies`` format: the data sets of Nerfies (Park et al. 2021) and HyperNeRF (2021).
 
 Facts about the layout are those of the authors' documentation: a camera has an orientation (world
-to camera, OpenCV axes), a position in the world, a focal length in pixels of the pictures at full
+to camera, OpenCV axes), a position in the world, a focal length in pixels of the images at full
 size, and radial distortion k1, k2, k3 and tangential p1, p2 with OpenCV's formulas. The centre and
 scale of scene.json are the authors' normalisation; gsfw finds its own, and keeps the world.
 """
@@ -52,7 +52,7 @@ class NerfiesConfig(CaptureConfig):
 
 
 def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
-    """By what the pictures were shrunk, and where they are: rgb/1x, rgb/2x, ...
+    """By what the images were shrunk, and where they are: rgb/1x, rgb/2x, ...
 
     The smallest that are not smaller than asked for; else the largest that there are.
     """
@@ -63,7 +63,7 @@ def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
     }
     if not found:
         raise DataError(
-            f"{folder} holds no pictures: there is no rgb/1x, rgb/2x, ...",
+            f"{folder} holds no images: there is no rgb/1x, rgb/2x, ...",
             "Copy the folder rgb, too.",
         )
     shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
@@ -101,7 +101,7 @@ def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
         points=points,
         point_colors=colors,
         notes=(
-            f"{folder / 'dataset.json'}: {len(splits)} frames, pictures of {pictures}"
+            f"{folder / 'dataset.json'}: {len(splits)} frames, images of {pictures}"
             f" (1/{shrunk} of full size)",
             *split_notes,
             *missing_note,

@@ -1,4 +1,4 @@
-"""The ``neural-3d-video`` format: poses_bounds.npy, and a video or folder of pictures per camera.
+"""The ``neural-3d-video`` format: poses_bounds.npy, and a video or folder of images per camera.
 
 The layout of Li et al. 2022 (Neural 3D Video Synthesis from Multi-view Video); poses are those of
 LLFF, see ``llff_poses``.
@@ -33,7 +33,7 @@ POINT_FILES = (
 )
 """Where tools that prepare these recordings put their points."""
 USUAL_RATE = 30.0
-"""Pictures per second of the recordings of Li et al."""
+"""Images per second of the recordings of Li et al."""
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
         if len(found) != len(table):
             raise DataError(
                 f"{folder / FILE} has {len(table)} cameras, but there are {len(found)} videos or "
-                f"folders of pictures: {', '.join(found) or 'none'}.",
+                f"folders of images: {', '.join(found) or 'none'}.",
                 "Expected one for each row, in the order of their names (cam00, cam01, ...).",
             )
         cameras = [

@@ -28,7 +28,7 @@ from gsfw.datamanagers.poses import from_center
 
 FILES = ("sfm_data.json", "sfm_data_expanded.json", "robust.json")
 """What OpenMVG's programs call their files."""
-LOOKED_FOR = f"{FILES[0]} of OpenMVG with its pictures"
+LOOKED_FOR = f"{FILES[0]} of OpenMVG with its images"
 HALF = 0.5
 """From OpenMVG's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
 DISTORTIONS = {"disto_k1": 1, "disto_k3": 3, "disto_t2": 5, "fisheye": 4}
@@ -88,7 +88,7 @@ class OpenMvgConfig(ImageFolderConfig):
         )
 
     def _images_of(self, content: Mapping[str, Any], root: Path) -> ImageFolder:
-        """Where the file says its pictures are, if they are there; else beside the file."""
+        """Where the file says its images are, if they are there; else beside the file."""
         stated = content.get("root_path")
         if not self.images and isinstance(stated, str) and stated:
             for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
@@ -147,7 +147,7 @@ def _lenses(content: Mapping[str, Any], file: Path) -> dict[Any, Lens]:
         kind = names.setdefault(identifier, str(entry.get("polymorphic_name", "?")))
         if "focal_length" not in entry:
             raise DataError(
-                f"{where}: pictures of {kind} cameras cannot be trained on.",
+                f"{where}: images of {kind} cameras cannot be trained on.",
                 "Expected a pinhole (with radial or Brown distortion) or a fisheye.",
             )
         lenses[key] = _lens(entry, kind, where)
@@ -183,7 +183,7 @@ def _frames(
     pictures: ImageFolder,
     file: Path,
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the names of those that are not."""
+    """The frames whose images are on disk, and the names of those that are not."""
     frames, missing = [], []
     numbers_of = {key: camera for camera, key in enumerate(lenses)}
     for view in views:

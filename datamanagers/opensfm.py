@@ -1,7 +1,7 @@
 """The ``opensfm`` format: reconstruction.json of OpenSfM and OpenDroneMap.
 
 Shots have a world-to-camera rotation (axis times angle, radians) and translation, OpenCV axes. The
-world is metres to the east, north and up of reference_lla. Positions in a picture are offsets from
+world is metres to the east, north and up of reference_lla. Positions in an image are offsets from
 its centre in parts of its longer side, and so are focal lengths and principal points
 (opensfm.org/docs/geometry.html); distortion is that of OpenCV, in its order of p1 and p2
 (opensfm/src/geometry/camera_distortions_functions.h).
@@ -37,7 +37,7 @@ FURTHER = ("p1", "p2", "s0", "s1", "s2", "s3")
 
 
 def read_lens(entry: Any, header: Header, where: str) -> Lens:  # noqa: ANN401
-    """The lens of a camera, in pixels of the size that the file says; else of the picture's.
+    """The lens of a camera, in pixels of the size that the file says; else of the image's.
 
     Raises:
         DataError: it is of a kind that cannot be used, or its numbers are not those of a camera.
@@ -46,7 +46,7 @@ def read_lens(entry: Any, header: Header, where: str) -> Lens:  # noqa: ANN401
     kind = camera.get("projection_type", "perspective")
     if kind not in (*BROWN, *FISHEYE, *LONG_FISHEYE):
         raise DataError(
-            f"{where}: pictures of {kind} cameras cannot be trained on.",
+            f"{where}: images of {kind} cameras cannot be trained on.",
             f"Expected one of {', '.join((*BROWN, *FISHEYE, *LONG_FISHEYE))}.",
         )
     pinhole = _pinhole(camera, header, where)
@@ -59,7 +59,7 @@ def read_lens(entry: Any, header: Header, where: str) -> Lens:  # noqa: ANN401
     if any(further):
         raise DataError(
             f"{where}: the tangential and thin prism terms of {kind} cannot be used.",
-            "Estimate the cameras as fisheye_opencv, or export undistorted pictures.",
+            "Estimate the cameras as fisheye_opencv, or export undistorted images.",
         )
     distortion = (k1, k2, k3, k4, k5, k6, *(0.0,) * 6)
     return replace(pinhole, model="RAD_TAN_THIN_PRISM_FISHEYE", distortion=distortion)
@@ -171,7 +171,7 @@ def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
 def _frames(
     content: Mapping[str, Any], pictures: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the names of those that are not."""
+    """The frames whose images are on disk, and the names of those that are not."""
     cameras: dict[str, tuple[int, Lens]] = {}
     frames, missing = [], []
     for name, entry in content["shots"].items():
@@ -197,7 +197,7 @@ def _frames(
 
 
 def _same_shape(lens: Lens, width: int, height: int) -> bool:
-    """Whether a picture is that of a lens at another size, rounded to whole pixels."""
+    """Whether an image is that of a lens at another size, rounded to whole pixels."""
     scale = width / lens.width
     return abs(scale * lens.height - height) <= max(1.0, scale)
 

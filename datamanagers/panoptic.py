@@ -1,7 +1,7 @@
 """The ``panoptic`` format: train_meta.json and test_meta.json of Dynamic 3D Gaussians.
 
 The layout of Luiten et al. 2024: for each time lists over cameras of intrinsics k, world-to-camera
-matrices w2c, picture names fn under ims/ and camera numbers cam_id; seg/ marks what moves, and
+matrices w2c, image names fn under ims/ and camera numbers cam_id; seg/ marks what moves, and
 init_pt_cld.npz holds a point cloud.
 """
 
@@ -30,7 +30,7 @@ FILES = {Split.TRAIN: "train_meta.json", Split.EVAL: "test_meta.json"}
 POINTS = "init_pt_cld.npz"
 LISTS = ("k", "w2c", "fn", "cam_id")
 USUAL_RATE = 30.0
-"""Pictures per second of the sequences of CMU Panoptic that Luiten et al. use."""
+"""Images per second of the sequences of CMU Panoptic that Luiten et al. use."""
 
 
 @dataclass
@@ -143,7 +143,7 @@ class _MetaFile:
     def frames(
         self, times: range, rate: float, names: list[str], split: Split | None
     ) -> tuple[list[Frame], list[str]]:
-        """The frames whose pictures are on disk, and the names of those that are not.
+        """The frames whose images are on disk, and the names of those that are not.
 
         Raises:
             DataError: a camera cannot be used; it is named.
@@ -182,7 +182,7 @@ class _MetaFile:
         if not right_shapes:
             raise DataError(
                 f"{where}: its camera cannot be read.",
-                "Expected w and h, and for each picture k (3x3) and w2c (4x4).",
+                "Expected w and h, and for each image k (3x3) and w2c (4x4).",
             )
         lens = Lens(
             fx=float(k[0, 0]),

@@ -39,10 +39,10 @@ class PolycamConfig(CaptureConfig):
     """Settings of the ``polycam`` format."""
 
     corrected: bool = True
-    """Whether the poses that Polycam optimised are preferred, with the pictures that go with them.
+    """Whether the poses that Polycam optimised are preferred, with the images that go with them.
     """
     min_blur_score: float = 0.0
-    """Pictures that Polycam scores lower are left out; sharp ones have high scores."""
+    """Images that Polycam scores lower are left out; sharp ones have high scores."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:
@@ -66,13 +66,13 @@ class PolycamConfig(CaptureConfig):
         frames, missing, blurred = self._frames(files, pictures)
         if not frames and blurred:
             raise DataError(
-                f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} pictures score "
+                f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} images score "
                 "lower.",
                 "Ask for less.",
             )
         root = keyframes.absolute().parent
         points, colors = no_points()
-        low = f"{blurred} pictures score below {self.min_blur_score:g} and are left out"
+        low = f"{blurred} images score below {self.min_blur_score:g} and are left out"
         return Recording(
             name=root.name,
             path=path,
@@ -89,7 +89,7 @@ class PolycamConfig(CaptureConfig):
         )
 
     def _frames(self, files: list[Path], pictures: Path) -> tuple[list[Frame], list[str], int]:
-        """The frames, the names of missing pictures, and how many are too blurred."""
+        """The frames, the names of missing images, and how many are too blurred."""
         frames, missing, blurred = [], [], 0
         cameras: dict[Lens, int] = {}
         for file in files:
@@ -123,7 +123,7 @@ def _keyframes(path: Path) -> Path:
 
 
 def _cameras(keyframes: Path, corrected: bool) -> Path:
-    """The folder of the cameras; corrected ones count only with their pictures."""
+    """The folder of the cameras; corrected ones count only with their images."""
     names = ("corrected_cameras", "corrected_images")
     if corrected and all((keyframes / name).is_dir() for name in names):
         return keyframes / names[0]

@@ -5,7 +5,7 @@ RealityScan 2, yaw, f_35mm, px_norm and py_norm); those after f may be missing. 
 world, z up; angles are in degrees: heading clockwise from north (y), pitch 0 looks straight down
 and 90 at the horizon. The camera-to-world rotation, for OpenGL axes, is Rz(-heading) Rx(pitch)
 Ry(roll), as nerfstudio's importer has it. f is in millimetres on 36 mm, px and py are offsets from
-the picture's centre; the longer side of the picture is 36 mm, and 1. The distortion is Brown's with
+the image's centre; the longer side of the image is 36 mm, and 1. The distortion is Brown's with
 t1 on r^2 + 2 x^2, so that t1 is OpenCV's p2: RealityScan's own template in OpenCV's order
 (calibration.xml) writes k1, k2, t2, t1, k3, k4.
 """
@@ -36,9 +36,9 @@ NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 OPTIONAL = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 NEW_NAMES = {"yaw": "heading", "f_35mm": "f", "px_norm": "px", "py_norm": "py"}
 """What RealityScan 2 calls columns."""
-LOOKED_FOR = "a CSV of RealityCapture's internal/external camera parameters with its pictures"
+LOOKED_FOR = "a CSV of RealityCapture's internal/external camera parameters with its images"
 FILM = 36.0
-"""Millimetres of the longer side of a 35 mm picture."""
+"""Millimetres of the longer side of a 35 mm image."""
 HEAD_BYTES = 4096
 """Of a file that is asked whether it is RealityCapture's."""
 
@@ -130,7 +130,7 @@ def _rows(file: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
 def _frames(
     rows: list[tuple[int, Mapping[str, str]]], pictures: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the names of those that are not."""
+    """The frames whose images are on disk, and the names of those that are not."""
     frames, missing = [], []
     cameras: dict[Lens, int] = {}
     for number, row in rows:

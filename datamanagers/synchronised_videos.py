@@ -25,7 +25,7 @@ PATTERNS = ("cameras*.json", "*calib*.json", "*calib*.toml", "*.qca.txt")
 """Names of calibration files, in any case; where there are several, the first of them is read."""
 LOOKED_FOR = f"{', '.join(PATTERNS[:-1])} or {PATTERNS[-1]} with videos there or in a folder there"
 USUAL_RATE = 30.0
-"""Pictures per second of folders of pictures, which do not say."""
+"""Images per second of folders of images, which do not say."""
 ENOUGH_TO_HOLD_OUT = 3
 """Of fewer cameras none is held out: one alone does not show a shape."""
 
@@ -100,14 +100,14 @@ class SynchronisedVideosConfig(MultiCameraConfig):
     def _cameras(
         self, calibrated: list[CalibratedCamera], folder: Path, file: Path
     ) -> tuple[list[StandingCamera], tuple[str, ...]]:
-        """The cameras that have sequence, and notes on what is left out."""
+        """The cameras that have a video or images, and notes on what is left out."""
         where = folder / self.videos if self.videos else _video_folder(folder)
         found = find_sequences(where) if where is not None else {}
         known = {camera.name: camera for camera in calibrated}
         both = [name for name in known if name in found]
         if not both:
             raise DataError(
-                f"no video or folder of pictures in {where or folder} has the name of a camera: "
+                f"no video or folder of images in {where or folder} has the name of a camera: "
                 f"{file.name} has {', '.join(known)}, the videos are "
                 f"{', '.join(path.name for path in found.values()) or 'none'}.",
                 "Give videos the names of their cameras, or name their folder: "

@@ -68,7 +68,7 @@ class TransformsFile:
         return TransformsFile(path, content)
 
     def frames(self, split: Split | None = None) -> tuple[list[Frame], list[str]]:
-        """The frames whose pictures are on disk, and the names of those that are not.
+        """The frames whose images are on disk, and the names of those that are not.
 
         Raises:
             DataError: a frame cannot be used; it is named.
@@ -92,7 +92,7 @@ class TransformsFile:
         return all(CAMERA_KEY in entry for entry in self.content["frames"])
 
     def times(self) -> tuple[float, ...]:
-        """The times of all frames, whether or not their pictures are on disk."""
+        """The times of all frames, whether or not their images are on disk."""
         times = [number(entry, "time", str(self.path)) for entry in self.content["frames"]]
         return tuple(time for time in times if time is not None)
 

@@ -30,7 +30,7 @@ def read_lens(
     Args:
         settings: of the frame, and of the file where the frame does not have them.
         focal: the settings that focal lengths are taken from.
-        header: of the frame's picture.
+        header: of the frame's image.
         where: the frame, for messages.
         source: the file, for messages.
 

@@ -1,10 +1,10 @@
-"""VideoImages: pictures of videos in any order, decoded in order behind the scenes.
+"""VideoImages: images of videos in any order, decoded in order behind the scenes.
 
-To reach a picture all those since the key frame before it have to be decoded: on average 0.4 s
-of a core for one of 100 pictures of 1088x1920 pixels between two key frames. So a picture is
+To reach an image all those since the key frame before it have to be decoded: on average 0.4 s
+of a core for one of 100 images of 1088x1920 pixels between two key frames. So an image is
 fetched that way when it is asked for first, and threads begin to decode its whole segment in order,
-9 ms for each picture; what they find is undistorted and shrunk as training uses it, and kept in a
-temporary folder. From there a picture comes in 1 to 2 ms.
+9 ms for each image; what they find is undistorted and shrunk as training uses it, and kept in a
+temporary folder. From there an image comes in 1 to 2 ms.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Segment = tuple[Video, range]
 
 
 class VideoImages:
-    """Decodes pictures of videos, and keeps them on disk until it is closed."""
+    """Decodes images of videos, and keeps them on disk until it is closed."""
 
     def __init__(
         self,
@@ -49,9 +49,9 @@ class VideoImages:
         """Nothing is decoded yet.
 
         Args:
-            shots: the pictures, by the number that they are asked for with.
+            shots: the images, by the number that they are asked for with.
             sizes: bytes that each takes once it is finished.
-            finish: makes of a decoded picture what training uses; called from several threads.
+            finish: makes of a decoded image what training uses; called from several threads.
             room: bytes on disk that may be used; ``None`` for most of what is free.
         """
         self._shots = shots
@@ -71,11 +71,11 @@ class VideoImages:
         self._shelf: _Shelf | None = None
 
     def notes(self) -> tuple[str, ...]:
-        """What is kept where; that some pictures are decoded again, where there is no room."""
+        """What is kept where; that some images are decoded again, where there is no room."""
         if not self._shots:
             return ()
         needed, folder = self._needed / 1e6, tempfile.gettempdir()
-        what = f"{len(self._shots)} pictures of {len(self._wanted)} videos"
+        what = f"{len(self._shots)} images of {len(self._wanted)} videos"
         if self._needed <= self._room:
             return (f"{what}: decoded once and kept in {folder} while training ({needed:.0f} MB)",)
         return (
@@ -85,7 +85,7 @@ class VideoImages:
         )
 
     def get(self, index: int) -> DecodedImage:
-        """A picture; called from several threads.
+        """An image; called from several threads.
 
         Raises:
             DataError: it does not decode.
@@ -110,7 +110,7 @@ class VideoImages:
             shelf.close()
 
     def _begin(self, shot: Shot) -> None:
-        """Have the segment of a picture decoded, unless that has begun or there is no room."""
+        """Have the segment of an image decoded, unless that has begun or there is no room."""
         segment = shot.video.segment(shot.number)
         with self._lock:
             if (shot.video.path, segment.start) in self._begun or self._left <= 0:
@@ -136,11 +136,11 @@ class VideoImages:
                 if index is not None and index not in self._claimed:
                     self._keep(index, self._finish(index, pixels))
         except DataError:
-            # Whoever asks for the picture decodes it again, and gets the error.
+            # Whoever asks for the image decodes it again, and gets the error.
             return
 
     def _keep(self, index: int, picture: DecodedImage) -> None:
-        """Put a picture onto the shelf, if there is room and nobody else does."""
+        """Put an image onto the shelf, if there is room and nobody else does."""
         with self._lock:
             shelf = self._shelf
             if shelf is None or index in self._claimed or self._sizes[index] > self._left:
@@ -158,7 +158,7 @@ class VideoImages:
 
 
 class _Shelf:
-    """The folder of the pictures, and the threads that fill it."""
+    """The folder of the images, and the threads that fill it."""
 
     def __init__(self, develop: Callable[[Video, range, Event], None]) -> None:
         """Start the threads: half as many as there are cores, so that training goes on.
@@ -180,7 +180,7 @@ class _Shelf:
         self.close = weakref.finalize(self, _clear, self.folder, self.segments, threads, closed)
 
     def save(self, index: int, picture: DecodedImage) -> None:
-        """Write a picture, as uncompressed arrays.
+        """Write an image, as uncompressed arrays.
 
         Raises:
             OSError: there is no room; nothing is left of it.
@@ -196,7 +196,7 @@ class _Shelf:
             raise
 
     def load(self, index: int) -> DecodedImage:
-        """Read a picture."""
+        """Read an image."""
         pixels, mask = self._files(index)
         return DecodedImage(read_array(pixels), read_array(mask) if mask.exists() else None)
 
@@ -240,7 +240,7 @@ def _work(
 def _clear(
     folder: Path, segments: SimpleQueue[Segment | None], threads: list[Thread], closed: Event
 ) -> None:
-    """Stop the threads, which takes as long as one picture does, and remove the folder."""
+    """Stop the threads, which takes as long as one image does, and remove the folder."""
     closed.set()
     for _ in threads:
         segments.put(None)

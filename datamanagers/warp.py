@@ -1,7 +1,7 @@
 """Warp: undistorts images, maps and masks; keeps the pixel maps of the lenses that were used last.
 
 Colours are interpolated with cubic kernels at the full size, and shrunk after that. On analytic
-pictures of 1280x720 pixels this comes 2 to 10 dB closer than linear interpolation (46.8 instead of
+images of 1280x720 pixels this comes 2 to 10 dB closer than linear interpolation (46.8 instead of
 39.2 dB on smooth waves, 38.6 instead of 28.0 dB on waves of up to 1.3 radians per pixel), as close
 as cubic splines, which take ten times as long. Shrinking before instead loses 3 to 15 dB.
 
@@ -38,10 +38,10 @@ ASKED = np.interp(BETWEEN, DRAWN, BETWEEN)
 
 @dataclass(frozen=True)
 class PixelMap:
-    """Where the pixels of an undistorted picture come from."""
+    """Where the pixels of an undistorted image come from."""
 
     positions: Float[Tensor, "h w 2"]
-    """What to ask torch for: x and y in [-1, 1] from border to border of the distorted picture."""
+    """What to ask torch for: x and y in [-1, 1] from border to border of the distorted image."""
     seen: Bool[Tensor, "h w"] | None
     """False where the lens saw nothing; ``None`` when it saw all."""
 
@@ -87,7 +87,7 @@ class MapCache:
         """Nothing is computed yet; ``budget`` is in bytes, and one map is kept in any case."""
         self._budget = budget
         self._held: OrderedDict[Undistortion, PixelMap] = OrderedDict()
-        # Pictures are decoded by several threads, most of which want the same map at once.
+        # Images are decoded by several threads, most of which want the same map at once.
         self._lock = Lock()
 
     def get(self, undistortion: Undistortion) -> PixelMap:
@@ -105,7 +105,7 @@ class MapCache:
 
 
 class Warp:
-    """Undistorts the pictures of one lens."""
+    """Undistorts the images of one lens."""
 
     def __init__(self, undistortion: Undistortion, maps: MapCache) -> None:
         """Nothing is computed yet."""
@@ -113,7 +113,7 @@ class Warp:
         self._maps = maps
 
     def colors(self, values: Float32[np.ndarray, "h w d"]) -> Float32[np.ndarray, "h2 w2 d"]:
-        """An undistorted picture; where the lens saw nothing, its border is repeated."""
+        """An undistorted image; where the lens saw nothing, its border is repeated."""
         pixels = torch.from_numpy(values).permute(2, 0, 1)[None]
         positions = self._maps.get(self.undistortion).positions[None]
         found = grid_sample(

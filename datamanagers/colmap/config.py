@@ -1,4 +1,4 @@
-"""The ``colmap`` format: a sparse model and the pictures it was computed from."""
+"""The ``colmap`` format: a sparse model and the images it was computed from."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ColmapConfig(CaptureConfig):
     """Settings of the ``colmap`` format."""
 
     images: str = ""
-    """Folder of the pictures, relative to the data set. Empty: images, or the data set itself."""
+    """Folder of the images, relative to the data set. Empty: images, or the data set itself."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:

@@ -107,7 +107,7 @@ def _folders(path: Path) -> dict[int, Path]:
 
 
 def _read(number: int, folder: Path) -> _Instant:
-    """The model of one time, and its pictures.
+    """The model of one time, and its images.
 
     Raises:
         DataError: there is no model, or it is damaged.

@@ -130,7 +130,7 @@ def _made(task: FrameTask, maps: MapCache, quality: int) -> dict[str, bytes]:
 def _write_cameras(written: Recording, layout: str, out: Path) -> int:
     if layout == "transforms":
         return write_transforms(written, out)
-    write = partial(write_model, written, pictures=out / "images")
+    write = partial(write_model, written, image_root=out / "images")
     size = place_model(write, len(written.frames), len(written.points), out)
     return size + write_split_list(written, out)
 

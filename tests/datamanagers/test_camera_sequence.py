@@ -14,7 +14,7 @@ from gsfw.datamanagers.camera_sequence import (
 )
 
 
-def test_pictures_are_ordered_by_the_numbers_in_their_names(tmp_path):
+def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path):
     for name in ("img_10.png", "img_9.png", "img_2.png"):
         write_picture(tmp_path / name)
     (tmp_path / "notes.txt").touch()
@@ -30,8 +30,8 @@ def test_videos_go_before_folders(tmp_path):
     assert find_sequences(tmp_path / "nowhere") == {}
 
 
-def test_a_folder_without_pictures_is_refused(tmp_path):
-    with pytest.raises(DataError, match=r"the folder of camera a holds no pictures"):
+def test_a_folder_without_images_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"the folder of camera a holds no images"):
         CameraSequence.read("a", tmp_path)
 
 
@@ -52,7 +52,7 @@ def test_the_rate_is_what_videos_or_the_user_say(tmp_path):
     assert common_rate(videos, 50.0, 30.0) == (50.0, "datamanager.fps")
     videos.append(CameraSequence.read("c", write_video(tmp_path / "c.mp4", rate=30)))
     with pytest.raises(
-        DataError, match=r"c\.mp4 has 30 pictures per second, .*a\.mp4 25\.\n.*-vf fps=25 NEW\.mp4"
+        DataError, match=r"c\.mp4 has 30 images per second, .*a\.mp4 25\.\n.*-vf fps=25 NEW\.mp4"
     ):
         common_rate(videos, 0.0, 30.0)
 

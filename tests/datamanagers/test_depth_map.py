@@ -13,7 +13,7 @@ from gsfw.datamanagers.undistortion import LensRule
 
 CPU = torch.device("cpu")
 MILLIMETRES = np.tile(1000 + 10 * np.arange(WIDTH, dtype=np.uint16), (HEIGHT, 1))
-"""Depths of a picture, which grow by 10 from column to column."""
+"""Depths of an image, which grow by 10 from column to column."""
 
 
 def write(folder, depths=MILLIMETRES, frames=(0, 1, 2, 3), name="depth.png", **settings):
@@ -82,7 +82,7 @@ def test_smaller_maps_give_each_pixel_the_nearest(tmp_path):
     assert np.allclose(found, np.repeat(MILLIMETRES[:, ::2], 2, axis=1) / 1000, rtol=1e-6)
 
 
-def test_shrunk_pictures_have_the_mean_of_what_is_known(tmp_path):
+def test_shrunk_images_have_the_mean_of_what_is_known(tmp_path):
     depths = MILLIMETRES.copy()
     depths[0, 0] = 0
     depths[2:4, :2] = 0
@@ -94,7 +94,7 @@ def test_shrunk_pictures_have_the_mean_of_what_is_known(tmp_path):
     assert found[5, 4] == pytest.approx((1.08 + 1.09) / 2)
 
 
-def test_depths_follow_an_undistorted_picture(tmp_path):
+def test_depths_follow_an_undistorted_image(tmp_path):
     data = build(write(tmp_path, k1=-0.2, k2=0.05))
     found = load(data)[0]
     undistortion = data.recording.frames[0].undistortion(LensRule())
@@ -107,7 +107,7 @@ def test_depths_follow_an_undistorted_picture(tmp_path):
     assert np.abs(found - exact).max() < 0.0056
 
 
-def test_pictures_without_depth_share_a_batch_as_unknown(tmp_path):
+def test_images_without_depth_share_a_batch_as_unknown(tmp_path):
     data = build(write(tmp_path, frames=(0, 2)))
     found = load(data, (0, 1))
     assert found[0].min() > 0.99

@@ -1,4 +1,4 @@
-"""Pictures on a device: which stay, what is sent when, and that nobody uses what is on its way."""
+"""Images on a device: which stay, what is sent when, and that nobody uses what is on its way."""
 
 import threading
 from concurrent.futures import Future
@@ -19,7 +19,7 @@ def picture(number: int) -> DecodedImage:
 
 
 class Shelf:
-    """Eight pictures on a stand-in of a device."""
+    """Eight images on a stand-in of a device."""
 
     def __init__(self, kept=(), host_budget=10_000, decode=picture) -> None:
         self.ship = SlowShip()
@@ -78,7 +78,7 @@ def test_what_is_sent_ahead_is_not_sent_again(shelf):
     assert one.pictures.lacking([0, 1, 2]) == [1, 2]
 
 
-def test_pictures_are_right_however_little_the_host_may_hold(shelf):
+def test_images_are_right_however_little_the_host_may_hold(shelf):
     # Decoding that was asked for ahead is cancelled where later requests need its room.
     for budget in (0, 80, 170, 400):
         tight = shelf(kept=(3,), host_budget=budget)
@@ -120,7 +120,7 @@ def test_an_error_of_decoding_reaches_whoever_asks(shelf):
             one.pictures.get(0)
 
 
-def test_the_thread_ends_with_the_pictures():
+def test_the_thread_ends_with_the_images():
     before = set(threading.enumerate())
     shelf = Shelf()
     assert shelf.shows(1)

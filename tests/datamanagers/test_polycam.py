@@ -61,7 +61,7 @@ def test_points_fall_where_they_should(tmp_path):
     assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
 
 
-def test_corrected_cameras_are_preferred_with_their_pictures(tmp_path):
+def test_corrected_cameras_are_preferred_with_their_images(tmp_path):
     write(tmp_path)
     write(tmp_path, "corrected_", views=3)
     assert projection_error(build(tmp_path), ring(3)) < 0.01
@@ -69,12 +69,12 @@ def test_corrected_cameras_are_preferred_with_their_pictures(tmp_path):
     assert projection_error(build(tmp_path, {"corrected": False}), ring()) < 0.01
 
 
-def test_blurred_pictures_are_left_out_when_asked_for(tmp_path):
+def test_blurred_images_are_left_out_when_asked_for(tmp_path):
     data = build(write(tmp_path), {"min_blur_score": 65.0})
     assert data.views(Split.TRAIN).names == ("view_002.png", "view_003.png")
-    assert "2 pictures score below 65 and are left out" in data.notes()
+    assert "2 images score below 65 and are left out" in data.notes()
     assert failure(tmp_path, {"min_blur_score": 99.0}).startswith(
-        "datamanager.min_blur_score=99: all 4 pictures score lower."
+        "datamanager.min_blur_score=99: all 4 images score lower."
     )
 
 
@@ -88,10 +88,10 @@ def test_what_is_not_used_is_noted(tmp_path):
     ) in build(tmp_path).notes()
 
 
-def test_missing_pictures_are_noted(tmp_path):
+def test_missing_images_are_noted(tmp_path):
     write(tmp_path)
     (tmp_path / "keyframes/images/view_001.png").unlink()
-    assert "1 of 4 pictures are not on disk and are left out: view_001" in build(tmp_path).notes()
+    assert "1 of 4 images are not on disk and are left out: view_001" in build(tmp_path).notes()
 
 
 @pytest.mark.parametrize(

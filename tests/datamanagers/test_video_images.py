@@ -1,4 +1,4 @@
-"""Pictures of videos in any order."""
+"""Images of videos in any order."""
 
 import os
 import subprocess
@@ -55,7 +55,7 @@ def wait_for(condition):
     raise TimeoutError
 
 
-def test_pictures_are_the_same_first_and_later(temporary, tmp_path):
+def test_images_are_the_same_first_and_later(temporary, tmp_path):
     held, shots, finished = pictures(tmp_path)
     order = [13, 2, 19, 7, 0, 11, 9, 15]
     first = [held.get(index).pixels for index in order]
@@ -77,7 +77,7 @@ def test_only_the_segments_that_were_asked_for_are_decoded(temporary, tmp_path):
     held.close()
 
 
-def test_pictures_that_no_frame_shows_are_not_kept(temporary, tmp_path):
+def test_images_that_no_frame_shows_are_not_kept(temporary, tmp_path):
     held, _, finished = pictures(tmp_path, stride=3)
     for index in range(8):
         held.get(index)
@@ -103,7 +103,7 @@ def test_what_has_no_room_is_decoded_again(temporary, tmp_path):
             )
     assert len(held._kept) <= 3
     assert held.notes() == (
-        f"20 pictures of 2 videos: 0 MB once decoded, and 0 MB to use in {temporary}; the others "
+        f"20 images of 2 videos: 0 MB once decoded, and 0 MB to use in {temporary}; the others "
         "are decoded again for each use, which is slow (use a larger downscale, or name a folder "
         "with more room: TMPDIR=DIR)",
     )
@@ -174,7 +174,7 @@ def test_closing_removes_the_folder_and_opening_again_works(temporary, tmp_path)
 def test_notes_say_what_is_kept_where(temporary, tmp_path):
     held, _, _ = pictures(tmp_path)
     assert held.notes() == (
-        f"20 pictures of 2 videos: decoded once and kept in {temporary} while training (0 MB)",
+        f"20 images of 2 videos: decoded once and kept in {temporary} while training (0 MB)",
     )
     assert VideoImages({}, {}, lambda *_: DecodedImage(np.zeros((1, 1, 3), np.uint8))).notes() == ()
 

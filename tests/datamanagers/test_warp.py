@@ -1,4 +1,4 @@
-"""Pictures and masks of distorted lenses."""
+"""Images and masks of distorted lenses."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_rays_show_where_the_undistorted_camera_puts_them(model, rule):
     assert np.abs(errors).max() < 0.01
 
 
-def test_rays_show_where_they_should_in_shrunk_pictures():
+def test_rays_show_where_they_should_in_shrunk_images():
     straightened = warp("OPENCV")
     target = straightened.undistortion.target
     picture = fit(straightened, spots(lens("OPENCV"), target, slopes_on_grid()), shrunk=2).pixels

@@ -87,7 +87,7 @@ def test_every_model_is_written_with_its_parameters(tmp_path, suffix, model):
     assert found == lens
 
 
-def test_one_focal_length_becomes_two_where_pictures_were_shrunk_unevenly(tmp_path):
+def test_one_focal_length_becomes_two_where_images_were_shrunk_unevenly(tmp_path):
     recording = source(tmp_path).recording
     lens = Lens(140.0, 140.0, 62.0, 50.0, 129, 96, "here", "SIMPLE_RADIAL", (0.1,))
     frames = tuple(replace(frame, lens=lens) for frame in recording.frames)
@@ -109,18 +109,18 @@ def test_physical_cameras_stay_apart(tmp_path):
     assert [frame.camera for frame in found] == [0, 1, 0, 1]
 
 
-def test_pictures_elsewhere_are_refused(tmp_path):
+def test_images_elsewhere_are_refused(tmp_path):
     recording = source(tmp_path / "set").recording
     (tmp_path / "other").mkdir()
     with pytest.raises(DataError, match=r"view_000.png is not in .*other, which the model's names"):
         write_model(recording, tmp_path / "sparse", tmp_path / "other")
 
 
-def test_pictures_of_videos_are_refused(tmp_path):
+def test_images_of_videos_are_refused(tmp_path):
     recording = source(tmp_path).recording
     first = recording.frames[0]
     object.__setattr__(first, "shot", "a shot")
-    with pytest.raises(DataError, match=r"is a picture of the video .* a COLMAP model cannot name"):
+    with pytest.raises(DataError, match=r"is an image of the video .* a COLMAP model cannot name"):
         write_model(recording, tmp_path / "sparse", tmp_path / "images")
 
 
