@@ -15,7 +15,7 @@ from gsfw.commands.console import Console
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
-from gsfw.datamanagers.pictures import decode, read_header
+from gsfw.datamanagers.images import decode, read_header
 from gsfw.plugins.settings import Settings
 from gsfw.plugins.specs import PROJECT
 from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, write_contact_sheet

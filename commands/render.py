@@ -80,9 +80,7 @@ def run(arguments: list[str]) -> int:
     out = Path(options.out) if options.out else found.folder.path / "renders"
     written: list[Path] = []
     with deterministic(composition.parts.device):
-        if options.what == "views" or (
-            options.what == "all" and composition.parts.data.has_pictures
-        ):
+        if options.what == "views" or (options.what == "all" and composition.parts.data.has_images):
             written += with_progress(
                 _views(restored, out / "views"), _count_views(restored), "views"
             )

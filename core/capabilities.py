@@ -20,7 +20,6 @@ class Feature(Enum):
 
     GRADIENT = "gradient"
     POSE_GRADIENT = "pose gradient"
-    DISTORTION = "lens distortion"
     SH = "spherical harmonics"
     RAGGED_SH = "ragged spherical harmonics"
     COVARIANCES = "covariance form"

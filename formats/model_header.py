@@ -96,9 +96,7 @@ def _camera_document(split: Split, name: str, camera: Cameras) -> dict[str, Any]
         "model": camera.model.value,
         "world_to_camera": first(camera.world_to_camera),
         "intrinsics": first(camera.intrinsics),
-        "distortion": first(camera.distortion),
         "time": first(camera.time),
-        "image_index": first(camera.image_index),
         "camera_index": first(camera.camera_index),
     }
 
@@ -247,8 +245,6 @@ def _camera(fields: HeaderFields) -> Cameras:
         width=fields.count("width", least=1),
         height=fields.count("height", least=1),
         model=CameraModel(model),
-        distortion=None if fields.is_null("distortion") else tensor("distortion", -1),
         time=None if fields.is_null("time") else tensor("time"),
-        image_index=index("image_index"),
         camera_index=index("camera_index"),
     )

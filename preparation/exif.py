@@ -13,7 +13,7 @@ from typing import Any
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
-from gsfw.datamanagers.pictures import FORMATS
+from gsfw.datamanagers.images import FORMATS
 
 FILM_DIAGONAL = 43.27
 """Millimetres. CIPA DCG-001 defines the 35 mm equivalent by diagonals of 36x24 mm film and of the

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.video import Video
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.input_files import writable

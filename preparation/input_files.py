@@ -9,10 +9,10 @@ from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.camera_sequence import in_order
 from gsfw.datamanagers.detection import VIDEOS
-from gsfw.datamanagers.footage import in_order
+from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.datamanagers.masks import FOLDER as MASKS
-from gsfw.datamanagers.pictures import EXTENSIONS
 from gsfw.datamanagers.video import is_video
 
 PICTURE_FOLDERS = ("input", "images")

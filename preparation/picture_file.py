@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from PIL import Image
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import EXTENSIONS, FORMATS, Header, read_header
+from gsfw.datamanagers.images import EXTENSIONS, FORMATS, Header, read_header
 from gsfw.preparation.foreign_formats import HEAD, RAW, RAW_EXTENSIONS, foreign_format
 from gsfw.preparation.input_files import InputFile
 from gsfw.preparation.picture_set import LeftOut

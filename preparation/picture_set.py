@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.preparation.exif import Exif
 
 

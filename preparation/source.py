@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.detection import VIDEOS
-from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.datamanagers.video import is_video
 from gsfw.preparation.exif import read_exif
 from gsfw.preparation.file_copies import find_copies

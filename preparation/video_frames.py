@@ -137,7 +137,7 @@ def write_frames(
     with progress.stage("writing frames", len(files)) as advance:
         advance(done)
         for _, group in groupby(missing, key=lambda number: video.segment(number).start):
-            for number, pixels in video.pictures(list(group)):
+            for number, pixels in video.images(list(group)):
                 write_atomically(files[number], _jpeg(pixels))
                 done += 1
                 advance(done)

@@ -64,11 +64,6 @@ def render(
 
 
 def _check(backend: KernelBackend, cameras: Cameras) -> None:
-    if cameras.distortion is not None:
-        raise ValueError(
-            f"cameras.distortion: expected None, because the {backend.name} rasterizer renders "
-            "without lens distortion; undistort the images first"
-        )
     if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
         raise ValueError(
             f"cameras.intrinsics: expected a tensor without gradient, because the {backend.name} "

@@ -12,6 +12,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.colmap.writer import write_model
 from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
 from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE, write_transforms
 from gsfw.datamanagers.warp import MapCache
@@ -52,7 +53,7 @@ class ConversionRule:
         """Either colmap or transforms."""
         if self.layout != "auto":
             return self.layout
-        needs_more = any(frame.time is not None or frame.depth is not None for frame in frames)
+        needs_more = any(frame.time is not None or DEPTH in frame.maps for frame in frames)
         return "transforms" if needs_more else "colmap"
 
 
@@ -117,7 +118,7 @@ def _decoded(tasks: Sequence[FrameTask]) -> Iterator[FrameTask]:
     for own in videos.values():
         shot = next(iter(own.values())).frame.shot
         assert shot is not None
-        for number, pixels in shot.video.pictures(range(min(own), max(own) + 1)):
+        for number, pixels in shot.video.images(range(min(own), max(own) + 1)):
             if number in own:
                 yield replace(own[number], pixels=pixels)
 
@@ -129,7 +130,7 @@ def _made(task: FrameTask, maps: MapCache, quality: int) -> dict[str, bytes]:
 def _write_cameras(written: Recording, layout: str, out: Path) -> int:
     if layout == "transforms":
         return write_transforms(written, out)
-    write = partial(write_model, written, pictures=out / "images")
+    write = partial(write_model, written, image_root=out / "images")
     size = place_model(write, len(written.frames), len(written.points), out)
     return size + write_split_list(written, out)
 

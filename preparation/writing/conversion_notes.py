@@ -8,6 +8,7 @@ from pathlib import Path
 from gsfw.core.datamanager import Split
 from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.frames import Recording
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.preparation.writing.written_files import MODEL_FOLDER
 
 SPLIT_LIST = f"{MODEL_FOLDER}/test.txt"
@@ -53,6 +54,9 @@ def _of_both(recording: Recording, layout: str) -> Iterator[str]:
     if shots:
         videos = len({frame.path for frame in shots})
         yield f"{len(shots)} pictures of {videos} videos are JPEG files now"
+    maps = sorted({name for frame in recording.frames for name in frame.maps} - {DEPTH})
+    if maps:
+        yield f"per-view maps are not written: {', '.join(maps)}"
     if recording.point_times is not None:
         yield "points have no times any more: all of them are there from the beginning"
     if recording.up and recording.up != UP[layout]:
@@ -66,7 +70,7 @@ def _of_colmap(recording: Recording, written: Recording, out: Path) -> Iterator[
     lost = {
         "times": sum(frame.time is not None for frame in recording.frames),
         "masks of what moves": sum(frame.moving is not None for frame in recording.frames),
-        "depths": sum(frame.depth is not None for frame in recording.frames),
+        "depths": sum(DEPTH in frame.maps for frame in recording.frames),
     }
     for what, count in lost.items():
         if count:

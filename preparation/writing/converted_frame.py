@@ -10,17 +10,19 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import UInt8
 
-from gsfw.datamanagers.depth_map import DepthMap
+from gsfw.core.batch import LEAST_KNOWN
+from gsfw.datamanagers.fitted_map import ImageFit
 from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.images import Header, decode, fit_mask, load_mask
+from gsfw.datamanagers.map_file import DEPTH, MapFile
 from gsfw.datamanagers.masks import MaskRule
-from gsfw.datamanagers.pictures import Header, decode, fit_mask, load_mask
 from gsfw.datamanagers.warp import MapCache, Warp
 from gsfw.preparation.picture_names import unique_names, with_right_suffix
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
 from gsfw.preparation.writing.written_files import MASKS, PICTURES
 
-MOVING, DEPTH = "motion_masks", "depths"
+MOVING, DEPTHS = "motion_masks", "depths"
 """Folders of the written files, besides those of every data set."""
 
 
@@ -40,8 +42,13 @@ class FrameTask:
     def sources(self) -> list[Path]:
         """The files that are read."""
         frame = self.frame
-        depth = None if frame.depth is None else frame.depth.path
-        return [path for path in (frame.path, frame.mask, frame.moving, depth) if path is not None]
+        depth = self._depth_file
+        others = (frame.mask, frame.moving, None if depth is None else depth.path)
+        return [frame.path, *(path for path in others if path is not None)]
+
+    @property
+    def _depth_file(self) -> MapFile | None:
+        return self.frame.maps.get(DEPTH)
 
     def made(self, maps: MapCache, quality: int) -> dict[str, bytes]:
         """The content of each file, by its name.
@@ -55,14 +62,14 @@ class FrameTask:
             content[MASKS] = self._mask(warp)
         if MOVING in self.files:
             content[MOVING] = self._moving(warp)
-        if DEPTH in self.files:
-            content[DEPTH] = self._depth(warp)
+        if DEPTHS in self.files:
+            content[DEPTHS] = self._depth(warp)
         return {self.files[folder]: data for folder, data in content.items()}
 
     def written_frame(self, out: Path) -> Frame:
         """The frame of the written files below ``out``."""
         paths = {folder: out / name for folder, name in self.files.items()}
-        target, depth = self.change.plan.target, self.frame.depth
+        target, depth = self.change.plan.target, self._depth_file
         return replace(
             self.frame,
             name=self.files[PICTURES],
@@ -72,9 +79,9 @@ class FrameTask:
             mask=paths.get(MASKS),
             moving=paths.get(MOVING),
             shot=None,
-            depth=None
-            if depth is None or DEPTH not in paths
-            else replace(depth, path=paths[DEPTH]),
+            maps={}
+            if depth is None or DEPTHS not in paths
+            else {DEPTH: replace(depth, path=paths[DEPTHS])},
         )
 
     def _decode(self) -> UInt8[np.ndarray, "h w d"]:
@@ -97,14 +104,16 @@ class FrameTask:
 
     def _depth(self, warp: Warp | None) -> bytes:
         """The file as it is, or undistorted numbers in the same unit."""
-        depth: DepthMap | None = self.frame.depth
+        depth, header = self._depth_file, self.frame.header
         assert depth is not None
         if warp is None:
             return depth.path.read_bytes()
+        depth.header(header)
         target = self.change.plan.target
-        depths = depth.load(self.frame.header, target.width, target.height, warp)
+        fit = ImageFit((header.width, header.height), (target.width, target.height), warp)
+        depths, part = fit.resample(replace(depth, unit=1.0).read(), depth.rule)
         buffer = io.BytesIO()
-        np.save(buffer, depths / np.float32(depth.unit))
+        np.save(buffer, np.where(part >= LEAST_KNOWN, depths, 0)[..., 0])
         return buffer.getvalue()
 
 
@@ -148,9 +157,9 @@ def _files(frame: Frame, change: PictureChange, name: str, with_depth: bool) -> 
         files[MASKS] = f"{MASKS}/{name}.png"
     if with_depth and frame.moving is not None:
         files[MOVING] = f"{MOVING}/{name}.png"
-    if with_depth and frame.depth is not None:
-        suffix = frame.depth.path.suffix if undistortion is None else ".npy"
-        files[DEPTH] = f"{DEPTH}/{name}{suffix}"
+    if with_depth and (depth := frame.maps.get(DEPTH)) is not None:
+        suffix = depth.path.suffix if undistortion is None else ".npy"
+        files[DEPTHS] = f"{DEPTHS}/{name}{suffix}"
     return files
 
 

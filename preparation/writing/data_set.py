@@ -14,8 +14,8 @@ from jaxtyping import Float64, UInt8
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.datamanagers.images import decode
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import decode
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.picture_names import unique_names, with_right_suffix
 from gsfw.preparation.picture_set import PictureSet, SourcePicture

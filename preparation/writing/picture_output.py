@@ -12,7 +12,7 @@ from jaxtyping import Bool, UInt8
 from PIL import Image
 from PIL.ExifTags import Base
 
-from gsfw.datamanagers.pictures import FORMATS, Header, fit_picture
+from gsfw.datamanagers.images import FORMATS, Header, fit_image
 from gsfw.datamanagers.warp import MapCache, Warp
 from gsfw.preparation.writing.camera_plan import CameraPlan
 
@@ -99,7 +99,7 @@ class PictureChange:
         """
         if self.stored is not None and self.is_copied:
             return self.stored.path.read_bytes()
-        shown = fit_picture(decode(), None, self.plan.target.width, self.plan.target.height, warp)
+        shown = fit_image(decode(), None, self.plan.target.width, self.plan.target.height, warp)
         if self.stored is None:
             return encoded(shown.pixels, FORMAT_OF_VIDEOS, quality)
         return self.stored.rewritten(shown.pixels, quality)

@@ -40,12 +40,12 @@ class CpuRasterizer(Rasterizer):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion; unavailable where the native module is not built."""
+        """Everything; unavailable where the native module is not built."""
         sets = instruction_sets()
         return Capabilities(
             devices=frozenset({"cpu"}),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature) - {Feature.DISTORTION},
+            features=frozenset(Feature),
             determinism=Determinism.BITWISE,
             preference=10,
             unavailable="" if sets else (unavailable() or NOT_BUILT),

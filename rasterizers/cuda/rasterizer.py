@@ -55,11 +55,11 @@ class CudaRasterizer(Rasterizer):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion; the config adds the settings' determinism."""
+        """Everything; the config adds the settings' determinism."""
         return Capabilities(
             devices=frozenset({"cuda"}),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature) - {Feature.DISTORTION},
+            features=frozenset(Feature),
             max_channels=MAX_CHANNELS,
             determinism=Determinism.NONE,
             preference=20,

@@ -24,9 +24,7 @@ from gsfw.rasterizers.gsplat.arguments import arguments_of, rendered_channels
 
 DEVICES = frozenset({"cuda"})
 
-LACKING = frozenset({Feature.DISTORTION, Feature.FLOAT64})
-"""gsplat renders distorted lenses only with another projection (3DGUT), which this adapter does not
-ask for."""
+LACKING = frozenset({Feature.FLOAT64})
 
 ABSGRAD_CHANNELS = 32
 """gsplat renders this many channels in a pass, and each pass overwrites the absgrad of the last."""
@@ -119,11 +117,6 @@ def _check_inputs(splats: Splats, cameras: Cameras) -> None:
         raise ValueError(
             f"splats.means: expected float32, which is all that gsplat renders, found "
             f"{splats.means.dtype}"
-        )
-    if cameras.distortion is not None:
-        raise ValueError(
-            "cameras.distortion: expected None, because the gsplat rasterizer renders without lens "
-            "distortion; undistort the images first"
         )
     if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
         raise ValueError(

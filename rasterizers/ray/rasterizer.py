@@ -20,9 +20,7 @@ from gsfw.rasterizers.ray.mode import Mode, recomputed
 from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.reference.project import view_colors
 
-LACKING = frozenset(
-    {Feature.DISTORTION, Feature.ANTIALIAS, Feature.SCREEN_GRADIENT, Feature.ABSGRAD}
-)
+LACKING = frozenset({Feature.ANTIALIAS, Feature.SCREEN_GRADIENT, Feature.ABSGRAD})
 """Nothing is projected, so that there is no centre in the image to take a gradient by, and no
 projected area to compensate."""
 
@@ -232,11 +230,6 @@ class RayRasterizer(Rasterizer):
 
 
 def _check(cameras: Cameras, settings: RenderSettings) -> None:
-    if cameras.distortion is not None:
-        raise ValueError(
-            "cameras.distortion: expected None, because the ray rasterizer renders without lens "
-            "distortion; undistort the images first"
-        )
     lacking = sorted(feature.value for feature in settings.needs().features & LACKING)
     if lacking:
         raise ValueError(

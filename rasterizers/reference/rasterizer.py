@@ -43,22 +43,17 @@ class ReferenceRasterizer(Rasterizer):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion."""
+        """Everything."""
         devices = {"cpu"} | ({"cuda"} if torch.cuda.is_available() else set())
         return Capabilities(
             devices=frozenset(devices),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature) - {Feature.DISTORTION},
+            features=frozenset(Feature),
             determinism=Determinism.BITWISE,
             details={"torch": torch.__version__},
         )
 
     def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
-        if cameras.distortion is not None:
-            raise ValueError(
-                "cameras.distortion: expected None, because the reference rasterizer renders "
-                "without lens distortion; undistort the images first"
-            )
         if splats.means.dtype not in DTYPES:
             raise ValueError(
                 f"splats.means: expected float32 or float64, found {splats.means.dtype}"

@@ -157,7 +157,7 @@ class Runner:
         """The photo of a view and its valid pixels; without photos, a render."""
         model = self.model
         camera, subject = model.cameras[place], model.subject
-        if not model.parts.data.has_pictures:
+        if not model.parts.data.has_images:
             moment = None if camera.time is None else camera.time[0]
             return subject.draw(subject.splats(moment), camera), None
         (batch,) = model.parts.data.load(Split.EVAL, [model.views[place]], model.device)

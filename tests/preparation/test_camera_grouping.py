@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import COEFFICIENTS
-from gsfw.datamanagers.pictures import Header
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.picture_set import PictureSet, SourcePicture

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from support import captured
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
+from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.preparation import features
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.exif import Exif
@@ -198,7 +198,7 @@ def test_a_picture_that_does_not_decode_is_reported_and_not_in_the_database(tmp_
     database = tmp_path / "d.db"
     reports = extract_features(database, pictures, captured.one_group(pictures), SETTINGS, Silent())
     assert [bool(report.failure) for report in reports.values()] == [False, True, False]
-    assert reports["b.png"].failure.startswith(f"{broken}: the picture does not decode: ")
+    assert reports["b.png"].failure.startswith(f"{broken}: the image does not decode: ")
     assert (reports["b.png"].count, reports["b.png"].blur_direction) == (0, None)
     with pycolmap.Database.open(database) as opened:
         assert [image.image_id for image in opened.read_all_images()] == [1, 3]

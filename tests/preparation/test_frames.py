@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.small_videos import write_video
 
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.journal import Journal

@@ -6,8 +6,8 @@ import pycolmap
 import pytest
 
 from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header
 from gsfw.preparation import pairs
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.exif import Exif

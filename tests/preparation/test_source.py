@@ -410,7 +410,7 @@ def test_pixels_of_floating_point_are_left_out(folder):
     assert only_left_out(read_source([folder])) == LeftOut(
         "x.tif",
         "the pixels are floating-point numbers",
-        "Expected 8 or 16 bits per channel; convert the picture to PNG.",
+        "Expected 8 or 16 bits per channel; convert the image to PNG.",
     )
 
 

@@ -232,7 +232,7 @@ def test_frames_are_written_by_their_numbers_with_colours_at_full_resolution(tmp
             assert [layer[1:3] for layer in image.layer] == [(1, 1)] * 3
             pixels = np.asarray(image)
         assert pixels.shape == (HEIGHT, WIDTH, 3)
-        assert np.abs(pixels.astype(int) - long_video.picture(number)).mean() < 1.5
+        assert np.abs(pixels.astype(int) - long_video.image(number)).mean() < 1.5
 
 
 def test_frames_that_are_there_are_kept_and_not_decoded_again(tmp_path, long_video, monkeypatch):

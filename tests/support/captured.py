@@ -14,7 +14,7 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import look_at
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.synthetic.raycast import one_thread, rays
 from gsfw.datamanagers.synthetic.stage import Stage, solids
 from gsfw.datamanagers.synthetic.textures import Texture, Waves

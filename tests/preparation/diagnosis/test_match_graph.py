@@ -6,7 +6,7 @@ import pycolmap
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.preparation.diagnosis.link import JOINED, Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
 from gsfw.preparation.exif import Exif

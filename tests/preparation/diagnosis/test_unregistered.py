@@ -1,7 +1,7 @@
 from pathlib import Path
 
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
 from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered

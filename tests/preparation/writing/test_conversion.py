@@ -139,7 +139,8 @@ def pixels(data):
         views = data.views(split)
         for number, name in enumerate(views.names):
             (batch,) = data.load(split, [number], CPU)
-            parts = [batch.images, batch.valid, batch.alpha, batch.depth]
+            maps = [part for item in batch.maps.values() for part in (item.values, item.known)]
+            parts = [batch.images, batch.valid, batch.alpha, *maps]
             found[name] = [part for part in parts if part is not None]
     return [found[name] for name in sorted(found)]
 
@@ -257,8 +258,8 @@ def test_depths_come_along(tmp_path, lens):
     after, found = again(before, tmp_path / "out", output=OutputRule(lens))
     assert found.layout == "transforms"
     check_pixels(before, after, 1e-6)
-    assert by_name(after)[0].depth.unit == 0.002
-    assert by_name(after)[1].depth is None
+    assert by_name(after)[0].maps["depth"].unit == 0.002
+    assert by_name(after)[1].maps == {}
 
 
 def test_a_distorted_data_set_is_undistorted_as_training_does_it(tmp_path):

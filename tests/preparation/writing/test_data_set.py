@@ -19,7 +19,7 @@ from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError, OutputError
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.reader import read_model
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.undistortion import LensRule
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.picture_set import PictureSet, SourcePicture

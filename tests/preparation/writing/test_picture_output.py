@@ -7,7 +7,7 @@ import pytest
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 
-from gsfw.datamanagers.pictures import decode_mask, read_header
+from gsfw.datamanagers.images import decode_mask, read_header
 from gsfw.preparation.writing.picture_output import StoredPicture, encoded, encoded_mask
 
 PIXELS = np.arange(24 * 16 * 3, dtype=np.uint32).reshape(16, 24, 3).astype(np.uint8)

@@ -131,7 +131,6 @@ def test_it_says_what_it_can_do():
     assert CudaConfig(deterministic=True).capabilities().determinism is Determinism.BITWISE
     everything = Needs(features=frozenset(Feature), channels=1000, extra_channels=10)
     assert replace(able, unavailable="").lacking(everything, "cuda") == [
-        "feature 'lens distortion'",
         "1012 channels (10 extra, 2 for depth), of which it renders at most 40 at once",
     ]
 

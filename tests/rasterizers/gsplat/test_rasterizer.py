@@ -28,7 +28,6 @@ def test_it_declares_what_gsplat_does_without_importing_it(monkeypatch):
     everything = Needs(frozenset(CameraModel), frozenset(Feature), 1000, profile="default")
     assert able.lacking(everything, "cuda") == [
         "feature 'float64'",
-        "feature 'lens distortion'",
         "numerics 'default' (it renders only with 'gsplat-1.5')",
     ]
     assert able.lacking(Needs(profile="gsplat-1.5"), "cpu") == ["device 'cpu'"]
@@ -61,14 +60,6 @@ def test_float64_is_refused(adapter):
     splats, camera = random_splats(5, dtype=torch.float64), front_camera(dtype=torch.float64)
     assert refused(adapter, splats, camera) == (
         "splats.means: expected float32, which is all that gsplat renders, found torch.float64"
-    )
-
-
-def test_distorted_lenses_are_refused(adapter):
-    camera = replace(front_camera(), distortion=torch.zeros(1, 4))
-    assert refused(adapter, random_splats(5), camera) == (
-        "cameras.distortion: expected None, because the gsplat rasterizer renders without lens "
-        "distortion; undistort the images first"
     )
 
 

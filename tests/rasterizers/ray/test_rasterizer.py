@@ -44,7 +44,6 @@ def test_it_says_what_it_cannot_do_and_who_can():
     assert capabilities["ray"].lacking(everything, "cpu") == [
         "feature 'absgrad'",
         "feature 'antialias'",
-        "feature 'lens distortion'",
         "feature 'screen gradient'",
     ]
     needs = {"settings": RenderSettings(antialias=True).needs()}
@@ -66,9 +65,6 @@ def test_what_it_cannot_do_is_refused_when_asked_for_directly():
     settings = RenderSettings(antialias=True, statistics=frozenset({Statistic.ABSGRAD}))
     with pytest.raises(ValueError, match="settings: the ray rasterizer has no absgrad and no anti"):
         RayRasterizer().render(splats, camera, settings)
-    distorted = replace(camera, distortion=torch.zeros(1, 4))
-    with pytest.raises(ValueError, match=r"cameras\.distortion: expected None, because the ray"):
-        RayRasterizer().render(splats, distorted)
 
 
 @pytest.mark.parametrize(

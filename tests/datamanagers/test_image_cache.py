@@ -1,4 +1,4 @@
-"""The cache of decoded pictures."""
+"""The cache of decoded images."""
 
 import threading
 
@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage
 
 
 class Decoder:
-    """Pictures that show their own number; counts how often each was decoded."""
+    """Images that show their own number; counts how often each was decoded."""
 
     def __init__(self) -> None:
         self.counts: dict[int, int] = {}
         self._lock = threading.Lock()
 
-    def __call__(self, index: int) -> Picture:
+    def __call__(self, index: int) -> DecodedImage:
         with self._lock:
             self.counts[index] = self.counts.get(index, 0) + 1
-        return Picture(np.full((1, 10, 3), index, np.uint8))
+        return DecodedImage(np.full((1, 10, 3), index, np.uint8))
 
 
 @pytest.fixture
@@ -28,11 +28,11 @@ def decoder() -> Decoder:
     return Decoder()
 
 
-def cache_of(decoder, pictures: int, budget: int) -> PictureCache:
-    return PictureCache(decoder, [30] * pictures, budget)
+def cache_of(decoder, pictures: int, budget: int) -> ImageCache:
+    return ImageCache(decoder, [30] * pictures, budget)
 
 
-def test_a_picture_is_decoded_once_while_it_fits(decoder):
+def test_an_image_is_decoded_once_while_it_fits(decoder):
     cache = cache_of(decoder, 3, budget=90)
     for index in (0, 1, 2, 0, 1, 2):
         assert cache.get(index).pixels[0, 0, 0] == index
@@ -40,7 +40,7 @@ def test_a_picture_is_decoded_once_while_it_fits(decoder):
     assert decoder.counts == {0: 1, 1: 1, 2: 1}
 
 
-def test_the_picture_that_was_not_used_for_longest_makes_room(decoder):
+def test_the_image_that_was_not_used_for_longest_makes_room(decoder):
     cache = cache_of(decoder, 3, budget=60)
     for index in (0, 1, 0, 2, 0, 1):
         cache.get(index)
@@ -48,7 +48,7 @@ def test_the_picture_that_was_not_used_for_longest_makes_room(decoder):
     assert decoder.counts == {0: 1, 1: 2, 2: 1}
 
 
-def test_pictures_larger_than_the_budget_can_still_be_used(decoder):
+def test_images_larger_than_the_budget_can_still_be_used(decoder):
     cache = cache_of(decoder, 2, budget=0)
     assert [cache.get(index).pixels[0, 0, 0] for index in (0, 1, 0)] == [0, 1, 0]
     cache.close()
@@ -75,11 +75,11 @@ def test_looking_ahead_takes_no_more_than_half_of_the_budget(decoder):
     assert decoder.counts == {0: 1, 1: 1, 2: 1, 3: 1}
 
 
-def test_an_error_reaches_whoever_asks_for_the_picture():
-    def fail(index: int) -> Picture:
+def test_an_error_reaches_whoever_asks_for_the_image():
+    def fail(index: int) -> DecodedImage:
         raise DataError("broken.png: the file is empty (0 bytes).")
 
-    cache = PictureCache(fail, [30], 1000)
+    cache = ImageCache(fail, [30], 1000)
     cache.prefetch([0])
     with pytest.raises(DataError, match=r"broken\.png"):
         cache.get(0)

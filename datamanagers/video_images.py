@@ -1,10 +1,10 @@
-"""VideoPictures: pictures of videos in any order, decoded in order behind the scenes.
+"""VideoImages: images of videos in any order, decoded in order behind the scenes.
 
-To reach a picture all those since the key frame before it have to be decoded: on average 0.4 s
-of a core for one of 100 pictures of 1088x1920 pixels between two key frames. So a picture is
+To reach an image all those since the key frame before it have to be decoded: on average 0.4 s
+of a core for one of 100 images of 1088x1920 pixels between two key frames. So an image is
 fetched that way when it is asked for first, and threads begin to decode its whole segment in order,
-9 ms for each picture; what they find is undistorted and shrunk as training uses it, and kept in a
-temporary folder. From there a picture comes in 1 to 2 ms.
+9 ms for each image; what they find is undistorted and shrunk as training uses it, and kept in a
+temporary folder. From there an image comes in 1 to 2 ms.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.array_file import read_array
+from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.video import Shot, Video
 
 SHARE_OF_DISK = 0.9
@@ -35,22 +36,22 @@ FOLDERS = f"gsfw-video-{platform.node()}-"
 Segment = tuple[Video, range]
 
 
-class VideoPictures:
-    """Decodes pictures of videos, and keeps them on disk until it is closed."""
+class VideoImages:
+    """Decodes images of videos, and keeps them on disk until it is closed."""
 
     def __init__(
         self,
         shots: Mapping[int, Shot],
         sizes: Mapping[int, int],
-        finish: Callable[[int, UInt8[np.ndarray, "h w 3"]], Picture],
+        finish: Callable[[int, UInt8[np.ndarray, "h w 3"]], DecodedImage],
         room: int | None = None,
     ) -> None:
         """Nothing is decoded yet.
 
         Args:
-            shots: the pictures, by the number that they are asked for with.
+            shots: the images, by the number that they are asked for with.
             sizes: bytes that each takes once it is finished.
-            finish: makes of a decoded picture what training uses; called from several threads.
+            finish: makes of a decoded image what training uses; called from several threads.
             room: bytes on disk that may be used; ``None`` for most of what is free.
         """
         self._shots = shots
@@ -70,11 +71,11 @@ class VideoPictures:
         self._shelf: _Shelf | None = None
 
     def notes(self) -> tuple[str, ...]:
-        """What is kept where; that some pictures are decoded again, where there is no room."""
+        """What is kept where; that some images are decoded again, where there is no room."""
         if not self._shots:
             return ()
         needed, folder = self._needed / 1e6, tempfile.gettempdir()
-        what = f"{len(self._shots)} pictures of {len(self._wanted)} videos"
+        what = f"{len(self._shots)} images of {len(self._wanted)} videos"
         if self._needed <= self._room:
             return (f"{what}: decoded once and kept in {folder} while training ({needed:.0f} MB)",)
         return (
@@ -83,8 +84,8 @@ class VideoPictures:
             "downscale, or name a folder with more room: TMPDIR=DIR)",
         )
 
-    def get(self, index: int) -> Picture:
-        """A picture; called from several threads.
+    def get(self, index: int) -> DecodedImage:
+        """An image; called from several threads.
 
         Raises:
             DataError: it does not decode.
@@ -93,7 +94,7 @@ class VideoPictures:
             return self._shelf.load(index)
         shot = self._shots[index]
         self._begin(shot)
-        picture = self._finish(index, shot.video.picture(shot.number))
+        picture = self._finish(index, shot.video.image(shot.number))
         self._keep(index, picture)
         return picture
 
@@ -109,7 +110,7 @@ class VideoPictures:
             shelf.close()
 
     def _begin(self, shot: Shot) -> None:
-        """Have the segment of a picture decoded, unless that has begun or there is no room."""
+        """Have the segment of an image decoded, unless that has begun or there is no room."""
         segment = shot.video.segment(shot.number)
         with self._lock:
             if (shot.video.path, segment.start) in self._begun or self._left <= 0:
@@ -128,18 +129,18 @@ class VideoPictures:
         wanted = self._wanted[video.path]
         last = max(number for number in segment if number in wanted)
         try:
-            for number, pixels in video.pictures(range(segment.start, last + 1)):
+            for number, pixels in video.images(range(segment.start, last + 1)):
                 index = wanted.get(number)
                 if closed.is_set() or self._left <= 0:
                     return
                 if index is not None and index not in self._claimed:
                     self._keep(index, self._finish(index, pixels))
         except DataError:
-            # Whoever asks for the picture decodes it again, and gets the error.
+            # Whoever asks for the image decodes it again, and gets the error.
             return
 
-    def _keep(self, index: int, picture: Picture) -> None:
-        """Put a picture onto the shelf, if there is room and nobody else does."""
+    def _keep(self, index: int, picture: DecodedImage) -> None:
+        """Put an image onto the shelf, if there is room and nobody else does."""
         with self._lock:
             shelf = self._shelf
             if shelf is None or index in self._claimed or self._sizes[index] > self._left:
@@ -157,7 +158,7 @@ class VideoPictures:
 
 
 class _Shelf:
-    """The folder of the pictures, and the threads that fill it."""
+    """The folder of the images, and the threads that fill it."""
 
     def __init__(self, develop: Callable[[Video, range, Event], None]) -> None:
         """Start the threads: half as many as there are cores, so that training goes on.
@@ -178,8 +179,8 @@ class _Shelf:
         # Also where nobody calls close(): threads must not run while the interpreter goes down.
         self.close = weakref.finalize(self, _clear, self.folder, self.segments, threads, closed)
 
-    def save(self, index: int, picture: Picture) -> None:
-        """Write a picture, as uncompressed arrays.
+    def save(self, index: int, picture: DecodedImage) -> None:
+        """Write an image, as uncompressed arrays.
 
         Raises:
             OSError: there is no room; nothing is left of it.
@@ -194,10 +195,10 @@ class _Shelf:
                 file.unlink(missing_ok=True)
             raise
 
-    def load(self, index: int) -> Picture:
-        """Read a picture."""
+    def load(self, index: int) -> DecodedImage:
+        """Read an image."""
         pixels, mask = self._files(index)
-        return Picture(np.load(pixels), np.load(mask) if mask.exists() else None)
+        return DecodedImage(read_array(pixels), read_array(mask) if mask.exists() else None)
 
     def _files(self, index: int) -> tuple[Path, Path]:
         """Of the pixels and of the mask."""
@@ -239,7 +240,7 @@ def _work(
 def _clear(
     folder: Path, segments: SimpleQueue[Segment | None], threads: list[Thread], closed: Event
 ) -> None:
-    """Stop the threads, which takes as long as one picture does, and remove the folder."""
+    """Stop the threads, which takes as long as one image does, and remove the folder."""
     closed.set()
     for _ in threads:
         segments.put(None)

@@ -1,4 +1,4 @@
-"""Pictures on a device: which stay, what is sent when, and that nobody uses what is on its way."""
+"""Images on a device: which stay, what is sent when, and that nobody uses what is on its way."""
 
 import threading
 from concurrent.futures import Future
@@ -9,22 +9,22 @@ import torch
 from support.slow_ship import SlowShip
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.device_pictures import MOST_PASSING, DevicePictures, staying
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.device_images import MOST_PASSING, DeviceImages, staying
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage
 
 
-def picture(number: int) -> Picture:
-    return Picture(np.full((4, 5, 3), 10 + number, np.uint8), np.full((4, 5), number % 2 == 0))
+def picture(number: int) -> DecodedImage:
+    return DecodedImage(np.full((4, 5, 3), 10 + number, np.uint8), np.full((4, 5), number % 2 == 0))
 
 
 class Shelf:
-    """Eight pictures on a stand-in of a device."""
+    """Eight images on a stand-in of a device."""
 
     def __init__(self, kept=(), host_budget=10_000, decode=picture) -> None:
         self.ship = SlowShip()
-        self.cache = PictureCache(decode, [80] * 8, host_budget)
-        self.pictures = DevicePictures(self.cache.request, self.ship, frozenset(kept))
+        self.cache = ImageCache(decode, [80] * 8, host_budget)
+        self.pictures = DeviceImages(self.cache.request, self.ship, frozenset(kept))
 
     def shows(self, number: int) -> bool:
         found = self.pictures.get(number)
@@ -78,7 +78,7 @@ def test_what_is_sent_ahead_is_not_sent_again(shelf):
     assert one.pictures.lacking([0, 1, 2]) == [1, 2]
 
 
-def test_pictures_are_right_however_little_the_host_may_hold(shelf):
+def test_images_are_right_however_little_the_host_may_hold(shelf):
     # Decoding that was asked for ahead is cancelled where later requests need its room.
     for budget in (0, 80, 170, 400):
         tight = shelf(kept=(3,), host_budget=budget)
@@ -90,7 +90,7 @@ def test_pictures_are_right_however_little_the_host_may_hold(shelf):
 
 def test_a_cancelled_decoding_is_asked_for_again(shelf):
     one = shelf()
-    cancelled: Future[Picture] = Future()
+    cancelled: Future[DecodedImage] = Future()
     cancelled.cancel()
     cancelled.set_running_or_notify_cancel()
     one.pictures.send(5, cancelled)
@@ -100,7 +100,7 @@ def test_a_cancelled_decoding_is_asked_for_again(shelf):
 def test_wrong_guesses_of_what_comes_do_not_pile_up(shelf):
     one = shelf(kept=(0,))
     assert one.shows(0)
-    ready: Future[Picture] = Future()
+    ready: Future[DecodedImage] = Future()
     ready.set_result(picture(1))
     for number in range(100, 150):
         one.pictures.send(number, ready)
@@ -110,7 +110,7 @@ def test_wrong_guesses_of_what_comes_do_not_pile_up(shelf):
 
 
 def test_an_error_of_decoding_reaches_whoever_asks(shelf):
-    def fail(number: int) -> Picture:
+    def fail(number: int) -> DecodedImage:
         raise DataError("broken.png: the file is empty (0 bytes).")
 
     one = shelf(kept=(0,), decode=fail)
@@ -120,7 +120,7 @@ def test_an_error_of_decoding_reaches_whoever_asks(shelf):
             one.pictures.get(0)
 
 
-def test_the_thread_ends_with_the_pictures():
+def test_the_thread_ends_with_the_images():
     before = set(threading.enumerate())
     shelf = Shelf()
     assert shelf.shows(1)

@@ -1,4 +1,4 @@
-"""Pictures of videos in any order."""
+"""Images of videos in any order."""
 
 import os
 import subprocess
@@ -13,9 +13,9 @@ from support.small_captures import HEIGHT, WIDTH
 from support.small_videos import write_video
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import Picture
+from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.video import Shot, Video
-from gsfw.datamanagers.video_pictures import FOLDERS, VideoPictures
+from gsfw.datamanagers.video_images import FOLDERS, VideoImages
 
 pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
 
@@ -40,10 +40,10 @@ def pictures(tmp_path, room=None, masked=False, stride=1):
     def finish(index, pixels):
         finished.append(index)
         mask = np.arange(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH) % 3 > 0 if masked else None
-        return Picture(255 - pixels, mask)
+        return DecodedImage(255 - pixels, mask)
 
     sizes = dict.fromkeys(range(len(shots)), SIZE)
-    return VideoPictures(dict(enumerate(shots)), sizes, finish, room), shots, finished
+    return VideoImages(dict(enumerate(shots)), sizes, finish, room), shots, finished
 
 
 def wait_for(condition):
@@ -55,14 +55,14 @@ def wait_for(condition):
     raise TimeoutError
 
 
-def test_pictures_are_the_same_first_and_later(temporary, tmp_path):
+def test_images_are_the_same_first_and_later(temporary, tmp_path):
     held, shots, finished = pictures(tmp_path)
     order = [13, 2, 19, 7, 0, 11, 9, 15]
     first = [held.get(index).pixels for index in order]
     wait_for(lambda: len(held._kept) == 20)
     count = len(finished)
     for index, pixels in zip(order, first, strict=True):
-        expected = 255 - shots[index].video.picture(shots[index].number)
+        expected = 255 - shots[index].video.image(shots[index].number)
         assert np.array_equal(pixels, expected)
         assert np.array_equal(held.get(index).pixels, expected)
     assert len(finished) == count
@@ -77,7 +77,7 @@ def test_only_the_segments_that_were_asked_for_are_decoded(temporary, tmp_path):
     held.close()
 
 
-def test_pictures_that_no_frame_shows_are_not_kept(temporary, tmp_path):
+def test_images_that_no_frame_shows_are_not_kept(temporary, tmp_path):
     held, _, finished = pictures(tmp_path, stride=3)
     for index in range(8):
         held.get(index)
@@ -99,11 +99,11 @@ def test_what_has_no_room_is_decoded_again(temporary, tmp_path):
     for _ in range(2):
         for index in (9, 1, 15, 4):
             assert np.array_equal(
-                held.get(index).pixels, 255 - shots[index].video.picture(shots[index].number)
+                held.get(index).pixels, 255 - shots[index].video.image(shots[index].number)
             )
     assert len(held._kept) <= 3
     assert held.notes() == (
-        f"20 pictures of 2 videos: 0 MB once decoded, and 0 MB to use in {temporary}; the others "
+        f"20 images of 2 videos: 0 MB once decoded, and 0 MB to use in {temporary}; the others "
         "are decoded again for each use, which is slow (use a larger downscale, or name a folder "
         "with more room: TMPDIR=DIR)",
     )
@@ -174,9 +174,9 @@ def test_closing_removes_the_folder_and_opening_again_works(temporary, tmp_path)
 def test_notes_say_what_is_kept_where(temporary, tmp_path):
     held, _, _ = pictures(tmp_path)
     assert held.notes() == (
-        f"20 pictures of 2 videos: decoded once and kept in {temporary} while training (0 MB)",
+        f"20 images of 2 videos: decoded once and kept in {temporary} while training (0 MB)",
     )
-    assert VideoPictures({}, {}, lambda *_: Picture(np.zeros((1, 1, 3), np.uint8))).notes() == ()
+    assert VideoImages({}, {}, lambda *_: DecodedImage(np.zeros((1, 1, 3), np.uint8))).notes() == ()
 
 
 def test_a_damaged_segment_is_the_error_of_who_asks_for_it(temporary, tmp_path):

@@ -1,4 +1,4 @@
-"""Picture files."""
+"""DecodedImage files."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from PIL import Image
 from support.small_captures import write_picture
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import decode, decode_mask, load_mask, read_header
+from gsfw.datamanagers.images import decode, decode_mask, load_mask, read_header
 
 ORIENTATION = 274
 
@@ -105,14 +105,14 @@ def test_an_empty_file_is_said_to_be_empty(tmp_path):
         read_header(path)
     assert str(error.value) == (
         f"{path}: the file is empty (0 bytes).\n"
-        "Replace the file, or remove it: pictures that are missing are left out."
+        "Replace the file, or remove it: images that are missing are left out."
     )
 
 
-def test_a_file_that_is_no_picture_is_told_by_its_content(tmp_path):
+def test_a_file_that_is_no_image_is_told_by_its_content(tmp_path):
     path = tmp_path / "page.jpg"
     path.write_text("<html>404 not found</html>")
-    with pytest.raises(DataError, match="these 26 bytes are no PNG, JPEG, WEBP, TIFF, BMP picture"):
+    with pytest.raises(DataError, match="these 26 bytes are no PNG, JPEG, WEBP, TIFF, BMP image"):
         read_header(path)
 
 
@@ -122,12 +122,12 @@ def test_a_missing_file_is_said_to_be_missing(tmp_path):
 
 
 @pytest.mark.parametrize("extension", ["png", "jpg"])
-def test_a_picture_that_is_cut_off_fails_when_it_is_decoded(tmp_path, extension):
+def test_an_image_that_is_cut_off_fails_when_it_is_decoded(tmp_path, extension):
     path = tmp_path / f"cut.{extension}"
     write_picture(path, 200, 100)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     header = read_header(path)
-    with pytest.raises(DataError, match=rf"cut\.{extension}: the picture does not decode: "):
+    with pytest.raises(DataError, match=rf"cut\.{extension}: the image does not decode: "):
         decode(path, header)
 
 
@@ -151,6 +151,6 @@ def test_a_mask_of_another_size_is_refused(tmp_path):
     with pytest.raises(DataError) as error:
         load_mask(mask, tmp_path / "picture.png", header)
     assert str(error.value) == (
-        f"{mask}: the mask is 4x3 pixels, its picture {tmp_path / 'picture.png'} is 8x6.\n"
-        "A mask needs the size of its (upright) picture."
+        f"{mask}: the mask is 4x3 pixels, its image {tmp_path / 'picture.png'} is 8x6.\n"
+        "A mask needs the size of its (upright) image."
     )

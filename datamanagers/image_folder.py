@@ -1,4 +1,4 @@
-"""What formats share whose files name pictures without saying where they are."""
+"""What formats share whose files name images without saying where they are."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from torch import Tensor
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import Frame, no_points
+from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.point_file import Points, read_ply
 
 
 @dataclass
-class PictureFolderConfig(CaptureConfig, ABC):
-    """Settings of formats whose cameras lie beside the pictures."""
+class ImageFolderConfig(CaptureConfig, ABC):
+    """Settings of formats whose cameras lie beside the images."""
 
     images: str = ""
-    """Folder of the pictures, relative to the data set. Empty: images, or the data set itself."""
+    """Folder of the images, relative to the data set. Empty: images, or the data set itself."""
     points: str = ""
     """PLY file of points to start from, relative to the data set. Empty: the only one there is."""
 
-    def pictures(self, root: Path) -> PictureFolder:
-        """Where the pictures of the data set ``root`` are looked for.
+    def image_folder(self, root: Path) -> ImageFolder:
+        """Where the images of the data set ``root`` are looked for.
 
         Raises:
             DataError: there is no folder of the name that was given.
@@ -37,7 +37,7 @@ class PictureFolderConfig(CaptureConfig, ABC):
         folder = root / (self.images or ("images" if (root / "images").is_dir() else ""))
         if not folder.is_dir():
             raise DataError(f"datamanager.images={self.images}: there is no folder {folder}.")
-        return PictureFolder(folder)
+        return ImageFolder(folder)
 
     def start_points(self, root: Path, own: Points | None = None) -> tuple[Points, tuple[str, ...]]:
         """Points of a PLY file, their colours, and a note on where they are from.
@@ -69,14 +69,14 @@ def _read(file: Path, setting: str) -> tuple[Points, tuple[str, ...]]:
 
 
 @dataclass(frozen=True)
-class PictureFolder:
-    """The pictures in a folder and the folders in it."""
+class ImageFolder:
+    """The images in a folder and the folders in it."""
 
     path: Path
 
     @cached_property
     def _by_name(self) -> dict[str, list[Path]]:
-        """Pictures by relative path, by name, and by each without its extension; lower case."""
+        """Images by relative path, by name, and by each without its extension; lower case."""
         found: dict[str, list[Path]] = {}
         for item in sorted(self.path.rglob("*")):
             if item.suffix.lower() in EXTENSIONS:
@@ -87,7 +87,7 @@ class PictureFolder:
         return found
 
     def find(self, name: str, where: str) -> Path | None:
-        """The picture that a file calls ``name``, with or without folders and extension.
+        """The image that a file calls ``name``, with or without folders and extension.
 
         Raises:
             DataError: several can be meant; begins with ``where``.
@@ -105,7 +105,7 @@ class PictureFolder:
                 if candidates:
                     shown = ", ".join(str(item.relative_to(self.path)) for item in candidates[:3])
                     raise DataError(
-                        f"{where}: {name} can be any of {len(candidates)} pictures in {self.path} "
+                        f"{where}: {name} can be any of {len(candidates)} images in {self.path} "
                         f"({shown}).",
                         "Give the folder that holds one of each with datamanager.images=DIR.",
                     )
@@ -114,18 +114,18 @@ class PictureFolder:
     def frame(
         self, picture: Path, lens: Lens, world_to_camera: Float64[Tensor, "4 4"], camera: int
     ) -> Frame:
-        """The frame of one of these pictures."""
+        """The frame of one of these images."""
         return Frame(
             self.name(picture), picture, read_header(picture), lens, world_to_camera, camera
         )
 
     def _is_at(self, picture: Path, key: str) -> bool:
-        """Whether that is the picture's path, with or without its extension."""
+        """Whether that is the image's path, with or without its extension."""
         relative = picture.relative_to(self.path)
         return key in (relative.as_posix().lower(), relative.with_suffix("").as_posix().lower())
 
     def name(self, picture: Path) -> str:
-        """What messages and result files call a picture."""
+        """What messages and result files call an image."""
         return picture.relative_to(self.path).as_posix()
 
 
@@ -142,10 +142,10 @@ def only_file(path: Path, files: Sequence[Path], expected: str, advice: str) -> 
 
 
 def left_out(names: Iterable[str], why: str) -> tuple[str, ...]:
-    """The note on pictures that are left out; none when there are none."""
+    """The note on images that are left out; none when there are none."""
     all_names = list(names)
     if not all_names:
         return ()
     shown = ", ".join(all_names[:5])
     shown += f" and {len(all_names) - 5} more" if len(all_names) > 5 else ""
-    return (f"{len(all_names)} pictures {why} are left out: {shown}",)
+    return (f"{len(all_names)} images {why} are left out: {shown}",)
