@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -11,6 +12,7 @@ from gsfw.commands.arguments import FLAGS, Options, parse, read, word
 from gsfw.core.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
+    from gsfw.commands.console import Console
     from gsfw.plugins.settings import Settings
 
 OWN = ("pictures", "out", *FLAGS)
@@ -51,12 +53,11 @@ def run(tokens: list[str]) -> int:
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
     settings, given_values = _settings(options, given)
 
-    from gsfw.commands.check_report import tell
     from gsfw.commands.console import Console
 
     console = Console(options.json)
     document = _check(options, settings, given_values, pictures)
-    tell(console, document)
+    _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
 
@@ -115,51 +116,51 @@ def _check(
     given: Mapping[str, str],
     pictures: int | None,
 ) -> dict[str, Any]:
-    """Open the data set, look at it, and draw the sheet; the document.
+    """Open the data set, examine it, and draw the sheet; the document.
 
-    What keeps a data set from being opened is a finding: it will not train.
+    A data set that cannot be opened has a document as well: it will not train.
     """
-    from gsfw.commands.check_report import describe
-    from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
+    from gsfw.plugins.compose import open_data
+    from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
     from gsfw.preparation.check.examination import Examination
-    from gsfw.preparation.check.plan import Plan
-    from gsfw.preparation.check.tile import tiles_of
+    from gsfw.preparation.check.report import report, report_unreadable
     from gsfw.preparation.finding import Verdict
 
     settings.config.check()
     path, reader = settings.config.data, settings.choices["datamanager"].name
     head = {"kind": "check", "path": path, "format": reader}
     try:
-        examined = Examination.of(settings, pictures)
+        with closing(open_data(settings)) as data:
+            examined = Examination.of(data, settings.config, pictures)
     except DataError as error:
-        return {**head, **_unreadable(error)}
+        return {**head, **report_unreadable(error), "next": "", "sheet": ""}
     survey, findings = examined.survey, examined.findings
-    verdict = Verdict.of(findings)
     if options.out != "none":
         tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
+        verdict = Verdict.of(findings)
         write_contact_sheet(Path(options.out), survey.scene.name, verdict, survey, tiles)
-    plan = Plan.of(survey, findings, settings.config, given.get("method", ""))
-    return {
-        **head,
-        "verdict": verdict.value,
-        **describe(survey, plan),
-        "notes": list(examined.notes),
-        "findings": [finding.document() for finding in findings],
-        "next": plan.command(given),
-        "sheet": "" if options.out == "none" else options.out,
-    }
+    plan = examined.plan(given.get("method", ""))
+    sheet = "" if options.out == "none" else options.out
+    return {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
 
 
-def _unreadable(error: DataError) -> dict[str, Any]:
-    """The document of a data set that is recognised, and cannot be opened."""
-    from gsfw.preparation.finding import Finding, Verdict, Weight
+def _show(console: Console, document: Mapping[str, Any]) -> None:
+    """Print the document for people: a table, the findings, the verdict, the next command."""
+    from gsfw.preparation.check.report import finding_lines, sample_line, table_rows
 
-    finding = Finding(
-        kind="cannot be read",
-        weight=Weight.STOP,
-        found=error.message,
-        why="Training ends with this error.",
-        advice=error.advice or "See gsfw info, and docs/data.md for what a format needs.",
-    )
-    verdict = Verdict.of([finding]).value
-    return {"verdict": verdict, "findings": [finding.document()], "next": "", "sheet": ""}
+    title = f"{document['path'] or 'the built-in scene'}: {document['format']}"
+    if "views_train" in document:
+        console.table(["", ""], table_rows(document), title)
+        console.say(sample_line(document))
+        if document["view_dependence"]:
+            console.say(document["view_dependence"]["advice"])
+    else:
+        console.say(title)
+    for note in document.get("notes", ()):
+        console.say(f"note: {note}")
+    for line in finding_lines(document):
+        console.say(line)
+    if document["sheet"]:
+        console.say(f"cameras, points and pictures: {document['sheet']}")
+    if document["next"] and document["verdict"] != "will not train":
+        console.say(f"next: {document['next']}")

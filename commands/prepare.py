@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -14,11 +16,14 @@ from gsfw.core.errors import ConfigError, DataError, UnavailableError
 if TYPE_CHECKING:
     from gsfw.commands.console import Console
     from gsfw.plugins.settings import Settings
+    from gsfw.preparation.check.examination import Examination
     from gsfw.preparation.preparation import PreparationRule
     from gsfw.preparation.workplace import Workplace
 
 PREPARED = Path("prepared")
 """Where results go that nobody gave a place."""
+ROWS_SHOWN = 20
+"""Largest number of unused files that are listed."""
 STOPPING = "stopping, which may take some seconds; the same command will go on from here"
 REFUSED = 1
 """Exit code of a capture that will not train."""
@@ -92,14 +97,13 @@ def run(tokens: list[str]) -> int:
     place, rule = _place(options, inputs), _rule(options)
 
     from gsfw.commands.console import Console
-    from gsfw.commands.prepare_report import tell
 
     console = Console(options.json)
     for path in inputs:
         _check_exists(path)
     with interrupted_once(STOPPING), place.claimed(inputs):
         document = _document(console, options, inputs, place, rule)
-    tell(console, document)
+    _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
 
@@ -251,15 +255,15 @@ def _prepare(
     console: Console, inputs: tuple[Path, ...], place: Workplace, rule: PreparationRule
 ) -> dict[str, Any]:
     """Compute cameras; the document."""
-    from gsfw.commands.prepare_report import document_of_preparation
     from gsfw.commands.stage_bars import StageBars
     from gsfw.preparation.native_log import log_into
     from gsfw.preparation.preparation import Preparation
+    from gsfw.preparation.report import document_of_preparation
 
     log_into(place.log)
     prepared = Preparation(inputs, place, rule, StageBars(console)).run()
-    settings = _settings(place.path) if prepared.written else None
-    return document_of_preparation(inputs, place, prepared, settings)
+    examined = _examine(place.path) if prepared.written else None
+    return document_of_preparation(inputs, place, prepared, examined)
 
 
 def _convert(
@@ -270,10 +274,10 @@ def _convert(
     rule: PreparationRule,
 ) -> dict[str, Any]:
     """Keep the cameras of a data set; the document."""
-    from gsfw.commands.prepare_report import document_of_conversion
     from gsfw.commands.stage_bars import StageBars
     from gsfw.datamanagers.capture import Capture
     from gsfw.plugins.compose import open_data
+    from gsfw.preparation.report import document_of_conversion
     from gsfw.preparation.writing.conversion import ConversionRule, convert
 
     name = source.choices["datamanager"].name
@@ -281,8 +285,7 @@ def _convert(
         f"{source.config.data} has cameras already ({name}): they are kept; poses=compute makes "
         "new ones from its pictures"
     )
-    data = open_data(source)
-    try:
+    with closing(open_data(source)) as data:
         if not isinstance(data, Capture):
             raise DataError(
                 f"{source.config.data}: data manager {name} gives no pictures as files.",
@@ -292,6 +295,30 @@ def _convert(
         place.remove(place.journal, place.images, place.sparse)
         rules = ConversionRule(options.layout, rule.output)
         converted = convert(data.recording, place.path, rules, StageBars(console), rule.jobs)
-    finally:
-        data.close()
-    return document_of_conversion(source, place, converted, _settings(place.path))
+    return document_of_conversion(source.config.data, name, place, converted, _examine(place.path))
+
+
+def _examine(data: Path) -> Examination:
+    """The check of the written data set."""
+    from gsfw.plugins.compose import open_data
+    from gsfw.preparation.check.examination import Examination
+
+    settings = _settings(data)
+    with closing(open_data(settings)) as opened:
+        return Examination.of(opened, settings.config)
+
+
+def _show(console: Console, document: Mapping[str, Any]) -> None:
+    """Print the document for people."""
+    from gsfw.preparation.report import result_lines, unused_rows
+
+    console.say()
+    for sentence in document.get("figures", ()):
+        console.say(sentence)
+    rows = unused_rows(document)
+    if rows:
+        console.table(["not used", "reason", ""], rows[:ROWS_SHOWN])
+    if len(rows) > ROWS_SHOWN:
+        console.say(f"and {len(rows) - ROWS_SHOWN} more: {Path(document['out']) / 'prepare.json'}")
+    for line in result_lines(document):
+        console.say(line)

@@ -25,10 +25,7 @@ MAY_IMPORT = {
     "callbacks": {"gsfw.core", "gsfw.callbacks", "gsfw.charts", SPECS},
     "charts": {"gsfw.core", "gsfw.charts"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
-    "preparation": {
-        *("gsfw.charts", "gsfw.core", "gsfw.datamanagers", "gsfw.methods", "gsfw.plugins"),
-        "gsfw.preparation",
-    },
+    "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
         *("gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),

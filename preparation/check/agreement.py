@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gsfw.preparation.check.looks import Looks
-from gsfw.preparation.check.surface import Surface
-from gsfw.preparation.check.viewpoints import Viewpoints
+from gsfw.preparation.check.viewpoints import Surface, Viewpoints
 
 MIN_VIEWS, MIN_POINTS = 3, 50
 """Points seen in fewer of the sampled pictures say nothing, and fewer points too little."""

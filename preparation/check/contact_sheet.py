@@ -4,33 +4,48 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.charts.time_plot import INK, PAPER
 from gsfw.core.files.atomic import write_atomically
-from gsfw.preparation.check.degree_strip import degree_strip
-from gsfw.preparation.check.map_view import HELD_OUT, TRAINED, map_views
+from gsfw.preparation.check.looks import Look
+from gsfw.preparation.check.map_view import HELD_OUT, INK, OVERSAMPLING, PAPER, TRAINED, map_views
 from gsfw.preparation.check.survey import Survey
-from gsfw.preparation.check.tile import CAPTION, SEVERE, SIZE, Tile
-from gsfw.preparation.finding import Verdict, Weight
+from gsfw.preparation.finding import Finding, Verdict, Weight
 
 WIDTH = 1200
-"""Of the sheet, in pixels."""
+"""Width of the sheet, in pixels."""
 MAP = (584, 440)
+"""Width and height of each map, in pixels."""
 MARGIN, GAP = 12, 8
+"""Empty borders, and space between images, in pixels."""
 TOP = 78
 """Rows of the title and the legend."""
 HEADING = 40
-"""Rows of the line above the pictures."""
+"""Rows of the line above a row of images."""
 COLUMNS, ROWS = 6, 2
-"""So many pictures are shown."""
+"""Largest number of tiles."""
+SIZE = (189, 142)
+"""Width and height of the image in a tile, in pixels."""
+CAPTION = 46
+"""Rows below the image in a tile."""
+SEVERE = {Weight.STOP: (176, 32, 32), Weight.LIMIT: (160, 90, 10), Weight.NOTE: (60, 60, 64)}
+"""Colours of reasons."""
 VERDICTS = {
     Verdict.GOOD: (24, 120, 60),
     Verdict.LIMITED: SEVERE[Weight.LIMIT],
     Verdict.WILL_NOT_TRAIN: SEVERE[Weight.STOP],
 }
+COLORS = ((225, 225, 225), (30, 136, 229), (216, 27, 96))
+"""Colours of points that need degree 0, 1 and 2."""
+LABELS = ("matte: degree 0", "degree 1", "degree 2 or more")
+STRIP_HEIGHT, STRIP_IMAGES = 270, 6
+"""Height of the images with marked points, in pixels, and their largest number."""
+RADIUS = 2.5
+"""Radius of a marked point, in pixels."""
 
 
 def write_contact_sheet(
@@ -101,3 +116,129 @@ def _legend(draw: ImageDraw.ImageDraw, survey: Survey, how: str) -> None:
         what = f"no points; {target}"
     places = f"{len(survey.viewpoints.places)} places; " if survey.viewpoints.stand_still else ""
     draw.text((x, 55), f"{places}{what}; {how}", INK, small, "lm")
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A picture, or its empty frame."""
+
+    name: str
+    reason: str
+    """Why it is shown; empty for an example."""
+    weight: Weight
+    picture: Image.Image | None
+    """Of any size; ``None`` where there is none to show."""
+    instead: str = ""
+    """What the empty frame says."""
+
+    def draw(self, sheet: Image.Image, corner: tuple[int, int]) -> None:
+        """Draw it with its upper left corner there."""
+        draw = ImageDraw.Draw(sheet)
+        x, y = corner
+        draw.rectangle((x, y, x + SIZE[0] - 1, y + SIZE[1] - 1), fill=(235, 235, 238))
+        if self.picture is None:
+            middle = (x + SIZE[0] / 2, y + SIZE[1] / 2)
+            draw.text(middle, self.instead, INK, ImageFont.load_default(13), "mm")
+        else:
+            small = self.picture.copy()
+            small.thumbnail(SIZE)
+            place = (x + (SIZE[0] - small.width) // 2, y + (SIZE[1] - small.height) // 2)
+            sheet.paste(small, place)
+        self._caption(draw, (x, y + SIZE[1]))
+
+    def _caption(self, draw: ImageDraw.ImageDraw, corner: tuple[int, int]) -> None:
+        # Pillow does not measure text of several lines, and a name may have a line end.
+        font, name = ImageFont.load_default(13), self.name.replace("\n", " ")
+        while draw.textlength(name, font) > SIZE[0] and len(name) > 4:
+            name = f"...{name[4:] if name.startswith('...') else name[1:]}"
+        draw.text((corner[0], corner[1] + 4), name, INK, font)
+        draw.text((corner[0], corner[1] + 20), self.reason, SEVERE[self.weight], font)
+
+
+def tiles_of(survey: Survey, findings: Sequence[Finding], most: int, usual: int) -> list[Tile]:
+    """The worst pictures of every finding in turn; some of all where no finding names any.
+
+    Args:
+        survey: knows the pictures.
+        findings: what was said about them.
+        most: so many at most.
+        usual: so many where none stands out.
+    """
+    numbers = {name: view for view, name in reversed(list(enumerate(survey.viewpoints.names)))}
+    queues = [
+        ([name for name in f.pictures if name in numbers], f.kind, f.weight) for f in findings
+    ]
+    shown: dict[int, tuple[str, Weight]] = {}
+    while len(shown) < most and any(names for names, _, _ in queues):
+        for names, kind, weight in queues:
+            if names and len(shown) < most:
+                shown.setdefault(numbers[names.pop(0)], (kind, weight))
+    if not shown and survey.looks.looks and most > 0:
+        looks = survey.looks.looks
+        chosen = np.unique(np.linspace(0, len(looks) - 1, min(len(looks), usual)).astype(int))
+        shown = {looks[i].view: ("", Weight.NOTE) for i in chosen}
+    return [_tile(survey, view, *why) for view, why in shown.items()]
+
+
+def _tile(survey: Survey, view: int, reason: str, weight: Weight) -> Tile:
+    """A sampled picture; the frame alone where it was not decoded."""
+    name = survey.viewpoints.names[view]
+    look = next((look for look in survey.looks.looks if look.view == view), None)
+    if look is not None:
+        picture = Image.fromarray((255 * look.preview.clip(0, 1)).astype(np.uint8))
+        return Tile(name, reason, weight, picture)
+    failed = any(number == view for number, _ in survey.looks.failures)
+    return Tile(name, reason, weight, None, "does not decode" if failed else "not in the sample")
+
+
+def degree_strip(survey: Survey, width: int) -> Image.Image | None:
+    """Pictures side by side, ``width`` pixels wide; ``None`` where nothing was measured."""
+    found = survey.view_dependence
+    if found is None:
+        return None
+    strip = Image.new("RGB", (width, HEADING + STRIP_HEIGHT + MARGIN), PAPER)
+    draw, font = ImageDraw.Draw(strip), ImageFont.load_default(14)
+    x = float(MARGIN)
+    draw.text((x, HEADING / 2), "view dependence:", INK, ImageFont.load_default(15), "lm")
+    x += 140
+    for color, label, share in zip(COLORS, LABELS, found.shares, strict=True):
+        text = f"{label} ({100 * share:.0f} %)"
+        draw.ellipse((x, HEADING / 2 - 6, x + 12, HEADING / 2 + 6), color, INK)
+        draw.text((x + 20, HEADING / 2), text, INK, font, "lm")
+        x += 44 + draw.textlength(text, font)
+    left = MARGIN
+    for look in _spread(survey):
+        picture = _marked(survey, look)
+        if left + picture.width > width - MARGIN:
+            break
+        strip.paste(picture, (left, HEADING))
+        left += picture.width + GAP
+    return strip
+
+
+def _spread(survey: Survey) -> list[Look]:
+    """Pictures that show some of the points, spread evenly."""
+    shown = np.unique(survey.track_colors.views)
+    looks = [look for look in survey.looks.looks if look.view in shown]
+    chosen = np.unique(np.linspace(0, len(looks) - 1, min(len(looks), STRIP_IMAGES)).astype(int))
+    return [looks[number] for number in chosen]
+
+
+def _marked(survey: Survey, look: Look) -> Image.Image:
+    """A picture with the points it is known to show; those that ask for most are on top."""
+    colors, found, viewpoints = survey.track_colors, survey.view_dependence, survey.viewpoints
+    assert found is not None
+    points = colors.points[colors.views == look.view]
+    degrees = found.degrees[points]
+    places = survey.scene.points.double().numpy()[colors.rows[points]]
+    pixels, _ = viewpoints.project(look.view, places)
+    width, height = viewpoints.sizes[look.view].tolist()
+    rows = OVERSAMPLING * STRIP_HEIGHT
+    size = (round(rows * width / height), rows)
+    picture = Image.fromarray((255 * look.preview.clip(0, 1)).astype(np.uint8)).resize(size)
+    draw, radius = ImageDraw.Draw(picture), OVERSAMPLING * RADIUS
+    for number in np.argsort(degrees, kind="stable"):
+        x, y = (pixels[number] * rows / height).tolist()
+        box = (x - radius, y - radius, x + radius, y + radius)
+        draw.ellipse(box, COLORS[degrees[number]], INK)
+    return picture.resize((size[0] // OVERSAMPLING, STRIP_HEIGHT), Image.Resampling.BOX)

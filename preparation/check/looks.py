@@ -13,6 +13,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import DataError
 from gsfw.core.loop.area import shrink_batch
+from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.picture_quality import MEASURED_SIDE, PictureQuality
 from gsfw.preparation.check.viewpoints import Viewpoints
 
@@ -154,3 +155,24 @@ def _background(shown: Float[np.ndarray, "h w 3"], border: str) -> Bool[np.ndarr
         return np.zeros(shown.shape[:2], bool)
     value = 1.0 if border == "white" else 0.0
     return np.asarray(np.abs(shown - value).max(2) <= PLAIN)
+
+
+@dataclass(frozen=True)
+class Files:
+    """Counts over all pictures."""
+
+    turned: tuple[str, ...] = ()
+    """Names of pictures with an EXIF orientation, which was applied."""
+    in_videos: int = 0
+    """Pictures that are decoded from videos."""
+
+    @staticmethod
+    def of(data: DataManager) -> Files:
+        """Of a data set; nothing where its pictures are no files."""
+        if not isinstance(data, Capture):
+            return Files()
+        frames = data.recording.frames
+        return Files(
+            turned=tuple(frame.name for frame in frames if frame.header.orientation != 1),
+            in_videos=sum(frame.shot is not None for frame in frames),
+        )

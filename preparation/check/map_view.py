@@ -8,9 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.charts.time_plot import INK, OVERSAMPLING
 from gsfw.preparation.check.survey import Survey
 
+INK, PAPER = (60, 60, 64), (255, 255, 255)
+"""Colours of text and lines, and of the sheet."""
+OVERSAMPLING = 2
+"""Images are rendered larger by this factor and then shrunk: Pillow's lines have hard edges."""
 TRAINED, HELD_OUT = (31, 91, 171), (209, 98, 36)
 """Colours of cameras."""
 GROUND = (243, 243, 245)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.methods.gaussians3d.initialisation import CAMERA_CLEARANCE
+from gsfw.core.maths.focus import CAMERA_CLEARANCE
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight, listed
 

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from gsfw.core.datamanager import DataManager
 from gsfw.core.scene import Scene
 from gsfw.preparation.check.agreement import Agreement
-from gsfw.preparation.check.files import Files
-from gsfw.preparation.check.looks import Looks
-from gsfw.preparation.check.surface import Angles, Surface
+from gsfw.preparation.check.looks import Files, Looks
 from gsfw.preparation.check.track_colors import TrackColors
 from gsfw.preparation.check.view_dependence import ViewDependence
-from gsfw.preparation.check.viewpoints import Viewpoints
+from gsfw.preparation.check.viewpoints import Angles, Surface, Viewpoints
 
 PICTURES, VIDEO_PICTURES = 50, 16
 """So many pictures are decoded unless asked otherwise: a few seconds of files of 1 to 2 megapixels;

@@ -12,13 +12,13 @@ from support.matched_captures import pose_errors
 from support.small_captures import ring, write_pictures, write_transforms
 from support.small_videos import write_video
 
-from gsfw.commands import prepare_report
 from gsfw.commands.console import Console
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.preparation import native_signals
+from gsfw.preparation.report import unused_rows
 
 PHOTOS = 9
 FRAMES = 32
@@ -168,8 +168,8 @@ def test_a_missing_colmap_is_told_with_what_to_do(tmp_path, capsys, monkeypatch)
 
 
 def test_long_names_leave_room_in_the_table(capsys):
-    document = {"out": "", "left_out": [{"name": "y" * 99 + ".jpg", "reason": "it is empty"}]}
-    prepare_report._tell_unplaced(Console(), document)
+    document = {"left_out": [{"name": "y" * 99 + ".jpg", "reason": "it is empty"}]}
+    Console().table(["not used", "reason", ""], unused_rows(document))
     assert f"\n...{'y' * 36}.jpg  left out  it is empty\n" in capsys.readouterr().out
 
 

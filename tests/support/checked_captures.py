@@ -11,7 +11,7 @@ from PIL import Image
 from gsfw.core.datamanager import DataRequest
 from gsfw.datamanagers.blender import BlenderConfig
 from gsfw.datamanagers.colmap.config import ColmapConfig
-from gsfw.preparation.check.judgement import judge
+from gsfw.preparation.check.examination import judge
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding
 from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH, SmallCapture, write_colmap

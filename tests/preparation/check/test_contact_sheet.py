@@ -5,11 +5,10 @@ import pytest
 from PIL import Image
 from support.checked_captures import ball, with_points, write_ball
 
-from gsfw.preparation.check.contact_sheet import WIDTH, write_contact_sheet
-from gsfw.preparation.check.judgement import judge
+from gsfw.preparation.check.camera_findings import camera_findings
+from gsfw.preparation.check.contact_sheet import WIDTH, Tile, tiles_of, write_contact_sheet
+from gsfw.preparation.check.examination import judge
 from gsfw.preparation.check.map_view import HELD_OUT, TRAINED, map_views
-from gsfw.preparation.check.tile import Tile, tiles_of
-from gsfw.preparation.check.viewpoint_findings import viewpoint_findings
 from gsfw.preparation.finding import Verdict, Weight
 
 
@@ -58,7 +57,7 @@ def test_captures_of_hardly_anything_are_drawn(tmp_path, count):
     data = ColmapConfig().build(DataRequest(written.folder, eval_every_nth=0))
     survey = Survey.of(data)
     data.close()
-    assert list(viewpoint_findings(survey))
+    assert list(camera_findings(survey))
     sheet_of(survey, tmp_path / "check.png")
 
 

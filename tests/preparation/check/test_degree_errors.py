@@ -5,7 +5,7 @@ import torch
 from support.track_observations import lobe, observed
 
 from gsfw.core.maths.spherical_harmonics import num_coefficients, sh_basis
-from gsfw.preparation.check.degree_errors import DEGREES, degree_errors
+from gsfw.preparation.check.view_dependence import DEGREES, degree_errors
 
 
 def tensors(colors):

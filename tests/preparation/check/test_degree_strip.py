@@ -4,7 +4,7 @@ import numpy as np
 from support.checked_captures import write_ball
 from support.tracked_ball import track_ball
 
-from gsfw.preparation.check.degree_strip import COLORS, degree_strip
+from gsfw.preparation.check.contact_sheet import COLORS, degree_strip
 
 
 def count(strip, color):

@@ -1,53 +1,48 @@
-"""What `gsfw prepare` says: a document beside the data set, a contact sheet, and sentences."""
+"""Report of `gsfw prepare`: a document and a contact sheet beside the data set, and sentences."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PIL import Image
 
-from gsfw.commands.check_report import describe, tell_findings
-from gsfw.commands.console import Console
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
 from gsfw.datamanagers.pictures import decode, read_header
-from gsfw.plugins.settings import Settings
-from gsfw.plugins.specs import PROJECT
-from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
+from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, Tile, tiles_of, write_contact_sheet
 from gsfw.preparation.check.examination import Examination
 from gsfw.preparation.check.plan import Plan
-from gsfw.preparation.check.tile import Tile, tiles_of
+from gsfw.preparation.check.report import describe, finding_lines
 from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.finding import Finding, Verdict, Weight, sorted_findings
 from gsfw.preparation.preparation import Prepared
 from gsfw.preparation.workplace import Workplace
-
-if TYPE_CHECKING:
-    from gsfw.preparation.writing.written_data_set import WrittenDataSet
+from gsfw.preparation.writing.written_data_set import WrittenDataSet
 
 UNPLACED = COLUMNS
 """So many pictures without a camera are on the sheet: one row."""
 NAME = 40
 """So many letters of a name are in a table."""
-ROWS_SHOWN = 20
-"""So many files that are not used are listed."""
 
 
 def document_of_preparation(
-    inputs: Sequence[Path], place: Workplace, prepared: Prepared, settings: Settings | None
+    inputs: Sequence[Path], place: Workplace, prepared: Prepared, examined: Examination | None
 ) -> dict[str, Any]:
-    """Look at the data set, write the sheet and the document beside it; the document.
+    """Write the sheet and the document of a computed data set; the document.
 
     Args:
-        inputs: what was given.
-        place: where the data set is.
-        prepared: how it came to be.
-        settings: to open it with; ``None`` where there is none.
+        inputs: photos and videos as the user gave them.
+        place: the folder of the data set.
+        prepared: the outcome of all stages.
+        examined: the written data set; ``None`` where there is none.
+
+    Raises:
+        OutputError: a file cannot be written.
     """
     diagnosis = prepared.diagnosis
     body = {
@@ -57,15 +52,26 @@ def document_of_preparation(
         "seconds": {name: round(seconds, 2) for name, seconds in prepared.seconds.items()},
     }
     tiles = _unplaced(prepared)
-    return _finish([str(path) for path in inputs], place, body, diagnosis.findings, tiles, settings)
+    return _finish([str(path) for path in inputs], place, body, diagnosis.findings, tiles, examined)
 
 
 def document_of_conversion(
-    source: Settings, place: Workplace, converted: WrittenDataSet, settings: Settings
+    source: str, form: str, place: Workplace, converted: WrittenDataSet, examined: Examination
 ) -> dict[str, Any]:
-    """The same of a data set whose cameras were kept."""
-    body = {"format": source.choices["datamanager"].name, "data_set": asdict(converted)}
-    return _finish([source.config.data], place, body, (), [], settings)
+    """Write the sheet and the document of a data set whose cameras were kept; the document.
+
+    Args:
+        source: path of the data set that was converted.
+        form: its format, as the name of a data manager.
+        place: the folder of the new data set.
+        converted: the files that were written.
+        examined: the written data set.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    body = {"format": form, "data_set": asdict(converted)}
+    return _finish([source], place, body, (), [], examined)
 
 
 def _finish(
@@ -74,15 +80,14 @@ def _finish(
     body: dict[str, Any],
     findings: Sequence[Finding],
     tiles: list[Tile],
-    settings: Settings | None,
+    examined: Examination | None,
 ) -> dict[str, Any]:
-    """Add what the check says of the written data set, and write everything."""
+    """Add the check of the written data set, and write both files."""
     survey, checked, command = None, {}, ""
-    if settings is not None:
-        examined = Examination.of(settings, None)
+    if examined is not None:
         survey = examined.survey
         findings = sorted_findings([*findings, *examined.findings])
-        plan = Plan.of(survey, findings, settings.config, "")
+        plan = Plan.of(survey, findings, examined.config, "")
         command = plan.command({"data": str(place.path)})
         checked = {**describe(survey, plan), "notes": list(examined.notes)}
         tiles = [*tiles, *tiles_of(survey, findings, COLUMNS * ROWS - len(tiles), COLUMNS)]
@@ -98,7 +103,7 @@ def _finish(
         "findings": [finding.document() for finding in findings],
         "next": command if verdict is not Verdict.WILL_NOT_TRAIN else "",
         "sheet": str(place.sheet),
-        "versions": {name: metadata.version(name) for name in (PROJECT, "pycolmap")},
+        "versions": {name: metadata.version(name) for name in ("gsfw", "pycolmap")},
     }
     write_atomically(place.report, json_text(document, indent=1).encode())
     return document
@@ -130,29 +135,20 @@ def _brief(name: str) -> str:
     return name if len(name) <= NAME else f"...{name[-NAME:]}"
 
 
-def tell(console: Console, document: Mapping[str, Any]) -> None:
-    """The document for people."""
-    console.say()
-    for sentence in document.get("figures", ()):
-        console.say(sentence)
-    _tell_unplaced(console, document)
-    for note in [*document["data_set"].get("notes", ()), *document["check"].get("notes", ())]:
-        console.say(f"note: {note}")
-    tell_findings(console, document)
-    console.say(f"cameras, points and pictures: {document['sheet']}")
-    if document["next"]:
-        console.say(f"next: {document['next']}")
-
-
-def _tell_unplaced(console: Console, document: Mapping[str, Any]) -> None:
-    """A table of pictures without a camera, and of files that are no pictures."""
+def unused_rows(document: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Name, reason and explanation of images without a camera, and of files that are not used."""
     unplaced = document.get("unregistered", [])
     rows = [(_brief(item["name"]), item["reason"], item["found"]) for item in unplaced]
-    rows += [
+    return rows + [
         (_brief(item["name"]), "left out", item["reason"]) for item in document.get("left_out", [])
     ]
-    if not rows:
-        return
-    console.table(["not used", "reason", ""], rows[:ROWS_SHOWN])
-    if len(rows) > ROWS_SHOWN:
-        console.say(f"and {len(rows) - ROWS_SHOWN} more: {Path(document['out']) / 'prepare.json'}")
+
+
+def result_lines(document: Mapping[str, Any]) -> Iterator[str]:
+    """Lines for people: notes, findings, the verdict, the sheet and the next command."""
+    for note in [*document["data_set"].get("notes", ()), *document["check"].get("notes", ())]:
+        yield f"note: {note}"
+    yield from finding_lines(document)
+    yield f"cameras, points and pictures: {document['sheet']}"
+    if document["next"]:
+        yield f"next: {document['next']}"

@@ -1,23 +1,47 @@
-"""What `gsfw check` says: a document for programs, and a table and sentences for people."""
+"""Report of `gsfw check`: a document for programs, and its rows and sentences for people."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from gsfw.commands.console import Console
+from gsfw.core.errors import DataError
+from gsfw.preparation.check.examination import Examination
 from gsfw.preparation.check.plan import Plan, plain_background
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.check.time_findings import cameras_at_times, still_share
-from gsfw.preparation.check.track_places import MIN_VIEWS
+from gsfw.preparation.check.track_colors import MIN_VIEWS
 from gsfw.preparation.check.view_dependence import MIN_POINTS
+from gsfw.preparation.finding import Finding, Verdict, Weight
 
 MILLION = 1_000_000
 WEIGHTS = {"stop": "Will not train", "limit": "Limit", "note": "Note"}
-"""How sentences about a finding begin."""
+"""First words of the sentence about a finding, by its weight."""
+
+
+def report(examined: Examination, plan: Plan) -> dict[str, Any]:
+    """The document of a data set that can be opened, without its path, command and sheet."""
+    return {
+        "verdict": Verdict.of(examined.findings).value,
+        **describe(examined.survey, plan),
+        "notes": list(examined.notes),
+        "findings": [finding.document() for finding in examined.findings],
+    }
+
+
+def report_unreadable(error: DataError) -> dict[str, Any]:
+    """The document of a data set whose format is recognised and that cannot be opened."""
+    finding = Finding(
+        kind="cannot be read",
+        weight=Weight.STOP,
+        found=error.message,
+        why="Training ends with this error.",
+        advice=error.advice or "See gsfw info, and docs/data.md for what a format needs.",
+    )
+    return {"verdict": Verdict.of([finding]).value, "findings": [finding.document()]}
 
 
 def describe(survey: Survey, plan: Plan) -> dict[str, Any]:
@@ -101,34 +125,15 @@ def _neighbor_angle(survey: Survey) -> float | None:
     return round(float(np.nanmedian(nearest)), 1) if np.isfinite(nearest).any() else None
 
 
-def tell(console: Console, document: Mapping[str, Any]) -> None:
-    """The document for people: a table, a sentence for each finding, the verdict, what is next."""
-    title = f"{document['path'] or 'the built-in scene'}: {document['format']}"
-    if "views_train" in document:
-        console.table(["", ""], _rows(document), title)
-        console.say(_sample(document))
-        if document["view_dependence"]:
-            console.say(document["view_dependence"]["advice"])
-    else:
-        console.say(title)
-    for note in document.get("notes", ()):
-        console.say(f"note: {note}")
-    tell_findings(console, document)
-    if document["sheet"]:
-        console.say(f"cameras, points and pictures: {document['sheet']}")
-    if document["next"] and document["verdict"] != "will not train":
-        console.say(f"next: {document['next']}")
-
-
-def tell_findings(console: Console, document: Mapping[str, Any]) -> None:
-    """A sentence for each finding, and the verdict."""
+def finding_lines(document: Mapping[str, Any]) -> Iterator[str]:
+    """Lines for people: each finding with its reason and advice, and the verdict."""
     for finding in document["findings"]:
-        console.say()
-        console.say(f"{WEIGHTS[finding['weight']]} - {finding['kind']}: {finding['found']}")
-        console.say(f"  {finding['why']}")
-        console.say(f"  {finding['advice']}")
-    console.say()
-    console.say(f"verdict: {document['verdict']}{_summary(document)}")
+        yield ""
+        yield f"{WEIGHTS[finding['weight']]} - {finding['kind']}: {finding['found']}"
+        yield f"  {finding['why']}"
+        yield f"  {finding['advice']}"
+    yield ""
+    yield f"verdict: {document['verdict']}{_summary(document)}"
 
 
 def _summary(document: Mapping[str, Any]) -> str:
@@ -139,7 +144,8 @@ def _summary(document: Mapping[str, Any]) -> str:
     return f" ({', '.join(kinds)})" if kinds else ""
 
 
-def _sample(document: Mapping[str, Any]) -> str:
+def sample_line(document: Mapping[str, Any]) -> str:
+    """A sentence on the number of decoded images."""
     tried, total = document["pictures_decoded"], document["pictures"]
     if tried == total:
         return f"All {total} pictures were decoded."
@@ -149,8 +155,8 @@ def _sample(document: Mapping[str, Any]) -> str:
     )
 
 
-def _rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The table."""
+def table_rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names and values of the figures, for a table."""
     rows = [
         (
             "pictures",
