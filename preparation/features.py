@@ -21,9 +21,10 @@ from typing import Any
 from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text
-from gsfw.datamanagers.picture_quality import MEASURED_SIDE, PictureQuality
+from gsfw.preparation.blur import ImageBlur
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
+from gsfw.preparation.image_quality import MEASURED_SIDE, PictureQuality
 from gsfw.preparation.picture_set import PictureSet
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.sift import PictureFeatures, PictureTask, find_features, start_worker
@@ -75,6 +76,11 @@ class FeatureReport:
         """
         quality = PictureQuality(**document["quality"])
         return FeatureReport(**{**document, "quality": quality})
+
+    @property
+    def blur(self) -> ImageBlur:
+        """The measurements that tell whether the image is blurred."""
+        return ImageBlur(self.quality, self.blur_direction, self.blur_ratio)
 
 
 @dataclasses.dataclass(frozen=True)

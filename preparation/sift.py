@@ -13,9 +13,9 @@ from jaxtyping import Float32, UInt8
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.area import shrink
-from gsfw.datamanagers.picture_quality import PictureQuality
 from gsfw.datamanagers.pictures import Header, decode
 from gsfw.preparation.blur import direction_of_blur
+from gsfw.preparation.image_quality import PictureQuality
 from gsfw.preparation.native_signals import load_colmap
 from gsfw.preparation.parent_process import end_with_parent
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import fft
 
-from gsfw.datamanagers.picture_quality import EMPTY
+from gsfw.preparation.image_quality import EMPTY
 
 SIDE = 160
 """The longer side of the pictures that are compared, in pixels."""

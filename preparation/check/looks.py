@@ -14,8 +14,8 @@ from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import DataError
 from gsfw.core.loop.area import shrink_batch
 from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.picture_quality import MEASURED_SIDE, PictureQuality
 from gsfw.preparation.check.viewpoints import Viewpoints
+from gsfw.preparation.image_quality import MEASURED_SIDE, PictureQuality
 
 PREVIEW_SIDE = 400
 """What is kept of each picture has this long a side."""
@@ -40,14 +40,10 @@ class Look:
     """Small; over white where it has alpha."""
     print: Float[np.ndarray, "q q"]
     """Smaller still, and grey."""
-    sharpness: float
-    """Variance of the Laplacian of what counts, in grey levels of [0, 1]."""
-    brightness: float
-    """Mean of what counts."""
+    quality: PictureQuality
+    """Quality of the pixels that count."""
     contrast: float
     """Standard deviation of all valid pixels."""
-    clipped: float
-    """Part of what counts that is nearly white or nearly black in every channel."""
     border: str
     """White or black where a good part of the border is; else empty."""
     valid: float
@@ -117,7 +113,6 @@ def _look(view: int, batch: Batch) -> Look:
     counts = valid & (coverage > 0.5) & ~_background(shown, border)
     counts = counts if counts.any() else valid
     grey = shown.mean(2)
-    quality = PictureQuality.of(shown, counts)
     small = _at_most(batch, PREVIEW_SIDE)
     rows, columns = small.images.shape[1:3]
     square = shrink_batch(small, min(PRINT, columns), min(PRINT, rows))
@@ -125,10 +120,8 @@ def _look(view: int, batch: Batch) -> Look:
         view=view,
         preview=small.target(torch.ones(3))[0].numpy().astype(np.float64),
         print=square.target(torch.ones(3))[0].numpy().mean(2).astype(np.float64),
-        sharpness=quality.sharpness,
-        brightness=quality.brightness,
+        quality=PictureQuality.of(shown, counts),
         contrast=float(grey[valid].std()) if valid.any() else 0.0,
-        clipped=quality.clipped,
         border=border,
         valid=float(valid.mean()),
         covered=float(coverage.mean()),

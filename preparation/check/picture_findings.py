@@ -6,13 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.datamanagers.picture_quality import BLURRED, CLIPPED, EMPTY, SOFT, lit_sharpness
+from gsfw.preparation.blur import blur_findings
 from gsfw.preparation.check.looks import Look
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.image_quality import CLIPPED, EMPTY
 
-MANY_BLURRED = 0.3
-"""Part of the pictures: so many that leaving them out is no answer."""
 UNEVEN = 0.1
 """Standard deviation of the logarithm of brightness at the same points: fox has 0.02, plush 0.04,
 and a camera that halves its exposure for some pictures 0.2 and more."""
@@ -70,51 +69,21 @@ def _textured(survey: Survey) -> list[Look]:
 
 
 def _blur(survey: Survey) -> Iterator[Finding]:
-    looks = _textured(survey)
-    if not looks:
-        return
-    light = float(np.median([look.brightness for look in looks]))
-    # Dark pictures are another finding.
-    sharpness = np.array([lit_sharpness(look.sharpness, look.brightness, light) for look in looks])
-    middle = float(np.median(sharpness))
-    if middle < SOFT:
-        yield Finding(
-            "all blurred",
-            Weight.LIMIT,
-            f"The typical picture has hardly an edge (variance of its Laplacian {middle:.1g}).",
-            "The result can be no sharper than its pictures, and poses from them are uncertain.",
-            "Take pictures with more light and a steady camera; shrunk ones (downscale=2) lose "
-            "nothing then.",
-        )
-        return
-    order = np.argsort(sharpness)
-    blurred = [looks[i] for i in order if sharpness[i] < BLURRED * middle]
-    if blurred:
-        names = survey.viewpoints.named([look.view for look in blurred])
-        yield Finding(
-            "blurred pictures",
-            Weight.LIMIT,
-            f"{len(blurred)} of {len(looks)} pictures have less than {100 * BLURRED:.0f} % of the "
-            f"usual sharpness, the worst {100 * sharpness.min() / middle:.0f} %: {listed(names)}.",
-            "They pull the result towards their blur.",
-            "Take the capture again with a shorter exposure."
-            if len(blurred) > MANY_BLURRED * len(looks)
-            else "Leave them out.",
-            names,
-        )
+    names = survey.viewpoints.names
+    yield from blur_findings([(names[look.view], look.quality) for look in _textured(survey)])
 
 
 def _clipped(survey: Survey) -> Iterator[Finding]:
     looks = _textured(survey)
-    worst = sorted(looks, key=lambda look: -look.clipped)
-    clipped = [look for look in worst if look.clipped > CLIPPED]
+    worst = sorted(looks, key=lambda look: -look.quality.clipped)
+    clipped = [look for look in worst if look.quality.clipped > CLIPPED]
     if clipped:
         names = survey.viewpoints.named([look.view for look in clipped])
         yield Finding(
             "clipped pictures",
             Weight.LIMIT,
             f"{len(clipped)} of {len(looks)} pictures are pure white or black in up to "
-            f"{100 * clipped[0].clipped:.0f} % of what counts: {listed(names)}.",
+            f"{100 * clipped[0].quality.clipped:.0f} % of what counts: {listed(names)}.",
             "Nothing is left there that depth could be found from.",
             "Expose for the bright parts; mask what is plain, or name it as background=.",
             names,
@@ -126,7 +95,7 @@ def _uneven(survey: Survey) -> Iterator[Finding]:
     if agreement is not None:
         gains, limit, how = agreement.gains, UNEVEN, "at the same points"
     else:
-        gains = np.array([look.brightness for look in looks])
+        gains = np.array([look.quality.brightness for look in looks])
         gains = gains / max(float(np.median(gains)), 1e-6) if len(gains) else gains
         limit, how = UNEVEN_WITHOUT_POINTS, "as a whole"
     known = np.flatnonzero(np.isfinite(gains) & (gains > 1e-3))

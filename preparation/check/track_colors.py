@@ -20,8 +20,8 @@ from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager
 from gsfw.core.loop.area import shrink_batch
 from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.picture_quality import MEASURED_SIDE
 from gsfw.preparation.check.viewpoints import Viewpoints
+from gsfw.preparation.image_quality import MEASURED_SIDE
 
 SIGMA = 1.5
 """Of the Gaussian in pixels, in the picture that shows the surface coarsest: COLMAP keeps matches

@@ -11,7 +11,7 @@ from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component, MatchGraph
 from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
-from gsfw.preparation.diagnosis.usual import Usual, usual_of
+from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.native_errors import readable_native_errors
 from gsfw.preparation.picture_set import PictureSet
@@ -73,7 +73,7 @@ class Evidence:
     @cached_property
     def usual(self) -> Usual:
         """What pictures of this capture are like when nothing is wrong with them."""
-        return usual_of(self.features, self.registered)
+        return Usual.of(self.features, self.registered)
 
     @cached_property
     def unregistered(self) -> tuple[Unregistered, ...]:

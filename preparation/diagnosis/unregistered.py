@@ -11,12 +11,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from gsfw.datamanagers.picture_quality import BLURRED, EMPTY, SOFT
-from gsfw.preparation.blur import DIRECTED
 from gsfw.preparation.diagnosis.link import JOINED, LEAST, Link
 from gsfw.preparation.diagnosis.match_graph import Bridge, MatchGraph
-from gsfw.preparation.diagnosis.usual import Usual, usual_of
+from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
+from gsfw.preparation.image_quality import EMPTY, SOFT
 from gsfw.preparation.picture_set import PictureSet
 
 DARK, BRIGHT = 0.05, 0.95
@@ -24,12 +23,6 @@ DARK, BRIGHT = 0.05, 0.95
 light it has 0.01 and not one feature."""
 CLIPPED = 0.5
 """Part that is pure black or white and leaves too little; the shared photos have below 0.02."""
-PLAIN = 0.4
-"""Of the usual contrast: walls with a shade of light have 0.16 to 0.2; a blur of 12 pixels, another
-thing, leaves 0.9."""
-DIRECTED_BLUR = 0.7
-"""Of the usual sharpness: motion leaves edges along it sharp, so that less is lost than by other
-blur of the same size."""
 FEW = 100
 """Features: of two neighbouring photos of fox a third match; a blur of 4 pixels leaves 541 features
 and 233 matches, one of 12 pixels 65 and none."""
@@ -153,13 +146,13 @@ class Inquiry:
     @cached_property
     def usual(self) -> Usual:
         """What pictures of this capture are like when nothing is wrong with them."""
-        return usual_of(self.features, self.placed)
+        return Usual.of(self.features, self.placed)
 
     def _exposure(self, name: str) -> Unregistered | None:
         quality = self.features[name].quality
         # An object before black or white may well be clipped around it in all pictures.
         clipped = quality.clipped > CLIPPED and not (
-            self.placed and quality.clipped < self.usual.clipped + CLIPPED / 2
+            self.placed and quality.clipped < self.usual.quality.clipped + CLIPPED / 2
         )
         if not (clipped or quality.brightness < DARK or quality.brightness > BRIGHT):
             return None
@@ -180,32 +173,35 @@ class Inquiry:
             found = f"It is of one colour; {self._count(name)}."
             advice = "Look at the file: it should show something, or else be left out."
             return self._because(name, "empty", found, advice)
-        if quality.contrast < PLAIN * self.usual.contrast and self._has_few(report):
+        if self.usual.quality.is_plain(quality) and self._has_few(report):
             return self._because(
                 name,
                 "few features",
                 "It shows a plain surface, with "
-                f"{_percent(quality.contrast / self.usual.contrast)} of the usual contrast; "
+                f"{_percent(quality.contrast / self.usual.quality.contrast)} of the usual "
+                "contrast; "
                 f"{self._count(name)}.",
                 "Include something with texture: step back, or put patterned things there.",
             )
         return None
 
     def _blur(self, name: str) -> Unregistered | None:
-        report = self.features[name]
-        sharpness = self.usual.sharpness_of(report.quality)
-        share = self.usual.share_of_sharpness(report.quality)
-        moved = report.blur_ratio < DIRECTED and share < DIRECTED_BLUR
-        if not (moved or share < BLURRED or sharpness < SOFT):
+        report, usual = self.features[name], self.usual.quality
+        kind = report.blur.kind(usual)
+        if kind == "sharp":
             return None
-        found = f"It has {_percent(share)} of the usual sharpness"
-        if sharpness < SOFT and share >= BLURRED:
+        sharpness = usual.sharpness_of(report.quality)
+        found = (
+            f"It has {_percent(usual.share_of_sharpness(report.quality))} of the usual sharpness"
+        )
+        if sharpness < SOFT and not usual.is_blurred(report.quality):
             found = f"It has hardly an edge (variance of its Laplacian {sharpness:.1g})"
+        moved = kind == "motion blur"
         if moved:
             found += f", and least along {report.blur_direction or 0:.0f} degrees"
         return self._because(
             name,
-            "motion blur" if moved else "blurred",
+            kind,
             f"{found}; {self._count(name)}.",
             "Take such pictures again with a shorter exposure, more light or a slower movement."
             if moved

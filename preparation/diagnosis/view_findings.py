@@ -6,23 +6,15 @@ Blur, exposure and copies among placed pictures are told by ``gsfw check``, whic
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
-from gsfw.datamanagers.picture_quality import SOFT
-from gsfw.preparation.blur import DIRECTED
+from gsfw.preparation.blur import all_blurred, motion_findings
 from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
-from gsfw.preparation.diagnosis.unregistered import DIRECTED_BLUR, PLAIN, is_copy
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.diagnosis.unregistered import is_copy
+from gsfw.preparation.finding import Finding, Weight
+from gsfw.preparation.image_quality import SOFT
 
-MANY = 0.1
-"""Part of the pictures that matters."""
-MOST_MOVED = 0.5
-"""Part of the pictures from which on a directed blur is the usual one; below, it has to make a
-picture less sharp than others, since single edges have a direction as well."""
-ALIKE = 20.0
-"""Degrees between the directions of blur of two pictures that moved along one line."""
 FEWEST_VIEWS = 3
 """Different views without which there is nothing to compute."""
 MOST_TURNED = 0.6
@@ -39,66 +31,19 @@ FEW_PAIRS = 3
 
 def view_findings(evidence: Evidence) -> Iterator[Finding]:
     """Everything that pictures and pairs of them show."""
-    yield from _soft(evidence)
-    yield from _motion_blur(evidence)
+    yield from _blur(evidence)
     yield from _one_view(evidence)
     yield from _turns_or_plane(evidence)
     yield from _still(evidence)
 
 
-def _soft(evidence: Evidence) -> Iterator[Finding]:
-    """Where there is a model, the check tells how sharp its pictures are."""
-    sharpness = evidence.usual.sharpness
-    if evidence.registered or not 0 < sharpness < SOFT:
-        return
-    yield Finding(
-        "whole capture blurred",
-        Weight.LIMIT,
-        "Three of four pictures have hardly an edge (variance of the Laplacian below "
-        f"{sharpness:.1g}).",
-        "Features of blurred pictures are few, and where they are is uncertain.",
-        "Take the capture again with more light, a shorter exposure and a steady camera.",
-    )
-
-
-def _motion_blur(evidence: Evidence) -> Iterator[Finding]:
-    moved = []
-    for name in evidence.graph.names:
-        report = evidence.features[name]
-        # The stripes of a plain thing have a direction as well.
-        plain = report.quality.contrast < PLAIN * evidence.usual.contrast
-        if report.blur_direction is not None and report.blur_ratio < DIRECTED and not plain:
-            moved.append(name)
-    if len(moved) <= MOST_MOVED * evidence.given:
-        usual = evidence.usual
-        moved = [
-            name
-            for name in moved
-            if usual.share_of_sharpness(evidence.features[name].quality) < DIRECTED_BLUR
-        ]
-    if not moved:
-        return
-    ratios = {name: evidence.features[name].blur_ratio for name in moved}
-    directions = {name: evidence.features[name].blur_direction or 0.0 for name in moved}
-    numbers = {name: number for number, name in enumerate(evidence.graph.names)}
-    same = sum(
-        numbers[after] == numbers[before] + 1
-        and abs((directions[after] - directions[before] + 90) % 180 - 90) < ALIKE
-        for before, after in pairwise(moved)
-    )
-    line = f"; {same} of them along the same line as the picture before" if same else ""
-    worst = tuple(sorted(moved, key=lambda name: ratios[name]))
-    yield Finding(
-        "motion blur",
-        Weight.LIMIT if len(moved) > MANY * evidence.given else Weight.NOTE,
-        f"{len(moved)} of {evidence.given} pictures lack fine detail in one direction, down to "
-        f"{100 * ratios[worst[0]]:.0f} % of that across{line}: {listed(worst)}.",
-        "The camera, or what it looked at, moved while the shutter was open: edges are smeared, "
-        "and features sit beside where they should.",
-        "Use a shorter exposure or more light, or move more slowly; leave the worst out if others "
-        "show the same.",
-        worst,
-    )
+def _blur(evidence: Evidence) -> Iterator[Finding]:
+    """Motion blur; and blur of all images, where no model is left for the check to judge."""
+    usual = evidence.usual.quality
+    if not evidence.registered and 0 < usual.sharpness < SOFT:
+        yield all_blurred(usual)
+    images = {name: evidence.features[name].blur for name in evidence.graph.names}
+    yield from motion_findings(images, usual)
 
 
 def _one_view(evidence: Evidence) -> Iterator[Finding]:

@@ -12,12 +12,12 @@ from scipy.spatial import cKDTree
 from support import captured
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
-from gsfw.datamanagers.picture_quality import PictureQuality
 from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.preparation import features
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
+from gsfw.preparation.image_quality import PictureQuality
 from gsfw.preparation.picture_set import PictureSet, SourcePicture
 from gsfw.preparation.progress import Progress, Silent
 from gsfw.preparation.sift import PictureFeatures, PictureTask, find_features

@@ -6,12 +6,12 @@ import pycolmap
 import pytest
 
 from gsfw.core.errors import ConfigError
-from gsfw.datamanagers.picture_quality import PictureQuality
 from gsfw.datamanagers.pictures import Header
 from gsfw.preparation import pairs
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.feature_database import FeatureDatabase
+from gsfw.preparation.image_quality import PictureQuality
 from gsfw.preparation.pairs import MatchingRule, PairPlan, plan_pairs
 from gsfw.preparation.picture_set import PictureSet, SourcePicture
 from gsfw.preparation.progress import Silent

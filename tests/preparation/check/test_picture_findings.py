@@ -47,7 +47,7 @@ def test_bad_pictures_are_named(written, kind, edit):
 def test_a_capture_that_is_blurred_as_a_whole_is_told(written):
     written.change(range(24), lambda pixels: blurred(blurred(blurred(pixels))))
     found = written.findings()
-    assert "all blurred" in found
+    assert "all pictures blurred" in found
     assert "blurred pictures" not in found
 
 

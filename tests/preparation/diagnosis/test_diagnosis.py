@@ -14,7 +14,6 @@ from support.captured import arc, photos
 
 from gsfw.core.files.json_text import json_text
 from gsfw.core.maths.camera_path import look_at
-from gsfw.datamanagers.picture_quality import PictureQuality
 from gsfw.datamanagers.pictures import Header
 from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
@@ -35,6 +34,7 @@ from gsfw.preparation.diagnosis.view_findings import view_findings
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
 from gsfw.preparation.finding import Finding, Verdict, Weight
+from gsfw.preparation.image_quality import PictureQuality
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.matching import match_pairs
@@ -164,7 +164,7 @@ def test_a_capture_that_is_all_blurred_says_so(tmp_path, sharp):
     assert set(reasons(diagnosis).values()) == {"blurred"}
     assert diagnosis.findings[0].found == "None of 5 pictures could be placed: blurred (5)."
     assert diagnosis.findings[0].advice == "Take such pictures again in focus."
-    assert kinds(diagnosis) == {"no cameras": Weight.STOP, "whole capture blurred": Weight.LIMIT}
+    assert kinds(diagnosis) == {"no cameras": Weight.STOP, "all pictures blurred": Weight.LIMIT}
     assert diagnosis.model is None
     assert diagnosis.figures == ()
 

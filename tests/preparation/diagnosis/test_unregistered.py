@@ -1,12 +1,12 @@
 from pathlib import Path
 
-from gsfw.datamanagers.picture_quality import PictureQuality
 from gsfw.datamanagers.pictures import Header
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
 from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport
+from gsfw.preparation.image_quality import PictureQuality
 from gsfw.preparation.picture_set import PictureSet, SourcePicture
 
 PLACED = ("a", "b", "c")
