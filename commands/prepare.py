@@ -144,7 +144,7 @@ def _check_colmap() -> None:
     Raises:
         UnavailableError: it cannot.
     """
-    from gsfw.preparation.native_signals import load_colmap
+    from gsfw.preparation.native import load_colmap
 
     try:
         load_colmap()
@@ -184,7 +184,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
     from gsfw.preparation.preparation import PreparationRule
-    from gsfw.preparation.writing.output_rule import OutputRule
+    from gsfw.preparation.writing.picture_output import OutputRule
 
     if options.jobs < 0:
         raise ConfigError(f"jobs={options.jobs}: expected 0 (all cores) or more.")
@@ -256,7 +256,7 @@ def _prepare(
 ) -> dict[str, Any]:
     """Compute cameras; the document."""
     from gsfw.commands.stage_bars import StageBars
-    from gsfw.preparation.native_log import log_into
+    from gsfw.preparation.native import log_into
     from gsfw.preparation.preparation import Preparation
     from gsfw.preparation.report import document_of_preparation
 

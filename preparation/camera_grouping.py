@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.lens import COEFFICIENTS
-from gsfw.preparation.camera_group import CameraGroup
 from gsfw.preparation.picture_set import PictureSet, SourcePicture
 
 ONE, PER_FOLDER, PER_PICTURE = "one", "per-folder", "per-picture"
@@ -139,3 +138,22 @@ def _first_focal(pictures: Sequence[SourcePicture], rule: CameraRule) -> tuple[f
     if known:
         return statistics.median(known), "EXIF"
     return USUAL_FOCAL * max(width, height), ""
+
+
+@dataclass(frozen=True)
+class CameraGroup:
+    """What is known of one camera before anything is computed."""
+
+    number: int
+    """Counted from 1; COLMAP's camera id."""
+    model: str
+    """One of COLMAP's camera models, such as SIMPLE_RADIAL."""
+    width: int
+    """Pixels of the upright pictures."""
+    height: int
+    focal: float
+    """First guess, in pixels."""
+    focal_origin: str
+    """Where the guess comes from: "EXIF", "given", or "" for a usual one."""
+    pictures: tuple[str, ...]
+    """Names, in the order of the set."""

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gsfw.core.files.atomic import readable_write_errors
-from gsfw.preparation.camera_group import CameraGroup
-from gsfw.preparation.disk_room import check_room
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.camera_grouping import CameraGroup
+from gsfw.preparation.disk import check_room
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.picture_set import PictureSet
 from gsfw.preparation.sift import PictureFeatures
 

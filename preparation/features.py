@@ -22,7 +22,7 @@ from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text
 from gsfw.preparation.blur import ImageBlur
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import MEASURED_SIDE, PictureQuality
 from gsfw.preparation.picture_set import PictureSet

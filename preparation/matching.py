@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from gsfw.preparation.cancellation import cancellable
-from gsfw.preparation.disk_room import check_room
+from gsfw.preparation.disk import check_room
 from gsfw.preparation.match_list import Pair, listable_names, restore_names, write_match_list
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.pairs import PairPlan
 from gsfw.preparation.progress import Progress
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.match_list import Pair
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.picture_set import PictureSet, SourcePicture
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.retrieval import look_alikes

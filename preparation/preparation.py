@@ -29,10 +29,10 @@ from gsfw.preparation.progress import Progress
 from gsfw.preparation.retrieval import check_vocabulary
 from gsfw.preparation.source import read_source
 from gsfw.preparation.workplace import Workplace
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.picture_output import OutputRule
 
 if TYPE_CHECKING:
-    from gsfw.preparation.camera_group import CameraGroup
+    from gsfw.preparation.camera_grouping import CameraGroup
     from gsfw.preparation.diagnosis.diagnosis import Diagnosis
     from gsfw.preparation.mapping.mapping import Mapping
 

@@ -22,7 +22,7 @@ from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.finding import Finding, Verdict, Weight, sorted_findings
 from gsfw.preparation.preparation import Prepared
 from gsfw.preparation.workplace import Workplace
-from gsfw.preparation.writing.written_data_set import WrittenDataSet
+from gsfw.preparation.writing.written_files import WrittenDataSet
 
 UNPLACED = COLUMNS
 """So many pictures without a camera are on the sheet: one row."""

@@ -20,7 +20,7 @@ from jaxtyping import Float32
 
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.cancellation import cancellable
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.progress import Progress
 
 if TYPE_CHECKING:

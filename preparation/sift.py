@@ -15,9 +15,9 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.area import shrink
 from gsfw.datamanagers.pictures import Header, decode
 from gsfw.preparation.blur import direction_of_blur
+from gsfw.preparation.cancellation import end_with_parent
 from gsfw.preparation.image_quality import PictureQuality
-from gsfw.preparation.native_signals import load_colmap
-from gsfw.preparation.parent_process import end_with_parent
+from gsfw.preparation.native import load_colmap
 
 if TYPE_CHECKING:
     from pycolmap import FeatureExtractor

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import statistics
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
@@ -12,18 +13,26 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.detection import VIDEOS
 from gsfw.datamanagers.pictures import EXTENSIONS
 from gsfw.datamanagers.video import is_video
+from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
-from gsfw.preparation.file_copies import find_copies
 from gsfw.preparation.finding import listed
 from gsfw.preparation.foreign_formats import HEIC, HEIC_EXTENSIONS, RAW
 from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
-from gsfw.preparation.picture_file import KNOWN, PictureFile, empty, examine
-from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.picture_file import (
+    KNOWN,
+    PictureFile,
+    empty,
+    examine,
+    has_right_suffix,
+    unique_names,
+    with_right_suffix,
+)
 from gsfw.preparation.picture_set import LeftOut, PictureSet, SourcePicture
-from gsfw.preparation.source_notes import notes_on
 
 LIVE_CLIP = ".mov"
 """iPhones write such clips beside photos; other cameras put posters of the name beside videos."""
+SMALL = 0.25
+"""Pictures whose longer edge is a smaller part of the median one may be thumbnails."""
 
 
 @dataclass(frozen=True)
@@ -149,3 +158,51 @@ def _nothing(
             advice or [f"Give a folder of {KNOWN} pictures, or a video ({', '.join(VIDEOS)})."]
         ),
     )
+
+
+def notes_on(
+    found: Sequence[PictureFile], pictures: Sequence[SourcePicture], others: Sequence[InputFile]
+) -> Iterator[str]:
+    """Clauses without a period.
+
+    Args:
+        found: files that hold pictures.
+        pictures: what became of each.
+        others: files that do not claim to be pictures.
+    """
+    names = {look.file: picture.name for look, picture in zip(found, pictures, strict=True)}
+    misnamed = [look for look in found if not has_right_suffix(look.file.name, look.content)]
+    if misnamed:
+        renamed = tuple(f"{look.file.name} -> {names[look.file]}" for look in misnamed)
+        yield f"named by content, not by extension: {listed(renamed)}"
+    clashing = tuple(
+        f"{look.file.name} -> {names[look.file]}"
+        for look in found
+        if look not in misnamed and look.file.name != names[look.file]
+    )
+    if clashing:
+        yield f"renamed, since some disks take two names for one: {listed(clashing)}"
+    paged = tuple(f"{look.file.name} ({look.pages})" for look in found if look.pages > 1)
+    if paged:
+        yield f"the first picture is used of files that hold several: {listed(paged)}"
+    yield from _on_small(pictures)
+    if others:
+        kinds = tuple(sorted({file.path.suffix.lower() or "no extension" for file in others}))
+        yield f"files that hold no picture are not used: {len(others)} ({listed(kinds)})"
+
+
+def _on_small(pictures: Sequence[SourcePicture]) -> Iterator[str]:
+    if not pictures:
+        return
+    edges = [max(picture.header.width, picture.header.height) for picture in pictures]
+    median = statistics.median_low(edges)
+    small = tuple(
+        f"{picture.name} ({picture.header.width}x{picture.header.height})"
+        for picture, edge in zip(pictures, edges, strict=True)
+        if edge < SMALL * median
+    )
+    if small:
+        yield (
+            f"much smaller than the usual {median} pixels, perhaps thumbnails, which are better "
+            f"removed: {listed(small)}"
+        )

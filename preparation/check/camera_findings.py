@@ -1,4 +1,4 @@
-"""What the places of the cameras say: how many there are, how they spread, what they leave out."""
+"""Findings about the cameras: their number, poses, neighbours, focal lengths and pixels."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SQUARE = 0.05
 
 
 def camera_findings(survey: Survey) -> Iterator[Finding]:
-    """Everything that the cameras alone show."""
+    """All findings about poses and intrinsics."""
     yield from _number(survey)
     yield from _spread(survey)
     yield from _neighbors(survey)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component, MatchGraph
 from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
 from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.picture_set import PictureSet
 
 

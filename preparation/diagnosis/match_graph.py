@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import sparse
 
-from gsfw.preparation.diagnosis.feature_places import FeaturePlaces
-from gsfw.preparation.diagnosis.link import Link
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.diagnosis.link import FeaturePlaces, Link
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.picture_set import PictureSet
 
 CHANCE = 25

@@ -18,7 +18,7 @@ from gsfw.core.files.atomic import readable_write_errors
 from gsfw.preparation.cancellation import PATIENCE
 from gsfw.preparation.mapping.incremental_mapping import SEED, SMALLEST, Models, solid
 from gsfw.preparation.mapping.mapping_rule import MappingRule
-from gsfw.preparation.native_errors import native_failure
+from gsfw.preparation.native import native_failure
 
 TASK = "compute camera poses at once"
 LOG = "log/global-mapping.log"

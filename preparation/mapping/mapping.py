@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import readable_write_errors
-from gsfw.preparation.mapping.covisibility import cut_loose
 from gsfw.preparation.mapping.global_mapping import run_global
 from gsfw.preparation.mapping.incremental_mapping import (
     RELAXED,
@@ -23,7 +22,8 @@ from gsfw.preparation.mapping.incremental_mapping import (
 )
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.merging import adjusted, is_as_precise, merge_models
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.mapping.observations import cut_loose
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.progress import Advance, Progress
 
 if TYPE_CHECKING:

@@ -18,10 +18,14 @@ from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.writing.conversion_notes import SPLIT_LIST, conversion_notes, write_split_list
 from gsfw.preparation.writing.converted_frame import FrameTask, tasks_of
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.picture_output import OutputRule
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
-from gsfw.preparation.writing.written_data_set import WrittenDataSet
-from gsfw.preparation.writing.written_files import check_sources_stay, place_model, start_over
+from gsfw.preparation.writing.written_files import (
+    WrittenDataSet,
+    check_sources_stay,
+    place_model,
+    start_over,
+)
 
 LAYOUTS = ("auto", "colmap", "transforms")
 AS_GIVEN = OutputRule("keep")

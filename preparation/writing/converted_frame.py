@@ -15,7 +15,7 @@ from gsfw.datamanagers.frames import Frame
 from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.pictures import Header, decode, fit_mask, load_mask
 from gsfw.datamanagers.warp import MapCache, Warp
-from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.picture_file import unique_names, with_right_suffix
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
 from gsfw.preparation.writing.written_files import MASKS, PICTURES

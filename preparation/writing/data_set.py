@@ -17,7 +17,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.pictures import decode
 from gsfw.datamanagers.warp import MapCache
-from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.picture_file import unique_names, with_right_suffix
 from gsfw.preparation.picture_set import PictureSet, SourcePicture
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.writing.camera_plan import CameraPlan
@@ -27,13 +27,17 @@ from gsfw.preparation.writing.moved_model import (
     lens_of_camera,
     moved_model,
 )
-from gsfw.preparation.writing.output_rule import OutputRule
-from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
+from gsfw.preparation.writing.picture_output import (
+    OutputRule,
+    PictureChange,
+    StoredPicture,
+    encoded_mask,
+)
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
-from gsfw.preparation.writing.written_data_set import WrittenDataSet
 from gsfw.preparation.writing.written_files import (
     MASKS,
     PICTURES,
+    WrittenDataSet,
     check_sources_stay,
     place_model,
     start_over,

@@ -12,6 +12,7 @@ from jaxtyping import Bool, UInt8
 from PIL import Image
 from PIL.ExifTags import Base
 
+from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.pictures import FORMATS, Header, fit_picture
 from gsfw.datamanagers.warp import MapCache, Warp
 from gsfw.preparation.writing.camera_plan import CameraPlan
@@ -22,6 +23,7 @@ FORMAT_OF_VIDEOS = "JPEG"
 """Of their pictures: they have lost already what a JPEG of high quality loses."""
 LONGEST_EXIF = 65_000
 """Bytes; a JPEG has room for 65,533."""
+LENSES = ("pinhole", "keep")
 
 
 @dataclass(frozen=True)
@@ -148,3 +150,24 @@ def _exif(image: Image.Image) -> bytes:
     except Exception:  # Pillow raises whatever a broken tag makes it.
         return b""
     return content if len(content) <= LONGEST_EXIF else b""
+
+
+@dataclass(frozen=True)
+class OutputRule:
+    """What the user chose."""
+
+    lens: str = "pinhole"
+    """pinhole (pictures are undistorted to PINHOLE), or keep (lenses and files stay)."""
+    jpeg_quality: int = 95
+    """Of JPEG files that are written anew."""
+
+    def check(self) -> None:
+        """Check the values.
+
+        Raises:
+            ConfigError: one of them makes no sense.
+        """
+        if self.lens not in LENSES:
+            raise ConfigError(f"lens={self.lens}: expected one of {', '.join(LENSES)}.")
+        if not 1 <= self.jpeg_quality <= 100:
+            raise ConfigError(f"jpeg_quality={self.jpeg_quality}: expected a number from 1 to 100.")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.errors import DataError, OutputError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.datamanagers.colmap.reader import read_model
+from gsfw.preparation.writing.camera_plan import CameraPlan, lens_words
 
 LIST = "work/written.txt"
 """Names of written files, relative to the data set."""
@@ -107,4 +110,54 @@ def _check_written(folder: Path, images: int, points: int) -> None:
         raise OutputError(
             f"the model could not be written to {folder}: what is there ends too early.",
             "The disk is probably full: free some space, or choose another place with out=DIR.",
+        )
+
+
+@dataclass(frozen=True)
+class WrittenDataSet:
+    """What was written."""
+
+    layout: str
+    """colmap or transforms."""
+    pictures: int
+    masks: int
+    points: int
+    sizes: tuple[tuple[int, int], ...]
+    """Width and height of the written pictures, the most frequent first."""
+    lens: str
+    """What became of the lenses, in words."""
+    bytes: int
+    """Of all files that training reads."""
+    notes: tuple[str, ...]
+    """What the layout cannot hold, and what else its user should know."""
+
+    @staticmethod
+    def of(
+        layout: str,
+        plans: Sequence[CameraPlan],
+        masks: int,
+        points: int,
+        size: int,
+        notes: Iterable[str],
+    ) -> WrittenDataSet:
+        """Count it up.
+
+        Args:
+            layout: colmap or transforms.
+            plans: of every picture.
+            masks: how many there are.
+            points: likewise.
+            size: bytes of all files that training reads.
+            notes: sentences.
+        """
+        sizes = Counter((plan.target.width, plan.target.height) for plan in plans)
+        return WrittenDataSet(
+            layout=layout,
+            pictures=len(plans),
+            masks=masks,
+            points=points,
+            sizes=tuple(found for found, _ in sizes.most_common()),
+            lens=lens_words(plans),
+            bytes=size,
+            notes=tuple(notes),
         )

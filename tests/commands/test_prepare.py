@@ -17,7 +17,7 @@ from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
-from gsfw.preparation import native_signals
+from gsfw.preparation import native
 from gsfw.preparation.report import unused_rows
 
 PHOTOS = 9
@@ -160,7 +160,7 @@ def test_a_missing_colmap_is_told_with_what_to_do(tmp_path, capsys, monkeypatch)
     def load():
         raise ModuleNotFoundError("No module named 'pycolmap'")
 
-    monkeypatch.setattr(native_signals, "load_colmap", load)
+    monkeypatch.setattr(native, "load_colmap", load)
     assert told(capsys, tmp_path, f"out={tmp_path / 'out'}") == (
         "error: pycolmap, which computes cameras, cannot be loaded: No module named 'pycolmap'.\n"
         "Install it anew with: pip install --force-reinstall 'pycolmap>=4.2'\n"

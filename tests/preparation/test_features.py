@@ -14,7 +14,7 @@ from support import captured
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.preparation import features
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
 from gsfw.preparation.image_quality import PictureQuality

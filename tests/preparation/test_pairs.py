@@ -8,7 +8,7 @@ import pytest
 from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.pictures import Header
 from gsfw.preparation import pairs
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import PictureQuality

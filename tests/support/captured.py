@@ -18,7 +18,7 @@ from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.synthetic.raycast import one_thread, rays
 from gsfw.datamanagers.synthetic.stage import Stage, solids
 from gsfw.datamanagers.synthetic.textures import Texture, Waves
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureSettings, extract_features
 from gsfw.preparation.matching import match_pairs

@@ -15,8 +15,7 @@ from support.captured import arc, photos
 from gsfw.core.files.json_text import json_text
 from gsfw.core.maths.camera_path import look_at
 from gsfw.datamanagers.pictures import Header
-from gsfw.preparation.camera_group import CameraGroup
-from gsfw.preparation.camera_grouping import CameraRule, group_cameras
+from gsfw.preparation.camera_grouping import CameraGroup, CameraRule, group_cameras
 from gsfw.preparation.diagnosis.camera_findings import camera_findings
 from gsfw.preparation.diagnosis.diagnosis import Diagnosis, diagnose
 from gsfw.preparation.diagnosis.evidence import Evidence

@@ -7,9 +7,8 @@ import pycolmap
 import pytest
 
 from gsfw.core.files.json_text import json_text
-from gsfw.preparation.camera_group import CameraGroup
-from gsfw.preparation.diagnosis.model_figures import ModelFigures
-from gsfw.preparation.diagnosis.triangulation_angles import widest_angles
+from gsfw.preparation.camera_grouping import CameraGroup
+from gsfw.preparation.diagnosis.model_figures import ModelFigures, widest_angles
 from gsfw.preparation.mapping.observations import Observations
 
 FOCAL = 400.0
@@ -131,7 +130,7 @@ def test_angles_do_not_depend_on_how_many_are_computed_at_once(
     seen = Observations.of(model)
     centers = np.array([model.image(int(n)).projection_center() for n in seen.picture_ids])
     whole = widest_angles(seen, centers)
-    monkeypatch.setattr("gsfw.preparation.diagnosis.triangulation_angles.AT_ONCE", 100)
+    monkeypatch.setattr("gsfw.preparation.diagnosis.model_figures.AT_ONCE", 100)
     assert (widest_angles(seen, centers) == whole).all()
 
 

@@ -6,10 +6,9 @@ import pytest
 from support.matched_captures import matched_capture, partial_model
 
 from gsfw.preparation.mapping import mapping as mapping_module
-from gsfw.preparation.mapping.covisibility import cut_loose, held_together
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
-from gsfw.preparation.mapping.observations import Observations
+from gsfw.preparation.mapping.observations import Observations, cut_loose, held_together
 from gsfw.preparation.progress import Silent
 
 

@@ -28,7 +28,7 @@ from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.transforms import TransformsConfig
 from gsfw.preparation.progress import Silent
 from gsfw.preparation.writing.conversion import ConversionRule, convert
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.picture_output import OutputRule
 
 CPU = torch.device("cpu")
 LAYOUTS = {"colmap": ColmapConfig, "transforms": TransformsConfig}

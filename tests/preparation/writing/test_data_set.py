@@ -26,7 +26,7 @@ from gsfw.preparation.picture_set import PictureSet, SourcePicture
 from gsfw.preparation.progress import Progress, Silent
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.data_set import write_data_set
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.picture_output import OutputRule
 
 CPU = torch.device("cpu")
 KEEP = OutputRule("keep")

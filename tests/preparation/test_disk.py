@@ -7,7 +7,7 @@ import pytest
 from support import captured
 
 from gsfw.core.errors import OutputError
-from gsfw.preparation import disk_room
+from gsfw.preparation import disk
 from gsfw.preparation.features import FeatureSettings, extract_features
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import PairPlan
@@ -19,9 +19,9 @@ def full(monkeypatch):
     """A disk that is full from the given look on."""
 
     def from_look(first: int) -> None:
-        looks = iter([disk_room.ROOM] * first + [5_400_000] * 9)
+        looks = iter([disk.ROOM] * first + [5_400_000] * 9)
         usage = SimpleNamespace(disk_usage=lambda path: SimpleNamespace(free=next(looks)))
-        monkeypatch.setattr(disk_room, "shutil", usage)
+        monkeypatch.setattr(disk, "shutil", usage)
 
     return from_look
 
