@@ -13,11 +13,11 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
 from gsfw.core.errors import DataError
+from gsfw.core.exchange import StoredColumn, StoredModel
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.numerics import PROFILES
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.core.stored_model import StoredColumn, StoredModel
 from gsfw.formats.header_fields import BROKEN, HeaderFields
 
 FORMAT = "gsfw model"

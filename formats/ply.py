@@ -23,7 +23,7 @@ from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 from torch import Tensor
 
 from gsfw.core.errors import DataError
-from gsfw.core.exchange import Exporter, Importer, SplatFile
+from gsfw.core.exchange import Exporter, ExportSource, Importer, SplatFile
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.splats import Sh, Splats
 
@@ -52,13 +52,14 @@ class PlyExporter(Exporter):
 
     suffix = ".ply"
 
-    def write(self, path: Path, content: SplatFile) -> None:
+    def write(self, path: Path, source: ExportSource) -> None:
         """Write the file, whole or not at all; bands above the active SH degree are left out.
 
         Raises:
             OutputError: it cannot be written.
             ValueError: a value is not finite, or out of range; names the field and the row.
         """
+        content = source.splat_file()
         names, table = _table(content.splats)
         rows = np.ascontiguousarray(table, dtype="<f4").view([(name, "<f4") for name in names])
         vertex = PlyElement.describe(rows[:, 0], "vertex")

@@ -6,10 +6,10 @@ from pathlib import Path
 import torch
 from support.resuming import resumes_to_the_same_bits
 
-from gsfw.commands.corrections import refined_transforms
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.formats.corrections import refined_transforms
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 

@@ -1,4 +1,4 @@
-"""ExportCut: what `gsfw export` leaves out of a model: Gaussians of little use, bands of colour."""
+"""Cut: a smaller model for export, without Gaussians of little use and without colour bands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run has learnt of its capture, as files: exposures of pictures, refined cameras."""
+"""Corrections: exposures and refined cameras that a run has learnt, as files."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ EXPOSURES = "exposures.json"
 REFINED = "refined_transforms.json"
 
 MODELS = {CameraModel.PINHOLE: "PINHOLE", CameraModel.FISHEYE: "OPENCV_FISHEYE"}
-"""As nerfstudio names those that pictures are drawn with."""
+"""Names of camera models in nerfstudio."""
 
 
 def write_corrections(parts: TrainingParts, folder: Path) -> list[Path]:
-    """Write what was learnt of the capture; the files, none where nothing was to be learnt.
+    """Write the learnt exposures and cameras; the files, none where neither was trained.
 
     Raises:
         OutputError: one cannot be written.
