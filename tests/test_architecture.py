@@ -26,6 +26,7 @@ MAY_IMPORT = {
     "charts": {"gsfw.core", "gsfw.charts"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
+    "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
         *("gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),

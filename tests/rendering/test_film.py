@@ -8,8 +8,8 @@ import pytest
 import torch
 from PIL import Image
 
-from gsfw.commands.film import choose_format, write_film, write_picture
 from gsfw.core.errors import OutputError, UnavailableError
+from gsfw.rendering.film import choose_format, write_film, write_picture
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""RenderPath: what `gsfw render` draws frame by frame: from where, and when."""
+"""RenderPath: cameras and times of the frames of a film."""
 
 from __future__ import annotations
 
@@ -7,23 +7,37 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsfw.commands.film import write_picture
-from gsfw.commands.trails import Trails, make_trails, surface_settings
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.evaluation import draw
 from gsfw.core.maths.camera_path import at_times, orbit
 from gsfw.plugins.registry import did_you_mean
+from gsfw.plugins.run_source import is_dynamic
+from gsfw.rendering.film import write_picture
+from gsfw.rendering.trails import Trails, make_trails, surface_settings
 
 if TYPE_CHECKING:
-    from gsfw.commands.render import RenderOptions
     from gsfw.plugins.compose import Composition
 
 
 @dataclass(frozen=True)
+class FilmRule:
+    """The user's choices for all films."""
+
+    frames: int
+    """Number of frames of each film."""
+    scale: float
+    """Size of the frames, relative to the training images."""
+    time: float
+    """Time of an orbit at one time, in [0, 1]."""
+    camera: str
+    """Name of the view that a film over time is rendered from; empty: the first held-out one."""
+
+
+@dataclass(frozen=True)
 class RenderPath:
-    """Frames in order."""
+    """The frames of a film, in order."""
 
     name: str
     """Of their folder and of the film."""
@@ -31,50 +45,45 @@ class RenderPath:
     """One per frame, all of one size; with the time of each frame, unless the data has none."""
 
 
-def is_dynamic(composition: Composition) -> bool:
-    """Whether the model may look different at another time."""
-    return composition.scene.is_dynamic and "static" not in composition.settings.method.tags
-
-
-def paths(composition: Composition, options: RenderOptions) -> list[RenderPath]:
-    """What was asked for; ``all`` is the orbit, and what moves in time where something does.
+def paths(composition: Composition, what: str, rule: FilmRule) -> list[RenderPath]:
+    """The paths for ``what``; ``all`` is the orbit, and the paths over time of a dynamic model.
 
     Raises:
         ConfigError: time is to pass where there is none, or there is no such camera.
     """
     dynamic = is_dynamic(composition)
-    makers: dict[str, Callable[[DataManager, RenderOptions], Cameras]] = {"orbit": _orbit}
+    makers: dict[str, Callable[[DataManager, FilmRule], Cameras]] = {"orbit": _orbit}
     if dynamic:
         makers |= {"time": _over_time, "orbit-time": _orbit_over_time}
-    elif options.what in ("time", "orbit-time"):
+    elif what in ("time", "orbit-time"):
         why = (
             f"method {composition.settings.method.name} is static"
             if composition.scene.is_dynamic
             else f"the data ({composition.scene.name}) has no times"
         )
         raise ConfigError(
-            f"what={options.what}: {why}, so all frames would show the same moment.",
+            f"what={what}: {why}, so all frames would show the same moment.",
             "Draw what=orbit or what=views.",
         )
-    chosen = [name for name in makers if options.what in ("all", name)]
+    chosen = [name for name in makers if what in ("all", name)]
     data = composition.parts.data
-    return [RenderPath(name, _sized(makers[name](data, options), options.scale)) for name in chosen]
+    return [RenderPath(name, _sized(makers[name](data, rule), rule.scale)) for name in chosen]
 
 
-def trails(path: RenderPath, composition: Composition, options: RenderOptions) -> Trails | None:
-    """What tracks=true draws on the frames of a path on which time passes."""
-    moves = path.cameras.time is not None and len(path.cameras.time.unique()) > 1
-    if not (options.tracks and moves):
+def trails(path: RenderPath, composition: Composition, count: int, length: int) -> Trails | None:
+    """Trails for the frames of a path; ``None`` where all frames show one time.
+
+    Args:
+        path: the frames.
+        composition: the run.
+        count: largest number of trails.
+        length: number of frames that each reaches back.
+    """
+    if path.cameras.time is None or len(path.cameras.time.unique()) < 2:
         return None
     parts = composition.parts
-    return make_trails(
-        parts.model,
-        parts.rasterizer,
-        path.cameras.to(parts.device),
-        composition.plan.settings,
-        options.tracks_count,
-        options.tracks_frames,
-    )
+    cameras, settings = path.cameras.to(parts.device), composition.plan.settings
+    return make_trails(parts.model, parts.rasterizer, cameras, settings, count, length)
 
 
 def frames(
@@ -96,26 +105,26 @@ def frames(
         yield write_picture(folder / f"{index:04d}.png", picture)
 
 
-def _orbit(data: DataManager, options: RenderOptions) -> Cameras:
+def _orbit(data: DataManager, rule: FilmRule) -> Cameras:
     """A circle around the scene, at one time."""
     views = data.views(Split.TRAIN).cameras
-    cameras = orbit(Cameras.cat([_like(camera, views[0]) for camera in views]), options.frames)
-    return at_times(cameras, [options.time] * options.frames) if data.scene.is_dynamic else cameras
+    cameras = orbit(Cameras.cat([_like(camera, views[0]) for camera in views]), rule.frames)
+    return at_times(cameras, [rule.time] * rule.frames) if data.scene.is_dynamic else cameras
 
 
-def _over_time(data: DataManager, options: RenderOptions) -> Cameras:
+def _over_time(data: DataManager, rule: FilmRule) -> Cameras:
     """One camera that stands still, from the first time to the last."""
-    return at_times(find_camera(data, options.camera), _all_times(options))
+    return at_times(find_camera(data, rule.camera), _all_times(rule))
 
 
-def _orbit_over_time(data: DataManager, options: RenderOptions) -> Cameras:
+def _orbit_over_time(data: DataManager, rule: FilmRule) -> Cameras:
     """A circle around the scene while time passes."""
-    return at_times(_orbit(data, options), _all_times(options))
+    return at_times(_orbit(data, rule), _all_times(rule))
 
 
-def _all_times(options: RenderOptions) -> list[float]:
+def _all_times(rule: FilmRule) -> list[float]:
     """From 0 to 1, both of them shown."""
-    return [index / max(options.frames - 1, 1) for index in range(options.frames)]
+    return [index / max(rule.frames - 1, 1) for index in range(rule.frames)]
 
 
 def find_camera(data: DataManager, name: str) -> Cameras:

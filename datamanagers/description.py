@@ -1,58 +1,21 @@
-"""What `gsfw info` says of a data set."""
+"""Description of a data set as plain data for `gsfw info`."""
 
 from __future__ import annotations
 
 import math
-import shlex
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from gsfw.core.cameras import CameraModel, Cameras
-from gsfw.core.config import AUTO, DataManagerConfig
 from gsfw.core.datamanager import DataManager, DataRequest, Split
-from gsfw.core.errors import ConfigError
-from gsfw.plugins.automatic import Choice, choose_datamanager, load
-from gsfw.plugins.registry import Registry
 
 LONG_SIDE = 1600
 """Images with a longer side are worth shrinking (as Kerbl et al. 2023's code does)."""
 
 
-def describe_data(
-    data: str, file_format: str, downscale: float, registry: Registry
-) -> dict[str, Any]:
-    """The document of a data set; reads cameras and points, and the headers of its pictures.
-
-    Raises:
-        ConfigError: there is no such format, or ``downscale`` is below 1.
-        DataError: it cannot be used; says where and why.
-    """
-    if downscale < 1:
-        raise ConfigError(f"downscale={downscale:g}: expected a factor of at least 1.")
-    choice = (
-        choose_datamanager(data, registry)
-        if file_format == AUTO
-        else Choice(file_format, "it was asked for")
-    )
-    kind: type[DataManagerConfig] = load("datamanager", registry.find("datamanager", choice.name))
-    manager = kind().build(DataRequest(Path(data) if data else None, downscale=downscale))
-    try:
-        return {
-            "kind": "data set",
-            "path": data,
-            "format": choice.name,
-            "why": choice.reason,
-            **_describe(manager),
-            "notes": list(manager.notes()),
-            "next": _command(data, file_format, downscale, manager),
-        }
-    finally:
-        manager.close()
-
-
-def _describe(manager: DataManager) -> dict[str, Any]:
+def describe_data(manager: DataManager) -> dict[str, Any]:
+    """Figures of cameras, images, points and times; decodes no image."""
     scene = manager.scene
     cameras = {split: manager.views(split).cameras for split in Split}
     every = [camera for split in Split for camera in cameras[split]]
@@ -75,7 +38,7 @@ def _describe(manager: DataManager) -> dict[str, Any]:
 
 
 def _counted(texts: Sequence[str]) -> list[str]:
-    """Each different text with how often it is there, the most frequent first."""
+    """The different texts with their counts, the most frequent first."""
     return [f"{text} ({count})" for text, count in Counter(texts).most_common()]
 
 
@@ -102,13 +65,9 @@ def _extent(manager: DataManager) -> dict[str, float]:
     return extent
 
 
-def _command(data: str, file_format: str, downscale: float, manager: DataManager) -> str:
-    """A command line that trains it, with images of a sensible size."""
-    words = ["gsfw", "train", "method=3dgs"]
-    words += [f"data={data}"] if data else []
-    words += [f"datamanager={file_format}"] if file_format != AUTO else []
+def fitting_downscale(manager: DataManager, downscale: float) -> float:
+    """``downscale``, doubled until the images that have it are of a sensible size."""
     longest = max(max(c.width, c.height) for c in manager.views(Split.TRAIN).cameras)
     while longest > LONG_SIDE:
         downscale, longest = downscale * 2, longest // 2
-    words += [f"downscale={downscale:g}"] if downscale > 1 else []
-    return shlex.join(words)
+    return downscale

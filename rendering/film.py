@@ -1,4 +1,4 @@
-"""Film: pictures on disk, and a row of them as one moving picture."""
+"""Film: images on disk, and a sequence of them as one video."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from gsfw.core.errors import UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
@@ -16,11 +16,12 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from torch import Tensor
 
-    from gsfw.commands.render import VideoFormat
+
+VideoFormat = Literal["auto", "mp4", "webp", "none"]
 
 CODEC = "libx264"
 QUALITY = "18"
-"""x264's constant rate factor; below about 18 people see no difference to the frames."""
+"""Constant rate factor of x264; at about 18 and below the loss is invisible."""
 
 
 def write_picture(path: Path, picture: Float[Tensor, "h w 3"]) -> Path:
@@ -39,7 +40,7 @@ def write_picture(path: Path, picture: Float[Tensor, "h w 3"]) -> Path:
 
 
 def choose_format(asked: VideoFormat) -> VideoFormat:
-    """What ``auto`` means here: mp4 where its encoder is installed, else WebP.
+    """The format for ``auto``: mp4 where its encoder is installed, else WebP.
 
     Raises:
         UnavailableError: mp4 was asked for, and there is no encoder.
@@ -64,7 +65,7 @@ def choose_format(asked: VideoFormat) -> VideoFormat:
 
 
 def write_film(stem: Path, frames: Sequence[Path], fps: int, chosen: VideoFormat) -> list[Path]:
-    """The frames as one moving picture beside their folder; none with ``none``.
+    """Write the frames as one video; the files, no file for the format ``none``.
 
     Args:
         stem: its path without extension.
@@ -124,7 +125,7 @@ def _write_mp4(path: Path, frames: Sequence[Path], fps: int) -> None:
 
 @contextmanager
 def _partial(path: Path) -> Iterator[Path]:
-    """Where a file may grow that only gets its name when it is whole."""
+    """A temporary file that gets its final name when it is complete."""
     partial = path.with_name(f".{path.name}.partial")
     with readable_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,12 +9,12 @@ from PIL import Image
 from support.moving_scene import WHITE, DriftingPlugin, camera_at, two_balls
 
 from gsfw.commands.main import main
-from gsfw.commands.trails import Trails, make_trails, spread
 from gsfw.core.cameras import Cameras
 from gsfw.core.temporal_metrics.tracks import Tracks
 from gsfw.plugins.discovery import _Source
 from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.rendering.trails import Trails, make_trails, spread
 
 
 def path_of(*xs: float, opacities=None) -> Tracks:

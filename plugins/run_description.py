@@ -1,4 +1,4 @@
-"""What `gsfw info` says of a run; reads its files and builds nothing."""
+"""Description of a run as plain data for `gsfw info`; reads files and builds nothing."""
 
 from __future__ import annotations
 
@@ -8,27 +8,25 @@ from typing import Any
 
 import yaml
 
-from gsfw.commands.run_argument import RunArgument
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.config_file import HEADER, read_config
 
 SHOWN = ("method", "strategy", "rasterizer", "datamanager", "data", "device", "seed", "downscale")
-"""The settings that tell runs apart at a glance; gsfw config show has them all."""
+"""The settings that distinguish runs; gsfw config show has them all."""
 
 REQUIRED = (
     *("headline", "step", "total_floats", "sh_floats", "sh_floats_full"),
     *("left_out", "could_go"),
 )
-"""What is shown of requirements.json, which has more."""
+"""The shown entries of requirements.json, which has more."""
 
 
-def describe_run(found: RunArgument) -> dict[str, Any]:
+def describe_run(folder: RunFolder) -> dict[str, Any]:
     """The document of a run.
 
     Raises:
         ConfigError: its settings cannot be read.
     """
-    folder = found.folder
     settings = read_config(folder.config, everything=True).values
     steps = settings.get("steps")
     checkpoints: list[dict[str, Any]] = [
