@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import FLAGS, Options, parse, read, word
+from gsfw.commands.interface.arguments import FLAGS, Options, parse, read, word
 from gsfw.core.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
 
 OWN = ("pictures", "out", *FLAGS)
@@ -53,7 +53,7 @@ def run(tokens: list[str]) -> int:
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
     settings, given_values = _settings(options, given)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
     document = _check(options, settings, given_values, pictures)
@@ -84,7 +84,7 @@ def _settings(
         ConfigError: no data set is named, or two are, or a setting is wrong.
         DataError: the data set is not there, or of no known format.
     """
-    from gsfw.commands.arguments import Arguments, layers
+    from gsfw.commands.interface.arguments import Arguments, layers
     from gsfw.plugins.automatic import BUILT_IN_SCENE
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import resolve

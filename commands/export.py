@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import read
-from gsfw.commands.run_options import RunOptions
+from gsfw.commands.interface.arguments import RunOptions, read
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
-    from gsfw.commands.run_argument import RunArgument
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import RunArgument
     from gsfw.core.exchange import Exporter, Holds
     from gsfw.core.splats import Splats
     from gsfw.plugins.compose import Composition
@@ -61,9 +60,8 @@ def run(arguments: list[str]) -> int:
     """Write the file or the files, and say what they hold."""
     options = read("export", ExportOptions, arguments)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.open_run import open_run
-    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.plugins.automatic import load
     from gsfw.plugins.registry import installed
 
@@ -194,7 +192,7 @@ class _Export:
 
     def _sequence(self) -> dict[str, Any]:
         """The model at many times, as one file each."""
-        from gsfw.commands.progress import with_progress
+        from gsfw.commands.interface.progress import with_progress
         from gsfw.formats.splat_sequence import SplatSequence
         from gsfw.plugins.run_source import RunSource
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, read, word
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def run(arguments: list[str]) -> int:
     """Find out what it is, and describe it."""
     options = read("info", InfoOptions, arguments)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
@@ -57,7 +57,7 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
         ConfigError: nothing was named, or two things.
         DataError: it is nothing that is known here, or it is damaged.
     """
-    from gsfw.commands.run_argument import LATEST, MODEL_SUFFIX, find_run
+    from gsfw.commands.interface.runs import LATEST, MODEL_SUFFIX, find_run
     from gsfw.core.errors import ConfigError
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.formats.description import describe_model, describe_splats

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gsfw.commands.run_argument import RUNS
+from gsfw.commands.interface.runs import RUNS
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.core.loop.run_folder import RunFolder

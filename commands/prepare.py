@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.arguments import Options, read, words
-from gsfw.commands.interrupt import interrupted_once
+from gsfw.commands.interface.arguments import Options, read, words
+from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
     from gsfw.preparation.check.examination import Examination
     from gsfw.preparation.preparation import PreparationRule
@@ -96,7 +96,7 @@ def run(tokens: list[str]) -> int:
     _check_colmap()
     place, rule = _place(options, inputs), _rule(options)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
     for path in inputs:
@@ -243,7 +243,7 @@ def _data_set(options: PrepareOptions, inputs: tuple[Path, ...]) -> Settings | N
 
 def _settings(data: Path, *more: tuple[str, str]) -> Settings:
     """Those that ``gsfw train data=...`` would begin with, and more of them."""
-    from gsfw.commands.arguments import Arguments, layers
+    from gsfw.commands.interface.arguments import Arguments, layers
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import resolve
 
@@ -255,7 +255,7 @@ def _prepare(
     console: Console, inputs: tuple[Path, ...], place: Workplace, rule: PreparationRule
 ) -> dict[str, Any]:
     """Compute cameras; the document."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.preparation.native import log_into
     from gsfw.preparation.preparation import Preparation
     from gsfw.preparation.report import document_of_preparation
@@ -274,7 +274,7 @@ def _convert(
     rule: PreparationRule,
 ) -> dict[str, Any]:
     """Keep the cameras of a data set; the document."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.datamanagers.capture import Capture
     from gsfw.plugins.compose import open_data
     from gsfw.preparation.report import document_of_conversion

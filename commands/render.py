@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.arguments import read
-from gsfw.commands.run_options import RunOptions
+from gsfw.commands.interface.arguments import RunOptions, read
 from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
@@ -61,10 +60,9 @@ def run(arguments: list[str]) -> int:
     options = read("render", RenderOptions, arguments)
     _check(options)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.open_run import open_run
-    from gsfw.commands.progress import with_progress
-    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.progress import with_progress
+    from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
     from gsfw.rendering.film import choose_format, write_film

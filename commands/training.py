@@ -8,9 +8,9 @@ from typing import Any
 
 import torch
 
-from gsfw.commands.console import Console
 from gsfw.commands.failure import INTERRUPTED, tracebacks_in
-from gsfw.commands.interrupt import stop_on_signal
+from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.interrupt import stop_on_signal
 from gsfw.commands.requirements import RequirementsReport
 from gsfw.core.callback import Callback
 from gsfw.core.datamanager import Split

@@ -12,7 +12,7 @@ from support.matched_captures import pose_errors
 from support.small_captures import ring, write_pictures, write_transforms
 from support.small_videos import write_video
 
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.loop.run_folder import RunFolder

@@ -137,7 +137,7 @@ def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptio
         HelpRequested: ``--help`` was given.
         ConfigError: a key is unknown, a value has the wrong type, a word is missing or too many.
     """
-    from gsfw.commands.help import options_help
+    from gsfw.commands.interface.help import options_help
 
     arguments = parse(tokens)
     if arguments.flag("help"):
@@ -197,3 +197,22 @@ def _stray_word(verb: str, kind: type[Options], text: str) -> tuple[str, str]:
     if text in (item.name for item in fields(kind)):
         return f"gsfw {verb}: {text} is given without a value.", f"Write {text}=VALUE."
     return f"gsfw {verb}: unexpected {text!r}.", f"See gsfw {verb} --help."
+
+
+@dataclass(kw_only=True)
+class RunOptions(Options):
+    """Options of every verb that opens a run."""
+
+    run: str = word("RUN")
+    """A run folder, a checkpoint, a model file (.gsfw), or latest."""
+    data: str = ""
+    """Where the data set is now. Empty: where it was in training; a model file needs none."""
+    device: str = ""
+    """Where to draw: auto, cpu, cuda or cuda:N. Empty: where it was trained; auto for a file."""
+
+    def changed(self) -> Layer | None:
+        """Settings that differ from the run's own; ``None`` for none."""
+        from gsfw.plugins.settings import COMMAND_LINE, Layer
+
+        given = {key: text for key in ("data", "device") if (text := getattr(self, key))}
+        return Layer(COMMAND_LINE, given) if given else None

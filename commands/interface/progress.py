@@ -6,8 +6,9 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.preparation.progress import Advance, Progress
 
 EVERY = 30.0
@@ -78,3 +79,14 @@ class _Counted:
     """How many things were done last."""
 
     done = 0
+
+
+def with_progress(files: Iterator[Path], total: int, name: str) -> list[Path]:
+    """Write all, with a bar on a terminal; the files."""
+    from rich.console import Console as Screen
+    from rich.progress import track
+
+    screen = Screen(stderr=True)
+    if not screen.is_terminal:
+        return list(files)
+    return list(track(files, description=name, total=total, console=screen))

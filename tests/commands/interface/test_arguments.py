@@ -1,11 +1,11 @@
-"""Tests of gsfw.commands.arguments."""
+"""Tests of gsfw.commands.interface.arguments."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import pytest
 
-from gsfw.commands.arguments import HelpRequested, Options, layers, parse, read, word
+from gsfw.commands.interface.arguments import HelpRequested, Options, layers, parse, read, word
 from gsfw.core.errors import ConfigError
 
 

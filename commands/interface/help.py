@@ -7,10 +7,10 @@ from dataclasses import fields
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any
 
-from gsfw.commands.console import render_table
+from gsfw.commands.interface.console import render_table
 
 if TYPE_CHECKING:
-    from gsfw.commands.arguments import Options
+    from gsfw.commands.interface.arguments import Options
     from gsfw.plugins.keys import Key
     from gsfw.plugins.registry import Registry
     from gsfw.plugins.settings import Settings

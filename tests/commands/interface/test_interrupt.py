@@ -1,10 +1,15 @@
-"""Tests of gsfw.commands.interrupt."""
+"""Tests of gsfw.commands.interface.interrupt."""
 
 import signal
 
 import pytest
 
-from gsfw.commands.interrupt import ENDING, interrupted_once, leave_on_signal, stop_on_signal
+from gsfw.commands.interface.interrupt import (
+    ENDING,
+    interrupted_once,
+    leave_on_signal,
+    stop_on_signal,
+)
 from gsfw.core.callback import Control
 
 

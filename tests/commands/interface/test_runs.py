@@ -1,10 +1,10 @@
-"""Tests of gsfw.commands.run_argument."""
+"""Tests of gsfw.commands.interface.run_argument."""
 
 import os
 
 import pytest
 
-from gsfw.commands.run_argument import find_run, list_runs
+from gsfw.commands.interface.runs import find_run, list_runs
 from gsfw.core.errors import DataError
 
 

@@ -1,21 +1,26 @@
-"""RUN: the argument that names a run: its folder, ``latest``, a checkpoint, or a model file."""
+"""RUN: the argument that names a run or a model file, and the run opened for rendering."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.plugins.registry import did_you_mean
+from gsfw.plugins.registry import Registry, did_you_mean
+
+if TYPE_CHECKING:
+    from gsfw.plugins.restore import Restored
+    from gsfw.plugins.settings import Layer
 
 RUNS = Path("runs")
-"""Where runs go that are not given a folder with out=DIR."""
+"""Parent folder of runs without out=DIR."""
 
 LATEST = "latest"
 
 MODEL_SUFFIX = ".gsfw"
-"""Of files that hold a whole model, which most verbs take in place of a run."""
+"""Suffix of model files, which most verbs accept in place of a run."""
 
 
 @dataclass(frozen=True)
@@ -89,3 +94,50 @@ def _advice() -> str:
         "RUN is the folder that gsfw train made, a checkpoint in it, a model file "
         f"({MODEL_SUFFIX}), or latest.{listed}"
     )
+
+
+def open_run(
+    found: RunArgument, registry: Registry, changed: Layer | None = None, step: int | None = None
+) -> Restored:
+    """The run as one of its checkpoints left it, or the model that a file holds.
+
+    Args:
+        found: what RUN names.
+        registry: what is installed.
+        changed: settings that replace the run's own.
+        step: which checkpoint; ``None`` for the one that RUN names, or else the last.
+
+    Raises:
+        DataError: there is no such checkpoint, or a file is damaged.
+        ConfigError: the settings no longer resolve, or a step is asked of a model file.
+    """
+    from gsfw.formats.model_file import read_model_file
+    from gsfw.plugins.rebuild import rebuild
+    from gsfw.plugins.restore import restore
+
+    if found.model_file is None:
+        checkpoint = found.checkpoint if step is None else _checkpoint(found.folder, step)
+        return restore(found.folder, registry, checkpoint, changed)
+    stored = read_model_file(found.model_file)
+    if step is not None:
+        raise ConfigError(
+            f"step={step}: {found.model_file} holds one state, that after {stored.step} steps.",
+            "Leave step out, or give the run that it was exported from.",
+        )
+    return rebuild(stored, found.model_file, registry, changed)
+
+
+def _checkpoint(folder: RunFolder, step: int) -> Path:
+    """The checkpoint after ``step`` steps.
+
+    Raises:
+        DataError: there is none; lists those there are.
+    """
+    path = folder.checkpoint(step)
+    if not path.is_file():
+        steps = sorted(int(p.stem.split("_")[1]) for p in path.parent.glob("step_*.pt"))
+        raise DataError(
+            f"{folder.path} has no checkpoint after {step} steps.",
+            f"There are checkpoints after {', '.join(map(str, steps)) or 'no'} steps.",
+        )
+    return path

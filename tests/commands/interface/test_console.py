@@ -1,8 +1,8 @@
-"""Tests of gsfw.commands.console."""
+"""Tests of gsfw.commands.interface.console."""
 
 import json
 
-from gsfw.commands.console import WIDTH_OF_FILES, Console, render_table
+from gsfw.commands.interface.console import WIDTH_OF_FILES, Console, render_table
 
 
 def test_people_get_text_on_standard_output(capsys):
