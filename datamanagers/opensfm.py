@@ -21,6 +21,7 @@ from torch import Tensor
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
+from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
 from gsfw.datamanagers.json_file import mapping, numbers, read_json
@@ -29,7 +30,7 @@ from gsfw.datamanagers.opensfm_lens import read_lens
 from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig
 from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.point_file import Points, check_points
-from gsfw.datamanagers.poses import from_opencv, from_rotation_vector
+from gsfw.datamanagers.poses import from_opencv
 
 FILE = "reconstruction.json"
 LOOKED_FOR = f"{FILE} or opensfm/{FILE} with images/"
@@ -159,7 +160,9 @@ def _same_shape(lens: Lens, width: int, height: int) -> bool:
 def _pose(shot: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
     vector = numbers(shot.get("rotation"), 3, f"{where}: rotation")
     translation = numbers(shot.get("translation"), 3, f"{where}: translation")
-    return from_opencv(torch.cat([from_rotation_vector(vector), translation[:, None]], 1), where)
+    return from_opencv(
+        torch.cat([rotation_vector_matrices(vector[None])[0], translation[:, None]], 1), where
+    )
 
 
 def _points(content: Mapping[str, Any], file: Path) -> Points:

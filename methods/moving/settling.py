@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gsfw.core.maths.principal_axes import with_axes
+from gsfw.core.maths.frame import with_axes
 from gsfw.core.maths.spherical_harmonics import C0
 from gsfw.core.splats import Sh, Splats
 from gsfw.core.strategy import Refinement
