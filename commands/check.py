@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
 
-OWN = ("pictures", "out", *FLAGS)
+OWN = ("images", "out", *FLAGS)
 """Keys of this verb; all others are those of ``gsfw train``."""
 ALL = "all"
 REFUSED = 1
@@ -32,37 +32,37 @@ class CheckOptions(Options):
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw check path/to/capture",
-        "gsfw check data=path/to/capture downscale=2 pictures=all out=capture.png",
+        "gsfw check data=path/to/capture downscale=2 images=all out=capture.png",
         "gsfw check path/to/capture json=true",
     )
 
     what: str = word("DATA", default="")
     """The data set, also as data=PATH."""
-    pictures: str = ""
-    """How many pictures are decoded and looked at: a number, or all; empty: 50, of videos 16."""
+    images: str = ""
+    """How many images are decoded and looked at: a number, or all; empty: 50, of videos 16."""
     out: str = "check.png"
     """Where the contact sheet goes; none: nowhere."""
 
 
 def run(tokens: list[str]) -> int:
-    """Look at a data set, and say what was found."""
+    """SampledImage at a data set, and say what was found."""
     arguments = parse(tokens)
     own = [f"{key}={text}" for key, text in arguments.pairs if key in OWN]
     options = read("check", CheckOptions, [*own, *arguments.words])
-    pictures = _pictures(options.pictures)
+    images = _images(options.images)
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
     settings, given_values = _settings(options, given)
 
     from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
-    document = _check(options, settings, given_values, pictures)
+    document = _check(options, settings, given_values, images)
     _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
 
 
-def _pictures(text: str) -> int | None:
+def _images(text: str) -> int | None:
     """How many to decode; 0: all; ``None``: the usual number.
 
     Raises:
@@ -72,7 +72,7 @@ def _pictures(text: str) -> int | None:
         return 0 if text else None
     if text.isdecimal() and int(text) > 0:
         return int(text)
-    raise ConfigError(f"pictures={text}: expected a number of at least 1, or {ALL}.")
+    raise ConfigError(f"images={text}: expected a number of at least 1, or {ALL}.")
 
 
 def _settings(
@@ -114,7 +114,7 @@ def _check(
     options: CheckOptions,
     settings: Settings,
     given: Mapping[str, str],
-    pictures: int | None,
+    images: int | None,
 ) -> dict[str, Any]:
     """Open the data set, examine it, and draw the sheet; the document.
 
@@ -131,7 +131,7 @@ def _check(
     head = {"kind": "check", "path": path, "format": reader}
     try:
         with closing(open_data(settings)) as data:
-            examined = Examination.of(data, settings.config, pictures)
+            examined = Examination.of(data, settings.config, images)
     except DataError as error:
         return {**head, **report_unreadable(error), "next": "", "sheet": ""}
     survey, findings = examined.survey, examined.findings
@@ -161,6 +161,6 @@ def _show(console: Console, document: Mapping[str, Any]) -> None:
     for line in finding_lines(document):
         console.say(line)
     if document["sheet"]:
-        console.say(f"cameras, points and pictures: {document['sheet']}")
+        console.say(f"cameras, points and images: {document['sheet']}")
     if document["next"] and document["verdict"] != "will not train":
         console.say(f"next: {document['next']}")

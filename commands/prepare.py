@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gsfw.plugins.settings import Settings
     from gsfw.preparation.check.examination import Examination
     from gsfw.preparation.preparation import PreparationRule
-    from gsfw.preparation.workplace import Workplace
+    from gsfw.preparation.workspace import Workspace
 
 PREPARED = Path("prepared")
 """Where results go that nobody gave a place."""
@@ -46,45 +46,45 @@ class PrepareOptions(Options):
     )
 
     inputs: tuple[str, ...] = words("INPUT...")
-    """Folders of pictures, pictures, videos; or one data set that has cameras already."""
+    """Folders of images, images, videos; or one data set that has cameras already."""
     out: str = ""
     """The folder of the result: new, or one of an earlier gsfw prepare. Empty: prepared/INPUT."""
     frames: int = 150
     """How many sharp, well-spaced frames are taken from videos, from all together."""
     poses: Literal["auto", "compute", "keep"] = "auto"
     """Compute cameras, keep those of a data set that has them, or auto: keep them if it has."""
-    cameras: Literal["auto", "one", "per-folder", "per-picture"] = "auto"
-    """Which pictures share a camera: auto goes by EXIF, size and folder."""
+    cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
+    """Which images share a camera: auto goes by EXIF, size and folder."""
     camera_model: str = "auto"
     """COLMAP's camera model, such as SIMPLE_RADIAL, OPENCV or OPENCV_FISHEYE."""
     focal: float | None = None
-    """Focal length in pixels of the pictures, as a first guess; none: from EXIF, or a usual one."""
+    """Focal length in pixels of the images, as a first guess; none: from EXIF, or a usual one."""
     feature_size: int | None = None
-    """Longest side in pixels of the pictures that features are found in; none: by the machine."""
+    """Longest side in pixels of the images that features are found in; none: by the machine."""
     features: int | None = None
-    """Most features of a picture; none: by the machine and the number of pictures."""
+    """Most features of an image; none: by the machine and the number of images."""
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
-    """Which pictures are compared: all with all, neighbours in time, or those that look alike."""
+    """Which images are compared: all with all, neighbours in time, or those that look alike."""
     exhaustive_up_to: int = 200
     """Photos up to which auto compares all with all."""
     overlap: int = 10
     """Neighbours in time that sequential compares with each frame."""
     vocabulary: str = ""
-    """A COLMAP vocabulary tree for retrieval. Empty: made from the pictures themselves."""
+    """A COLMAP vocabulary tree for retrieval. Empty: made from the images themselves."""
     mapper: Literal["incremental", "global"] = "incremental"
     """Place cameras one after the other (COLMAP) or all at once (GLOMAP)."""
     refine_focal: bool = True
     """Compute focal lengths, or keep the first guess."""
     refine_principal_point: bool = False
-    """Compute principal points, or keep the middle of the picture."""
+    """Compute principal points, or keep the middle of the image."""
     lens: Literal["pinhole", "keep"] = "pinhole"
-    """Undistort pictures to PINHOLE cameras, or keep files and lenses."""
+    """Undistort images to PINHOLE cameras, or keep files and lenses."""
     jpeg_quality: int = 95
     """Of JPEG files that are written anew."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
     """Of a data set with cameras: colmap, transforms, or auto: transforms where it has times."""
     jobs: int = 0
-    """Cores to use; 0: all. With 1 the same pictures give the same bits, with more nearly so."""
+    """Cores to use; 0: all. With 1 the same images give the same bits, with more nearly so."""
     again: bool = False
     """Begin anew, and forget what an earlier run of the command has finished."""
 
@@ -112,7 +112,7 @@ def _document(
     console: Console,
     options: PrepareOptions,
     inputs: tuple[Path, ...],
-    place: Workplace,
+    place: Workspace,
     rule: PreparationRule,
 ) -> dict[str, Any]:
     """What came of it, once everything is written."""
@@ -168,10 +168,10 @@ def _check_exists(path: Path) -> None:
         raise DataError(f"{path}: there is no such file or folder.", what_is_missing(path))
 
 
-def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workplace:
-    from gsfw.preparation.workplace import Workplace
+def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workspace:
+    from gsfw.preparation.workspace import Workspace
 
-    return Workplace(Path(options.out) if options.out else PREPARED / inputs[0].resolve().stem)
+    return Workspace(Path(options.out) if options.out else PREPARED / inputs[0].resolve().stem)
 
 
 def _rule(options: PrepareOptions) -> PreparationRule:
@@ -184,7 +184,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
     from gsfw.preparation.preparation import PreparationRule
-    from gsfw.preparation.writing.picture_output import OutputRule
+    from gsfw.preparation.writing.image_output import OutputRule
 
     if options.jobs < 0:
         raise ConfigError(f"jobs={options.jobs}: expected 0 (all cores) or more.")
@@ -252,7 +252,7 @@ def _settings(data: Path, *more: tuple[str, str]) -> Settings:
 
 
 def _prepare(
-    console: Console, inputs: tuple[Path, ...], place: Workplace, rule: PreparationRule
+    console: Console, inputs: tuple[Path, ...], place: Workspace, rule: PreparationRule
 ) -> dict[str, Any]:
     """Compute cameras; the document."""
     from gsfw.commands.interface.progress import StageBars
@@ -269,7 +269,7 @@ def _prepare(
 def _convert(
     console: Console,
     source: Settings,
-    place: Workplace,
+    place: Workspace,
     options: PrepareOptions,
     rule: PreparationRule,
 ) -> dict[str, Any]:
@@ -283,13 +283,13 @@ def _convert(
     name = source.choices["datamanager"].name
     console.say(
         f"{source.config.data} has cameras already ({name}): they are kept; poses=compute makes "
-        "new ones from its pictures"
+        "new ones from its images"
     )
     with closing(open_data(source)) as data:
         if not isinstance(data, Capture):
             raise DataError(
-                f"{source.config.data}: data manager {name} gives no pictures as files.",
-                "Only formats whose pictures are files or videos can be converted.",
+                f"{source.config.data}: data manager {name} gives no images as files.",
+                "Only formats whose images are files or videos can be converted.",
             )
         # No stage of an earlier preparation is finished any more once its data set is gone.
         place.remove(place.journal, place.images, place.sparse)

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gsfw.preparation.finding import Finding, Weight, listed
-from gsfw.preparation.image_quality import BLURRED, SOFT, PictureQuality, UsualQuality
+from gsfw.preparation.image_quality import BLURRED, SOFT, ImageQuality, UsualQuality
 
 DIRECTED = 0.15
 """Ratio below which blur has a direction. Of 147 photos of fox and plush three are below, two of
@@ -37,7 +37,7 @@ FINE = (0.15, 0.40)
 LEAST = 0.02
 """Part of the strongest direction's coarse energy without which a direction shows nothing."""
 NOTHING = 1e-7
-"""Mean squared level of pictures without detail: rounding to 8 bits makes 1.3e-6."""
+"""Mean squared level of images without detail: rounding to 8 bits makes 1.3e-6."""
 DIRECTED_BLUR = 0.7
 """Part of the usual sharpness below which directed blur is motion: motion leaves edges along it
 sharp, so that less is lost than by other blur of the same size."""
@@ -55,7 +55,7 @@ ALIKE = 20.0
 class ImageBlur:
     """Measurements of one image that tell how it is blurred."""
 
-    quality: PictureQuality
+    quality: ImageQuality
     direction: float | None = None
     """Degrees, as ``direction_of_blur`` has them; ``None`` where it was not measured."""
     ratio: float = 1.0
@@ -70,7 +70,7 @@ class ImageBlur:
 
 
 def direction_of_blur(grey: Float[np.ndarray, "h w"]) -> tuple[float, float]:
-    """The direction in which a picture lacks fine detail most, and how much it lacks it.
+    """The direction in which an image lacks fine detail most, and how much it lacks it.
 
     Args:
         grey: levels in [0, 1].
@@ -78,7 +78,7 @@ def direction_of_blur(grey: Float[np.ndarray, "h w"]) -> tuple[float, float]:
     Returns:
         The direction in degrees, from 0 to 180, from the x axis towards the y axis (down); and the
         weakest direction's fine detail in parts of the strongest one's, in [0, 1]: below
-        ``DIRECTED`` the camera has moved, or something else blurred one direction alone. A picture
+        ``DIRECTED`` the camera has moved, or something else blurred one direction alone. An image
         without detail, or smaller than a block, gives 0 and 1.
     """
     if min(grey.shape) < BLOCK:
@@ -122,7 +122,7 @@ def _sectors(band: tuple[float, float]) -> Float[np.ndarray, "w k"]:
     return np.asarray(weights / weights.sum(0))
 
 
-def blur_findings(images: Sequence[tuple[str, PictureQuality]]) -> tuple[Finding, ...]:
+def blur_findings(images: Sequence[tuple[str, ImageQuality]]) -> tuple[Finding, ...]:
     """The finding about sharpness, if any: all images are blurred, or some beside the others.
 
     Args:
@@ -138,9 +138,9 @@ def blur_findings(images: Sequence[tuple[str, PictureQuality]]) -> tuple[Finding
     if not names:
         return ()
     found = Finding(
-        "blurred pictures",
+        "blurred images",
         Weight.LIMIT,
-        f"{len(names)} of {len(images)} pictures have less than {100 * BLURRED:.0f} % of the "
+        f"{len(names)} of {len(images)} images have less than {100 * BLURRED:.0f} % of the "
         f"usual sharpness, the worst {100 * shares[0][0]:.0f} %: {listed(names)}.",
         "They pull the result towards their blur.",
         "Take the capture again with a shorter exposure."
@@ -154,13 +154,12 @@ def blur_findings(images: Sequence[tuple[str, PictureQuality]]) -> tuple[Finding
 def all_blurred(usual: UsualQuality) -> Finding:
     """The finding about a capture whose typical image is blurred."""
     return Finding(
-        "all pictures blurred",
+        "all images blurred",
         Weight.LIMIT,
-        "The typical picture has hardly an edge (variance of its Laplacian "
-        f"{usual.sharpness:.1g}).",
-        "The result can be no sharper than its pictures, and their features are few and uncertain.",
+        f"The typical image has hardly an edge (variance of its Laplacian {usual.sharpness:.1g}).",
+        "The result can be no sharper than its images, and their features are few and uncertain.",
         "Take the capture again with more light, a shorter exposure and a steady camera; shrunk "
-        "pictures (downscale=2) lose nothing now.",
+        "images (downscale=2) lose nothing now.",
     )
 
 
@@ -185,11 +184,11 @@ def motion_findings(images: Mapping[str, ImageBlur], usual: UsualQuality) -> tup
         return ()
     worst = tuple(sorted(moved, key=lambda name: images[name].ratio))
     same = _runs_along_one_line(images, moved)
-    line = f"; {same} of them along the same line as the picture before" if same else ""
+    line = f"; {same} of them along the same line as the image before" if same else ""
     found = Finding(
         "motion blur",
         Weight.LIMIT if len(moved) > MANY_MOVED * len(images) else Weight.NOTE,
-        f"{len(moved)} of {len(images)} pictures lack fine detail in one direction, down to "
+        f"{len(moved)} of {len(images)} images lack fine detail in one direction, down to "
         f"{100 * images[worst[0]].ratio:.0f} % of that across{line}: {listed(worst)}.",
         "The camera or the subject moved while the shutter was open: edges are smeared, and "
         "features are displaced.",

@@ -45,8 +45,8 @@ class Finding:
     found: str
     why: str
     advice: str
-    pictures: tuple[str, ...] = ()
-    """Names of the pictures it is about, the worst first; empty where it is about all."""
+    images: tuple[str, ...] = ()
+    """Names of the images it is about, the worst first; empty where it is about all."""
 
     def document(self) -> dict[str, Any]:
         """Plain data."""
@@ -56,7 +56,7 @@ class Finding:
             "found": self.found,
             "why": self.why,
             "advice": self.advice,
-            "pictures": list(self.pictures),
+            "images": list(self.images),
         }
 
 

@@ -30,7 +30,7 @@ RAW = ForeignFormat(
     "Develop all of them with the same settings, and uncropped, to JPEG, PNG or TIFF: with the "
     "camera's own program, or darktable-cli IN OUT.jpg for each.",
 )
-OTHER_PICTURE = "Convert them to PNG: ffmpeg -i IN OUT.png for each."
+OTHER_IMAGE = "Convert them to PNG: ffmpeg -i IN OUT.png for each."
 OTHER_VIDEO = "Convert them to MP4: ffmpeg -i IN OUT.mp4 for each."
 
 RAW_EXTENSIONS = (
@@ -46,7 +46,7 @@ BY_EXTENSION = {
     ".avif": AVIF,
     **dict.fromkeys(RAW_EXTENSIONS, RAW),
     **{
-        f".{name.lower()}": ForeignFormat(name, OTHER_PICTURE)
+        f".{name.lower()}": ForeignFormat(name, OTHER_IMAGE)
         for name in ("GIF", "JP2", "JXL", "PSD", "EXR", "HDR", "TGA", "PPM", "PGM")
     },
     **{

@@ -13,7 +13,7 @@ BRIGHT, DARK = 250 / 255, 5 / 255
 """Pixels beyond are clipped: the sensor, or the conversion, lost all detail there."""
 BLURRED = 0.3
 """Blurred images have less than this part of the usual variance of the Laplacian (Pech-Pacheco et
-al. 2000): the least sharp picture of the shared sets has 0.38, and a blur of 1.5 pixels takes
+al. 2000): the least sharp image of the shared sets has 0.38, and a blur of 1.5 pixels takes
 0.1."""
 SOFT = 2e-5
 """Variance of the Laplacian in [0, 1] below which an image is blurred beside any others: the
@@ -31,8 +31,8 @@ are rarely sharp at every pixel."""
 
 
 @dataclass(frozen=True)
-class PictureQuality:
-    """Figures of one picture, of the pixels that count."""
+class ImageQuality:
+    """Figures of one image, of the pixels that count."""
 
     sharpness: float
     """Variance of the Laplacian, in grey levels of [0, 1]."""
@@ -46,8 +46,8 @@ class PictureQuality:
     @staticmethod
     def of(
         colors: Float[np.ndarray, "h w d"], counts: Bool[np.ndarray, "h w"] | None = None
-    ) -> PictureQuality:
-        """Measure a picture.
+    ) -> ImageQuality:
+        """Measure an image.
 
         Args:
             colors: in [0, 1].
@@ -56,9 +56,9 @@ class PictureQuality:
         grey = colors.mean(2)
         chosen = np.ones(grey.shape, bool) if counts is None else counts
         if not chosen.any():
-            return PictureQuality(0.0, float(grey.mean()), 0.0, 0.0)
+            return ImageQuality(0.0, float(grey.mean()), 0.0, 0.0)
         clipped = np.asarray((colors >= BRIGHT).all(2) | (colors <= DARK).all(2))
-        return PictureQuality(
+        return ImageQuality(
             sharpness=float(ndimage.laplace(grey)[chosen].var()),
             brightness=float(grey[chosen].mean()),
             contrast=float(grey[chosen].std()),
@@ -77,14 +77,14 @@ class UsualQuality:
     """Sharpness in light of the usual brightness."""
 
     @staticmethod
-    def of(qualities: Sequence[PictureQuality], quantile: float = 0.5) -> UsualQuality:
+    def of(qualities: Sequence[ImageQuality], quantile: float = 0.5) -> UsualQuality:
         """Typical figures of some images; zeros for none.
 
         Args:
             qualities: of the images.
             quantile: of contrast and sharpness, of which more is better; all others are medians.
         """
-        known = qualities or [PictureQuality(0.0, 0.0, 0.0, 0.0)]
+        known = qualities or [ImageQuality(0.0, 0.0, 0.0, 0.0)]
         brightness = float(np.median([one.brightness for one in known]))
         sharpness = [_lit_sharpness(one, brightness) for one in known]
         return UsualQuality(
@@ -94,24 +94,24 @@ class UsualQuality:
             sharpness=float(np.quantile(sharpness, quantile)),
         )
 
-    def sharpness_of(self, quality: PictureQuality) -> float:
+    def sharpness_of(self, quality: ImageQuality) -> float:
         """Sharpness of an image in light of the usual brightness."""
         return _lit_sharpness(quality, self.brightness)
 
-    def share_of_sharpness(self, quality: PictureQuality) -> float:
+    def share_of_sharpness(self, quality: ImageQuality) -> float:
         """The same in parts of the usual sharpness."""
         return self.sharpness_of(quality) / max(self.sharpness, 1e-12)
 
-    def is_blurred(self, quality: PictureQuality) -> bool:
+    def is_blurred(self, quality: ImageQuality) -> bool:
         """Whether an image is blurred beside the others."""
         return self.share_of_sharpness(quality) < BLURRED
 
-    def is_plain(self, quality: PictureQuality) -> bool:
+    def is_plain(self, quality: ImageQuality) -> bool:
         """Whether an image has far less contrast than the others."""
         return quality.contrast < PLAIN * self.contrast
 
 
-def _lit_sharpness(quality: PictureQuality, usual_brightness: float) -> float:
+def _lit_sharpness(quality: ImageQuality, usual_brightness: float) -> float:
     """Sharpness as it would be in the usual light: a darker image has weaker edges."""
     light = max(quality.brightness, 1 / 255) / max(usual_brightness, 1 / 255)
     return quality.sharpness / min(light, 1.0) ** 2

@@ -21,17 +21,17 @@ from gsfw.preparation.check.report import describe, finding_lines
 from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.finding import Finding, Verdict, Weight, sorted_findings
 from gsfw.preparation.preparation import Prepared
-from gsfw.preparation.workplace import Workplace
+from gsfw.preparation.workspace import Workspace
 from gsfw.preparation.writing.written_files import WrittenDataSet
 
 UNPLACED = COLUMNS
-"""So many pictures without a camera are on the sheet: one row."""
+"""So many images without a camera are on the sheet: one row."""
 NAME = 40
 """So many letters of a name are in a table."""
 
 
 def document_of_preparation(
-    inputs: Sequence[Path], place: Workplace, prepared: Prepared, examined: Examination | None
+    inputs: Sequence[Path], place: Workspace, prepared: Prepared, examined: Examination | None
 ) -> dict[str, Any]:
     """Write the sheet and the document of a computed data set; the document.
 
@@ -56,7 +56,7 @@ def document_of_preparation(
 
 
 def document_of_conversion(
-    source: str, form: str, place: Workplace, converted: WrittenDataSet, examined: Examination
+    source: str, form: str, place: Workspace, converted: WrittenDataSet, examined: Examination
 ) -> dict[str, Any]:
     """Write the sheet and the document of a data set whose cameras were kept; the document.
 
@@ -76,7 +76,7 @@ def document_of_conversion(
 
 def _finish(
     inputs: list[str],
-    place: Workplace,
+    place: Workspace,
     body: dict[str, Any],
     findings: Sequence[Finding],
     tiles: list[Tile],
@@ -110,7 +110,7 @@ def _finish(
 
 
 def _unplaced(prepared: Prepared) -> list[Tile]:
-    """Pictures without a camera, the first of each reason before the second of any."""
+    """Images without a camera, the first of each reason before the second of any."""
     queues: dict[str, list[Unregistered]] = {}
     for item in prepared.diagnosis.unregistered:
         queues.setdefault(item.reason, []).append(item)
@@ -123,7 +123,7 @@ def _unplaced(prepared: Prepared) -> list[Tile]:
 
 
 def _preview(path: Path) -> tuple[Image.Image | None, str]:
-    """A picture for the sheet, and what to say where it does not decode."""
+    """An image for the sheet, and what to say where it does not decode."""
     try:
         return Image.fromarray(decode(path, read_header(path))).convert("RGB"), ""
     except DataError:
@@ -149,6 +149,6 @@ def result_lines(document: Mapping[str, Any]) -> Iterator[str]:
     for note in [*document["data_set"].get("notes", ()), *document["check"].get("notes", ())]:
         yield f"note: {note}"
     yield from finding_lines(document)
-    yield f"cameras, points and pictures: {document['sheet']}"
+    yield f"cameras, points and images: {document['sheet']}"
     if document["next"]:
         yield f"next: {document['next']}"

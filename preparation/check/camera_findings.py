@@ -33,9 +33,9 @@ OPEN_SIDE = 120.0
 """Degrees without a camera around what is looked at: a third of the sides was never seen."""
 NARROW, WIDE = 20.0, 120.0
 """Degrees across: a phone has 60 to 75, its telephoto 25, its widest 115; a focal length that was
-guessed, or written for another picture size, lands outside."""
+guessed, or written for another image size, lands outside."""
 SPREAD = 1.1
-"""Largest by least focal length of pictures of one size from one camera: autofocus moves it by
+"""Largest by least focal length of images of one size from one camera: autofocus moves it by
 some per cent, a zoom or a failed calibration by more."""
 SQUARE = 0.05
 """Pixels of cameras are square to a per cent; 16:9 squeezed into 4:3 is off by a third."""
@@ -57,20 +57,20 @@ def _number(survey: Survey) -> Iterator[Finding]:
     viewpoints = survey.viewpoints
     views = int(viewpoints.trained.sum())
     places = _trained_places(survey)
-    what = f"{views} pictures to train on" + (
+    what = f"{views} images to train on" + (
         f" from {len(places)} places" if len(places) < views else ""
     )
-    advice = "Take more pictures: 50 to 150 around a thing, each overlapping the next by two thirds"
+    advice = "Take more photos: 50 to 150 around a thing, each overlapping the next by two thirds"
     if viewpoints.stand_still:
         advice = "Add cameras between them, or be content with views near the cameras"
-    # A static capture with every picture twice still has too few; a moving camera has enough.
+    # A static capture with every image twice still has too few; a moving camera has enough.
     enough = len(places) if viewpoints.stand_still or survey.scene.num_times < 2 else views
     if views < FEWEST_VIEWS or enough < 2:
         yield Finding(
             "few views",
             Weight.STOP,
             f"{what}.",
-            "Any shape along the cameras' rays explains so few pictures.",
+            "Any shape along the cameras' rays explains so few images.",
             f"{advice}; or hold out fewer (holdout_every=0).",
         )
     elif enough < FEW_VIEWS:
@@ -85,9 +85,9 @@ def _number(survey: Survey) -> Iterator[Finding]:
         yield Finding(
             "nothing held out",
             Weight.NOTE,
-            "All pictures are trained on.",
+            "All images are trained on.",
             "There will be no held-out figures, so nothing tells how good other views are.",
-            "Leave holdout_every at 8, or name pictures with holdout=NAME,...",
+            "Leave holdout_every at 8, or name images with holdout=NAME,...",
         )
 
 
@@ -107,7 +107,7 @@ def _spread(survey: Survey) -> Iterator[Finding]:
     why = "Depth is only seen from places apart; turning on the spot shows none."
     advice = "Walk around the scene with the camera instead of turning it."
     if np.linalg.norm(offsets, axis=1).max() < 1e-4:
-        found = f"All {views} pictures were taken from one place."
+        found = f"All {views} images were taken from one place."
         yield Finding("no baseline", Weight.STOP, found, why, advice)
         return
     angles = survey.angles
@@ -147,8 +147,8 @@ def _neighbors(survey: Survey) -> Iterator[Finding]:
             Weight.LIMIT,
             f"{len(alone)} of {len(nearest)} places share less than a fifth of what they see with "
             f"any other: {listed(names)}.",
-            "What only one picture shows is painted at any depth.",
-            "Add pictures between them and the others, or leave them out.",
+            "What only one image shows is painted at any depth.",
+            "Add images between them and the others, or leave them out.",
             names,
         )
     if len(alone) == len(nearest):
@@ -160,7 +160,7 @@ def _neighbors(survey: Survey) -> Iterator[Finding]:
             Weight.LIMIT,
             f"Neighbouring views see the same points {middle:.0f} degrees apart (median).",
             "Surfaces look different from so far apart, and the gaps between are guessed.",
-            "Add pictures between; 5 to 15 degrees apart is usual.",
+            "Add images between; 5 to 15 degrees apart is usual.",
         )
 
 
@@ -180,12 +180,12 @@ def _held_out(survey: Survey) -> Iterator[Finding]:
             f"Held-out views are {far:.0f} degrees from the nearest trained one (median), trained "
             f"ones {usual:.0f} from each other.",
             "Figures then measure views that the training never came near.",
-            "Expect lower figures than from every 8th picture of one pass.",
+            "Expect lower figures than from every 8th image of one pass.",
         )
 
 
 def _open_side(survey: Survey) -> Iterator[Finding]:
-    """The largest sector around what is looked at from which there is no picture."""
+    """The largest sector around what is looked at from which there is no image."""
     surface = survey.surface
     if surface is None:
         return
@@ -207,8 +207,8 @@ def _open_side(survey: Survey) -> Iterator[Finding]:
             "open side",
             Weight.NOTE,
             f"There is no camera in {widest:.0f} of the 360 degrees around the scene.",
-            "From there the result shows what no picture shows.",
-            "If it shall be looked at from there, take pictures there.",
+            "From there the result shows what no image shows.",
+            "If it shall be looked at from there, take photos there.",
         )
 
 
@@ -222,10 +222,10 @@ def _fields_of_view(survey: Survey) -> Iterator[Finding]:
         yield Finding(
             "field of view",
             Weight.LIMIT,
-            f"{len(odd)} of {len(viewpoints)} pictures are {angles[odd].min():.0f} to "
+            f"{len(odd)} of {len(viewpoints)} images are {angles[odd].min():.0f} to "
             f"{angles[odd].max():.0f} degrees wide: {listed(names)}.",
             "Hardly any camera has that; the focal length may be wrong, and then nothing fits.",
-            "Compare it with the camera's, and with the size of the pictures it was given for.",
+            "Compare it with the camera's, and with the size of the images it was given for.",
             names,
         )
 
@@ -237,12 +237,12 @@ def _focals(survey: Survey) -> Iterator[Finding]:
             mine = (viewpoints.physical == camera) & (viewpoints.sizes == size).all(1)
             focals = viewpoints.intrinsics[mine, 0, 0]
             if focals.max() > SPREAD * focals.min():
-                yield _different(f"Pictures of camera {camera}", focals)
+                yield _different(f"Images of camera {camera}", focals)
     own = len(np.unique(viewpoints.physical)) == len(viewpoints) > 2
     same_size = (viewpoints.sizes == viewpoints.sizes[0]).all()
     focals = viewpoints.intrinsics[:, 0, 0]
     if own and same_size and focals.max() > SPREAD * focals.min():
-        yield _different("Every picture has a camera of its own, and they", focals)
+        yield _different("Every image has a camera of its own, and they", focals)
 
 
 def _different(what: str, focals: np.ndarray) -> Finding:
@@ -251,7 +251,7 @@ def _different(what: str, focals: np.ndarray) -> Finding:
         Weight.LIMIT,
         f"{what} have focal lengths of {focals.min():.0f} to {focals.max():.0f} pixels.",
         "If one camera took them without zoom, the reconstruction has bent space to fit.",
-        "Let all pictures share one camera (COLMAP: --ImageReader.single_camera 1).",
+        "Let all images share one camera (COLMAP: --ImageReader.single_camera 1).",
     )
 
 
@@ -264,9 +264,9 @@ def _pixels(survey: Survey) -> Iterator[Finding]:
         yield Finding(
             "pixels not square",
             Weight.LIMIT,
-            f"Pixels of {len(odd)} of {len(viewpoints)} pictures are {ratios[odd[0]]:.3f} times "
+            f"Pixels of {len(odd)} of {len(viewpoints)} images are {ratios[odd[0]]:.3f} times "
             "as high as wide.",
-            "Cameras have square pixels; pictures were probably stretched after calibration.",
-            "Use the pictures that the cameras were computed from.",
+            "Cameras have square pixels; images were probably stretched after calibration.",
+            "Use the images that the cameras were computed from.",
             names,
         )

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from gsfw.core.config import MethodConfig
 from gsfw.core.datamanager import DataManager
 from gsfw.preparation.check.camera_findings import camera_findings
-from gsfw.preparation.check.picture_findings import picture_findings
+from gsfw.preparation.check.image_findings import image_findings
 from gsfw.preparation.check.plan import Plan
 from gsfw.preparation.check.point_findings import point_findings
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.check.time_findings import time_findings
 from gsfw.preparation.finding import Finding, sorted_findings
 
-JUDGES = (camera_findings, point_findings, picture_findings, time_findings)
+JUDGES = (camera_findings, point_findings, image_findings, time_findings)
 """Each judges one side of a capture."""
 
 
@@ -31,15 +31,15 @@ class Examination:
     """The settings that the data set was opened with."""
 
     @staticmethod
-    def of(data: DataManager, config: MethodConfig, pictures: int | None = None) -> Examination:
+    def of(data: DataManager, config: MethodConfig, images: int | None = None) -> Examination:
         """Measure and judge a data set.
 
         Args:
             data: the opened data set; the caller closes it.
             config: the settings that it was opened with.
-            pictures: number of images to decode; 0: all; ``None``: the default number.
+            images: number of images to decode; 0: all; ``None``: the default number.
         """
-        survey = Survey.of(data, pictures)
+        survey = Survey.of(data, images)
         return Examination(survey, judge(survey), tuple(data.notes()), config)
 
     def plan(self, method: str = "") -> Plan:

@@ -22,7 +22,7 @@ POINTS = 12_000
 SHADE = 0.9
 """Colours of points are darkened by this factor, so that white ones show."""
 REACH = 3.0
-"""Points farther than this many camera distances from the middle lie outside the picture."""
+"""Points farther than this many camera distances from the middle lie outside the image."""
 FRUSTUM = 0.035
 """Length of a camera, in widths of the view."""
 ROOM = 0.15
@@ -34,7 +34,7 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True)
 class MapView:
-    """Two directions of the scene that become right and down in a picture."""
+    """Two directions of the scene that become right and down in an image."""
 
     across: Float[np.ndarray, " 3"]
     down: Float[np.ndarray, " 3"]
@@ -43,7 +43,7 @@ class MapView:
     """From the middle to the borders at least, across and down, in scene units."""
 
     def draw(self, survey: Survey, title: str, size: tuple[int, int]) -> Image.Image:
-        """The picture, ``size`` pixels wide and high."""
+        """The image, ``size`` pixels wide and high."""
         scale = OVERSAMPLING
         image = Image.new("RGB", (scale * size[0], scale * size[1]), GROUND)
         draw = ImageDraw.Draw(image)
@@ -88,7 +88,7 @@ class MapView:
     def _camera(
         self, draw: ImageDraw.ImageDraw, survey: Survey, number: int, size: tuple[int, int]
     ) -> None:
-        """A pyramid from the camera's centre to the corners of its picture."""
+        """A pyramid from the camera's centre to the corners of its image."""
         viewpoints = survey.viewpoints
         pose, intrinsics = viewpoints.poses[number], viewpoints.intrinsics[number]
         width, height = viewpoints.sizes[number].tolist()

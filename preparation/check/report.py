@@ -46,7 +46,7 @@ def report_unreadable(error: DataError) -> dict[str, Any]:
 
 def describe(survey: Survey, plan: Plan) -> dict[str, Any]:
     """Figures of a survey as plain data."""
-    viewpoints, scene, looks = survey.viewpoints, survey.scene, survey.looks
+    viewpoints, scene, sample = survey.viewpoints, survey.scene, survey.sample
     return {
         "views_train": int(viewpoints.trained.sum()),
         "views_eval": int((~viewpoints.trained).sum()),
@@ -61,14 +61,14 @@ def describe(survey: Survey, plan: Plan) -> dict[str, Any]:
         "widest_angle": None if survey.angles is None else round(survey.angles.widest, 1),
         "color_scatter": None if survey.agreement is None else round(survey.agreement.scatter, 3),
         "alpha": scene.has_alpha,
-        "covered": _mean([look.covered for look in looks.looks]),
-        "valid": _mean([look.valid for look in looks.looks]),
+        "covered": _mean([image.covered for image in sample.images]),
+        "valid": _mean([image.valid for image in sample.images]),
         "background": plain_background(survey),
         "tracked_points": len(survey.track_colors.rows),
         "view_dependence": _view_dependence(survey),
         **_times(survey),
-        "pictures_decoded": looks.tried,
-        "pictures": looks.total,
+        "images_decoded": sample.tried,
+        "images": sample.total,
         "methods": list(plan.methods),
         "decoded_mb": round(plan.decoded_mb, 1),
         "cache_mb": plan.cache_mb,
@@ -110,7 +110,7 @@ def _mean(values: list[float]) -> float | None:
 
 
 def _visible_share(survey: Survey) -> float | None:
-    """Part of the points that is in a picture, as a median."""
+    """Part of the points that is in an image, as a median."""
     if survey.surface is None or not survey.surface.measured:
         return None
     return round(float(np.median(survey.surface.seen.mean(1))), 3)
@@ -146,11 +146,11 @@ def _summary(document: Mapping[str, Any]) -> str:
 
 def sample_line(document: Mapping[str, Any]) -> str:
     """A sentence on the number of decoded images."""
-    tried, total = document["pictures_decoded"], document["pictures"]
+    tried, total = document["images_decoded"], document["images"]
     if tried == total:
-        return f"All {total} pictures were decoded."
+        return f"All {total} images were decoded."
     return (
-        f"{tried} of {total} pictures were decoded, evenly spread (pictures=all decodes all): "
+        f"{tried} of {total} images were decoded, evenly spread (images=all decodes all): "
         "others may be damaged, blurred or copies."
     )
 
@@ -159,7 +159,7 @@ def table_rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Names and values of the figures, for a table."""
     rows = [
         (
-            "pictures",
+            "images",
             f"{document['views_train']} to train on, {document['views_eval']} held out, from "
             f"{document['places']} places",
         ),
@@ -186,7 +186,7 @@ def _numbers(values: list[float]) -> str:
 def _points(document: Mapping[str, Any]) -> str:
     if not document["points"]:
         return "none"
-    share = f"{100 * document['visible_share']:.0f} % of them in a picture (median)"
+    share = f"{100 * document['visible_share']:.0f} % of them in an image (median)"
     return f"{document['points']:,}, {share}"
 
 
@@ -207,7 +207,7 @@ def _view_rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     found, kind = document["view_dependence"], "view dependence"
     if found is None:
         known = f"{document['tracked_points'] or 'no'} points are known to be in {MIN_VIEWS}"
-        return [(kind, f"not measured: {known} of these pictures or more; it takes {MIN_POINTS}")]
+        return [(kind, f"not measured: {known} of these images or more; it takes {MIN_POINTS}")]
     matte, first, more, chance = (
         f"{100 * found[key]:.0f} %" for key in ("matte", "degree_1", "degree_2", "by_chance")
     )
@@ -235,7 +235,7 @@ def _time_text(document: Mapping[str, Any]) -> str:
 
 def _memory(document: Mapping[str, Any]) -> str:
     return (
-        f"{document['decoded_mb']:,.0f} MB of pictures (cache_mb={document['cache_mb']}), "
+        f"{document['decoded_mb']:,.0f} MB of images (cache_mb={document['cache_mb']}), "
         f"{document['gaussians']:,} Gaussians to start with take "
         f"{document['gaussians_mb']:,.0f} MB while training, a million of them "
         f"{document['million_gaussians_mb']:,.0f}"

@@ -37,8 +37,8 @@ def still_share(survey: Survey) -> float | None:
     if not viewpoints.stand_still:
         return None
     groups: dict[int, list[np.ndarray]] = {}
-    for look in survey.looks.looks:
-        groups.setdefault(int(viewpoints.place_of[look.view]), []).append(look.preview)
+    for image in survey.sample.images:
+        groups.setdefault(int(viewpoints.place_of[image.view]), []).append(image.preview)
     shares = []
     for previews in groups.values():
         if len(previews) > 2 and len({preview.shape for preview in previews}) == 1:

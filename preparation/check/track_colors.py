@@ -1,8 +1,8 @@
-"""TrackColors: the colours of matched points in the pictures that show them.
+"""TrackColors: the colours of matched points in the images that show them.
 
 A colour is the mean of a patch under a Gaussian, so that a match that is off by a pixel hardly
 moves it. The patch lies in space, across the mean direction that its point is seen from, and so
-covers about the same of the surface in all pictures: else those nearer, or less aslant, would show
+covers about the same of the surface in all images: else those nearer, or less aslant, would show
 finer texture, and how fine it is would look as if it came with the direction.
 """
 
@@ -24,20 +24,20 @@ from gsfw.preparation.check.viewpoints import Viewpoints
 from gsfw.preparation.image_quality import MEASURED_SIDE
 
 SIGMA = 1.5
-"""Of the Gaussian in pixels, in the picture that shows the surface coarsest: COLMAP keeps matches
+"""Of the Gaussian in pixels, in the image that shows the surface coarsest: COLMAP keeps matches
 up to 4 pixels off, and the usual ones are off by 1."""
 REACH, STEPS = 2.5, 9
 """The patch goes so many standard deviations to each side, in so many samples."""
 SHOWN = 0.99
-"""Part of the patch that has to lie in the picture, and to count there."""
+"""Part of the patch that has to lie in the image, and to count there."""
 MIN_VIEWS = 8
-"""Pictures of a point, twice as many as degree 1 has coefficients: with fewer, what a fit foretells
-is uncertain. Even of fox's points in 8 to 12 pictures only 25 % show that they need more than one
+"""Images of a point, twice as many as degree 1 has coefficients: with fewer, what a fit foretells
+is uncertain. Even of fox's points in 8 to 12 images only 25 % show that they need more than one
 colour, of those in 21 and more 58 %."""
 MAX_POINTS = 3000
 """So many are measured, drawn with a fixed seed: shares are then known to about 1 %."""
 FINEST = 4.0
-"""Pictures that show the surface finer than the coarsest by more than this are left out."""
+"""Images that show the surface finer than the coarsest by more than this are left out."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class TrackColors:
     points: Int[np.ndarray, " o"]
     """Of each observation, among ``rows``; ascending."""
     views: Int[np.ndarray, " o"]
-    """Its picture, among the viewpoints."""
+    """Its image, among the viewpoints."""
     directions: Float[np.ndarray, "o 3"]
     """Unit vectors from camera to point."""
     colors: Float[np.ndarray, "o 3"]
@@ -59,10 +59,10 @@ class TrackColors:
 
     @staticmethod
     def of(data: DataManager, viewpoints: Viewpoints, views: Sequence[int]) -> TrackColors:
-        """Sample the pictures of some views; none where nobody said which show which point.
+        """Sample the images of some views; none where nobody said which show which point.
 
         Args:
-            data: where pictures come from.
+            data: where images come from.
             viewpoints: of the same data.
             views: numbers of those that decode.
         """
@@ -105,11 +105,11 @@ def _looked_up(
     steps: Float[np.ndarray, "s 2"],
     sigmas: Float[np.ndarray, " o"],
 ) -> tuple[Float[np.ndarray, "o 3"], Float[np.ndarray, " o"]]:
-    """Mean colours, and how steep they are per pixel; NaN where a patch is not all in the picture.
+    """Mean colours, and how steep they are per pixel; NaN where a patch is not all in the image.
 
     Args:
-        batch: of one picture.
-        places: samples of the patches, in widths and heights of the picture.
+        batch: of one image.
+        places: samples of the patches, in widths and heights of the image.
         steps: of the samples from the middle, in standard deviations.
         sigmas: these deviations in pixels.
     """
@@ -131,18 +131,18 @@ def _looked_up(
 
 @dataclass(frozen=True)
 class TrackPlaces:
-    """``o`` observations of points; lengths in pixels of pictures shrunk to ``MEASURED_SIDE``."""
+    """``o`` observations of points; lengths in pixels of images shrunk to ``MEASURED_SIDE``."""
 
     rows: Int[np.ndarray, " o"]
     """Of each point among those of the scene; ascending."""
     views: Int[np.ndarray, " o"]
-    """Of each picture among the viewpoints."""
+    """Of each image among the viewpoints."""
     points: Float[np.ndarray, "o 3"]
     """Where they are."""
     directions: Float[np.ndarray, "o 3"]
     """Unit vectors from camera to point."""
     errors: Float[np.ndarray, " o"]
-    """How far the point is from where it was matched, as a mean over all its pictures."""
+    """How far the point is from where it was matched, as a mean over all its images."""
     footprints: Float[np.ndarray, " o"]
     """What a pixel covers of the surface, in scene units."""
 
@@ -167,7 +167,7 @@ class TrackPlaces:
 
     @property
     def zooms(self) -> Float[np.ndarray, " o"]:
-        """How much finer a picture shows a point than the one that shows it coarsest; >= 1."""
+        """How much finer an image shows a point than the one that shows it coarsest; >= 1."""
         coarsest = np.zeros(self.rows.max(initial=0) + 1)
         np.maximum.at(coarsest, self.rows, self.footprints)
         return coarsest[self.rows] / self.footprints
@@ -194,7 +194,7 @@ def often(rows: Int[np.ndarray, " o"], usable: Bool[np.ndarray, " o"]) -> Bool[n
 
 
 def measured_sizes(viewpoints: Viewpoints) -> Int[np.ndarray, "v 2"]:
-    """Widths and heights at which the pictures are looked at."""
+    """Widths and heights at which the images are looked at."""
     shrink = np.minimum(1.0, MEASURED_SIDE / viewpoints.sizes.max(1, keepdims=True))
     return np.maximum(1, np.round(viewpoints.sizes * shrink)).astype(np.int64)
 

@@ -27,9 +27,9 @@ patches are strongly curved, makes 1.2 grey levels."""
 FEW = 0.1
 """Part of the points up to which a degree is left out for all."""
 TINY = 1e-12
-"""Mean square error of perfect pictures, far below that of 8 bits."""
+"""Mean square error of perfect images, far below that of 8 bits."""
 DEGREES = (0, 1, 2)
-"""Degree 3 has more coefficients than most points have pictures."""
+"""Degree 3 has more coefficients than most points have images."""
 ALONE = 0.98
 """Leverage from which on an observation decides a coefficient alone, and cannot be foretold."""
 RANK = 1e-6
@@ -45,11 +45,11 @@ class ViewDependence:
     """The lowest that is enough for each."""
     errors: Float[np.ndarray, "p 3"]
     """Mean square error of degree 0, 1 and 2 at colours that the fit has not seen; infinite where a
-    point is in too few pictures."""
+    point is in too few images."""
     by_chance: float
     """Part of the points that ask for more than degree 0 after directions are shuffled."""
     exposed: Float[np.ndarray, " p"]
-    """Standard deviation of each point's colours over its pictures."""
+    """Standard deviation of each point's colours over its images."""
     deviation: Float[np.ndarray, " p"]
     """The same less what exposure explains."""
     misplaced: Float[np.ndarray, " p"]
@@ -57,7 +57,7 @@ class ViewDependence:
 
     @staticmethod
     def of(colors: TrackColors) -> ViewDependence | None:
-        """Of colours in pictures; ``None`` where there are fewer than ``MIN_POINTS`` points."""
+        """Of colours in images; ``None`` where there are fewer than ``MIN_POINTS`` points."""
         if len(colors.rows) < MIN_POINTS:
             return None
         exposure = TrackExposure.of(colors.points, colors.views, colors.colors)

@@ -23,7 +23,7 @@ ANGLE_POINTS, ANGLE_PLACES = 300, 200
 """Angles are computed at so many points between so many places: every point takes all pairs."""
 OVERLAP = 0.2
 """Views are neighbours if they share this part of what one of them sees: with less, hardly any
-part of a picture is constrained by the other."""
+part of an image is constrained by the other."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Viewpoints:
     def project(
         self, view: int, points: Float[np.ndarray, "p 3"]
     ) -> tuple[Float[np.ndarray, "p 2"], Bool[np.ndarray, " p"]]:
-        """Pixels of points in a view, and which of the points are in front and in the picture."""
+        """Pixels of points in a view, and which of the points are in front and in the image."""
         local = points @ self.poses[view, :3, :3].T + self.poses[view, :3, 3]
         depth = local[:, 2]
         model = self.cameras[view].model
@@ -149,7 +149,7 @@ class Surface:
     measured: bool
     """False: there are no points, and these stand in for them around where all cameras look."""
     seen: Bool[np.ndarray, "s p"]
-    """Which of them are in the picture of each place."""
+    """Which of them are in the image of each place."""
 
     @staticmethod
     def of(scene: Scene, viewpoints: Viewpoints) -> Surface | None:

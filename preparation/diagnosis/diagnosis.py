@@ -1,4 +1,4 @@
-"""Diagnosis: what became of every picture, how good the model is, and what to do about it."""
+"""Diagnosis: what became of every image, how good the model is, and what to do about it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.diagnosis.view_findings import view_findings
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.finding import Finding, Verdict, sorted_findings
+from gsfw.preparation.image_set import ImageSet, LeftOut
 from gsfw.preparation.mapping.mapping import Mapping as CameraMapping
-from gsfw.preparation.picture_set import LeftOut, PictureSet
 
 JUDGES = (registration_findings, view_findings, camera_findings)
 
@@ -29,15 +29,15 @@ class Diagnosis:
     """All that is to be said before the written data set is looked at."""
 
     given: int
-    """How many pictures there are, those included that do not decode."""
+    """How many images there are, those included that do not decode."""
     registered: tuple[str, ...]
-    """Pictures that the largest model has, in the order of the set."""
+    """Images that the largest model has, in the order of the set."""
     unregistered: tuple[Unregistered, ...]
     """All others, each with its reason."""
     left_out: tuple[LeftOut, ...]
-    """Files that are no pictures of the set, each with its reason."""
+    """Files that are no images of the set, each with its reason."""
     components: tuple[Component, ...]
-    """Groups of pictures that match, the one with most placed pictures first."""
+    """Groups of images that match, the one with most placed images first."""
     bridges: tuple[Bridge, ...]
     """Where each of the others comes nearest to those before."""
     model: ModelFigures | None
@@ -71,7 +71,7 @@ class Diagnosis:
 
 def diagnose(
     database: Path,
-    pictures: PictureSet,
+    images: ImageSet,
     groups: Sequence[CameraGroup],
     features: Mapping[str, FeatureReport],
     mapping: CameraMapping,
@@ -80,21 +80,21 @@ def diagnose(
 
     Args:
         database: COLMAP's, with features and matches.
-        pictures: all of them.
+        images: all of them.
         groups: their cameras.
-        features: what is known of each picture.
+        features: what is known of each image.
         mapping: its models; there may be none.
 
     Raises:
         DataError: the database or a model cannot be read.
     """
-    evidence = Evidence.gather(database, pictures, groups, features, mapping.models)
+    evidence = Evidence.gather(database, images, groups, features, mapping.models)
     figures = evidence.figures
     return Diagnosis(
         given=evidence.given,
         registered=evidence.registered,
         unregistered=evidence.unregistered,
-        left_out=pictures.left_out,
+        left_out=images.left_out,
         components=evidence.components,
         bridges=evidence.bridges,
         model=figures,
@@ -108,10 +108,10 @@ def words_of(figures: ModelFigures, given: int) -> Iterator[str]:
 
     Args:
         figures: of the largest model.
-        given: how many pictures there were to place.
+        given: how many images there were to place.
     """
     yield (
-        f"{figures.registered} of {given} pictures were placed; {figures.points:,} points were "
+        f"{figures.registered} of {given} images were placed; {figures.points:,} points were "
         f"found in {figures.observations:,} places."
     )
     if not figures.points:
@@ -123,7 +123,7 @@ def words_of(figures: ModelFigures, given: int) -> Iterator[str]:
     )
     tracks, baselines = figures.tracks, figures.baselines
     yield (
-        f"A point is seen by {tracks.mean_length:.1f} pictures (mean), "
+        f"A point is seen by {tracks.mean_length:.1f} images (mean), "
         f"{100 * tracks.share_of_pairs:.0f} % of them by two only, within an angle of "
         f"{tracks.median_degrees:.1f} degrees (median; a tenth within less than "
         f"{tracks.low_degrees:.1f})."
@@ -147,8 +147,8 @@ def _camera(camera: CameraFigures) -> str:
         origin = {"EXIF": "EXIF says", "given": "it was given as"}
         guess = f"; {origin.get(camera.focal_origin, 'the usual guess was')}"
         guess += f" {camera.first_focal:.0f}"
-    pictures = f"{camera.pictures} picture{'' if camera.pictures == 1 else 's'}"
+    images = f"{camera.images} image{'' if camera.images == 1 else 's'}"
     return (
-        f"Camera {camera.number} ({camera.model}, {pictures}) has a focal length of "
+        f"Camera {camera.number} ({camera.model}, {images}) has a focal length of "
         f"{camera.focal:.0f} pixels, {camera.view_degrees:.0f} degrees across{guess}."
     )

@@ -1,4 +1,4 @@
-"""Link: what the matches of two pictures have in common."""
+"""Link: what the matches of two images have in common."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from gsfw.preparation.feature_database import picture_numbers
-from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.feature_database import image_numbers
+from gsfw.preparation.image_set import ImageSet
 
 if TYPE_CHECKING:
     from pycolmap import Database
 
 LEAST, JOINED = 15, 30
 """Verified matches: COLMAP drops pairs with fewer than the first (``min_num_matches``), and the
-second joins two pictures, as one is placed by so many points (``abs_pose_min_num_inliers``). In
+second joins two images, as one is placed by so many points (``abs_pose_min_num_inliers``). In
 between may be chance, as on the squares of a board: 19 photos of plush that are too far apart fall
 into 11, 5 and 3 by it, and those are the models that COLMAP makes of them."""
 SAME_VIEW = 5e-4
-"""Median distance of matches, in longer sides of a picture, below which two pictures show one view:
+"""Median distance of matches, in longer sides of an image, below which two images show one view:
 half a pixel of 1000, which is about how precisely features are found."""
 TURN, MOVED = 0.01, 0.03
 """``Link.turn`` of a camera that only turned, for a shift (in longer sides) that is large enough to
@@ -33,7 +33,7 @@ SAMPLED = 200
 
 @dataclass(frozen=True)
 class Link:
-    """What two pictures have in common."""
+    """What two images have in common."""
 
     first: str
     second: str
@@ -42,7 +42,7 @@ class Link:
     verified: int = 0
     """Matches that one motion of a camera explains, all at once."""
     shift: float = 0.0
-    """Median distance between the two places of a verified match, in longer sides of a picture."""
+    """Median distance between the two places of a verified match, in longer sides of an image."""
     flat: bool = False
     """Whether a homography explains them: all lie in one plane, or the camera only turned."""
     turn: float = 1.0
@@ -64,20 +64,20 @@ class Link:
         return self.shift < SAME_VIEW
 
     def other(self, name: str) -> str:
-        """The picture that is not ``name``."""
+        """The image that is not ``name``."""
         return self.second if name == self.first else self.first
 
 
 class FeaturePlaces:
-    """Where features are, in longer sides of their pictures; read when asked for."""
+    """Where features are, in longer sides of their images; read when asked for."""
 
-    def __init__(self, database: Database, pictures: PictureSet) -> None:
-        self._database, self._numbers = database, picture_numbers(pictures)
-        self._sides = {p.name: max(p.header.width, p.header.height) for p in pictures.pictures}
+    def __init__(self, database: Database, images: ImageSet) -> None:
+        self._database, self._numbers = database, image_numbers(images)
+        self._sides = {p.name: max(p.header.width, p.header.height) for p in images.images}
         self._known: dict[str, Float[np.ndarray, "n 2"]] = {}
 
     def of(self, name: str) -> Float[np.ndarray, "n 2"]:
-        """Of the features of a picture."""
+        """Of the features of an image."""
         if name not in self._known:
             keypoints = self._database.read_keypoints(self._numbers[name])
             self._known[name] = np.asarray(keypoints)[:, :2] / self._sides[name]

@@ -1,6 +1,6 @@
 """ModelFigures: how good a reconstruction is, in numbers.
 
-Everything is computed from the model's own points, poses and cameras: nothing here knows pictures.
+Everything is computed from the model's own points, poses and cameras: nothing here knows images.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class CameraFigures:
     width: int
     """Pixels."""
     height: int
-    pictures: int
-    """How many pictures with a pose it took."""
+    images: int
+    """How many images with a pose it took."""
     focal: float
     """Pixels, the mean of both directions."""
     first_focal: float | None
@@ -64,9 +64,9 @@ class TrackFigures:
     """How points are seen; not-a-number where a model has none."""
 
     mean_length: float
-    """Pictures that see a point."""
+    """Images that see a point."""
     share_of_pairs: float
-    """Of points that only two pictures see."""
+    """Of points that only two images see."""
     median_degrees: float
     """Of the widest angle between two rays to a point."""
     low_degrees: float
@@ -98,21 +98,21 @@ class ModelFigures:
     """A model in numbers; a mean over nothing is not-a-number."""
 
     registered: int
-    """Pictures with a pose."""
+    """Images with a pose."""
     points: int
     observations: int
     error: float
     """Mean reprojection error in pixels over observations; COLMAP takes the mean over points, in
     which long tracks count for less."""
     errors: dict[str, float]
-    """The same of each picture that sees a point, by name."""
+    """The same of each image that sees a point, by name."""
     seen: dict[str, int]
-    """How many points each picture sees, by name."""
+    """How many points each image sees, by name."""
     tracks: TrackFigures
     baselines: BaselineFigures
     cameras: tuple[CameraFigures, ...]
     stretch: Stretch
-    """Of pictures by their own motion, as a rolling shutter makes it."""
+    """Of images by their own motion, as a rolling shutter makes it."""
 
     @staticmethod
     def of(model: Reconstruction, groups: Sequence[CameraGroup] = ()) -> ModelFigures:
@@ -123,11 +123,11 @@ class ModelFigures:
             groups: what was assumed of its cameras, by the same numbers.
         """
         seen = Observations.of(model)
-        names = [model.image(int(number)).name for number in seen.picture_ids]
+        names = [model.image(int(number)).name for number in seen.image_ids]
         counts = seen.counts
         places, offsets = residuals_of(model, seen)
         residuals = np.linalg.norm(offsets, axis=1)
-        sums = np.bincount(seen.pictures, residuals, minlength=len(names))
+        sums = np.bincount(seen.images, residuals, minlength=len(names))
         means = sums / np.maximum(counts, 1)
         return ModelFigures(
             registered=len(names),
@@ -152,7 +152,7 @@ class ModelFigures:
 
 
 def _tracks(model: Reconstruction, seen: Observations) -> TrackFigures:
-    centers = np.array([model.image(int(n)).projection_center() for n in seen.picture_ids])
+    centers = np.array([model.image(int(n)).projection_center() for n in seen.image_ids])
     angles = widest_angles(seen, centers.reshape(-1, 3))
     return TrackFigures(
         mean_length=_mean(seen.lengths),
@@ -165,17 +165,17 @@ def _tracks(model: Reconstruction, seen: Observations) -> TrackFigures:
 
 
 def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
-    images = [model.image(int(number)) for number in seen.picture_ids]
+    images = [model.image(int(number)) for number in seen.image_ids]
     if len(images) < 2:
         return BaselineFigures(*[float("nan")] * 4)
     centers = np.array([image.projection_center() for image in images])
     views = np.array([image.viewing_direction() for image in images])
     distances, neighbors = _nearest(centers)
     cosines = np.clip((views * views[neighbors]).sum(axis=1), -1, 1)
-    depths = ((seen.positions[seen.points] - centers[seen.pictures]) * views[seen.pictures]).sum(1)
+    depths = ((seen.positions[seen.points] - centers[seen.images]) * views[seen.images]).sum(1)
     ratios = [
         distance / np.median(depths[own])
-        for distance, (_, own) in zip(distances, seen.by_picture(), strict=True)
+        for distance, (_, own) in zip(distances, seen.by_image(), strict=True)
         if len(own)
     ]
     spread = float(np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -214,7 +214,7 @@ def _cameras(model: Reconstruction, groups: Sequence[CameraGroup]) -> tuple[Came
     )
 
 
-def _camera(camera: Camera, pictures: int, assumed: CameraGroup | None) -> CameraFigures:
+def _camera(camera: Camera, images: int, assumed: CameraGroup | None) -> CameraFigures:
     names = [name.strip() for name in camera.params_info.split(",")]
     extra = camera.extra_params_idxs()
     longer = max(camera.width, camera.height)
@@ -226,7 +226,7 @@ def _camera(camera: Camera, pictures: int, assumed: CameraGroup | None) -> Camer
         model=camera.model.name,
         width=camera.width,
         height=camera.height,
-        pictures=pictures,
+        images=images,
         focal=float(camera.mean_focal_length()),
         first_focal=assumed.focal if assumed else None,
         focal_origin=assumed.focal_origin if assumed else "",
@@ -250,15 +250,15 @@ def widest_angles(
     """The widest angle between any two rays to each point, in degrees; 0 where nothing sees it.
 
     Args:
-        seen: which picture sees which point.
-        centers: where the pictures were taken from.
+        seen: which image sees which point.
+        centers: where the images were taken from.
     """
-    rays = centers[seen.pictures] - seen.positions[seen.points]
+    rays = centers[seen.images] - seen.positions[seen.points]
     norms = np.linalg.norm(rays, axis=1, keepdims=True)
     rays = rays / np.maximum(norms, np.finfo(np.float64).tiny)
     starts = np.cumsum(seen.lengths) - seen.lengths
     angles = np.zeros(len(seen.positions))
-    # Points that equally many pictures see make one array, without gaps.
+    # Points that equally many images see make one array, without gaps.
     for length in np.unique(seen.lengths[seen.lengths > 0]).tolist():
         chosen = np.flatnonzero(seen.lengths == length)
         for part in np.array_split(chosen, 1 + len(chosen) * length**2 // AT_ONCE):

@@ -1,6 +1,6 @@
-"""Unregistered: why a picture has no place in the model, the cause and not what followed from it.
+"""Unregistered: why an image has no place in the model, the cause and not what followed from it.
 
-A blurred picture has few features, and so few matches, and so no place: it is called blurred.
+A blurred image has few features, and so few matches, and so no place: it is called blurred.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gsfw.preparation.diagnosis.match_graph import Bridge, MatchGraph
 from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.image_quality import EMPTY, SOFT
-from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.image_set import ImageSet
 
 DARK, BRIGHT = 0.05, 0.95
 """Mean grey levels beyond which nothing is left to see: fox has 0.46 to 0.56; at a fiftieth of the
@@ -29,10 +29,10 @@ and 233 matches, one of 12 pixels 65 and none."""
 FEW_SHARE = 0.1
 """Of the usual number of features."""
 MATCHED = 100
-"""Verified matches with a placed picture that acquit a picture's looks: blurred by 4 pixels, a
+"""Verified matches with a placed image that acquit an image's looks: blurred by 4 pixels, a
 photo of fox has 233 and is placed; smeared along 50 pixels, it has 18 and is not."""
 COPIED = 0.6
-"""Of the features of the poorer picture that are verified matches for two to be copies: with other
+"""Of the features of the poorer image that are verified matches for two to be copies: with other
 noise it is 0.9, with nothing but the same caption, a seventh of the height, 0.4."""
 MANY_TURNED = 0.5
 """Part of the links that say that the camera only turned."""
@@ -51,12 +51,12 @@ Reason = Literal[
     "matched only within its group",
     "matched, but not placed",
 ]
-"""Why a picture was not placed; causes before effects."""
+"""Why an image was not placed; causes before effects."""
 
 
 @dataclass(frozen=True)
 class Unregistered:
-    """A picture without a place, and why."""
+    """An image without a place, and why."""
 
     name: str
     path: Path
@@ -76,26 +76,26 @@ class Unregistered:
 
 
 def why_unregistered(
-    pictures: PictureSet,
+    images: ImageSet,
     features: Mapping[str, FeatureReport],
     graph: MatchGraph,
     models: Iterable[frozenset[str]] = (),
 ) -> tuple[Unregistered, ...]:
-    """The pictures that the largest model lacks, in the order of the set.
+    """The images that the largest model lacks, in the order of the set.
 
     Args:
-        pictures: all of them.
+        images: all of them.
         features: of each.
         graph: of the same.
-        models: names of the pictures in each model, the largest first.
+        models: names of the images in each model, the largest first.
     """
-    inquiry = Inquiry(pictures, features, graph, tuple(models))
+    inquiry = Inquiry(images, features, graph, tuple(models))
     return tuple(inquiry.into(name) for name in graph.names if name not in inquiry.placed)
 
 
 @dataclass(frozen=True)
 class Group:
-    """Pictures that belong together, and not to the largest model."""
+    """Images that belong together, and not to the largest model."""
 
     members: frozenset[str]
     what: str
@@ -108,14 +108,14 @@ class Group:
 class Inquiry:
     """Looks for the reasons."""
 
-    pictures: PictureSet
+    images: ImageSet
     features: Mapping[str, FeatureReport]
     graph: MatchGraph
     models: tuple[frozenset[str], ...]
 
     @property
     def placed(self) -> frozenset[str]:
-        """Pictures of the largest model."""
+        """Images of the largest model."""
         return self.models[0] if self.models else frozenset()
 
     def into(self, name: str) -> Unregistered:
@@ -136,21 +136,21 @@ class Inquiry:
         return next((reason for reason in reasons if reason), self._rest(name))
 
     def _because(self, name: str, reason: Reason, found: str, advice: str) -> Unregistered:
-        return Unregistered(name, self.pictures.by_name[name].path, reason, found, advice)
+        return Unregistered(name, self.images.by_name[name].path, reason, found, advice)
 
     def _matched(self, name: str) -> bool:
-        """Whether a placed picture shows so much of the same that looks are not to blame."""
+        """Whether a placed image shows so much of the same that looks are not to blame."""
         link = self.graph.best(name, self.placed)
         return link is not None and link.verified >= MATCHED
 
     @cached_property
     def usual(self) -> Usual:
-        """What pictures of this capture are like when nothing is wrong with them."""
+        """What images of this capture are like when nothing is wrong with them."""
         return Usual.of(self.features, self.placed)
 
     def _exposure(self, name: str) -> Unregistered | None:
         quality = self.features[name].quality
-        # An object before black or white may well be clipped around it in all pictures.
+        # An object before black or white may well be clipped around it in all images.
         clipped = quality.clipped > CLIPPED and not (
             self.placed and quality.clipped < self.usual.quality.clipped + CLIPPED / 2
         )
@@ -162,9 +162,9 @@ class Inquiry:
             "too dark" if dark else "over-exposed",
             f"Its mean brightness is {100 * quality.brightness:.0f} % and "
             f"{100 * quality.clipped:.0f} % of it pure black or white; {self._count(name)}.",
-            "Take such pictures again with more light, or a longer exposure and a steady camera."
+            "Take such photos again with more light, or a longer exposure and a steady camera."
             if dark
-            else "Take such pictures again with a shorter exposure.",
+            else "Take such photos again with a shorter exposure.",
         )
 
     def _plain(self, name: str) -> Unregistered | None:
@@ -203,9 +203,9 @@ class Inquiry:
             name,
             kind,
             f"{found}; {self._count(name)}.",
-            "Take such pictures again with a shorter exposure, more light or a slower movement."
+            "Take such photos again with a shorter exposure, more light or a slower movement."
             if moved
-            else "Take such pictures again in focus.",
+            else "Take such photos again in focus.",
         )
 
     def _features(self, name: str) -> Unregistered | None:
@@ -223,7 +223,7 @@ class Inquiry:
 
     def _duplicate(self, name: str) -> Unregistered | None:
         """A copy of another, and nothing but copies shows the same."""
-        links = [link for link in self.graph.by_picture[name] if link.joins]
+        links = [link for link in self.graph.by_image[name] if link.joins]
         copies = [link for link in links if is_copy(link, self.features)]
         if not copies or (len(copies) < len(links) and copies[0].other(name) not in self.placed):
             return None
@@ -239,7 +239,7 @@ class Inquiry:
         best = self.graph.best(name)
         if best is not None and best.joins:
             return None
-        partner = "it has nothing in common with any picture"
+        partner = "it has nothing in common with any image"
         if best is not None:
             what = f"{best.verified} verified matches" if best.verified else "no verified match"
             partner = f"its best partner is {best.other(name)} with {what}"
@@ -257,24 +257,24 @@ class Inquiry:
         for group in self._groups:
             if name in group.members:
                 number = len(group.members) - 1
-                others = f"{number} other picture{'' if number == 1 else 's'}"
+                others = f"{number} other image{'' if number == 1 else 's'}"
                 return self._because(
                     name,
                     "matched only within its group",
                     f"It and {others} {group.what}; the largest model has {len(self._place)} "
-                    "pictures.",
+                    "images.",
                     f"{_capital(group.bridge.advice)}.",
                 )
         return None
 
     @cached_property
     def _groups(self) -> tuple[Group, ...]:
-        """Other models, and pictures that no match joins to the largest one."""
+        """Other models, and images that no match joins to the largest one."""
         if not self.placed:
             return ()
         own = [(model, "make up a model of their own") for model in self.models[1:]]
         own += [
-            (frozenset(one.pictures), "match each other only")
+            (frozenset(one.images), "match each other only")
             for one in self.graph.components(self.placed)
             if not one.placed
         ]
@@ -290,12 +290,12 @@ class Inquiry:
 
     @cached_property
     def _place(self) -> tuple[str, ...]:
-        """The placed pictures in the order of the set."""
+        """The placed images in the order of the set."""
         return tuple(name for name in self.graph.names if name in self.placed)
 
     def _turned(self, name: str) -> Unregistered | None:
         """Seen from where the others were taken, which tells no depth."""
-        links = [link for link in self.graph.by_picture[name] if link.joins]
+        links = [link for link in self.graph.by_image[name] if link.joins]
         turned = [link for link in links if link.is_turn]
         if len(turned) <= MANY_TURNED * len(links):
             return None
@@ -310,7 +310,7 @@ class Inquiry:
     def _rest(self, name: str) -> Unregistered:
         """Matched, and yet without a place."""
         best = self.graph.best(name, self.placed) or self.graph.best(name)
-        partner = "It matches other pictures"
+        partner = "It matches other images"
         if best is not None:
             partner = f"It has {best.verified} verified matches with {best.other(name)}"
         advice = (
@@ -319,7 +319,7 @@ class Inquiry:
         )
         if self.graph.has_overlay:
             why = "but many matches stay in place while the view moves"
-            advice = "Crop or mask what is in the same place in all pictures."
+            advice = "Crop or mask what is in the same place in all images."
         elif not self.placed:
             why = "but no model of more than a few points came of it"
         else:
@@ -333,7 +333,7 @@ class Inquiry:
 
 
 def is_copy(link: Link, features: Mapping[str, FeatureReport]) -> bool:
-    """Whether two pictures are the same, or taken from one place in one direction."""
+    """Whether two images are the same, or taken from one place in one direction."""
     count = min(features[link.first].count, features[link.second].count)
     return link.is_still and link.verified >= COPIED * count
 

@@ -1,6 +1,6 @@
 """What the photos and their matches say: motion blur, one view, turning, a plane, what stays still.
 
-Blur, exposure and copies among placed pictures are told by ``gsfw check``, which looks at these.
+Blur, exposure and copies among placed images are told by ``gsfw check``, which looks at these.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FEW_PAIRS = 3
 
 
 def view_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Everything that pictures and pairs of them show."""
+    """Everything that images and pairs of them show."""
     yield from _blur(evidence)
     yield from _one_view(evidence)
     yield from _turns_or_plane(evidence)
@@ -60,10 +60,10 @@ def _one_view(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "one view",
             Weight.STOP,
-            f"{evidence.given} pictures show {views} different view{'s' if views > 1 else ''}: "
+            f"{evidence.given} images show {views} different view{'s' if views > 1 else ''}: "
             "their features are in the same places.",
-            "Depth is only seen from places apart; more pictures of one view tell nothing more.",
-            "Walk around the scene, and take each picture from another place.",
+            "Depth is only seen from places apart; more images of one view tell nothing more.",
+            "Walk around the scene, and take each image from another place.",
             tuple(name for name in evidence.graph.names if name in twins),
         )
 
@@ -76,16 +76,16 @@ def _turns_or_plane(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "turning on the spot",
             Weight.LIMIT if _is_solid(evidence) else Weight.STOP,
-            f"In {100 * _share(moved, turned=True):.0f} % of {len(moved)} pairs of pictures the "
+            f"In {100 * _share(moved, turned=True):.0f} % of {len(moved)} pairs of images the "
             "camera has turned, and not moved.",
-            "Depth is only seen from places apart; such pictures make a panorama, and no model.",
-            "Walk sideways around the scene while you take pictures.",
+            "Depth is only seen from places apart; such images make a panorama, and no model.",
+            "Walk sideways around the scene while you take photos.",
         )
     elif len(across) >= FEW_PAIRS and _share(across, turned=False) > MOST_FLAT:
         yield Finding(
             "flat scene",
             Weight.LIMIT,
-            f"In {100 * _share(across, turned=False):.0f} % of {len(across)} pairs of pictures all "
+            f"In {100 * _share(across, turned=False):.0f} % of {len(across)} pairs of images all "
             "matches lie in one plane.",
             "From a plane alone, focal length and depth cannot be told apart for sure.",
             "Include things in front of the wall or on the ground, or give the focal length "
@@ -108,7 +108,7 @@ def _still(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "something stands still",
             Weight.LIMIT,
-            f"{100 * still:.0f} % of the matches of two pictures stay in place while the view "
+            f"{100 * still:.0f} % of the matches of two images stay in place while the view "
             "moves (median).",
             "A watermark, a date, the photographer's shadow, or the room behind a turntable says "
             "that the camera has not moved.",

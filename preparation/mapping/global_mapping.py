@@ -1,8 +1,8 @@
-"""Global mapping: camera poses by GLOMAP, all pictures at once.
+"""Global mapping: camera poses by GLOMAP, all images at once.
 
 Pan et al. 2024, "Global Structure-from-Motion Revisited". The native call cannot be cancelled, so
 that it runs in a process of its own, which can be killed; a copy of the database is worked on,
-since focal lengths are first estimated from pairs of pictures and written into it.
+since focal lengths are first estimated from pairs of images and written into it.
 """
 
 from __future__ import annotations

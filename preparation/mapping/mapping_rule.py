@@ -14,11 +14,11 @@ class MappingRule:
     """What the user chose."""
 
     mapper: str = "incremental"
-    """"incremental" (COLMAP: picture after picture) or "global" (GLOMAP: all at once)."""
+    """"incremental" (COLMAP: image after image) or "global" (GLOMAP: all at once)."""
     refine_focal: bool = True
     """Whether focal lengths are computed, or stay as they were given."""
     refine_principal_point: bool = False
-    """Whether principal points are computed, or stay in the middle of the picture."""
+    """Whether principal points are computed, or stay in the middle of the image."""
     jobs: int = 1
     """How many threads work."""
 

@@ -14,7 +14,7 @@ from gsfw.preparation.writing.camera_plan import CameraPlan, lens_words
 
 LIST = "work/written.txt"
 """Names of written files, relative to the data set."""
-PICTURES, MASKS = "images", "masks"
+IMAGES, MASKS = "images", "masks"
 MODEL_FOLDER = "sparse/0"
 PARTS = ("rigs.bin", "frames.bin", "images.bin", "points3D.bin", "cameras.bin")
 """Files of a model; the last is the one that readers look for. The first two came with COLMAP 4."""
@@ -51,7 +51,7 @@ def is_all_there(out: Path) -> bool:
 
 
 def check_sources_stay(sources: Sequence[Path], targets: Sequence[Path]) -> None:
-    """Check that no picture that is read would be written over.
+    """Check that no image that is read would be written over.
 
     Raises:
         OutputError: one would; it is named.
@@ -61,7 +61,7 @@ def check_sources_stay(sources: Sequence[Path], targets: Sequence[Path]) -> None
         place = target.parent.resolve() / target.name
         if place in read:
             raise OutputError(
-                f"{read[place]} is one of the pictures that are read, and would be written over.",
+                f"{read[place]} is one of the images that are read, and would be written over.",
                 "Choose another place with out=DIR.",
             )
 
@@ -119,11 +119,11 @@ class WrittenDataSet:
 
     layout: str
     """colmap or transforms."""
-    pictures: int
+    images: int
     masks: int
     points: int
     sizes: tuple[tuple[int, int], ...]
-    """Width and height of the written pictures, the most frequent first."""
+    """Width and height of the written images, the most frequent first."""
     lens: str
     """What became of the lenses, in words."""
     bytes: int
@@ -144,7 +144,7 @@ class WrittenDataSet:
 
         Args:
             layout: colmap or transforms.
-            plans: of every picture.
+            plans: of every image.
             masks: how many there are.
             points: likewise.
             size: bytes of all files that training reads.
@@ -153,7 +153,7 @@ class WrittenDataSet:
         sizes = Counter((plan.target.width, plan.target.height) for plan in plans)
         return WrittenDataSet(
             layout=layout,
-            pictures=len(plans),
+            images=len(plans),
             masks=masks,
             points=points,
             sizes=tuple(found for found, _ in sizes.most_common()),

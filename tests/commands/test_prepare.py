@@ -64,7 +64,7 @@ def size_of(path):
 @pytest.mark.slow
 def test_photos_become_a_data_set_with_a_verdict_a_report_and_a_sheet(prepared, photos):
     report = document(prepared)
-    assert report["verdict"] == "usable with limits"  # There are few pictures.
+    assert report["verdict"] == "usable with limits"  # There are few images.
     assert report["given"] == PHOTOS
     assert len(report["registered"]) == PHOTOS
     assert [item["name"] for item in report["left_out"]] == ["photo_900.jpg"]
@@ -107,7 +107,7 @@ def test_models_and_pictures_that_were_removed_are_made_again(prepared, photos, 
 def test_another_setting_repeats_only_what_depends_on_it(prepared, photos, capsys):
     assert main(["prepare", str(photos), f"out={prepared}", "lens=keep"]) == 0
     said = capsys.readouterr().out
-    assert f"pictures: {PHOTOS} of {PHOTOS}" in said
+    assert f"images: {PHOTOS} of {PHOTOS}" in said
     assert "matches: " not in said
     assert document(prepared)["data_set"]["lens"] == "SIMPLE_RADIAL as given"
     assert size_of(prepared / "images" / "photo_003.jpg") == (320, 240, 1)

@@ -29,7 +29,7 @@ def full(monkeypatch):
 @pytest.mark.parametrize("looks", [0, 1, 2])
 def test_features_are_not_written_to_a_full_disk(tmp_path, full, looks):
     grey = np.full((48, 64, 3), 128, np.uint8)
-    pictures = captured.picture_set(captured.write(tmp_path / "photos", [grey, grey // 2]))
+    pictures = captured.image_set(captured.write(tmp_path / "photos", [grey, grey // 2]))
     database = tmp_path / "d.db"
     full(looks)
     with pytest.raises(OutputError) as caught:

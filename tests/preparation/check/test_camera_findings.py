@@ -38,7 +38,7 @@ def test_angles_between_views_are_those_of_the_ring(good):
 def test_three_pictures_do_not_train(tmp_path):
     found = write_ball(tmp_path / "a", ball(count=3)).findings()
     assert found["few views"].weight is Weight.STOP  # One of the three is held out.
-    assert found["few views"].found == "2 pictures to train on."
+    assert found["few views"].found == "2 images to train on."
     assert "holdout_every=0" in found["few views"].advice
 
 
@@ -50,7 +50,7 @@ def test_cameras_in_one_place_do_not_train(tmp_path):
     centers = np.tile([1.0, 0.0, 0.3], (24, 1))
     found = write_ball(tmp_path / "a", ball(centers)).findings()["no baseline"]
     assert found.weight is Weight.STOP
-    assert found.found == "All 21 pictures were taken from one place."
+    assert found.found == "All 21 images were taken from one place."
 
 
 def test_a_small_step_to_the_side_is_a_small_baseline(tmp_path):
@@ -96,7 +96,7 @@ def test_a_focal_length_that_no_camera_has_is_told(tmp_path):
 def test_pixels_that_are_not_square_are_told(tmp_path):
     params = (70.0, 90.0, 32.0, 24.0)
     found = write_ball(tmp_path / "a", params=params).findings(1)
-    assert found["pixels not square"].found.startswith("Pixels of 24 of 24 pictures are 0.778")
+    assert found["pixels not square"].found.startswith("Pixels of 24 of 24 images are 0.778")
 
 
 def test_a_focal_length_for_each_picture_is_told(tmp_path):

@@ -1,4 +1,4 @@
-"""Colours of matched points, looked up in pictures."""
+"""Colours of matched points, looked up in images."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""PictureFile: a file that is found to hold a picture, whatever its name says, or why it does not.
+"""ImageFile: a file that is found to hold an image, whatever its name says, or why it does not.
 
 Only its beginning is looked at; whether all of it decodes is known when features are computed.
 """
@@ -15,8 +15,8 @@ from PIL import Image
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.pictures import EXTENSIONS, FORMATS, Header, read_header
 from gsfw.preparation.foreign_formats import HEAD, RAW, RAW_EXTENSIONS, foreign_format
+from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.input_files import InputFile
-from gsfw.preparation.picture_set import LeftOut
 
 KNOWN = f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
 
@@ -30,23 +30,23 @@ SUFFIXES = {
     "TIFF": (".tif", ".tiff"),
     "BMP": (".bmp",),
 }
-"""Of what Pillow calls formats, the usual one first. MPO is JPEG with further pictures behind."""
+"""Of what Pillow calls formats, the usual one first. MPO is JPEG with further images behind."""
 
 
 @dataclass(frozen=True)
-class PictureFile:
-    """A file whose beginning is that of a picture."""
+class ImageFile:
+    """A file whose beginning is that of an image."""
 
     file: InputFile
     header: Header
     content: str
     """Its format, as Pillow calls it."""
     pages: int = 1
-    """How many pictures it holds; the first is used."""
+    """How many images it holds; the first is used."""
 
 
-def examine(file: InputFile) -> PictureFile | LeftOut | None:
-    """Look at a file that is no video; ``None`` for one that does not claim to be a picture."""
+def examine(file: InputFile) -> ImageFile | LeftOut | None:
+    """Look at a file that is no video; ``None`` for one that does not claim to be an image."""
     suffix = file.path.suffix.lower()
     claims = file.asked or suffix in EXTENSIONS
     try:
@@ -55,7 +55,7 @@ def examine(file: InputFile) -> PictureFile | LeftOut | None:
     except OSError as error:
         return LeftOut(file.name, f"the file cannot be read ({error.strerror})", "Replace it.")
     if suffix in RAW_EXTENSIONS:
-        # RAW files are TIFF files to Pillow, with a thumbnail as the picture.
+        # RAW files are TIFF files to Pillow, with a thumbnail as the image.
         return LeftOut(file.name, RAW.reason, RAW.advice)
     if not head:
         return empty(file) if claims else None
@@ -67,7 +67,7 @@ def examine(file: InputFile) -> PictureFile | LeftOut | None:
         if foreign is not None:
             return LeftOut(file.name, foreign.reason, foreign.advice)
         return LeftOut(file.name, *_why(file, head, error)) if claims else None
-    return PictureFile(file, header, content, pages)
+    return ImageFile(file, header, content, pages)
 
 
 def empty(file: InputFile) -> LeftOut:
@@ -78,16 +78,16 @@ def empty(file: InputFile) -> LeftOut:
 def _why(file: InputFile, head: bytes, error: DataError) -> tuple[str, str]:
     """A reason and advice."""
     if isinstance(error.__cause__, Image.DecompressionBombError):
-        return "it has too many pixels to be decoded safely", "Shrink all pictures by one factor."
+        return "it has too many pixels to be decoded safely", "Shrink all images by one factor."
     if error.__cause__ is None:
         return error.message.removeprefix(f"{file.path}: ").rstrip("."), error.advice
     if head.startswith(MAGIC):
-        return "the picture is cut off or damaged: its header is not whole", "Copy it again."
-    return f"it is no {KNOWN} picture, by its content", "Replace or remove it."
+        return "the image is cut off or damaged: its header is not whole", "Copy it again."
+    return f"it is no {KNOWN} image, by its content", "Replace or remove it."
 
 
 def _content(file: InputFile) -> tuple[str, int]:
-    """The format and the number of pictures."""
+    """The format and the number of images."""
     with Image.open(file.path, formats=FORMATS) as image:
         content = str(image.format)
         if content == "MPO":

@@ -1,4 +1,4 @@
-"""What decoded pictures show."""
+"""What decoded images show."""
 
 import numpy as np
 import pytest
@@ -26,12 +26,12 @@ def written(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "edit"),
     [
-        ("blurred pictures", blurred),
-        ("empty pictures", np.zeros_like),
-        ("empty pictures", lambda pixels: np.full_like(pixels, 255)),
+        ("blurred images", blurred),
+        ("empty images", np.zeros_like),
+        ("empty images", lambda pixels: np.full_like(pixels, 255)),
         ("uneven exposure", lambda pixels: (0.5 * pixels).astype(np.uint8)),
         (
-            "clipped pictures",
+            "clipped images",
             overexposed,
         ),
     ],
@@ -41,41 +41,41 @@ def test_bad_pictures_are_named(written, kind, edit):
     written.change(bad, lambda pixels: edit(pixels).astype(np.uint8))
     found = written.findings()[kind]
     assert found.weight is Weight.LIMIT
-    assert {f"view_{view:03d}.png" for view in bad} <= set(found.pictures)
+    assert {f"view_{view:03d}.png" for view in bad} <= set(found.images)
 
 
 def test_a_capture_that_is_blurred_as_a_whole_is_told(written):
     written.change(range(24), lambda pixels: blurred(blurred(blurred(pixels))))
     found = written.findings()
-    assert "all pictures blurred" in found
-    assert "blurred pictures" not in found
+    assert "all images blurred" in found
+    assert "blurred images" not in found
 
 
 def test_pictures_without_anything_do_not_train(written):
     written.change(range(24), lambda pixels: np.full_like(pixels, 90))
-    assert written.findings()["empty pictures"].weight is Weight.STOP
+    assert written.findings()["empty images"].weight is Weight.STOP
 
 
 def test_a_picture_that_does_not_decode_is_named(written):
     path = written.folder / "images" / "view_004.png"
     path.write_bytes(path.read_bytes()[:2000])
-    found = written.findings()["damaged pictures"]
-    assert (found.weight, found.pictures) == (Weight.STOP, ("view_004.png",))
-    assert found.found.startswith("1 of 24 pictures do not decode: ")
+    found = written.findings()["damaged images"]
+    assert (found.weight, found.images) == (Weight.STOP, ("view_004.png",))
+    assert found.found.startswith("1 of 24 images do not decode: ")
     assert str(path) in found.found
 
 
 def test_the_same_picture_twice_is_named(written):
     first = np.asarray(Image.open(written.folder / "images" / "view_002.png"))
     written.change([9], lambda pixels: first)
-    assert written.findings()["copies"].pictures == ("view_009.png",)
+    assert written.findings()["copies"].images == ("view_009.png",)
 
 
 def test_a_sample_is_spread_evenly_and_said_so(written):
-    looks = written.survey(5).looks
-    assert (looks.tried, looks.total) == (5, 24)
-    assert len({look.view // 5 for look in looks.looks}) >= 4
-    assert written.survey(0).looks.tried == 24
+    sample = written.survey(5).sample
+    assert (sample.tried, sample.total) == (5, 24)
+    assert len({image.view // 5 for image in sample.images}) >= 4
+    assert written.survey(0).sample.tried == 24
 
 
 def test_exif_orientation_is_a_note(written):
@@ -85,8 +85,8 @@ def test_exif_orientation_is_a_note(written):
         exif = Image.Exif()
         exif[274] = 3
         picture.save(path, exif=exif)
-    found = written.findings()["turned pictures"]
-    assert (found.weight, len(found.pictures)) == (Weight.NOTE, 24)
+    found = written.findings()["turned images"]
+    assert (found.weight, len(found.images)) == (Weight.NOTE, 24)
 
 
 def test_masks_that_leave_nothing_of_a_picture_are_told(written):
@@ -94,7 +94,7 @@ def test_masks_that_leave_nothing_of_a_picture_are_told(written):
     for view in range(24):
         mask = np.zeros((48, 64), np.uint8) if view == 6 else np.full((48, 64), 255, np.uint8)
         Image.fromarray(mask).save(written.folder / "masks" / f"view_{view:03d}.png")
-    assert written.findings()["nothing left of pictures"].pictures == ("view_006.png",)
+    assert written.findings()["nothing left of images"].images == ("view_006.png",)
 
 
 def test_one_border_colour_is_a_background(written):

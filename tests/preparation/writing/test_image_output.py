@@ -1,4 +1,4 @@
-"""Files of pictures that are written anew: formats, colour profiles, EXIF."""
+"""Files of images that are written anew: formats, colour profiles, EXIF."""
 
 import io
 
@@ -8,18 +8,18 @@ from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 
 from gsfw.datamanagers.pictures import decode_mask, read_header
-from gsfw.preparation.writing.picture_output import StoredPicture, encoded, encoded_mask
+from gsfw.preparation.writing.image_output import StoredImage, encoded, encoded_mask
 
 PIXELS = np.arange(24 * 16 * 3, dtype=np.uint32).reshape(16, 24, 3).astype(np.uint8)
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
-def stored(path, mode="RGB", **settings) -> StoredPicture:
+def stored(path, mode="RGB", **settings) -> StoredImage:
     Image.fromarray(PIXELS).convert(mode).save(path, **settings)
-    return StoredPicture.read(path, read_header(path))
+    return StoredImage.read(path, read_header(path))
 
 
-def rewritten(picture: StoredPicture) -> Image.Image:
+def rewritten(picture: StoredImage) -> Image.Image:
     return Image.open(io.BytesIO(picture.rewritten(PIXELS, 95)))
 
 
@@ -36,14 +36,14 @@ def test_jpeg_stays_jpeg_and_all_else_becomes_png(tmp_path, suffix, format_name)
 
 def test_formats_are_told_by_content(tmp_path):
     Image.fromarray(PIXELS).save(tmp_path / "a.png", "JPEG")
-    picture = StoredPicture.read(tmp_path / "a.png", read_header(tmp_path / "a.png"))
+    picture = StoredImage.read(tmp_path / "a.png", read_header(tmp_path / "a.png"))
     assert picture.format == "JPEG"
 
 
 def test_several_pictures_in_one_jpeg_count_as_a_jpeg(tmp_path):
     image = Image.fromarray(PIXELS)
     image.save(tmp_path / "a.jpg", "MPO", save_all=True, append_images=[image])
-    picture = StoredPicture.read(tmp_path / "a.jpg", read_header(tmp_path / "a.jpg"))
+    picture = StoredImage.read(tmp_path / "a.jpg", read_header(tmp_path / "a.jpg"))
     assert picture.format == picture.rewritten_format == "JPEG"
 
 

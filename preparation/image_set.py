@@ -1,4 +1,4 @@
-"""PictureSet: the photos or frames that a data set is made of, and what was left out."""
+"""ImageSet: the photos or frames that a data set is made of, and what was left out."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gsfw.preparation.exif import Exif
 
 
 @dataclass(frozen=True)
-class SourcePicture:
+class SourceImage:
     """One photo, or one frame of a video that was written to a file."""
 
     name: str
     """Unique; its path below images/ in the result, with forward slashes."""
     path: Path
     header: Header
-    """Of the upright picture."""
+    """Of the upright image."""
     exif: Exif
     """What the file says of its camera; of a frame of a video, nothing."""
     group: str = ""
@@ -38,24 +38,23 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
-class PictureSet:
-    """All pictures, sorted by name in the order of the numbers in it; none is there twice."""
+class ImageSet:
+    """All images, sorted by name in the order of the numbers in it; none is there twice."""
 
-    pictures: tuple[SourcePicture, ...]
+    images: tuple[SourceImage, ...]
     left_out: tuple[LeftOut, ...] = ()
     in_order: bool = False
-    """Whether pictures of a group follow each other in time, as the frames of a video do."""
+    """Whether images of a group follow each other in time, as the frames of a video do."""
 
     @cached_property
-    def by_name(self) -> Mapping[str, SourcePicture]:
-        """Pictures by their names."""
-        return {picture.name: picture for picture in self.pictures}
+    def by_name(self) -> Mapping[str, SourceImage]:
+        """Images by their names."""
+        return {image.name: image for image in self.images}
 
     @cached_property
-    def groups(self) -> Mapping[str, tuple[SourcePicture, ...]]:
-        """Pictures by their groups, both in order."""
-        names = dict.fromkeys(picture.group for picture in self.pictures)
+    def groups(self) -> Mapping[str, tuple[SourceImage, ...]]:
+        """Images by their groups, both in order."""
+        names = dict.fromkeys(image.group for image in self.images)
         return {
-            name: tuple(picture for picture in self.pictures if picture.group == name)
-            for name in names
+            name: tuple(image for image in self.images if image.group == name) for name in names
         }

@@ -1,4 +1,4 @@
-"""Looks: what a sample of a capture's pictures shows once it is decoded."""
+"""ImageSample: measurements of a decoded sample of the images of a capture."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from gsfw.core.errors import DataError
 from gsfw.core.loop.area import shrink_batch
 from gsfw.datamanagers.capture import Capture
 from gsfw.preparation.check.viewpoints import Viewpoints
-from gsfw.preparation.image_quality import MEASURED_SIDE, PictureQuality
+from gsfw.preparation.image_quality import MEASURED_SIDE, ImageQuality
 
 PREVIEW_SIDE = 400
-"""What is kept of each picture has this long a side."""
+"""Longest side of the preview of each image, in pixels."""
 PRINT = 16
-"""Pictures are compared as grey squares of so many pixels a side."""
+"""Side of the grey thumbnails that images are compared by, in pixels."""
 BORDER = 0.02
-"""The border of a picture is this part of its sides wide, and at least a pixel."""
+"""The border of an image is this part of its sides wide, and at least a pixel."""
 PLAIN = 8 / 255
 """Colours within this are one: JPEG moves a white background by about so much."""
 PLAIN_PART = 0.3
-"""A background shows in this part of the border at least: of garden_robot_mv's pictures, whose
+"""A background shows in this part of the border at least: of garden_robot_mv's images, whose
 garden reaches three of their sides, in 0.34 to 0.66 of it."""
 
 
 @dataclass(frozen=True)
-class Look:
-    """One decoded picture."""
+class SampledImage:
+    """One decoded image."""
 
     view: int
-    """Number among the viewpoints."""
+    """Index among the viewpoints."""
     preview: Float[np.ndarray, "h w 3"]
     """Small; over white where it has alpha."""
     print: Float[np.ndarray, "q q"]
     """Smaller still, and grey."""
-    quality: PictureQuality
+    quality: ImageQuality
     """Quality of the pixels that count."""
     contrast: float
     """Standard deviation of all valid pixels."""
@@ -49,42 +49,42 @@ class Look:
     valid: float
     """Part of its pixels that carries loss."""
     covered: float
-    """Mean coverage; 1 for opaque pictures."""
+    """Mean coverage; 1 for opaque images."""
 
 
 @dataclass(frozen=True)
-class Looks:
-    """The sample, and what went wrong with it."""
+class ImageSample:
+    """Decoded images spread over a capture, and those that do not decode."""
 
-    looks: tuple[Look, ...]
+    images: tuple[SampledImage, ...]
     failures: tuple[tuple[int, str], ...]
-    """View and message of each picture that does not decode."""
+    """View and message of each image that does not decode."""
     total: int
-    """Pictures of the capture."""
+    """Images of the capture."""
 
     @property
     def tried(self) -> int:
-        """Pictures that were to be decoded."""
-        return len(self.looks) + len(self.failures)
+        """Images that were to be decoded."""
+        return len(self.images) + len(self.failures)
 
     @staticmethod
-    def of(data: DataManager, viewpoints: Viewpoints, count: int) -> Looks:
-        """Decode ``count`` pictures, spread evenly over cameras and times; 0: all."""
+    def of(data: DataManager, viewpoints: Viewpoints, count: int) -> ImageSample:
+        """Decode ``count`` images, spread evenly over cameras and times; 0: all."""
         longest = min(MEASURED_SIDE, int(viewpoints.sizes.max(1).min()))
-        looks: list[Look] = []
+        images: list[SampledImage] = []
         failures: list[tuple[int, str]] = []
-        for view in sample(viewpoints, count):
+        for view in spread_views(viewpoints, count):
             split, number = viewpoints.splits[view], viewpoints.numbers[view]
             try:
                 (batch,) = data.load(split, [number], torch.device("cpu"))
             except DataError as error:
                 failures.append((view, error.message))
                 continue
-            looks.append(_look(view, _at_most(batch, longest)))
-        return Looks(tuple(looks), tuple(failures), len(viewpoints))
+            images.append(_measured(view, _at_most(batch, longest)))
+        return ImageSample(tuple(images), tuple(failures), len(viewpoints))
 
 
-def sample(viewpoints: Viewpoints, count: int) -> Sequence[int]:
+def spread_views(viewpoints: Viewpoints, count: int) -> Sequence[int]:
     """Views spread evenly over cameras, and for each over its times."""
     total = len(viewpoints)
     times = viewpoints.times if viewpoints.times is not None else np.arange(total)
@@ -100,7 +100,7 @@ def _at_most(batch: Batch, longest: int) -> Batch:
     return shrink_batch(batch, max(1, round(width / factor)), max(1, round(height / factor)))
 
 
-def _look(view: int, batch: Batch) -> Look:
+def _measured(view: int, batch: Batch) -> SampledImage:
     shown = batch.target(torch.ones(3))[0].numpy().astype(np.float64)
     height, width = shown.shape[:2]
     coverage = np.ones((height, width))
@@ -116,11 +116,11 @@ def _look(view: int, batch: Batch) -> Look:
     small = _at_most(batch, PREVIEW_SIDE)
     rows, columns = small.images.shape[1:3]
     square = shrink_batch(small, min(PRINT, columns), min(PRINT, rows))
-    return Look(
+    return SampledImage(
         view=view,
         preview=small.target(torch.ones(3))[0].numpy().astype(np.float64),
         print=square.target(torch.ones(3))[0].numpy().mean(2).astype(np.float64),
-        quality=PictureQuality.of(shown, counts),
+        quality=ImageQuality.of(shown, counts),
         contrast=float(grey[valid].std()) if valid.any() else 0.0,
         border=border,
         valid=float(valid.mean()),
@@ -152,16 +152,16 @@ def _background(shown: Float[np.ndarray, "h w 3"], border: str) -> Bool[np.ndarr
 
 @dataclass(frozen=True)
 class Files:
-    """Counts over all pictures."""
+    """Counts over all images."""
 
     turned: tuple[str, ...] = ()
-    """Names of pictures with an EXIF orientation, which was applied."""
+    """Names of images with an EXIF orientation, which was applied."""
     in_videos: int = 0
-    """Pictures that are decoded from videos."""
+    """Images that are decoded from videos."""
 
     @staticmethod
     def of(data: DataManager) -> Files:
-        """Of a data set; nothing where its pictures are no files."""
+        """Of a data set; nothing where its images are no files."""
         if not isinstance(data, Capture):
             return Files()
         frames = data.recording.frames

@@ -1,4 +1,4 @@
-"""Workplace: the folder of a prepared data set, and what is kept of the work on it."""
+"""Workspace: the folder of a prepared data set, and what is kept of the work on it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ OTHERS = "another gsfw prepare"
 
 
 @dataclass(frozen=True)
-class Workplace:
+class Workspace:
     """Where everything is, below one folder."""
 
     path: Path
 
     @property
     def images(self) -> Path:
-        """Pictures of the data set."""
+        """Images of the data set."""
         return self.path / "images"
 
     @property
@@ -63,7 +63,7 @@ class Workplace:
 
     @property
     def models(self) -> Path:
-        """COLMAP's models of the distorted pictures."""
+        """COLMAP's models of the distorted images."""
         return self.work / "models"
 
     @property

@@ -1,4 +1,4 @@
-"""Picture files of a data set: bytes that are copied, or pixels that are encoded anew."""
+"""Image files of a data set: bytes that are copied, or pixels that are encoded anew."""
 
 from __future__ import annotations
 
@@ -18,34 +18,32 @@ from gsfw.datamanagers.warp import MapCache, Warp
 from gsfw.preparation.writing.camera_plan import CameraPlan
 
 PROFILED_MODES = ("RGB", "RGBA", "P", "PA")
-"""Pillow's modes whose colour profile is one of RGB, which is what pictures are rewritten as."""
+"""Pillow's modes whose colour profile is one of RGB, which is what images are rewritten as."""
 FORMAT_OF_VIDEOS = "JPEG"
-"""Of their pictures: they have lost already what a JPEG of high quality loses."""
+"""Of their images: they have lost already what a JPEG of high quality loses."""
 LONGEST_EXIF = 65_000
 """Bytes; a JPEG has room for 65,533."""
 LENSES = ("pinhole", "keep")
 
 
 @dataclass(frozen=True)
-class StoredPicture:
-    """How a picture is stored."""
+class StoredImage:
+    """How an image is stored."""
 
     path: Path
     format: str
-    """As Pillow calls it, told by content; JPEG where further pictures follow, too."""
+    """As Pillow calls it, told by content; JPEG where further images follow, too."""
     is_turned: bool
     """Whether only a tag says how it stands, which many tools do not read."""
 
     @staticmethod
-    def read(path: Path, header: Header) -> StoredPicture:
-        """Look at the beginning of a picture that has a header."""
+    def read(path: Path, header: Header) -> StoredImage:
+        """Look at the beginning of an image that has a header."""
         with Image.open(path, formats=FORMATS) as image:
             # Pillow turns TIFF upright by itself.
             tag = image.getexif().get(Base.Orientation, 1) if image.format == "TIFF" else 1
             turned = header.orientation != 1 or tag in range(2, 9)
-            return StoredPicture(
-                path, "JPEG" if image.format == "MPO" else str(image.format), turned
-            )
+            return StoredImage(path, "JPEG" if image.format == "MPO" else str(image.format), turned)
 
     @property
     def rewritten_format(self) -> str:
@@ -64,11 +62,11 @@ class StoredPicture:
 
 
 @dataclass(frozen=True)
-class PictureChange:
-    """What becomes of a picture."""
+class ImageChange:
+    """What becomes of an image."""
 
-    stored: StoredPicture | None
-    """``None`` for a picture of a video."""
+    stored: StoredImage | None
+    """``None`` for an image of a video."""
     plan: CameraPlan
 
     @property
@@ -85,7 +83,7 @@ class PictureChange:
         return self.stored.format if self.is_copied else self.stored.rewritten_format
 
     def warp(self, maps: MapCache) -> Warp | None:
-        """What undistorts the picture; ``None`` where its pixels stay as they are."""
+        """What undistorts the image; ``None`` where its pixels stay as they are."""
         undistortion = self.plan.undistortion
         return None if undistortion is None else Warp(undistortion, maps)
 
@@ -95,7 +93,7 @@ class PictureChange:
         """The written file.
 
         Args:
-            decode: gives the upright picture; only called where the file does not stay.
+            decode: gives the upright image; only called where the file does not stay.
             warp: as ``warp`` gives it.
             quality: of a JPEG.
         """
@@ -119,7 +117,7 @@ def encoded(
     profile: bytes | None = None,
     exif: bytes = b"",
 ) -> bytes:
-    """A picture as the bytes of a JPEG (without subsampled colours) or PNG.
+    """An image as the bytes of a JPEG (without subsampled colours) or PNG.
 
     Args:
         pixels: grey (d = 1), RGB or RGBA.
@@ -139,7 +137,7 @@ def encoded(
 
 
 def _exif(image: Image.Image) -> bytes:
-    """What a picture says besides how it stands; nothing where that cannot be read."""
+    """What an image says besides how it stands; nothing where that cannot be read."""
     try:
         exif = image.getexif()
         # Those of a TIFF tell where in the file its pixels are.
@@ -157,7 +155,7 @@ class OutputRule:
     """What the user chose."""
 
     lens: str = "pinhole"
-    """pinhole (pictures are undistorted to PINHOLE), or keep (lenses and files stay)."""
+    """pinhole (images are undistorted to PINHOLE), or keep (lenses and files stay)."""
     jpeg_quality: int = 95
     """Of JPEG files that are written anew."""
 
