@@ -39,7 +39,7 @@ class CheckOptions(Options):
     what: str = word("DATA", default="")
     """The data set, also as data=PATH."""
     images: str = ""
-    """How many images are decoded and looked at: a number, or all; empty: 50, of videos 16."""
+    """Number of images to decode, or all. Empty: 50, or 16 of videos."""
     out: str = "check.png"
     """Where the contact sheet goes; none: nowhere."""
 
@@ -63,7 +63,7 @@ def run(tokens: list[str]) -> int:
 
 
 def _images(text: str) -> int | None:
-    """How many to decode; 0: all; ``None``: the usual number.
+    """Number of images to decode; 0: all; ``None``: the default number.
 
     Raises:
         ConfigError: it is none of these.

@@ -79,7 +79,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _protocol(restored: Restored, split: Split) -> dict[str, Any]:
-    """How the figures are measured; an earlier checkpoint is not called the last."""
+    """The measurement protocol; it names the step of an earlier checkpoint."""
     protocol = restored.composition.protocol(split)
     steps = restored.composition.plan.steps
     if restored.step < steps:

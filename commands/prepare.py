@@ -50,7 +50,7 @@ class PrepareOptions(Options):
     out: str = ""
     """The folder of the result: new, or one of an earlier gsfw prepare. Empty: prepared/INPUT."""
     frames: int = 150
-    """How many sharp, well-spaced frames are taken from videos, from all together."""
+    """Number of sharp, well-spaced frames to take from all videos together."""
     poses: Literal["auto", "compute", "keep"] = "auto"
     """Compute cameras, keep those of a data set that has them, or auto: keep them if it has."""
     cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
@@ -80,9 +80,9 @@ class PrepareOptions(Options):
     lens: Literal["pinhole", "keep"] = "pinhole"
     """Undistort images to PINHOLE cameras, or keep files and lenses."""
     jpeg_quality: int = 95
-    """Of JPEG files that are written anew."""
+    """Quality of JPEG files that are encoded anew."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
-    """Of a data set with cameras: colmap, transforms, or auto: transforms where it has times."""
+    """Layout of a converted data set: colmap, transforms, or auto (transforms with times)."""
     jobs: int = 0
     """Cores to use; 0: all. With 1 the same images give the same bits, with more nearly so."""
     again: bool = False
@@ -115,7 +115,7 @@ def _document(
     place: Workspace,
     rule: PreparationRule,
 ) -> dict[str, Any]:
-    """What came of it, once everything is written."""
+    """Prepare or convert the inputs; the document."""
     if options.again:
         place.remove(place.journal)
     source = _data_set(options, inputs)
@@ -175,7 +175,7 @@ def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workspace:
 
 
 def _rule(options: PrepareOptions) -> PreparationRule:
-    """What was chosen for all stages.
+    """The rules of all stages.
 
     Raises:
         ConfigError: a value makes no sense.

@@ -29,7 +29,7 @@ class RenderOptions(RunOptions):
     )
 
     what: Literal["all", "views", "orbit", "time", "orbit-time"] = "all"
-    """What to draw: views (held out, beside their photos), orbit (around the scene at one time),
+    """Content: views (held out, beside their photos), orbit (around the scene at one time),
     time (from one camera, from first to last time), orbit-time (both at once), or all. A model
     file has no photos: views then needs data=PATH."""
     out: str = ""
@@ -47,9 +47,9 @@ class RenderOptions(RunOptions):
     tracks: bool = False
     """Draw the paths of some Gaussians over the last frames, in what=time and orbit-time."""
     tracks_count: int = 150
-    """How many paths there are, of Gaussians that are well spread."""
+    """Number of paths, of well-spread Gaussians."""
     tracks_frames: int = 12
-    """How many frames each path reaches back."""
+    """Number of frames that each path reaches back."""
     video: VideoFormat = "auto"
     """Films beside the frames: mp4 (pip install 'gsfw[video]'), webp, none, or auto: mp4 if its
     encoder is installed, else webp."""

@@ -60,7 +60,7 @@ class SplatFile(ExportSource):
     """Quats and scales form with dense SH colours; float64 on the CPU, so that nothing is lost on
     the way through the scene frame."""
     antialiased: bool = False
-    """Whether the splats were trained with antialiasing, and should be rendered so."""
+    """True if the splats were trained with antialiasing, and should be rendered so."""
     up: str = ""
     """Up direction in the data's world ("-y" for COLMAP, "z"); empty when unknown."""
     properties: Mapping[str, str] = field(default_factory=dict)
@@ -164,7 +164,7 @@ class Importer(ABC):
     @classmethod
     @abstractmethod
     def recognises(cls, path: Path) -> bool:
-        """Whether a file looks like this format, from its first bytes; never raises."""
+        """True if a file looks like this format, from its first bytes; never raises."""
 
     @abstractmethod
     def read(self, path: Path) -> SplatFile:

@@ -22,7 +22,7 @@ from gsfw.formats.header_fields import BROKEN, HeaderFields
 
 FORMAT = "gsfw model"
 VERSION = 1
-"""Of the layout; raised when an older gsfw could not read a newer file."""
+"""Version of the layout; raised when an older gsfw could not read a newer file."""
 STATE = "state/"
 """Folder of the arrays of the model's state."""
 
@@ -147,7 +147,7 @@ def _check_version(fields: HeaderFields) -> None:
 
 
 def _settings(fields: HeaderFields) -> dict[str, Any]:
-    """What may stand for a setting: text, a number, true, false, nothing, or a list of these."""
+    """The settings: each is text, a number, true, false, nothing, or a list of these."""
     simple = str | int | float | bool | None
     for name, value in fields.values.items():
         if not all(

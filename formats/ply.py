@@ -44,7 +44,7 @@ SCALES, QUATS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "
 REQUIRED = (*MEANS, *DC, "opacity", *SCALES, *QUATS)
 
 MALFORMED = (PlyParseError, ValueError, KeyError, IndexError, OverflowError, MemoryError)
-"""What plyfile raises on files that are no PLY inside."""
+"""Errors of plyfile on malformed files."""
 
 
 class PlyExporter(Exporter):
@@ -166,7 +166,7 @@ _COPY = "It may have been cut short or changed in copying; get it again."
 
 @dataclass(frozen=True)
 class _Header:
-    """What a file says of itself before its data."""
+    """The header of a file."""
 
     encoding: str
     comments: tuple[str, ...]
@@ -232,7 +232,7 @@ def _header(parsed: PlyData, counts: Sequence[int], data_bytes: int) -> _Header:
 
 
 def _least_bytes(element: PlyElement, text: bool) -> int:
-    """Of a row: a number in a text takes a digit and a blank, a list at least its count."""
+    """Least size of a row: a number in a text has a digit and a blank, a list its count."""
     if text:
         return 2 * len(element.properties)
     return sum(
@@ -339,6 +339,6 @@ class _Columns:
 
 
 def _in_words(error: Exception) -> str:
-    """What a parser says, without its line breaks and full stop."""
+    """The message of a parser, without its line breaks and full stop."""
     text = " ".join(str(error).split()).rstrip(".")
     return text or type(error).__name__

@@ -23,7 +23,7 @@ from gsfw.plugins.snapshot import Snapshot, snapshot
 
 
 def is_dynamic(composition: Composition) -> bool:
-    """Whether the model may look different at another time."""
+    """True if the model may look different at another time."""
     return composition.scene.is_dynamic and "static" not in composition.settings.method.tags
 
 

@@ -34,7 +34,7 @@ USUAL_FOCAL = 1.2
 
 @dataclass(frozen=True)
 class CameraRule:
-    """What the user says of the cameras."""
+    """The user's choices about cameras."""
 
     cameras: str = AUTO
     """Which images share one: auto (by EXIF and size), one, per-folder or per-image."""
@@ -142,7 +142,7 @@ def _first_focal(images: Sequence[SourceImage], rule: CameraRule) -> tuple[float
 
 @dataclass(frozen=True)
 class CameraGroup:
-    """What is known of one camera before anything is computed."""
+    """One camera before calibration."""
 
     number: int
     """Counted from 1; COLMAP's camera id."""

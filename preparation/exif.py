@@ -62,7 +62,7 @@ class Exif:
 
     @property
     def names_camera(self) -> bool:
-        """Whether it says anything at all about the camera."""
+        """True if it says anything at all about the camera."""
         return any(self.camera)
 
     def focal_pixels(self, width: int, height: int) -> float | None:

@@ -48,7 +48,7 @@ class FeatureDatabase:
         self._database.close()
 
     def has(self, name: str) -> bool:
-        """Whether an image and its features are there."""
+        """True if an image and its features are there."""
         number = self._numbers[name]
         return bool(
             self._database.exists_image(number) and self._database.exists_descriptors(number)

@@ -67,7 +67,7 @@ def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 SHOWN = 5
-"""So many names are listed in a sentence."""
+"""Largest number of names in a sentence."""
 
 
 def listed(names: tuple[str, ...]) -> str:

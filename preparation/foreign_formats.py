@@ -59,14 +59,14 @@ BRANDS = {
     **dict.fromkeys((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), HEIC),
     **dict.fromkeys((b"avif", b"avis"), AVIF),
 }
-"""Of ISO/IEC 23008-12 and AVIF: phones also send such files under the name of a JPEG."""
+"""Brands of ISO/IEC 23008-12 and AVIF: phones also send such files under the name of a JPEG."""
 
 HEAD = 12
-"""So many bytes of a file's beginning tell its brand."""
+"""Number of bytes at a file's beginning that contain its brand."""
 
 
 def foreign_format(extension: str, head: bytes) -> ForeignFormat | None:
-    """What a file that gsfw cannot read is, by its beginning or else its lower-case extension."""
+    """The unsupported format of a file, by its first bytes or else its lower-case extension."""
     if head[4:8] == b"ftyp" and head[8:12] in BRANDS:
         return BRANDS[head[8:12]]
     return BY_EXTENSION.get(extension)

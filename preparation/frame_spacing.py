@@ -17,7 +17,7 @@ OFF_CENTER = 0.5
 """Part of its worth that an image loses at the edge of its window: an image twice as sharp is
 taken from there, a slightly sharper one is not."""
 HALVINGS = 24
-"""Of the range in which the width of windows is looked for."""
+"""Number of halvings of the range in which the width of windows is searched."""
 
 
 def spaced(
@@ -101,7 +101,7 @@ class _Path:
         )
 
     def _worth(self, start: int, end: int) -> Float[np.ndarray, " window"]:
-        """Of the images of a window: sharpness, and less towards its edges."""
+        """Weights of the images of a window: sharpness, reduced towards its edges."""
         positions = self._positions[start:end]
         middle, half = (positions[0] + positions[-1]) / 2, (positions[-1] - positions[0]) / 2
         off = (positions - middle) / half if half > 0 else np.zeros_like(positions)

@@ -21,7 +21,7 @@ from gsfw.preparation.input_files import InputFile
 KNOWN = f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
 
 MAGIC = (b"\xff\xd8\xff", b"\x89PNG\r\n", b"RIFF", b"II*\0", b"MM\0*")
-"""How files of these formats begin; BMP's two letters are too few to tell."""
+"""First bytes of these formats; BMP's two letters are too few to recognise it."""
 SUFFIXES = {
     "JPEG": (".jpg", ".jpeg"),
     "MPO": (".jpg", ".jpeg"),
@@ -30,7 +30,7 @@ SUFFIXES = {
     "TIFF": (".tif", ".tiff"),
     "BMP": (".bmp",),
 }
-"""Of what Pillow calls formats, the usual one first. MPO is JPEG with further images behind."""
+"""Extensions of Pillow's formats, the usual one first. MPO is JPEG with further images behind."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ImageFile:
     content: str
     """Its format, as Pillow calls it."""
     pages: int = 1
-    """How many images it holds; the first is used."""
+    """Number of images in the file; the first is used."""
 
 
 def examine(file: InputFile) -> ImageFile | LeftOut | None:
@@ -71,7 +71,7 @@ def examine(file: InputFile) -> ImageFile | LeftOut | None:
 
 
 def empty(file: InputFile) -> LeftOut:
-    """Of a file without content."""
+    """The entry for a file without content."""
     return LeftOut(file.name, "the file is empty (0 bytes)", "Copy it again from the camera.")
 
 
@@ -100,7 +100,7 @@ def _content(file: InputFile) -> tuple[str, int]:
 
 
 def has_right_suffix(name: str, content: str) -> bool:
-    """Whether a name says what format its file has."""
+    """True if a name says what format its file has."""
     return PurePosixPath(name).suffix.lower() in SUFFIXES[content]
 
 

@@ -103,11 +103,11 @@ class UsualQuality:
         return self.sharpness_of(quality) / max(self.sharpness, 1e-12)
 
     def is_blurred(self, quality: ImageQuality) -> bool:
-        """Whether an image is blurred beside the others."""
+        """True if an image is blurred beside the others."""
         return self.share_of_sharpness(quality) < BLURRED
 
     def is_plain(self, quality: ImageQuality) -> bool:
-        """Whether an image has far less contrast than the others."""
+        """True if an image has far less contrast than the others."""
         return quality.contrast < PLAIN * self.contrast
 
 

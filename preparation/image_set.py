@@ -19,9 +19,9 @@ class SourceImage:
     """Unique; its path below images/ in the result, with forward slashes."""
     path: Path
     header: Header
-    """Of the upright image."""
+    """Header of the upright image."""
     exif: Exif
-    """What the file says of its camera; of a frame of a video, nothing."""
+    """EXIF data of the file; empty for frames of videos."""
     group: str = ""
     """The folder or the video it comes from; empty where there is only one."""
 
@@ -34,7 +34,7 @@ class LeftOut:
     reason: str
     """A short clause, such as "the file is empty (0 bytes)"."""
     advice: str = ""
-    """What to do about it; empty where nothing needs to be done."""
+    """Remedy; empty where nothing needs to be done."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ImageSet:
     images: tuple[SourceImage, ...]
     left_out: tuple[LeftOut, ...] = ()
     in_order: bool = False
-    """Whether images of a group follow each other in time, as the frames of a video do."""
+    """True if images of a group follow each other in time, as the frames of a video do."""
 
     @cached_property
     def by_name(self) -> Mapping[str, SourceImage]:

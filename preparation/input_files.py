@@ -43,7 +43,7 @@ class InputFile:
     name: str
     """Relative to its input, with forward slashes; before it, of several, the input's name."""
     asked: bool = False
-    """Whether the user named the file itself, and not a folder."""
+    """True if the user named the file itself, and not a folder."""
 
 
 @dataclass
@@ -52,7 +52,7 @@ class InputFiles:
 
     files: list[InputFile] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    """What was passed over without a look."""
+    """Files and folders that were skipped unread."""
 
     @staticmethod
     def find(paths: Sequence[Path], out: Path | None = None) -> InputFiles:
@@ -162,7 +162,7 @@ def _nearest(path: Path) -> str:
 
 
 def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
-    """What tells the images of several inputs apart: "name/", or "name_2/" the second time."""
+    """Prefixes that keep images of several inputs apart: "name/", or "name_2/" the second time."""
     prefixes: dict[Path, str] = {}
     if len(roots) < 2:
         return prefixes
@@ -179,7 +179,7 @@ def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
 
 
 def _needs_name(files: Sequence[InputFile]) -> bool:
-    """Whether images may be among them: the frames of a video get a folder of their own."""
+    """True if images may be among them: the frames of a video get a folder of their own."""
     return not all(file.asked and is_video(file.path) for file in files)
 
 
@@ -194,12 +194,12 @@ def _listed(folder: Path) -> list[Path]:
 
 
 def _is_footage(path: Path) -> bool:
-    """Whether its name says that it is an image or a video."""
+    """True if its name says that it is an image or a video."""
     return path.suffix.lower() in (*EXTENSIONS, *VIDEOS) and not _is_noise(path.name)
 
 
 def _holds_footage(path: Path) -> bool:
-    """Whether it is a folder with images or videos that are neither masks nor results."""
+    """True if it is a folder with images or videos that are neither masks nor results."""
     if not path.is_dir() or _is_noise(path.name) or path.name.lower() == MASKS:
         return False
     if _is_result(path):

@@ -172,15 +172,15 @@ class _Pairs:
 
     @property
     def groups(self) -> int:
-        """How many folders or videos there are."""
+        """Number of folders and videos."""
         return len(self.members)
 
     def apart(self, name: str, other: str) -> bool:
-        """Whether two images are of different folders or videos."""
+        """True if two images are of different folders or videos."""
         return self._groups[name] != self._groups[other]
 
     def gap(self, name: str, other: str) -> float:
-        """How many frames lie between two, plus one."""
+        """Number of frames between two, plus one."""
         if self.apart(name, other):
             return math.inf
         return float(abs(self._places[name] - self._places[other]))
@@ -192,7 +192,7 @@ class _Pairs:
             self._pairs.add((first, second))
 
     def plan(self, how: str) -> PairPlan:
-        """What was chosen."""
+        """The plan with a description of the choice."""
         names = list(self._order)
         pairs = tuple((names[first], names[second]) for first, second in sorted(self._pairs))
         every = len(names) * (len(names) - 1) // 2

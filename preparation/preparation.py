@@ -43,10 +43,10 @@ MODEL = "cameras.bin"
 
 @dataclass(frozen=True)
 class PreparationRule:
-    """What the user chose."""
+    """The user's choices."""
 
     frames: int = 150
-    """How many are taken from videos, from all of them together."""
+    """Number of frames to take from all videos together."""
     cameras: CameraRule = field(default_factory=CameraRule)
     feature_size: int | None = None
     """Longest side of images for features, in pixels; ``None`` to choose for the machine."""
@@ -56,7 +56,7 @@ class PreparationRule:
     mapping: MappingRule = field(default_factory=MappingRule)
     output: OutputRule = field(default_factory=OutputRule)
     jobs: int = 1
-    """How many cores are used. With one the same images give the same bits; with more, poses
+    """Number of cores. With one the same images give the same bits; with more, poses
     differ in their last digits."""
 
     def check(self) -> None:
@@ -74,15 +74,15 @@ class PreparationRule:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What came of it."""
+    """The outcome of all stages."""
 
     diagnosis: Diagnosis
     written: Document
-    """What is known of the data set, as plain data; empty where no camera was placed."""
+    """Document of the written data set; empty where no camera was placed."""
     chosen: Document
-    """How it was done, in words, by stage."""
+    """Description of the choices, by stage."""
     seconds: dict[str, float]
-    """How long each stage took, over all runs."""
+    """Duration of each stage in seconds, over all runs."""
 
 
 class Preparation:

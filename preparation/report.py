@@ -25,9 +25,9 @@ from gsfw.preparation.workspace import Workspace
 from gsfw.preparation.writing.written_files import WrittenDataSet
 
 UNPLACED = COLUMNS
-"""So many images without a camera are on the sheet: one row."""
+"""Number of images without a camera on the sheet: one row."""
 NAME = 40
-"""So many letters of a name are in a table."""
+"""Largest number of letters of a name in a table."""
 
 
 def document_of_preparation(

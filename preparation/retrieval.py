@@ -36,7 +36,7 @@ look-alikes hold 0.94 with 256 words of 50,000 features, 0.99 with 1024, and 0.9
 WORDS = (64, 2500)
 """Fewest and most of them."""
 ITERATIONS = 10
-"""Of k-means, after which words hardly move."""
+"""Iterations of k-means, after which words hardly move."""
 COUNTED = 2000
 """Features of an image that are looked up, those of the largest scale."""
 EMBEDDING = 64

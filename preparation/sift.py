@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pycolmap import FeatureExtractor
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-"""What red, green and blue add to grey (ITU-R BT.601)."""
+"""Weights of red, green and blue in grey (ITU-R BT.601)."""
 OPAQUE = 128
 """Alpha from which a pixel shows something."""
 ERRORS = 2
@@ -47,7 +47,7 @@ class ImageTask:
 
 @dataclass(frozen=True)
 class ImageFeatures:
-    """What was found in an image."""
+    """Features and quality of an image."""
 
     name: str
     quality: ImageQuality

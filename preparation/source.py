@@ -37,13 +37,13 @@ SMALL = 0.25
 
 @dataclass(frozen=True)
 class Source:
-    """What a preparation starts from."""
+    """The inputs of a preparation."""
 
     images: ImageSet
     """The photos; frames of the videos are not among them yet."""
     videos: tuple[Path, ...]
     notes: tuple[str, ...]
-    """What the user may want to know of the choice; clauses without a period."""
+    """Notes on the choice for the user; clauses without a period."""
 
 
 def read_source(paths: Sequence[Path], out: Path | None = None) -> Source:

@@ -42,8 +42,8 @@ FEWER = 0.9
 RESTLESS = 0.1
 """Part of the frames looked at that may be jumps of the view; more are no cuts."""
 JPEG_QUALITY = 97
-"""Of frames; with colours at full resolution. Features are found at the same places from about 95
-on, and the file takes half the room of a PNG."""
+"""JPEG quality of frames; with colours at full resolution. Features are found at the same places
+from about 95 on, and the file takes half the room of a PNG."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class FrameChoice:
     seconds: tuple[float, ...]
     """From the first frame of the video to each."""
     sharpness: tuple[float, ...]
-    """Of each, in [0, 1]: 1 where it is as sharp as the sharpest within a second of it."""
+    """Relative sharpness of each, in [0, 1]: 1 for the sharpest frame within a second."""
     looked_at: int
     """Frames that were measured."""
     notes: tuple[str, ...] = ()
-    """What the user should know of the video; each a clause."""
+    """Notes on the video for the user; each a clause."""
 
     def document(self) -> dict[str, Any]:
         """Plain data."""

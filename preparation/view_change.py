@@ -35,7 +35,7 @@ and less than the 1/15 that tiles see."""
 NOISE = 0.0005
 """Shift, of the longer side, that counts as none: cameras that stand still come to 0.0003."""
 BLINK = 3
-"""So many images in a row may be strange; more are a scene of their own."""
+"""Largest number of strange images in a row; more are a scene of their own."""
 SAME = 0.5
 """Part of the tiles that is seen again, at least, where the view has hardly moved."""
 NO_OVERLAP = 0.5
@@ -44,10 +44,10 @@ NO_OVERLAP = 0.5
 
 @dataclass(frozen=True)
 class Overlap:
-    """What two images have in common."""
+    """Measurements of a pair of images."""
 
     shift: float
-    """How far the view has moved, of the longer side: the median of the tiles with something in
+    """Shift of the view, in parts of the longer side: the median of the tiles with something in
     them, where those that are not seen again have moved the furthest of all. What moves before a
     camera that stands still does not count so, as long as it fills less than half of the view."""
     seen: float
@@ -55,7 +55,7 @@ class Overlap:
 
     @property
     def found(self) -> bool:
-        """Whether enough is seen again for the shift to mean something."""
+        """True if enough is seen again for the shift to mean something."""
         return self.seen >= KNOWN
 
 
@@ -71,7 +71,7 @@ def overlap(first: Float[np.ndarray, "h w"], second: Float[np.ndarray, "h w"]) -
 
 
 def is_plain(image: Float[np.ndarray, "h w"]) -> bool:
-    """Whether there is nothing in an image, in levels of [0, 255], that could be seen again."""
+    """True if there is nothing in an image, in levels of [0, 255], that could be seen again."""
     return not _textured(_tiles(image, min(TILE, *image.shape))).any()
 
 
@@ -84,14 +84,14 @@ class ViewPath:
     """
 
     positions: list[float] = field(default_factory=list)
-    """How far the view has come until each image, of the longer side; never falls."""
+    """Accumulated motion of the view at each image, in longer sides; never falls."""
     strange: list[bool] = field(default_factory=list)
-    """Whether an image is plain, or shows something else than those before and after, as where a
+    """True if an image is plain, or shows something else than those before and after, as where a
     flash goes off."""
     jumps: list[int] = field(default_factory=list)
     """Numbers of the images that have nothing in common with those before."""
     _anchors: list[_Anchor] = field(default_factory=list)
-    """What an image may go on from: the latest, and behind it the one before a jump."""
+    """Images that the next may follow: the latest, and behind it the one before a jump."""
     _before: Float[np.ndarray, "h w"] | None = None
 
     def add(self, image: Float[np.ndarray, "h w"]) -> None:
@@ -108,7 +108,7 @@ class ViewPath:
         self._before = image
 
     def _goes_on(self, image: Float[np.ndarray, "h w"]) -> bool:
-        """Whether the image overlaps with the latest anchor, or with the image before."""
+        """True if the image overlaps with the latest anchor, or with the image before."""
         anchor = self._anchors[-1]
         found = overlap(anchor.image, image)
         if not found.found and self._before is not None and self._before is not anchor.image:
@@ -123,7 +123,7 @@ class ViewPath:
         return True
 
     def _returns(self, image: Float[np.ndarray, "h w"]) -> bool:
-        """Whether the image goes on from before a jump: what came between was strange."""
+        """True if the image goes on from before a jump: what came between was strange."""
         if len(self._anchors) < 2:
             return False
         anchor = self._anchors[0]
@@ -207,7 +207,7 @@ def _textured(tiles: Float[np.ndarray, "n h w"]) -> Bool[np.ndarray, " n"]:
 def _peaks(
     first: Float[np.ndarray, "n h w"], second: Float[np.ndarray, "n h w"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """How well pairs of images match, at most 1, and the shifts where: down and right, pixels."""
+    """Correlation of pairs of images, at most 1, and their shifts down and right in pixels."""
     count, height, width = first.shape
     window, weights, highest = _filters(height, width)
     power = fft.rfft2(second * window) * fft.rfft2(first * window).conj()

@@ -33,7 +33,7 @@ class Workspace:
 
     @property
     def report(self) -> Path:
-        """What was found, for programs."""
+        """The report for programs."""
         return self.path / "prepare.json"
 
     @property
@@ -43,7 +43,7 @@ class Workspace:
 
     @property
     def work(self) -> Path:
-        """What the same command goes on from; not needed to train."""
+        """State for resuming the same command; not needed to train."""
         return self.path / "work"
 
     @property
@@ -68,7 +68,7 @@ class Workspace:
 
     @property
     def log(self) -> Path:
-        """What COLMAP says of its work."""
+        """COLMAP's log."""
         return self.work / "log"
 
     @contextmanager

@@ -40,7 +40,7 @@ class RenderPath:
     """The frames of a film, in order."""
 
     name: str
-    """Of their folder and of the film."""
+    """Name of the folder and of the film."""
     cameras: Cameras
     """One per frame, all of one size; with the time of each frame, unless the data has none."""
 

@@ -24,9 +24,9 @@ from gsfw.rasterizers.reference.lens import project_points
 MOTION_WEIGHT = 2.0
 """Rows are well spread when they are apart, or move apart: how much more the second counts."""
 TOLERANCE = 0.03
-"""What is deeper than the surface by less than this part of its depth lies on the surface."""
+"""Points behind the surface by less than this part of its depth lie on the surface."""
 HALF_WIDTH = 0.8
-"""Of the lines, in pixels."""
+"""Half of the width of the lines, in pixels."""
 MOST_CANDIDATES = 50_000
 """Rows to choose among, at equal steps; more would cost time and change little."""
 

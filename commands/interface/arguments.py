@@ -27,10 +27,10 @@ class HelpRequested(Exception):
 
 @dataclass(frozen=True)
 class Arguments:
-    """What was typed after the verb."""
+    """The words after the verb."""
 
     words: tuple[str, ...]
-    """What is neither a key nor a value, such as RUN."""
+    """Words that are neither keys nor values, such as RUN."""
     pairs: tuple[tuple[str, str], ...]
     """Keys (with underscores) and texts, in order."""
 
@@ -40,7 +40,7 @@ class Arguments:
         return dict(self.pairs)
 
     def flag(self, name: str) -> bool:
-        """Whether a flag is on.
+        """True if a flag is on.
 
         Raises:
             ConfigError: its value is neither true nor false.

@@ -34,7 +34,7 @@ class Console:
             self.say(render_table(columns, rows, title))
 
     def result(self, document: Mapping[str, Any] | Sequence[Any]) -> None:
-        """What programs get with ``json=true``; call it once, at the end."""
+        """Print the document for programs with ``json=true``; call it once, at the end."""
         if self.json_only:
             sys.stdout.write(json_text(document, indent=1) + "\n")
             sys.stdout.flush()

@@ -26,7 +26,7 @@ ENDING = tuple(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr
 
 @dataclass
 class Interrupt:
-    """Whether a signal has asked the run to stop."""
+    """True if a signal has asked the run to stop."""
 
     received: bool = False
 

@@ -76,7 +76,7 @@ class StageBars(Progress):
 
 
 class _Counted:
-    """How many things were done last."""
+    """The number of finished things."""
 
     done = 0
 

@@ -36,7 +36,7 @@ class RunArgument:
 
     @property
     def name(self) -> str:
-        """What was named, for messages and results."""
+        """Path of the run or model file, for messages and results."""
         return str(self.model_file or self.folder.path)
 
 

@@ -18,7 +18,7 @@ from gsfw.preparation.check.viewpoints import Surface, Viewpoints
 MIN_VIEWS, MIN_POINTS = 3, 50
 """Points seen in fewer of the sampled images say nothing, and fewer points too little."""
 NEAREST = 4
-"""So many images are compared at each point, the nearest: whether other things hide it from the
+"""Number of images compared at each point, the nearest: whether other things hide it from the
 rest, points alone cannot tell."""
 ONE_SIDE = 30.0
 """Degrees from the nearest: from farther around, other things hide a point, or it shines."""
@@ -30,7 +30,7 @@ READABLE = (0.03, 0.97)
 
 @dataclass(frozen=True)
 class Agreement:
-    """How the sampled images agree on the colours of points."""
+    """Agreement of the sampled images on the colours of points."""
 
     scatter: float
     """Variance of a point's colours over images, in parts of that over all points: 0 where all
@@ -38,7 +38,7 @@ class Agreement:
     gains: Float[np.ndarray, " l"]
     """Brightness of each sampled image relative to the others at the same points; NaN without."""
     points: int
-    """How many points it was measured at."""
+    """Number of points that were compared."""
 
     @staticmethod
     def of(
@@ -87,7 +87,7 @@ def _near(
 def _colors(
     surface: Surface, viewpoints: Viewpoints, sample: ImageSample, index: int
 ) -> Float[np.ndarray, "p 3"]:
-    """Of all points in one sampled image; NaN where they are not in it."""
+    """Colours of all points in one sampled image; NaN where they are not in it."""
     image = sample.images[index]
     pixels, inside = viewpoints.project(image.view, surface.points)
     height, width = image.preview.shape[:2]

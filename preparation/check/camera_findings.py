@@ -97,7 +97,7 @@ def _trained_places(survey: Survey) -> np.ndarray:
 
 
 def _spread(survey: Survey) -> Iterator[Finding]:
-    """Whether cameras have moved enough to tell depth."""
+    """True if cameras have moved enough to tell depth."""
     views = int(survey.viewpoints.trained.sum())
     centers = survey.viewpoints.centers[_trained_places(survey)]
     if views < 2:

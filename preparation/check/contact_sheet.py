@@ -127,9 +127,9 @@ class Tile:
     """Why it is shown; empty for an example."""
     weight: Weight
     image: Image.Image | None
-    """Of any size; ``None`` where there is none to show."""
+    """An image of any size; ``None`` where there is none to show."""
     instead: str = ""
-    """What the empty frame says."""
+    """Text of the empty frame."""
 
     def draw(self, sheet: Image.Image, corner: tuple[int, int]) -> None:
         """Draw it with its upper left corner there."""

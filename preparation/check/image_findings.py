@@ -1,4 +1,4 @@
-"""What the decoded images say: damaged, empty, blurred, over-exposed, uneven, the same twice."""
+"""Findings about decoded images: damage, blur, exposure, copies, masks and orientation."""
 
 from __future__ import annotations
 

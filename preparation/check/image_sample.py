@@ -161,7 +161,7 @@ class Files:
 
     @staticmethod
     def of(data: DataManager) -> Files:
-        """Of a data set; nothing where its images are no files."""
+        """The files of a data set; nothing where its images are no files."""
         if not isinstance(data, Capture):
             return Files()
         frames = data.recording.frames

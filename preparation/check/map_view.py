@@ -18,7 +18,7 @@ TRAINED, HELD_OUT = (31, 91, 171), (209, 98, 36)
 """Colours of cameras."""
 GROUND = (243, 243, 245)
 POINTS = 12_000
-"""So many are drawn, spread evenly over those there are."""
+"""Largest number of points in the map, spread evenly over all."""
 SHADE = 0.9
 """Colours of points are darkened by this factor, so that white ones show."""
 REACH = 3.0
@@ -138,7 +138,7 @@ def _reach(
     across: Float[np.ndarray, " 3"],
     down: Float[np.ndarray, " 3"],
 ) -> tuple[float, float]:
-    """How far points go across and down, with room for the cameras' frusta."""
+    """Extents of points across and down, with room for the cameras' frusta."""
     wide, high = (float(np.abs(offsets @ axis).max()) for axis in (across, down))
     room = max(wide, high, 1e-6)
     return wide + ROOM * room, high + ROOM * room

@@ -26,7 +26,7 @@ MOST = 0.8
 
 @dataclass(frozen=True)
 class Plan:
-    """What fits this capture."""
+    """The training that fits a capture."""
 
     method: str
     methods: tuple[str, ...]
@@ -36,7 +36,7 @@ class Plan:
     decoded_mb: float
     """All images at the size of the command, as 8-bit numbers; the CPU or the GPU keeps them."""
     cache_mb: int
-    """How much of that the run keeps."""
+    """Megabytes of decoded images that the run keeps."""
     gaussians: int
     """To start with."""
 
@@ -72,7 +72,7 @@ class Plan:
         )
 
     def megabytes(self, gaussians: int) -> float:
-        """What so many Gaussians take with all that training keeps of them."""
+        """Memory of Gaussians with their gradients and optimizer state."""
         return gaussians * FLOATS * COPIES * 4 / 1e6
 
     def command(self, given: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""What the points say: how many there are, where they lie, which images show them."""
+"""Findings about points: number, copies, outliers, scale, visibility and colours."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def _visible(survey: Survey) -> Iterator[Finding]:
 
 
 def _turned(survey: Survey) -> str:
-    """Whether cameras would see points if they looked the other way."""
+    """True if cameras would see points if they looked the other way."""
     surface, viewpoints = survey.surface, survey.viewpoints
     assert surface is not None
     places = viewpoints.places

@@ -203,7 +203,7 @@ def _pixels(document: Mapping[str, Any]) -> str:
 
 
 def _view_rows(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """How the colours of points depend on the view."""
+    """Rows on the view dependence of the colours of points."""
     found, kind = document["view_dependence"], "view dependence"
     if found is None:
         known = f"{document['tracked_points'] or 'no'} points are known to be in {MIN_VIEWS}"

@@ -13,14 +13,14 @@ from gsfw.preparation.check.view_dependence import ViewDependence
 from gsfw.preparation.check.viewpoints import Angles, Surface, Viewpoints
 
 IMAGES, VIDEO_IMAGES = 50, 16
-"""So many images are decoded unless asked otherwise: a few seconds of files of 1 to 2 megapixels;
+"""Default numbers of images to decode: a few seconds for files of 1 to 2 megapixels;
 each image of a video takes a second or two, for all between it and the last key frame is decoded
 as well."""
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What cameras, points and a sample of the images say."""
+    """Measurements of cameras, points and a sample of the images."""
 
     scene: Scene
     viewpoints: Viewpoints
@@ -33,7 +33,7 @@ class Survey:
     agreement: Agreement | None
     """``None`` where there are too few points in too few images."""
     track_colors: TrackColors
-    """Of points in the sampled images that are known to show them; none where nobody said."""
+    """Colours of tracked points in the sampled images; none without tracks."""
     view_dependence: ViewDependence | None
     """``None`` where these are too few."""
 

@@ -24,7 +24,7 @@ from gsfw.preparation.check.viewpoints import Viewpoints
 from gsfw.preparation.image_quality import MEASURED_SIDE
 
 SIGMA = 1.5
-"""Of the Gaussian in pixels, in the image that shows the surface coarsest: COLMAP keeps matches
+"""Size of the Gaussian in pixels of the image that shows the surface coarsest: COLMAP keeps matches
 up to 4 pixels off, and the usual ones are off by 1."""
 REACH, STEPS = 2.5, 9
 """The patch goes so many standard deviations to each side, in so many samples."""
@@ -35,7 +35,7 @@ MIN_VIEWS = 8
 is uncertain. Even of fox's points in 8 to 12 images only 25 % show that they need more than one
 colour, of those in 21 and more 58 %."""
 MAX_POINTS = 3000
-"""So many are measured, drawn with a fixed seed: shares are then known to about 1 %."""
+"""Largest number of measured points, drawn with a fixed seed: shares are known to about 1 %."""
 FINEST = 4.0
 """Images that show the surface finer than the coarsest by more than this are left out."""
 
@@ -45,9 +45,9 @@ class TrackColors:
     """``o`` observations of ``p`` points."""
 
     rows: Int[np.ndarray, " p"]
-    """Of the points, among those of the scene."""
+    """Indices of the points, among those of the scene."""
     points: Int[np.ndarray, " o"]
-    """Of each observation, among ``rows``; ascending."""
+    """Index of each observation's point in ``rows``; ascending."""
     views: Int[np.ndarray, " o"]
     """Its image, among the viewpoints."""
     directions: Float[np.ndarray, "o 3"]
@@ -134,21 +134,21 @@ class TrackPlaces:
     """``o`` observations of points; lengths in pixels of images shrunk to ``MEASURED_SIDE``."""
 
     rows: Int[np.ndarray, " o"]
-    """Of each point among those of the scene; ascending."""
+    """Index of each point in the scene; ascending."""
     views: Int[np.ndarray, " o"]
-    """Of each image among the viewpoints."""
+    """Index of each image among the viewpoints."""
     points: Float[np.ndarray, "o 3"]
     """Where they are."""
     directions: Float[np.ndarray, "o 3"]
     """Unit vectors from camera to point."""
     errors: Float[np.ndarray, " o"]
-    """How far the point is from where it was matched, as a mean over all its images."""
+    """Reprojection error of the point, as a mean over all its images."""
     footprints: Float[np.ndarray, " o"]
-    """What a pixel covers of the surface, in scene units."""
+    """Size of a pixel on the surface, in scene units."""
 
     @staticmethod
     def of(data: DataManager, viewpoints: Viewpoints, views: Sequence[int]) -> TrackPlaces:
-        """Of a sample of the points that enough of some views show."""
+        """The places of a sample of the points that enough of some views show."""
         rows, seen, errors = _observations(data, viewpoints, views)
         points = data.scene.points.double().numpy()[rows]
         offsets = points - viewpoints.centers[seen]
@@ -167,7 +167,7 @@ class TrackPlaces:
 
     @property
     def zooms(self) -> Float[np.ndarray, " o"]:
-        """How much finer an image shows a point than the one that shows it coarsest; >= 1."""
+        """Resolution of a point in each image, relative to its coarsest image; >= 1."""
         coarsest = np.zeros(self.rows.max(initial=0) + 1)
         np.maximum.at(coarsest, self.rows, self.footprints)
         return coarsest[self.rows] / self.footprints

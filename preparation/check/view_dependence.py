@@ -22,7 +22,7 @@ MARGIN = 0.2
 """Part of the mean square error by which a degree has to be better than a lower one: with the
 directions of fox's points shuffled 1.3 % of them still ask for one."""
 WORTH = (2 / 255) ** 2
-"""What it has to be better by as well. Less is hardly seen, and a matte ball of 50 pixels, on which
+"""Least improvement of the error. Less is hardly seen, and a matte ball of 50 pixels, on which
 patches are strongly curved, makes 1.2 grey levels."""
 FEW = 0.1
 """Part of the points up to which a degree is left out for all."""
@@ -39,7 +39,7 @@ largest: cameras on a circle around a point tell only 5 of 9 apart."""
 
 @dataclass(frozen=True)
 class ViewDependence:
-    """What was found at ``p`` points; deviations are in [0, 1]."""
+    """View dependence of ``p`` points; deviations are in [0, 1]."""
 
     degrees: Int[np.ndarray, " p"]
     """The lowest that is enough for each."""
@@ -57,7 +57,7 @@ class ViewDependence:
 
     @staticmethod
     def of(colors: TrackColors) -> ViewDependence | None:
-        """Of colours in images; ``None`` where there are fewer than ``MIN_POINTS`` points."""
+        """Measure it from colours in images; ``None`` for fewer than ``MIN_POINTS`` points."""
         if len(colors.rows) < MIN_POINTS:
             return None
         exposure = TrackExposure.of(colors.points, colors.views, colors.colors)
@@ -105,11 +105,11 @@ class ViewDependence:
 
     @property
     def drifts(self) -> bool:
-        """Whether more than half of the usual variance is explained by exposure."""
+        """True if more than half of the usual variance is explained by exposure."""
         return bool(2 * np.median(self.deviation) ** 2 < np.median(self.exposed) ** 2)
 
     def advice(self) -> str:
-        """What to train with, in a sentence."""
+        """The recommended setting, in a sentence."""
         (matte, _, more), levels = self.shares, self._levels()
         dependent = 1 - matte - self.by_chance
         if dependent <= FEW and levels[0] - levels[-1] <= WORTH:
@@ -202,7 +202,7 @@ def point_means(
 def _errors(
     points: Int[Tensor, " o"], basis: Float[Tensor, "o k"], values: Float[Tensor, "o 3"]
 ) -> Float[Tensor, " p"]:
-    """Of one degree."""
+    """Errors of one degree."""
     gram = point_means(points, basis[:, :, None] * basis[:, None])
     inverse = torch.linalg.pinv(gram, rtol=RANK, hermitian=True)
     coefficients = inverse @ point_means(points, basis[:, :, None] * values[:, None])

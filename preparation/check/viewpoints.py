@@ -18,7 +18,7 @@ from gsfw.core.scene import Scene
 SAME_POSE = 1e-5
 """Poses are told apart beyond this, in extents of the cameras: float32 keeps that much."""
 POINTS = 2000
-"""So many points, spread evenly over those there are, are projected into every place."""
+"""Number of points that are projected into every place, spread evenly over all."""
 ANGLE_POINTS, ANGLE_PLACES = 300, 200
 """Angles are computed at so many points between so many places: every point takes all pairs."""
 OVERLAP = 0.2
@@ -33,7 +33,7 @@ class Viewpoints:
     names: tuple[str, ...]
     splits: tuple[Split, ...]
     numbers: tuple[int, ...]
-    """Of each view within its split."""
+    """Index of each view within its split."""
     cameras: tuple[Cameras, ...]
     poses: Float[np.ndarray, "v 4 4"]
     """World to camera, OpenCV axes."""
@@ -106,7 +106,7 @@ class Viewpoints:
 
     @property
     def stand_still(self) -> bool:
-        """Whether cameras are where they were before at most other times."""
+        """True if cameras are where they were before at most other times."""
         return self.times is not None and 2 * len(self.places) <= len(self)
 
     def named(self, views: Sequence[int]) -> tuple[str, ...]:
@@ -153,7 +153,7 @@ class Surface:
 
     @staticmethod
     def of(scene: Scene, viewpoints: Viewpoints) -> Surface | None:
-        """Of a scene; ``None`` if it has no points and its cameras look at no one point."""
+        """The surface; ``None`` without points and without a point that all cameras look at."""
         points = scene.points.double().numpy()
         finite = np.flatnonzero(np.isfinite(points).all(1))
         rows = finite[np.linspace(0, len(finite) - 1, min(POINTS, len(finite))).astype(int)]

@@ -1,4 +1,4 @@
-"""What the computed model says: how well it fits, and whether its cameras are ones that exist.
+"""Findings about the computed model: its fit, and the plausibility of its cameras.
 
 Angles of view, baselines and points of the written data set are judged by ``gsfw check``.
 """
@@ -183,7 +183,7 @@ def _distortion(figures: ModelFigures) -> Iterator[Finding]:
 
 
 def corner_shift(camera: CameraFigures) -> float:
-    """How far radial distortion moves a corner, in parts of its radius; 0 for fisheye models."""
+    """Shift of a corner by radial distortion, in parts of its radius; 0 for fisheye models."""
     terms = camera.distortion
     if "FISHEYE" in camera.model:
         return 0.0

@@ -29,7 +29,7 @@ class Diagnosis:
     """All that is to be said before the written data set is looked at."""
 
     given: int
-    """How many images there are, those included that do not decode."""
+    """Number of images, including those that do not decode."""
     registered: tuple[str, ...]
     """Images that the largest model has, in the order of the set."""
     unregistered: tuple[Unregistered, ...]
@@ -49,7 +49,7 @@ class Diagnosis:
 
     @property
     def verdict(self) -> Verdict:
-        """What the findings come to."""
+        """The verdict of the gravest finding."""
         return Verdict.of(self.findings)
 
     def document(self) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from gsfw.preparation.native import readable_native_errors
 
 @dataclass(frozen=True)
 class Evidence:
-    """What findings are drawn from."""
+    """All inputs of the findings."""
 
     images: ImageSet
     groups: Sequence[CameraGroup]
@@ -28,7 +28,7 @@ class Evidence:
     models: tuple[frozenset[str], ...]
     """Names of the images in each, the largest first."""
     figures: ModelFigures | None
-    """Of the largest; ``None`` where there is none."""
+    """Figures of the largest model; ``None`` without a model."""
 
     @staticmethod
     def gather(
@@ -61,7 +61,7 @@ class Evidence:
 
     @property
     def given(self) -> int:
-        """How many images there are, those included that do not decode."""
+        """Number of images, including those that do not decode."""
         return len(self.graph.names)
 
     @cached_property
@@ -72,7 +72,7 @@ class Evidence:
 
     @cached_property
     def usual(self) -> Usual:
-        """What images of this capture are like when nothing is wrong with them."""
+        """Typical figures of good images of this capture."""
         return Usual.of(self.features, self.registered)
 
     @cached_property
@@ -82,7 +82,7 @@ class Evidence:
 
     @cached_property
     def components(self) -> tuple[Component, ...]:
-        """Of images that match."""
+        """Components of images that match."""
         return self.graph.components(self.registered)
 
     @cached_property

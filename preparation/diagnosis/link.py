@@ -28,12 +28,12 @@ TURN, MOVED = 0.01, 0.03
 tell: rendered turns have up to 0.0011, and 7 of 191 pairs of fox and plush less than 0.01.
 """
 SAMPLED = 200
-"""So many pairs are looked at for what stays in place while everything else moves."""
+"""Number of pairs that are searched for matches that stay in place while the view moves."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """What two images have in common."""
+    """Measurements of a pair of images."""
 
     first: str
     second: str
@@ -44,23 +44,23 @@ class Link:
     shift: float = 0.0
     """Median distance between the two places of a verified match, in longer sides of an image."""
     flat: bool = False
-    """Whether a homography explains them: all lie in one plane, or the camera only turned."""
+    """True if a homography explains them: all lie in one plane, or the camera only turned."""
     turn: float = 1.0
-    """How far that homography is from one of a camera that only turned, where 0 is none at all."""
+    """Distance of that homography from one of a camera that only turned; 0 is a pure turn."""
 
     @property
     def joins(self) -> bool:
-        """Whether that is no chance."""
+        """True if that is no chance."""
         return self.verified >= JOINED
 
     @property
     def is_turn(self) -> bool:
-        """Whether the view has moved, and the camera only turned."""
+        """True if the view has moved, and the camera only turned."""
         return self.flat and self.turn < TURN and self.shift > MOVED
 
     @property
     def is_still(self) -> bool:
-        """Whether the view is the same in both."""
+        """True if the view is the same in both."""
         return self.shift < SAME_VIEW
 
     def other(self, name: str) -> str:
@@ -77,14 +77,14 @@ class FeaturePlaces:
         self._known: dict[str, Float[np.ndarray, "n 2"]] = {}
 
     def of(self, name: str) -> Float[np.ndarray, "n 2"]:
-        """Of the features of an image."""
+        """Positions of the features of an image."""
         if name not in self._known:
             keypoints = self._database.read_keypoints(self._numbers[name])
             self._known[name] = np.asarray(keypoints)[:, :2] / self._sides[name]
         return self._known[name]
 
     def shifts(self, first: str, second: str, matches: np.ndarray) -> Float[np.ndarray, " m"]:
-        """How far apart the two places of matches are."""
+        """Distances between the two positions of each match."""
         ours, theirs = self.of(first)[matches[:, 0]], self.of(second)[matches[:, 1]]
         return np.asarray(np.linalg.norm(ours - theirs, axis=1))
 

@@ -31,7 +31,7 @@ class Component:
     images: tuple[str, ...]
     """In the order of the set."""
     placed: int
-    """How many of them the model has."""
+    """Number of these images that the model has."""
 
     def document(self) -> dict[str, Any]:
         """Plain data."""
@@ -62,7 +62,7 @@ class MatchGraph:
     """All images, and every pair of them that was compared and has anything in common."""
 
     names: tuple[str, ...]
-    """Of all images, in the order of the set."""
+    """Names of all images, in the order of the set."""
     links: tuple[Link, ...]
     still: float = 0.0
     """Typical part of two images' matches that stays in place although the view moves."""
@@ -105,7 +105,7 @@ class MatchGraph:
 
     @property
     def has_overlay(self) -> bool:
-        """Whether something is in the same place in all images."""
+        """True if something is in the same place in all images."""
         return self.still > STILL
 
     @cached_property
@@ -129,7 +129,7 @@ class MatchGraph:
         return None
 
     def components(self, placed: Iterable[str] = ()) -> tuple[Component, ...]:
-        """Of two images or more, those first that have most placed images."""
+        """Components of two images or more; those with most placed images come first."""
         number = self._numbers
         pairs = [(number[link.first], number[link.second]) for link in self.links if link.joins]
         rows, columns = np.array(pairs, int).reshape(-1, 2).T
@@ -173,7 +173,7 @@ class MatchGraph:
     def _nearest(
         self, ours: Sequence[str], theirs: Sequence[str]
     ) -> tuple[tuple[int, int, int], Bridge]:
-        """How near two components are, and where."""
+        """The closest link between two components, with its rank."""
         few, many = sorted((ours, theirs), key=len)
         known = frozenset(many)
         links = [link for name in few for link in self.by_image[name] if link.other(name) in known]

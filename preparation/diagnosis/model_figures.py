@@ -39,11 +39,11 @@ class CameraFigures:
     """Pixels."""
     height: int
     images: int
-    """How many images with a pose it took."""
+    """Number of its images that have a pose."""
     focal: float
     """Pixels, the mean of both directions."""
     first_focal: float | None
-    """What was assumed before; ``None`` where that is not known."""
+    """Initial focal length; ``None`` where it is not known."""
     focal_origin: str
     """Where that came from: "EXIF", "given", or "" for a usual one."""
     view_degrees: float
@@ -61,20 +61,20 @@ class CameraFigures:
 
 @dataclass(frozen=True)
 class TrackFigures:
-    """How points are seen; not-a-number where a model has none."""
+    """Statistics of tracks; not-a-number for a model without points."""
 
     mean_length: float
     """Images that see a point."""
     share_of_pairs: float
-    """Of points that only two images see."""
+    """Share of points that only two images see."""
     median_degrees: float
-    """Of the widest angle between two rays to a point."""
+    """Median of the widest angle between two rays to a point."""
     low_degrees: float
     """10th percentile of that."""
     share_too_narrow: float
-    """Of points seen within less than ``TOO_NARROW``."""
+    """Share of points seen within less than ``TOO_NARROW``."""
     share_narrow: float
-    """Of points seen within less than ``NARROW``."""
+    """Share of points seen within less than ``NARROW``."""
 
 
 @dataclass(frozen=True)

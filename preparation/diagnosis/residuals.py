@@ -45,7 +45,7 @@ class Stretch:
 
     @property
     def is_suspicious(self) -> bool:
-        """Whether a rolling shutter, or a camera that its model does not describe, is likely."""
+        """True if a rolling shutter, or a camera that its model does not describe, is likely."""
         least = SUSPICIOUS_PIXELS * self.longer_side / 1024
         return self.pixels > least and self.ratio > SUSPICIOUS_RATIO
 

@@ -139,13 +139,13 @@ class Inquiry:
         return Unregistered(name, self.images.by_name[name].path, reason, found, advice)
 
     def _matched(self, name: str) -> bool:
-        """Whether a placed image shows so much of the same that looks are not to blame."""
+        """True if a placed image shows so much of the same that looks are not to blame."""
         link = self.graph.best(name, self.placed)
         return link is not None and link.verified >= MATCHED
 
     @cached_property
     def usual(self) -> Usual:
-        """What images of this capture are like when nothing is wrong with them."""
+        """Typical figures of good images of this capture."""
         return Usual.of(self.features, self.placed)
 
     def _exposure(self, name: str) -> Unregistered | None:
@@ -333,7 +333,7 @@ class Inquiry:
 
 
 def is_copy(link: Link, features: Mapping[str, FeatureReport]) -> bool:
-    """Whether two images are the same, or taken from one place in one direction."""
+    """True if two images are the same, or taken from one place in one direction."""
     count = min(features[link.first].count, features[link.second].count)
     return link.is_still and link.verified >= COPIED * count
 

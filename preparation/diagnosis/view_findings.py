@@ -94,7 +94,7 @@ def _turns_or_plane(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _is_solid(evidence: Evidence) -> bool:
-    """Whether there is a model of more than points by chance."""
+    """True if there is a model of more than points by chance."""
     return evidence.figures is not None and evidence.figures.points >= FEWEST_POINTS
 
 

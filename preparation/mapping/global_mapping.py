@@ -71,7 +71,7 @@ def _wait(command: list[str], output: IO[bytes]) -> int:
 
 
 def _work(database: str, folder: str, jobs: int, refine_focal: bool) -> None:
-    """What the process does."""
+    """The work of the process."""
     import pycolmap
 
     pycolmap.set_random_seed(SEED)

@@ -29,7 +29,7 @@ Models: TypeAlias = "list[Reconstruction]"
 
 @dataclass(frozen=True)
 class Strictness:
-    """How much evidence an image needs."""
+    """Thresholds of evidence for placing an image."""
 
     first_pair_matches: int
     first_pair_degrees: float
@@ -37,7 +37,7 @@ class Strictness:
     forward_motion: float
     """Largest share of the first pair's motion that may point along the view."""
     image_points: int
-    """So many points of the model must an image see to be added."""
+    """Least number of the model's points that an image must see to be added."""
     image_share: float
     """And so large a share of its matches must agree."""
 

@@ -44,12 +44,12 @@ class Mapping:
     models: tuple[Path, ...] = ()
     """Folders in COLMAP's layout, the largest first; none where nothing could be computed."""
     sizes: tuple[int, ...] = ()
-    """How many images each of them has a pose for."""
+    """Number of images with a pose in each model."""
     merged: int = 0
-    """How many models were joined to the largest."""
+    """Number of models that were joined to the largest."""
     seconds: float = 0.0
     how: str = ""
-    """What was done, as a clause."""
+    """Description of the mapping, as a clause."""
 
     def document(self) -> dict[str, Any]:
         """Plain data, in which models are named as in their folder."""
@@ -173,7 +173,7 @@ def _names_but(database: Path, without: Collection[str]) -> list[str]:
 
 
 def count_images(database: Path) -> int:
-    """How many images a database has.
+    """Number of images in a database.
 
     Raises:
         DataError: there is no such database, or it is damaged.
@@ -244,7 +244,7 @@ def _up_to(total: int, advance: Advance, known: int = 0) -> Advance:
 
 
 def _is_better(model: Reconstruction, others: Models) -> bool:
-    """Whether a model has no fewer images than any other, and fits no worse."""
+    """True if a model has no fewer images than any other, and fits no worse."""
     return all(
         model.num_reg_images() >= other.num_reg_images()
         and is_as_precise(model, other.compute_mean_reprojection_error())
@@ -279,5 +279,5 @@ def _sizes(models: Models) -> tuple[int, ...]:
 
 
 def _covered(models: Models) -> int:
-    """How many images are in any model."""
+    """Number of images that are in any model."""
     return len(set().union(*(model.reg_image_ids() for model in models)))

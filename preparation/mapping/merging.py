@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 COMMON_POINTS = 10
 """A shared image tells the scale only where it sees so many points of both models."""
 SHARED_BY_RANSAC = 3
-"""So many shared images are aligned by COLMAP, which finds the poses that do not fit."""
+"""Number of shared images from which on COLMAP aligns models, and finds poses that do not fit."""
 IMAGE_POINTS = 15
 """Fewest points that an image must see in the union, as for any image that is added."""
 LINKS_KEPT = 0.5
@@ -262,7 +262,7 @@ def adjusted(
 def _is_sound(
     union: Reconstruction, target: Reconstruction, source: Reconstruction, added: set[int]
 ) -> bool:
-    """Whether all images of both are held in place, as well as before."""
+    """True if all images of both are held in place, as well as before."""
     shared = set(source.reg_image_ids()) - added
     before, after = Observations.of(source), Observations.of(union)
     links = [int((o.seen_by(shared) & o.seen_by(added)).sum()) for o in (before, after)]
@@ -276,7 +276,7 @@ def _is_sound(
 
 
 def is_as_precise(model: Reconstruction, error: float) -> bool:
-    """Whether a model that has grown fits as well as before.
+    """True if a model that has grown fits as well as before.
 
     Args:
         model: the new one.

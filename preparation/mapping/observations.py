@@ -23,7 +23,7 @@ found the wrong ones in two; in one, wrong groups shared more."""
 
 @dataclass(frozen=True)
 class Observations:
-    """Of o observations, ordered by their points."""
+    """Arrays of o observations, ordered by their points."""
 
     images: Integers
     """Positions in ``image_ids``."""
@@ -36,7 +36,7 @@ class Observations:
     point_ids: Int64[np.ndarray, " p"]
     """COLMAP's ids of the points."""
     positions: Float64[np.ndarray, "p 3"]
-    """Of the points, in the model's units."""
+    """Positions of the points, in the model's units."""
 
     @staticmethod
     def of(model: Reconstruction) -> Observations:
@@ -62,12 +62,12 @@ class Observations:
 
     @cached_property
     def lengths(self) -> Int64[np.ndarray, " p"]:
-        """How many images see each point."""
+        """Number of images that see each point."""
         return np.bincount(self.points, minlength=len(self.positions)).astype(np.int64)
 
     @cached_property
     def counts(self) -> Int64[np.ndarray, " r"]:
-        """How many points each image sees."""
+        """Number of points that each image sees."""
         return np.bincount(self.images, minlength=len(self.image_ids)).astype(np.int64)
 
     def by_image(self) -> Iterator[tuple[int, np.ndarray]]:
@@ -85,7 +85,7 @@ class Observations:
         return self.positions[self.points[self.image_ids[self.images] == image_id]]
 
     def seen_by(self, image_ids: set[int]) -> np.ndarray:
-        """Of each point, whether one of these images sees it: booleans."""
+        """Booleans: True for each point that one of these images sees."""
         chosen = np.isin(self.image_ids, list(image_ids))
         return np.bincount(self.points[chosen[self.images]], minlength=len(self.positions)) > 0
 

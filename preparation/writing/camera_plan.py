@@ -57,7 +57,7 @@ class CameraPlan:
 
 
 def distortion_in_pixels(lens: Lens) -> float:
-    """How far its distortion moves any pixel; infinite where a pixel has no ray."""
+    """Largest shift of a pixel by distortion; infinite where a pixel has no ray."""
     if lens.is_pinhole:
         return 0.0
     x, y = np.meshgrid(np.linspace(0, lens.width, GRID), np.linspace(0, lens.height, GRID))
@@ -68,7 +68,7 @@ def distortion_in_pixels(lens: Lens) -> float:
 
 
 def lens_words(plans: Sequence[CameraPlan]) -> str:
-    """What became of the lenses, given the plan of every image."""
+    """Description of the output lenses, given the plan of every image."""
     parts = []
     for model in dict.fromkeys(plan.source.model for plan in plans):
         own = [plan for plan in plans if plan.source.model == model]

@@ -33,12 +33,12 @@ AS_GIVEN = OutputRule("keep")
 
 @dataclass(frozen=True)
 class ConversionRule:
-    """What a data set is converted to."""
+    """The target of a conversion."""
 
     layout: str = "auto"
     """colmap, transforms, or auto: transforms where there are times or depths, else colmap."""
     output: OutputRule = AS_GIVEN
-    """What becomes of lenses and images."""
+    """Treatment of lenses and images."""
     masks: MaskRule = USUAL_MASKS
     """Which masks there are; written masks are bright where pixels count."""
 

@@ -1,4 +1,4 @@
-"""What a layout cannot hold of a data set, said so that nothing is lost without a word."""
+"""Notes on the content that a layout cannot hold, so that nothing is lost without a word."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_split_list(written: Recording, out: Path) -> int:
 def conversion_notes(
     recording: Recording, written: Recording, layout: str, out: Path
 ) -> tuple[str, ...]:
-    """What the user should know of a conversion.
+    """Notes on a conversion for the user.
 
     Args:
         recording: what was converted.

@@ -26,7 +26,7 @@ MOVING, DEPTH = "motion_masks", "depths"
 
 @dataclass(frozen=True)
 class FrameTask:
-    """What is to be written of a frame."""
+    """The output files of a frame."""
 
     frame: Frame
     change: ImageChange
@@ -34,7 +34,7 @@ class FrameTask:
     files: dict[str, str]
     """Names of the files that are written, relative to the data set, by their folders."""
     pixels: UInt8[np.ndarray, "h w 3"] | None = None
-    """Of an image of a video, once it is decoded."""
+    """Pixels of an image of a video, once it is decoded."""
 
     @property
     def sources(self) -> list[Path]:
@@ -141,7 +141,7 @@ def _change(frame: Frame, keep: bool) -> ImageChange:
 
 
 def _files(frame: Frame, change: ImageChange, name: str, with_depth: bool) -> dict[str, str]:
-    """What is written of a frame, by folder."""
+    """The output files of a frame, by folder."""
     undistortion = change.plan.undistortion
     files = {IMAGES: f"{IMAGES}/{name}"}
     if frame.mask is not None or (undistortion is not None and undistortion.has_blanks):

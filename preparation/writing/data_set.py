@@ -52,7 +52,7 @@ class _Task:
     """An image that is to be written."""
 
     number: int
-    """Of its image in the model."""
+    """Number of its image in the model."""
     image: SourceImage
     change: ImageChange
     seen: Sightings
@@ -60,14 +60,14 @@ class _Task:
 
     @property
     def has_mask(self) -> bool:
-        """Whether the lens did not see all of the written image."""
+        """True if the lens did not see all of the written image."""
         undistortion = self.change.plan.undistortion
         return undistortion is not None and undistortion.has_blanks
 
 
 @dataclass(frozen=True)
 class _Made:
-    """What is written of an image, and the colours where it was looked at."""
+    """Output content of an image, and its colours at the observed points."""
 
     content: bytes
     mask: bytes | None
@@ -173,7 +173,7 @@ def _name(image: Image) -> str:
 
 
 def _made(tasks: Sequence[_Task], rule: OutputRule, jobs: int) -> Generator[_Made, None, None]:
-    """What is to be written, in order, worked on by several threads."""
+    """The output contents in order, made by several threads."""
     maps = MapCache()
     largest = max(task.image.header.width * task.image.header.height for task in tasks)
     work = partial(_make, maps=maps, quality=rule.jpeg_quality)

@@ -20,7 +20,7 @@ from gsfw.preparation.writing.camera_plan import CameraPlan
 PROFILED_MODES = ("RGB", "RGBA", "P", "PA")
 """Pillow's modes whose colour profile is one of RGB, which is what images are rewritten as."""
 FORMAT_OF_VIDEOS = "JPEG"
-"""Of their images: they have lost already what a JPEG of high quality loses."""
+"""Output format of their images, which are lossy already."""
 LONGEST_EXIF = 65_000
 """Bytes; a JPEG has room for 65,533."""
 LENSES = ("pinhole", "keep")
@@ -28,13 +28,13 @@ LENSES = ("pinhole", "keep")
 
 @dataclass(frozen=True)
 class StoredImage:
-    """How an image is stored."""
+    """Content and format of an image on disk."""
 
     path: Path
     format: str
     """As Pillow calls it, told by content; JPEG where further images follow, too."""
     is_turned: bool
-    """Whether only a tag says how it stands, which many tools do not read."""
+    """True if only a tag says how it stands, which many tools do not read."""
 
     @staticmethod
     def read(path: Path, header: Header) -> StoredImage:
@@ -47,7 +47,7 @@ class StoredImage:
 
     @property
     def rewritten_format(self) -> str:
-        """What it becomes where its pixels change."""
+        """Output format where its pixels change."""
         return "JPEG" if self.format == "JPEG" else "PNG"
 
     def rewritten(self, pixels: UInt8[np.ndarray, "h w d"], quality: int) -> bytes:
@@ -63,7 +63,7 @@ class StoredImage:
 
 @dataclass(frozen=True)
 class ImageChange:
-    """What becomes of an image."""
+    """The change from an input image to an output image."""
 
     stored: StoredImage | None
     """``None`` for an image of a video."""
@@ -71,19 +71,19 @@ class ImageChange:
 
     @property
     def is_copied(self) -> bool:
-        """Whether the file stays as it is, byte for byte."""
+        """True if the file stays as it is, byte for byte."""
         is_moved = self.plan.undistortion is not None
         return self.stored is not None and not self.stored.is_turned and not is_moved
 
     @property
     def format(self) -> str:
-        """Of the written file."""
+        """Format of the written file."""
         if self.stored is None:
             return FORMAT_OF_VIDEOS
         return self.stored.format if self.is_copied else self.stored.rewritten_format
 
     def warp(self, maps: MapCache) -> Warp | None:
-        """What undistorts the image; ``None`` where its pixels stay as they are."""
+        """The undistorting warp; ``None`` where the pixels stay as they are."""
         undistortion = self.plan.undistortion
         return None if undistortion is None else Warp(undistortion, maps)
 
@@ -137,7 +137,7 @@ def encoded(
 
 
 def _exif(image: Image.Image) -> bytes:
-    """What an image says besides how it stands; nothing where that cannot be read."""
+    """EXIF data of an image without its orientation; empty where it cannot be read."""
     try:
         exif = image.getexif()
         # Those of a TIFF tell where in the file its pixels are.
@@ -152,12 +152,12 @@ def _exif(image: Image.Image) -> bytes:
 
 @dataclass(frozen=True)
 class OutputRule:
-    """What the user chose."""
+    """The user's choices."""
 
     lens: str = "pinhole"
     """pinhole (images are undistorted to PINHOLE), or keep (lenses and files stay)."""
     jpeg_quality: int = 95
-    """Of JPEG files that are written anew."""
+    """Quality of JPEG files that are encoded anew."""
 
     def check(self) -> None:
         """Check the values.

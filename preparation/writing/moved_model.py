@@ -26,7 +26,7 @@ NO_POINT = -1
 
 @dataclass(frozen=True)
 class Sightings:
-    """What one image has seen."""
+    """Observations of one image."""
 
     pixels: Float64[np.ndarray, "m 2"]
     points: Int64[np.ndarray, " m"]
@@ -34,7 +34,7 @@ class Sightings:
 
     @staticmethod
     def of(image: Image) -> Sightings:
-        """Of an image of a model."""
+        """The observations of an image of a model."""
         seen = list(image.points2D)
         pixels = np.array([point.xy for point in seen], np.float64).reshape(-1, 2)
         points = [point.point3D_id if point.has_point3D() else NO_POINT for point in seen]

@@ -13,11 +13,11 @@ Result = TypeVar("Result")
 MEMORY = 2_000_000_000
 """Bytes that all images that are worked on may take."""
 BYTES_PER_PIXEL = 40
-"""What undistorting takes at its peak, 34 measured at 12 megapixels, and the decoded image."""
+"""Peak memory of undistorting, 34 measured at 12 megapixels, with the decoded image."""
 
 
 def workers_for(pixels: int, jobs: int) -> int:
-    """How many images of up to so many pixels are worked on at a time, of ``jobs`` at most."""
+    """Number of images of ``pixels`` pixels to process at a time, at most ``jobs``."""
     return max(1, min(jobs, MEMORY // (BYTES_PER_PIXEL * max(pixels, 1))))
 
 

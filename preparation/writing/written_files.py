@@ -41,7 +41,7 @@ def start_over(out: Path, names: Sequence[str]) -> None:
 
 
 def is_all_there(out: Path) -> bool:
-    """Whether the model and all files that the last run wrote are still there."""
+    """True if the model and all files that the last run wrote are still there."""
     file = out / LIST
     return (
         all((out / MODEL_FOLDER / part).is_file() for part in PARTS[2:])
@@ -115,7 +115,7 @@ def _check_written(folder: Path, images: int, points: int) -> None:
 
 @dataclass(frozen=True)
 class WrittenDataSet:
-    """What was written."""
+    """The written data set."""
 
     layout: str
     """colmap or transforms."""
@@ -125,11 +125,11 @@ class WrittenDataSet:
     sizes: tuple[tuple[int, int], ...]
     """Width and height of the written images, the most frequent first."""
     lens: str
-    """What became of the lenses, in words."""
+    """Description of the output lenses."""
     bytes: int
-    """Of all files that training reads."""
+    """Total size of all files that training reads."""
     notes: tuple[str, ...]
-    """What the layout cannot hold, and what else its user should know."""
+    """Notes for the user, such as content that the layout cannot hold."""
 
     @staticmethod
     def of(
