@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def run(arguments: list[str]) -> int:
     options = read("bench", BenchOptions, arguments)
     check(options)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.core.render_settings import RenderSettings
     from gsfw.plugins.registry import installed
     from gsfw.studies.bench.device import warm_up

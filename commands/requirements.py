@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.core.loop.trainer import Trainer
 from gsfw.studies.requirements.measure import measure
 from gsfw.studies.requirements.plot import plot

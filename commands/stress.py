@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.registry import Registry
     from gsfw.studies.stress.entrant import Entrant
     from gsfw.studies.stress.plane import PlaneErrors
@@ -56,7 +56,7 @@ def run(arguments: list[str]) -> int:
     """Measure, and tell."""
     options = read("stress", StressOptions, arguments)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.commands.stress_report import document, list_cases, tell
     from gsfw.plugins.registry import installed
     from gsfw.studies.stress.entrant import entrants
@@ -107,7 +107,7 @@ def _methods(names: Sequence[str], registry: Registry) -> list[str]:
 
 def _measured(console: Console, plan: StressPlan, registry: Registry) -> list[CaseResult]:
     """All results, with a bar."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.stress.runner import run as measure_all
 
     results: list[CaseResult] = []
@@ -120,7 +120,7 @@ def _measured(console: Console, plan: StressPlan, registry: Registry) -> list[Ca
 
 def _planes(console: Console, plan: StressPlan, registry: Registry, out: str) -> list[PlaneErrors]:
     """Errors over planes, drawn to a file; none where no file is asked for."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.stress.heat_map import write_heat_map
     from gsfw.studies.stress.plane import PLANES, Plane, PlaneOracle, plane_errors
     from gsfw.studies.stress.runner import reference

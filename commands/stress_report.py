@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
 
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.studies.stress.catalogue import CASES, chosen
 from gsfw.studies.stress.moving_case import MOVING_CASES
 from gsfw.studies.stress.plane import PlaneErrors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, parse
+from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, parse
 
 HOW = (
     "With a RUN it varies that finished model: gsfw tradeoff latest.\n"
@@ -37,7 +37,7 @@ def names_a_run(arguments: Arguments) -> bool:
 
 def _help() -> str:
     """Both forms, one after the other."""
-    from gsfw.commands.help import options_help
+    from gsfw.commands.interface.help import options_help
     from gsfw.commands.tradeoff_model import ModelOptions
     from gsfw.commands.tradeoff_training import TrainingOptions
 

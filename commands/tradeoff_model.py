@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.arguments import read
-from gsfw.commands.run_options import RunOptions
+from gsfw.commands.interface.arguments import RunOptions, read
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
     from gsfw.studies.tradeoff.recommendation import Recommendation
     from gsfw.studies.tradeoff.record_store import RecordStore
@@ -79,9 +78,8 @@ def run(arguments: list[str]) -> int:
     options = read("tradeoff", ModelOptions, arguments)
     _check(options)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.open_run import open_run
-    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
     from gsfw.studies.tradeoff.catalogue import catalogue
@@ -167,7 +165,7 @@ def _tell_beginning(
 
 def _measure(console: Console, runner: Runner, repeats: int) -> None:
     """Everything that is missing, with bars and the time that is left."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
 
     bars = StageBars(console)
     if runner.missing:

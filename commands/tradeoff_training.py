@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import Arguments, Options, layers, read
+from gsfw.commands.interface.arguments import Arguments, Options, layers, read
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.core.callback import Control
     from gsfw.plugins.registry import Registry
     from gsfw.studies.runner import Ended
@@ -80,10 +80,10 @@ def run(arguments: Arguments) -> int:
     options, given = _split(arguments)
     _check(options)
 
-    from gsfw.commands.console import Console
     from gsfw.commands.failure import INTERRUPTED
-    from gsfw.commands.interrupt import stop_on_signal
-    from gsfw.commands.run_argument import RUNS
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.interrupt import stop_on_signal
+    from gsfw.commands.interface.runs import RUNS
     from gsfw.core.callback import Control
     from gsfw.core.errors import OutputError
     from gsfw.core.files.folder_lock import only_one
@@ -189,7 +189,7 @@ def _make(
     console: Console, experiment: Experiment, options: TrainingOptions, control: Control
 ) -> None:
     """Choose, say what was chosen, and train; a stop leaves the rest for another time."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.tradeoff.training.speed import Stopped
 
     _tell_beginning(console, experiment)

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from gsfw.core.config import Detection
 from gsfw.core.errors import DataError
+from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig
@@ -27,7 +28,7 @@ from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.point_file import Points, check_points
-from gsfw.datamanagers.poses import from_opencv, from_rotation_vector
+from gsfw.datamanagers.poses import from_opencv
 
 BROWN = ("perspective", "brown", "radial", "simple_radial")
 FISHEYE = ("fisheye", "fisheye_opencv")
@@ -205,7 +206,9 @@ def _same_shape(lens: Lens, width: int, height: int) -> bool:
 def _pose(shot: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
     vector = numbers(shot.get("rotation"), 3, f"{where}: rotation")
     translation = numbers(shot.get("translation"), 3, f"{where}: translation")
-    return from_opencv(torch.cat([from_rotation_vector(vector), translation[:, None]], 1), where)
+    return from_opencv(
+        torch.cat([rotation_vector_matrices(vector[None])[0], translation[:, None]], 1), where
+    )
 
 
 def _points(content: Mapping[str, Any], file: Path) -> Points:

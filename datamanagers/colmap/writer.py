@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from gsfw.core.errors import DataError
+from gsfw.core.maths.rotations import quaternions_of
 from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, ColmapModel
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.lens import COEFFICIENTS, ONE_FOCAL_LENGTH, Lens
-from gsfw.datamanagers.poses import quaternion_of
 
 NUMBERS = {name: number for number, (name, _) in enumerate(CAMERA_MODELS)}
 TWO_FOCAL_LENGTHS = {
@@ -64,7 +64,9 @@ def _model(recording: Recording, file: Path, image_root: Path) -> ColmapModel:
         pose = frame.world_to_camera
         translation = tuple(pose[:3, 3].tolist())
         name = _name(frame, image_root)
-        images.append(ColmapImage(name, number, quaternion_of(pose[:3, :3]), translation))
+        images.append(
+            ColmapImage(name, number, tuple(quaternions_of(pose[:3, :3]).tolist()), translation)
+        )
     colors = (recording.point_colors.clamp(0, 1) * 255).round().byte().numpy()
     cameras = {number: _camera(lens) for (_, lens), number in numbers.items()}
     return ColmapModel(file, cameras, images, recording.points.numpy(), colors)

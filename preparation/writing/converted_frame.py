@@ -1,4 +1,4 @@
-"""FrameTask: one picture of a data set that is converted, with the files that belong to it."""
+"""FrameTask: one image of a data set that is converted, with the files that belong to it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from gsfw.datamanagers.images import Header, decode, fit_mask, load_mask
 from gsfw.datamanagers.map_file import DEPTH, MapFile
 from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.warp import MapCache, Warp
-from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.image_file import unique_names, with_right_suffix
 from gsfw.preparation.writing.camera_plan import CameraPlan
-from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
-from gsfw.preparation.writing.written_files import MASKS, PICTURES
+from gsfw.preparation.writing.image_output import ImageChange, StoredImage, encoded_mask
+from gsfw.preparation.writing.written_files import IMAGES, MASKS
 
 MOVING, DEPTHS = "motion_masks", "depths"
 """Folders of the written files, besides those of every data set."""
@@ -28,15 +28,15 @@ MOVING, DEPTHS = "motion_masks", "depths"
 
 @dataclass(frozen=True)
 class FrameTask:
-    """What is to be written of a frame."""
+    """The output files of a frame."""
 
     frame: Frame
-    change: PictureChange
+    change: ImageChange
     masks: MaskRule
     files: dict[str, str]
     """Names of the files that are written, relative to the data set, by their folders."""
     pixels: UInt8[np.ndarray, "h w 3"] | None = None
-    """Of a picture of a video, once it is decoded."""
+    """Pixels of an image of a video, once it is decoded."""
 
     @property
     def sources(self) -> list[Path]:
@@ -54,10 +54,10 @@ class FrameTask:
         """The content of each file, by its name.
 
         Raises:
-            DataError: the picture, a mask or the depths do not decode or do not fit.
+            DataError: the image, a mask or the depths do not decode or do not fit.
         """
         warp = self.change.warp(maps)
-        content = {PICTURES: self.change.content(self._decode, warp, quality)}
+        content = {IMAGES: self.change.content(self._decode, warp, quality)}
         if MASKS in self.files:
             content[MASKS] = self._mask(warp)
         if MOVING in self.files:
@@ -72,8 +72,8 @@ class FrameTask:
         target, depth = self.change.plan.target, self._depth_file
         return replace(
             self.frame,
-            name=self.files[PICTURES],
-            path=paths[PICTURES],
+            name=self.files[IMAGES],
+            path=paths[IMAGES],
             header=Header(target.width, target.height, self.frame.header.has_alpha),
             lens=target,
             mask=paths.get(MASKS),
@@ -142,17 +142,17 @@ def tasks_of(
     ]
 
 
-def _change(frame: Frame, keep: bool) -> PictureChange:
+def _change(frame: Frame, keep: bool) -> ImageChange:
     header = frame.header
     plan = CameraPlan.of(frame.lens.resized(header.width, header.height), keep)
-    stored = None if frame.shot is not None else StoredPicture.read(frame.path, header)
-    return PictureChange(stored, plan)
+    stored = None if frame.shot is not None else StoredImage.read(frame.path, header)
+    return ImageChange(stored, plan)
 
 
-def _files(frame: Frame, change: PictureChange, name: str, with_depth: bool) -> dict[str, str]:
-    """What is written of a frame, by folder."""
+def _files(frame: Frame, change: ImageChange, name: str, with_depth: bool) -> dict[str, str]:
+    """The output files of a frame, by folder."""
     undistortion = change.plan.undistortion
-    files = {PICTURES: f"{PICTURES}/{name}"}
+    files = {IMAGES: f"{IMAGES}/{name}"}
     if frame.mask is not None or (undistortion is not None and undistortion.has_blanks):
         files[MASKS] = f"{MASKS}/{name}.png"
     if with_depth and frame.moving is not None:
@@ -170,6 +170,6 @@ def _plain(name: str) -> str:
         for part in PurePosixPath(name.replace("\\", "/")).parts
         if part not in ("/", "..") and not part.endswith(":")
     ]
-    if len(parts) > 1 and parts[0] == PICTURES:
+    if len(parts) > 1 and parts[0] == IMAGES:
         parts = parts[1:]
     return "/".join(parts)

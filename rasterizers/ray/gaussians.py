@@ -9,12 +9,12 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.footprint import pixel_steps
-from gsfw.rasterizers.reference.project import rotations
 
 FARTHEST = 1e18
 """Gaussians farther off than so many times their size are left out: squares must fit float32."""
@@ -73,7 +73,7 @@ def _placed(splats: Splats, camera: Cameras, spread: float, rows: Int[Tensor, " 
         assert splats.quats is not None
         assert splats.scales is not None
         scales = splats.scales.index_select(0, rows).clamp(max=LENGTH_MAX)
-        axes = rotation @ rotations(splats.quats.index_select(0, rows)) * scales[:, None]
+        axes = rotation @ rotation_matrices(splats.quats.index_select(0, rows)) * scales[:, None]
     else:
         axes = rotation @ _root(splats.covariances.index_select(0, rows))
     if spread > 0:

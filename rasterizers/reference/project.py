@@ -15,8 +15,9 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from gsfw.core.cameras import Cameras
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.maths.spherical_harmonics import degree_of, sh_basis
-from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, QUATERNION_MIN_NORM, NumericsProfile
+from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, NumericsProfile
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.rasterizers.reference.lens import project_points
@@ -56,7 +57,10 @@ def project(
     if splats.covariances is None:
         assert splats.quats is not None
         assert splats.scales is not None
-        axes = rotations(pick(splats.quats)) * pick(splats.scales).clamp(max=LENGTH_MAX)[:, None]
+        axes = (
+            rotation_matrices(pick(splats.quats))
+            * pick(splats.scales).clamp(max=LENGTH_MAX)[:, None]
+        )
         plain, determinants = _from_axes(torch.bmm(image_from_world, axes))
     else:
         plain, determinants = _from_covariances(pick(splats.covariances), image_from_world)
@@ -69,27 +73,6 @@ def project(
         opacities = opacities * kept.sqrt()
     covariances = torch.stack([xx + spread, xy, yy + spread], dim=1)
     return Ellipses(means, points[:, 2], covariances, dilated, opacities)
-
-
-def rotations(quats: Float[Tensor, "m 4"]) -> Float[Tensor, "m 3 3"]:
-    """Rotation matrices of quaternions wxyz of any norm; the identity for those with none."""
-    with torch.no_grad():
-        # Dividing by the largest component first keeps the squares of 1e20 within float32.
-        largest = quats.abs().amax(1, keepdim=True)
-        safe = torch.where(largest > 0, largest, 1.0)
-        none = largest * (quats / safe).norm(dim=1, keepdim=True) < QUATERNION_MIN_NORM
-        safe = torch.where(none, 1.0, safe)
-    identity = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
-    unit = normalize(torch.where(none, identity, quats / safe), dim=1)
-    w, x, y, z = unit.unbind(1)
-    return torch.stack(
-        [
-            *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        ],
-        dim=1,
-    ).view(-1, 3, 3)
 
 
 def _from_axes(

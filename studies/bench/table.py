@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 
 STAGES = {
     "picture": (),

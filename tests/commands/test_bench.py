@@ -13,7 +13,7 @@ from support.fake_parts import registry_of
 from support.scenes import front_camera, random_splats
 
 from gsfw.commands import bench
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.capabilities import Capabilities, Feature
 from gsfw.core.config import RasterizerConfig

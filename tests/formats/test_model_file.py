@@ -11,10 +11,10 @@ from gsfw.core.cameras import CameraModel
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
 from gsfw.core.errors import DataError
+from gsfw.core.exchange import StoredColumn, StoredModel
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.core.stored_model import StoredColumn, StoredModel
 from gsfw.formats.array_archive import ArrayArchive, read_archive, write_archive
 from gsfw.formats.model_file import ModelFileExporter, read_model_file, read_model_header
 from gsfw.formats.model_header import write_header
