@@ -139,7 +139,9 @@ class Trainer:
 
     def _load(self, views: tuple[int, ...]) -> list[Batch]:
         parts = self.parts
-        parts.data.prefetch(Split.TRAIN, parts.sampler.peek(self.plan.prefetch_views))
+        # The views of this step come first: loaders work in the order of what is asked for.
+        coming = (*views, *parts.sampler.peek(self.plan.prefetch_views))
+        parts.data.prefetch(Split.TRAIN, coming)
         alone = parts.method.looks_at_single_views(self.step)
         groups = [(view,) for view in views] if alone else [views]
         batches = [
