@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.arguments import FLAGS, Options, parse, read, word
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.progress import stage
 
 if TYPE_CHECKING:
     from gsfw.plugins.settings import Settings
@@ -49,13 +50,15 @@ def run(tokens: list[str]) -> int:
     options = read("check", CheckOptions, [*own, *arguments.words])
     pictures = _pictures(options.pictures)
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
-    settings, given_values = _settings(options, given)
+    with stage("loading torch and reading settings"):
+        settings, given_values = _settings(options, given)
 
     from gsfw.commands.check_report import tell
     from gsfw.commands.console import Console
 
     console = Console(options.json)
-    document = _check(options, settings, given_values, pictures)
+    with stage(f"examining {options.what or 'the data set'}"):
+        document = _check(options, settings, given_values, pictures)
     tell(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0

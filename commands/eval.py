@@ -35,6 +35,9 @@ class EvalOptions(RunOptions):
 def run(arguments: list[str]) -> int:
     """Evaluate, print a table, and write eval/step_N.json."""
     options = read("eval", EvalOptions, arguments)
+    from gsfw.commands.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.console import Console
     from gsfw.commands.open_run import open_run

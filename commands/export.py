@@ -58,6 +58,9 @@ class ExportOptions(RunOptions):
 def run(arguments: list[str]) -> int:
     """Write the file, or the files, and say what is in them."""
     options = read("export", ExportOptions, arguments)
+    from gsfw.commands.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.console import Console
     from gsfw.commands.open_run import open_run
@@ -165,14 +168,14 @@ def _export_sequence(
 ) -> dict[str, Any]:
     """The model at many times, as one file each; what is in them."""
     from gsfw.commands.export_sequence import SplatSequence, parse_times
-    from gsfw.commands.progress import with_progress
+    from gsfw.core.progress import tracked
 
     times = parse_times(options.times, restored.composition)
     name = _name(restored, options, found)
     folder = Path(options.out) if options.out else found.folder.path / name
     sequence = SplatSequence(restored, exporter, times, folder)
     with _what_it_holds(folder, options.format):
-        files = with_progress(sequence.write(), len(times), "splats")
+        files = list(tracked(sequence.write(), "writing splats", len(times)))
     size = sum(path.stat().st_size for path in files)
     console.say(
         f"{len(files)} files after {restored.step} steps, {size / 1e6:.1f} MB: {folder}\n"

@@ -61,14 +61,17 @@ def run(arguments: list[str]) -> int:
     """Draw, and say where the pictures are."""
     options = read("render", RenderOptions, arguments)
     _check(options)
+    from gsfw.commands.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands import render_path
     from gsfw.commands.console import Console
     from gsfw.commands.film import choose_format, write_film
     from gsfw.commands.open_run import open_run
-    from gsfw.commands.progress import with_progress
     from gsfw.commands.run_argument import find_run
     from gsfw.core.loop.determinism import deterministic
+    from gsfw.core.progress import tracked
     from gsfw.plugins.registry import installed
 
     chosen = choose_format(options.video)
@@ -83,13 +86,13 @@ def run(arguments: list[str]) -> int:
         if options.what == "views" or (
             options.what == "all" and composition.parts.data.has_pictures
         ):
-            written += with_progress(
-                _views(restored, out / "views"), _count_views(restored), "views"
+            written += tracked(
+                _views(restored, out / "views"), "rendering views", _count_views(restored)
             )
         for path in paths:
             trails = render_path.trails(path, composition, options)
             pictures = render_path.frames(path, composition, out / path.name, trails)
-            frames = with_progress(pictures, options.frames, path.name)
+            frames = list(tracked(pictures, f"rendering {path.name}", options.frames))
             written += [*frames, *write_film(out / path.name, frames, options.fps, chosen)]
     console.say(f"{len(written)} pictures and films in {out}")
     console.result({"run": found.name, "written": [str(path) for path in written]})

@@ -48,6 +48,9 @@ def run(tokens: list[str]) -> int:
         raise HelpRequested(HELP)
     changed = _changed(arguments)
     console = Console(arguments.flag("json"))
+    from gsfw.commands.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.run_argument import find_run
     from gsfw.commands.training import describe, make_callbacks, run_training

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, layers, parse
 from gsfw.commands.console import Console
+from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
+from gsfw.core.progress import stage
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
@@ -19,9 +21,10 @@ def run(tokens: list[str]) -> int:
     """Train a method on a data set."""
     arguments = parse(tokens)
     registry = installed()
-    settings = read_settings("train", arguments, registry)
     console = Console(arguments.flag("json"))
-    # torch is imported from here on; what could be said without it has been said.
+    _announce(arguments, registry, console)
+    with stage("loading torch and the method"):
+        settings = read_settings("train", arguments, registry)
     from gsfw.commands.new_run import check_free, default_folder, new_run_folder
     from gsfw.commands.training import describe, make_callbacks, run_training
     from gsfw.core.files.atomic import write_atomically
@@ -46,6 +49,15 @@ def run(tokens: list[str]) -> int:
         write_atomically(folder.config, write_config(settings, ["train", *tokens]).encode())
         trainer = composition.trainer(folder, make_callbacks(registry))
         return run_training(trainer, console)
+
+
+def _announce(arguments: Arguments, registry: Registry, console: Console) -> None:
+    """Say what will be trained on what, before torch is loaded; wrong arguments are told later."""
+    values = {key: text for layer in layers(arguments) for key, text in layer.values.items()}
+    if values.get("method") in registry.slot("method") and not arguments.flag("help"):
+        data = values.get("data") or "the built-in scene"
+        device = values.get("device", AUTO)
+        console.say(f"preparing method {values['method']} on {data}, device {device}")
 
 
 def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settings:

@@ -37,6 +37,7 @@ from gsfw.core.maths.frame import transform_splats
 from gsfw.core.method import Method
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
+from gsfw.core.progress import stage
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
@@ -198,7 +199,8 @@ def open_data(settings: Settings) -> DataManager:
         cache_megabytes=config.cache_mb,
         gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
     )
-    return config.datamanager.build(request)
+    with stage(f"reading {config.data or 'the built-in scene'}"):
+        return config.datamanager.build(request)
 
 
 def compose(
@@ -243,7 +245,8 @@ def compose(
     corrections = make_corrections(settings.config, data).to(device)
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
-    parts = _parts(settings.config, registry, method, data, corrections, device)
+    with stage("building the model"):
+        parts = _parts(settings.config, registry, method, data, corrections, device)
     missed = _missed(settings, registry, device)
     return Composition(settings, parts, training_plan(settings, scene, device), missed)
 

@@ -24,6 +24,7 @@ from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import psnr
+from gsfw.core.progress import stage
 
 
 @dataclass
@@ -331,7 +332,8 @@ class Trainer:
 
     def _checkpoint(self) -> None:
         self._catch_up()
-        path = self.folder.write_checkpoint(self.step, self.state_dict())
+        with stage("writing a checkpoint"):
+            path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.step
         self.control.checkpoint_requested = False
         for callback in self.callbacks:
