@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,11 +15,13 @@ from gsfw.core.progress import stage
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
+    from gsfw.plugins.compose import Composition
     from gsfw.plugins.settings import Settings
 
 
 def run(tokens: list[str]) -> int:
     """Train a method on a data set."""
+    began = time.perf_counter()
     arguments = parse(tokens)
     registry = installed()
     console = Console(arguments.flag("json"))
@@ -39,16 +42,34 @@ def run(tokens: list[str]) -> int:
     path = Path(out) if out else default_folder(composition.scene.name, settings.method.name)
     console.say(describe(composition))
     if arguments.flag("dry_run"):
-        for note in composition.notes():
-            console.say(f"note: {note}")
-        console.say(f"everything fits; without --dry-run the run would go to {path}")
-        composition.parts.data.close()
-        console.result({"fits": True, "run": str(path), "settings": settings.flat()})
-        return 0
+        return _tell_dry_run(composition, path, time.perf_counter() - began, console)
     with new_run_folder(path) as folder:
         write_atomically(folder.config, write_config(settings, ["train", *tokens]).encode())
         trainer = composition.trainer(folder, make_callbacks(registry))
         return run_training(trainer, console)
+
+
+def _tell_dry_run(composition: Composition, path: Path, seconds: float, console: Console) -> int:
+    """Say that everything fits, and what the run would cost; the exit code.
+
+    Args:
+        composition: of the run.
+        path: of its folder.
+        seconds: since the process was started.
+        console: to say it on.
+    """
+    from gsfw.studies.expectation import expect
+
+    for note in composition.notes():
+        console.say(f"note: {note}")
+    expected = expect(composition, installed(), seconds)
+    composition.parts.data.close()
+    console.say(str(expected))
+    console.say(f"everything fits; without --dry-run the run would go to {path}")
+    settings = composition.settings.flat()
+    document = {"fits": True, "run": str(path), "settings": settings}
+    console.result({**document, "expected": expected.document()})
+    return 0
 
 
 def _announce(arguments: Arguments, registry: Registry, console: Console) -> None:

@@ -1,6 +1,7 @@
 """Tests of gsfw.commands.train and what it shares with resume."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,7 @@ def test_dry_run_checks_everything_and_writes_nothing(capsys, tmp_path):
     assert first == "preparing method 3dgs on the built-in scene, device auto"
     assert described.startswith("method 3dgs, strategy adc, rasterizer ")
     assert "6 views to train on, 2 held out; 150 Gaussians to start with" in said
+    assert re.search(r"expected on this machine: \d+ s, .* GB of memory, \d+ MB of disk", said)
     assert "everything fits; without --dry-run the run would go to runs/" in said
     assert list(tmp_path.iterdir()) == []
 
