@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.arguments import read
 from gsfw.commands.run_options import RunOptions
+from gsfw.core.progress import stage, tracked
 
 if TYPE_CHECKING:
     from gsfw.commands.console import Console
@@ -143,7 +144,7 @@ def _export_splats(
     """The model at one time, as one file; what is in it."""
     taken = _take(restored, options)
     path = _place(options, found.folder.path, _name(restored, options, found), exporter.suffix)
-    with _what_it_holds(path, options.format):
+    with _what_it_holds(path, options.format), stage(f"writing {path.name}"):
         exporter.write(path, taken.content)
     splats, notes = taken.content.splats, _notes(taken)
     for note in notes:
@@ -168,7 +169,6 @@ def _export_sequence(
 ) -> dict[str, Any]:
     """The model at many times, as one file each; what is in them."""
     from gsfw.commands.export_sequence import SplatSequence, parse_times
-    from gsfw.core.progress import tracked
 
     times = parse_times(options.times, restored.composition)
     name = _name(restored, options, found)
@@ -206,7 +206,8 @@ def _export_model(
     path = _place(options, found.folder.path, name, exporter.suffix)
     with _what_it_holds(path, options.format):
         model = stored_model(restored)
-        exporter.write(path, model)
+        with stage(f"writing {path.name}"):
+            exporter.write(path, model)
     size = path.stat().st_size
     console.say(
         f"method {model.method} with {model.rows:,} Gaussians after {model.step} steps, "
@@ -229,7 +230,8 @@ def _export_tracks(
     content = take_tracks(restored, parse_times(options.times or "all", restored.composition))
     name = _name(restored, options, found).replace("splats", "tracks")
     path = _place(options, found.folder.path, name, exporter.suffix)
-    exporter.write(path, content)
+    with stage(f"writing {path.name}"):
+        exporter.write(path, content)
     times, rows = content.tracks.opacities.shape
     size = path.stat().st_size
     console.say(

@@ -7,6 +7,7 @@ from pathlib import Path
 from gsfw.commands.run_argument import RunArgument
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.progress import stage
 from gsfw.formats.model_file import read_model_file
 from gsfw.plugins.rebuild import rebuild
 from gsfw.plugins.registry import Registry
@@ -29,6 +30,13 @@ def open_run(
         DataError: there is no such checkpoint, or a file is damaged.
         ConfigError: the settings no longer resolve, or a step is asked of a model file.
     """
+    with stage(f"opening {found.name}"):
+        return _open(found, registry, changed, step)
+
+
+def _open(
+    found: RunArgument, registry: Registry, changed: Layer | None, step: int | None
+) -> Restored:
     if found.model_file is None:
         checkpoint = found.checkpoint if step is None else _checkpoint(found.folder, step)
         return restore(found.folder, registry, checkpoint, changed)

@@ -14,7 +14,7 @@ from gsfw.core.progress import Advance, stage
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
 
-PATIENCE = 0.9
+PATIENCE = 0.7
 """Seconds that a stage takes before it is shown: shorter waits need no explanation."""
 FRAME = 0.1
 """Seconds between updates of a bar."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, parse
 from gsfw.commands.console import Console
 from gsfw.core.errors import ConfigError
+from gsfw.core.progress import stage
 from gsfw.plugins.registry import did_you_mean, installed
 
 if TYPE_CHECKING:
@@ -65,7 +66,9 @@ def run(tokens: list[str]) -> int:
             f"{found.name} cannot go on: a model file has no optimizer and no pictures.",
             "Give the folder of the run that it was exported from.",
         )
-    restored = restore(found.folder, installed(), found.checkpoint, Layer(COMMAND_LINE, changed))
+    with stage(f"opening {found.name}"):
+        layer = Layer(COMMAND_LINE, changed)
+        restored = restore(found.folder, installed(), found.checkpoint, layer)
     if _is_finished(restored, console):
         return 0
     for change in restored.changes():
