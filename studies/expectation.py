@@ -235,7 +235,16 @@ def _steps_seconds(composition: Composition, first: float, last: float) -> float
     flat, steps = composition.settings.flat(), composition.plan.steps
     start = min(int(flat.get("strategy.refine_start", 0)), steps)
     stop = max(start, min(int(flat.get("strategy.refine_stop", steps)), steps))
-    return start * first + (stop - start) * (first + last) / 2 + (steps - stop) * last
+    at_full_size = start * first + (stop - start) * (first + last) / 2 + (steps - stop) * last
+    return at_full_size - _saved_steps(composition) * first
+
+
+def _saved_steps(composition: Composition) -> float:
+    """Steps' worth of time that smaller images save at the start: costs go with the pixels."""
+    stages = composition.resolution.stages
+    following = [first for first, _ in stages[1:]]
+    pairs = zip(stages, following, strict=False)
+    return sum(((end - first) * (1 - factor**-2) for (first, factor), end in pairs), start=0.0)
 
 
 def _cache_mb(composition: Composition) -> float:
