@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from rich.console import Console
@@ -15,6 +16,7 @@ from rich.table import Column as TableColumn
 
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.progress import Advance, shown_by
 
 SMOOTHING = 0.9
 """Weight of the past in the loss and PSNR shown: single views differ too much to be read."""
@@ -33,6 +35,7 @@ class Progress(Callback):
         self._last_line = 0.0
         self._loss = self._psnr = float("nan")
         self._steps_per_second = 0.0
+        self._stages = ExitStack()
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Show the notes, then the line."""
@@ -51,6 +54,17 @@ class Progress(Callback):
                 f"{run.method} on {run.scene}", total=run.steps, completed=run.first_step
             )
             self._bar.start()
+            self._stages.enter_context(shown_by(self._stage))
+
+    @contextmanager
+    def _stage(self, name: str, total: int) -> Iterator[Advance]:
+        """A second line under the first, while something else than a step takes its time."""
+        assert self._bar is not None
+        bar, task = self._bar, self._bar.add_task(name, total=total or None)
+        try:
+            yield lambda done: bar.update(task, completed=done)
+        finally:
+            bar.remove_task(task)
 
     def _say(self, line: str) -> None:
         self._console.print(line, markup=False, soft_wrap=True)
@@ -95,6 +109,7 @@ class Progress(Callback):
 
     def close(self) -> None:
         """Give the terminal back."""
+        self._stages.close()
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

@@ -68,6 +68,9 @@ def run(arguments: list[str]) -> int:
     """Measure, and show the figures."""
     options = read("bench", BenchOptions, arguments)
     check(options)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.interface.console import Console
     from gsfw.core.render_settings import RenderSettings

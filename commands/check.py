@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import FLAGS, Options, parse, read, word
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.progress import stage
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -51,12 +52,14 @@ def run(tokens: list[str]) -> int:
     options = read("check", CheckOptions, [*own, *arguments.words])
     images = _images(options.images)
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
-    settings, given_values = _settings(options, given)
+    with stage("loading torch and reading settings"):
+        settings, given_values = _settings(options, given)
 
     from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
-    document = _check(options, settings, given_values, images)
+    with stage(f"examining {options.what or 'the data set'}"):
+        document = _check(options, settings, given_values, images)
     _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0

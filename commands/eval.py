@@ -34,6 +34,9 @@ class EvalOptions(RunOptions):
 def run(arguments: list[str]) -> int:
     """Evaluate, print a table, and write eval/step_N.json."""
     options = read("eval", EvalOptions, arguments)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, open_run

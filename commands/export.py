@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.core.progress import stage, tracked
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -59,6 +60,9 @@ class ExportOptions(RunOptions):
 def run(arguments: list[str]) -> int:
     """Write the file or the files, and say what they hold."""
     options = read("export", ExportOptions, arguments)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, open_run
@@ -176,7 +180,7 @@ class _Export:
         edit = cut(self.restored, options.keep, options.sh_degree)
         taken = RunSource(self.restored, options.time, edit=edit).snapshot()
         path = self._path("splats")
-        with _readable_value_errors(path, options.format):
+        with _readable_value_errors(path, options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, taken.content)
         splats, notes = taken.content.splats, _notes(taken)
         for note in notes:
@@ -192,7 +196,6 @@ class _Export:
 
     def _sequence(self) -> dict[str, Any]:
         """The model at many times, as one file each."""
-        from gsfw.commands.interface.progress import with_progress
         from gsfw.formats.splat_sequence import SplatSequence
         from gsfw.plugins.run_source import RunSource
 
@@ -205,7 +208,7 @@ class _Export:
         about = {"method": composition.settings.method.name, "step": step}
         with _readable_value_errors(folder, self.options.format):
             written = sequence.write(lambda time: source.at(time).splat_file(), about)
-            files = with_progress(written, len(times), "splats")
+            files = list(tracked(written, "writing splats", len(times)))
         size = sum(path.stat().st_size for path in files)
         self.console.say(
             f"{len(files)} files after {step} steps, {size / 1e6:.1f} MB: {folder}\n"
@@ -224,7 +227,8 @@ class _Export:
         path = self._path("model")
         with _readable_value_errors(path, self.options.format):
             model = RunSource(self.restored).stored_model()
-            self.exporter.write(path, model)
+            with stage(f"writing {path.name}"):
+                self.exporter.write(path, model)
         size = self._say(f"method {model.method} with {model.rows:,} Gaussians", path)
         return {"written": str(path), "num_gaussians": model.rows, "bytes": size}
 
@@ -235,7 +239,7 @@ class _Export:
         times = parse_times(self.options.times or ALL, self.restored.composition)
         content = RunSource(self.restored, times=times).track_file()
         path = self._path("tracks")
-        with _readable_value_errors(path, self.options.format):
+        with _readable_value_errors(path, self.options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
         rows = content.tracks.opacities.shape[1]
         size = self._say(f"paths of {rows:,} Gaussians at {len(times)} times", path)

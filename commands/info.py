@@ -39,12 +39,17 @@ class InfoOptions(Options):
 def run(arguments: list[str]) -> int:
     """Find out what it is, and describe it."""
     options = read("info", InfoOptions, arguments)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.interface.console import Console
+    from gsfw.core.progress import stage
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
-    document = _describe(options, installed())
+    with stage("reading"):
+        document = _describe(options, installed())
     console.table(["", ""], _rows(document), _title(document))
     console.result(document)
     return 0

@@ -13,7 +13,9 @@ from gsfw.commands.interface.arguments import HelpRequested, parse
 from gsfw.commands.interface.console import Console, LoggedWarnings
 from gsfw.commands.interface.help import main_help
 from gsfw.commands.interface.interrupt import leave_on_signal
+from gsfw.commands.interface.progress import SlowStages
 from gsfw.core.errors import ConfigError, UserError
+from gsfw.core.progress import shown_by
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 from gsfw.plugins.specs import PROJECT
@@ -78,7 +80,8 @@ def _run(tokens: list[str], console: Console) -> int:
     told = len(installed().broken)
     if tokens[0] not in SHOW_BROKEN:
         _tell_broken(console)
-    code = verb(tokens[1:])
+    with shown_by(SlowStages().stage):
+        code = verb(tokens[1:])
     if tokens[0] not in SHOW_BROKEN:
         _tell_broken(console, told)  # Some only break when they are loaded.
     return code

@@ -59,11 +59,14 @@ def run(arguments: list[str]) -> int:
     """Draw, and say where the pictures are."""
     options = read("render", RenderOptions, arguments)
     _check(options)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.interface.console import Console
-    from gsfw.commands.interface.progress import with_progress
     from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
+    from gsfw.core.progress import tracked
     from gsfw.plugins.registry import installed
     from gsfw.rendering.film import choose_format, write_film
     from gsfw.rendering.paths import FilmRule, frames, paths, trails
@@ -79,8 +82,8 @@ def run(arguments: list[str]) -> int:
     written: list[Path] = []
     with deterministic(composition.parts.device):
         if options.what == "views" or (options.what == "all" and composition.parts.data.has_images):
-            written += with_progress(
-                _views(restored, out / "views"), _count_views(restored), "views"
+            written += tracked(
+                _views(restored, out / "views"), "rendering views", _count_views(restored)
             )
         for path in asked:
             lines = (
@@ -89,7 +92,7 @@ def run(arguments: list[str]) -> int:
                 else None
             )
             rendered = frames(path, composition, out / path.name, lines)
-            files = with_progress(rendered, options.frames, path.name)
+            files = list(tracked(rendered, f"rendering {path.name}", options.frames))
             written += [*files, *write_film(out / path.name, files, options.fps, chosen)]
     console.say(f"{len(written)} pictures and films in {out}")
     console.result({"run": found.name, "written": [str(path) for path in written]})

@@ -6,6 +6,7 @@ import logging
 
 from gsfw.commands.interface.console import Console
 from gsfw.core.loop.trainer import Trainer
+from gsfw.core.progress import stage
 from gsfw.studies.requirements.measure import measure
 from gsfw.studies.requirements.plot import plot
 
@@ -28,8 +29,9 @@ class RequirementsReport:
         if trainer.control.stop_reason is not None:  # Somebody wants it to end now.
             return
         try:
-            found = measure(trainer.parts, trainer.plan, trainer.step, trainer.info.settings)
-            picture = plot(found)
+            with stage("measuring what the run required"):
+                found = measure(trainer.parts, trainer.plan, trainer.step, trainer.info.settings)
+                picture = plot(found)
             trainer.callbacks.on_requirements(found, picture)
         except Exception as error:  # The run is finished: all that matters of it is written.
             kind = type(error).__name__

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, parse
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
+from gsfw.core.progress import stage
 from gsfw.plugins.registry import did_you_mean, installed
 
 if TYPE_CHECKING:
@@ -49,6 +50,9 @@ def run(tokens: list[str]) -> int:
         raise HelpRequested(HELP)
     changed = _changed(arguments)
     console = Console(arguments.flag("json"))
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.interface.runs import find_run
     from gsfw.commands.training import describe, run_training
@@ -64,7 +68,9 @@ def run(tokens: list[str]) -> int:
             f"{found.name} cannot go on: a model file has no optimizer and no pictures.",
             "Give the folder of the run that it was exported from.",
         )
-    restored = restore(found.folder, installed(), found.checkpoint, Layer(COMMAND_LINE, changed))
+    with stage(f"opening {found.name}"):
+        layer = Layer(COMMAND_LINE, changed)
+        restored = restore(found.folder, installed(), found.checkpoint, layer)
     if _is_finished(restored, console):
         return 0
     for change in restored.changes():

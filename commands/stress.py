@@ -55,6 +55,9 @@ class StressOptions(Options):
 def run(arguments: list[str]) -> int:
     """Measure, and tell."""
     options = read("stress", StressOptions, arguments)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.stress_report import document, list_cases, tell

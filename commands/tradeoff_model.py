@@ -76,6 +76,9 @@ class ModelOptions(RunOptions):
 def run(arguments: list[str]) -> int:
     """Measure, show, and recommend."""
     options = read("tradeoff", ModelOptions, arguments)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
     _check(options)
 
     from gsfw.commands.interface.console import Console

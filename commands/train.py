@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, layers, parse
 from gsfw.commands.interface.console import Console
+from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
+from gsfw.core.progress import stage
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
+    from gsfw.plugins.compose import Composition
     from gsfw.plugins.settings import Settings
 
 
 def run(tokens: list[str]) -> int:
     """Train a method on a data set."""
+    began = time.perf_counter()
     arguments = parse(tokens)
     registry = installed()
-    settings = read_settings("train", arguments, registry)
     console = Console(arguments.flag("json"))
-    # torch is imported from here on; what could be said without it has been said.
+    _announce(arguments, registry, console)
+    with stage("loading torch and the method"):
+        settings = read_settings("train", arguments, registry)
     from gsfw.commands.new_run import check_free, default_folder, new_run_folder
     from gsfw.commands.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
@@ -37,18 +43,45 @@ def run(tokens: list[str]) -> int:
     path = Path(out) if out else default_folder(composition.scene.name, settings.method.name)
     console.say(describe(composition))
     if arguments.flag("dry_run"):
-        for note in composition.notes():
-            console.say(f"note: {note}")
-        console.say(f"everything fits; without --dry-run the run would go to {path}")
-        composition.parts.data.close()
-        console.result({"fits": True, "run": str(path), "settings": settings.flat()})
-        return 0
+        return _tell_dry_run(composition, path, time.perf_counter() - began, console)
     with new_run_folder(path) as new:
         write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
         callbacks = make_callbacks(settings.config.callbacks, registry)
         trainer = composition.trainer(new.folder, callbacks)
         new.steps_done = lambda: trainer.step
         return run_training(trainer, console)
+
+
+def _tell_dry_run(composition: Composition, path: Path, seconds: float, console: Console) -> int:
+    """Say that everything fits, and what the run would cost; the exit code.
+
+    Args:
+        composition: of the run.
+        path: of its folder.
+        seconds: since the process was started.
+        console: to say it on.
+    """
+    from gsfw.studies.expectation import expect
+
+    for note in composition.notes():
+        console.say(f"note: {note}")
+    expected = expect(composition, installed(), seconds)
+    composition.parts.data.close()
+    console.say(str(expected))
+    console.say(f"everything fits; without --dry-run the run would go to {path}")
+    settings = composition.settings.flat()
+    document = {"fits": True, "run": str(path), "settings": settings}
+    console.result({**document, "expected": expected.document()})
+    return 0
+
+
+def _announce(arguments: Arguments, registry: Registry, console: Console) -> None:
+    """Say what will be trained on what, before torch is loaded; wrong arguments are told later."""
+    values = {key: text for layer in layers(arguments) for key, text in layer.values.items()}
+    if values.get("method") in registry.slot("method") and not arguments.flag("help"):
+        data = values.get("data") or "the built-in scene"
+        device = values.get("device", AUTO)
+        console.say(f"preparing method {values['method']} on {data}, device {device}")
 
 
 def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settings:

@@ -17,6 +17,7 @@ from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
+from gsfw.core.progress import stage
 from gsfw.formats.corrections import write_corrections
 from gsfw.kernels.cpu.native_module import keep_freed_memory
 from gsfw.plugins.compose import Composition
@@ -81,7 +82,8 @@ def write_splats(trainer: Trainer, console: Console) -> None:
     taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
     exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
     try:
-        exporter.write(trainer.folder.splats, taken.content)
+        with stage(f"writing {trainer.folder.splats.name}"):
+            exporter.write(trainer.folder.splats, taken.content)
     except ValueError as error:  # The run itself is whole: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
     if taken.num_dropped:

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from gsfw.core.maths.ssim import masked_mean, ssim
+from gsfw.core.progress import stage
 
 GRADIENT_LIMIT = 1e18
 """Larger gradients count as this, whose square is still finite in float32."""
@@ -105,13 +106,15 @@ class Operators:
     def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:
         """Distances to the ``k`` nearest other points, nearest first; inf where there are fewer."""
         host = points.detach().double().cpu().numpy()
-        distances, _ = cKDTree(host).query(host, k=k + 1, workers=-1)
+        with stage("finding nearest points"):
+            distances, _ = cKDTree(host).query(host, k=k + 1, workers=-1)
         return torch.from_numpy(distances[:, 1:]).to(points)
 
     def neighbors(self, points: Float[Tensor, "p d"], k: int) -> Int[Tensor, "p k"]:
         """Rows of the ``k`` nearest other points, nearest first; its own where there are fewer."""
         host = points.detach().double().cpu().numpy()
-        _, found = cKDTree(host).query(host, k=range(1, k + 2), workers=-1)
+        with stage("finding nearest points"):
+            _, found = cKDTree(host).query(host, k=range(1, k + 2), workers=-1)
         rows = torch.from_numpy(found)
         own = torch.arange(len(rows))[:, None]
         # A point is among its own nearest, unless more than k others lie exactly where it does.

@@ -39,6 +39,7 @@ from gsfw.core.method import Method
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
+from gsfw.core.progress import stage
 from gsfw.core.refinement.budget import with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings, Validation
@@ -210,7 +211,8 @@ def open_data(settings: Settings) -> DataManager:
         cache_megabytes=config.cache_mb,
         gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
     )
-    return config.datamanager.build(request)
+    with stage(f"reading {config.data or 'the built-in scene'}"):
+        return config.datamanager.build(request)
 
 
 def compose(
@@ -253,7 +255,8 @@ def compose(
     corrections = make_corrections(settings.config, data).to(device)
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
-    parts = _parts(settings.config, registry, method, data, corrections, device)
+    with stage("building the model"):
+        parts = _parts(settings.config, registry, method, data, corrections, device)
     check_built("method", settings.method, parts.model)
     for slot in ("sampler", "rasterizer"):
         check_built(slot, settings.choices[slot], getattr(parts, slot))

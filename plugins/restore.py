@@ -10,6 +10,7 @@ from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.core.loop.determinism import differences, environment
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.progress import stage
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import read_config
@@ -75,7 +76,8 @@ def restore(
     settings = resolve(registry, layers)
     _check_data(settings, folder, changed)
     # Into the memory of the host: what a GPU needs of it is copied there.
-    state = read_checkpoint(checkpoint)
+    with stage("reading the checkpoint"):
+        state = read_checkpoint(checkpoint)
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
     composition.parts.model.load_state_dict(state["model"])
     composition.parts.corrections.load_state(state)

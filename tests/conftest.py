@@ -11,6 +11,7 @@ import jaxtyping
 import pytest
 import torch
 
+from gsfw.commands import progress
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
@@ -19,6 +20,9 @@ torch.set_num_threads(1)
 
 # What a shell starts in the background ignores SIGINT, and so would all that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Tests compare standard error, on machines that are slow enough to make any stage a slow one.
+progress.PATIENCE = 1e6
 
 WHOLE_RUNS = ("commands", "plugins")
 """Folders whose tests are of runs as a whole, not of the parts that these are made of."""

@@ -107,6 +107,17 @@ def test_listing_what_is_installed_imports_no_torch():
     assert "numpy" not in loaded
 
 
+def test_training_says_its_first_line_before_torch_is_imported():
+    loaded = modules_after(
+        "from gsfw.commands import console, main\n"
+        "def stop(self, text): raise KeyboardInterrupt\n"
+        "console.Console.say = stop\n"
+        "assert main.main(['train', 'method=3dgs']) == 130"
+    )
+    assert "torch" not in loaded
+    assert "rich" not in loaded
+
+
 def test_every_registered_name_can_be_loaded():
     from gsfw.plugins.registry import SLOTS, installed
 

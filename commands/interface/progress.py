@@ -1,4 +1,4 @@
-"""StageBars: the stages of long work as bars on a terminal, as lines elsewhere."""
+"""Progress on the screen: stages of the library that take over a second, on standard error."""
 
 from __future__ import annotations
 
@@ -6,13 +6,108 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from threading import Event, Lock, Thread
+from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.console import Console
-from gsfw.preparation.progress import Advance, Progress
+from gsfw.core.progress import Advance, stage
+from gsfw.preparation.progress import Progress
 
-EVERY = 30.0
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bars
+
+PATIENCE = 0.7
+"""Seconds that a stage takes before it is shown: shorter waits need no explanation."""
+FRAME = 0.1
+"""Seconds between updates of a bar."""
+LINES = 10.0
 """Seconds between lines where there is no terminal."""
+STAGE_LINES = 30.0
+"""The same for the stages of ``StageBars``, whose beginning and end have lines as well."""
+
+
+def load_torch() -> None:
+    """Import torch, which takes over a second, as a stage; verbs call it once they are checked."""
+    with stage("loading torch"):
+        import torch  # noqa: F401 - those who need it import it again, at once.
+
+
+class SlowStages:
+    """Shows each stage once it has taken ``PATIENCE`` seconds.
+
+    On a terminal these are bars, which vanish when the stage ends; elsewhere plain lines.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._bars: Bars | None = None
+
+    @contextmanager
+    def stage(self, name: str, total: int) -> Iterator[Advance]:
+        """Show a stage (a ``ShowStage`` of ``core.progress``)."""
+        counter = _Counter(name, total)
+        ended = Event()
+        show = self._show_bar if sys.stderr.isatty() else self._show_lines
+        # A thread, since much of what takes long never returns to Python in between.
+        watcher = Thread(target=show, args=(counter, ended), name="gsfw-progress", daemon=True)
+        watcher.start()
+        try:
+            yield counter.advance
+        finally:
+            ended.set()
+            watcher.join()
+
+    def _show_lines(self, counter: _Counter, ended: Event) -> None:
+        wait = PATIENCE
+        while not ended.wait(wait):
+            sys.stderr.write(f"{counter}\n")
+            sys.stderr.flush()
+            wait = LINES
+
+    def _show_bar(self, counter: _Counter, ended: Event) -> None:
+        if ended.wait(PATIENCE):
+            return
+        with self._lock:
+            if self._bars is None:
+                self._bars = _new_bars()
+                self._bars.start()
+            bars = self._bars
+            task = bars.add_task(counter.name, total=counter.total or None)
+        while not ended.wait(FRAME):
+            bars.update(task, completed=counter.done)
+        with self._lock:
+            bars.remove_task(task)
+            if not bars.tasks:
+                bars.stop()
+                self._bars = None
+
+
+class _Counter:
+    """A stage, and how far it is."""
+
+    def __init__(self, name: str, total: int) -> None:
+        self.name, self.total, self.done = name, total, 0
+        self._started = time.monotonic()
+
+    def advance(self, done: int) -> None:
+        self.done = done
+
+    def __str__(self) -> str:
+        seconds = time.monotonic() - self._started
+        if not self.total:
+            return f"{self.name}: {seconds:.0f} s so far"
+        left = seconds * (self.total - self.done) / self.done if self.done else 0.0
+        hint = f", about {left:.0f} s left" if self.done else ""
+        return f"{self.name}: {self.done} of {self.total}{hint}"
+
+
+def _new_bars() -> Bars:
+    from rich.console import Console as Screen
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    return Bars(*columns, console=Screen(stderr=True), transient=True)
 
 
 class StageBars(Progress):
@@ -67,7 +162,7 @@ class StageBars(Progress):
         def advance(done: int) -> None:
             nonlocal last
             now = time.perf_counter()
-            if now - last >= EVERY and 0 < done < total:
+            if now - last >= STAGE_LINES and 0 < done < total:
                 last = now
                 left = (now - start) * (total - done) / done
                 self.say(f"{name}: {done} of {total}, about {left:.0f} s left")
@@ -79,14 +174,3 @@ class _Counted:
     """The number of finished things."""
 
     done = 0
-
-
-def with_progress(files: Iterator[Path], total: int, name: str) -> list[Path]:
-    """Write all, with a bar on a terminal; the files."""
-    from rich.console import Console as Screen
-    from rich.progress import track
-
-    screen = Screen(stderr=True)
-    if not screen.is_terminal:
-        return list(files)
-    return list(track(files, description=name, total=total, console=screen))

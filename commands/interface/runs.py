@@ -111,6 +111,15 @@ def open_run(
         DataError: there is no such checkpoint, or a file is damaged.
         ConfigError: the settings no longer resolve, or a step is asked of a model file.
     """
+    from gsfw.core.progress import stage
+
+    with stage(f"opening {found.name}"):
+        return _open(found, registry, changed, step)
+
+
+def _open(
+    found: RunArgument, registry: Registry, changed: Layer | None, step: int | None
+) -> Restored:
     from gsfw.formats.model_file import read_model_file
     from gsfw.plugins.rebuild import rebuild
     from gsfw.plugins.restore import restore

@@ -18,6 +18,7 @@ from gsfw.core.loop.device import wait_for
 from gsfw.core.method import Method
 from gsfw.core.metrics import Metric
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
@@ -98,7 +99,7 @@ def evaluate(
     order = range(len(views)) if watch is None else watch.order()
     per_view: list[Mapping[str, float]] = [{}] * len(views)
     durations: list[float] = []
-    for place, index in enumerate(order):
+    for place, index in enumerate(tracked(order, "evaluating held-out views", len(views))):
         data.prefetch(split, order[place + 1 : place + 3])
         (batch,) = data.load(split, [index], device)
         wait_for(device)  # The clock is the host's, and a GPU works behind its back.

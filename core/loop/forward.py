@@ -45,7 +45,9 @@ class Forward:
     def load(self, views: tuple[int, ...], step: int) -> list[Batch]:
         """The batches of some training views, at the image size of the step."""
         parts, plan = self._parts, self._plan
-        parts.data.prefetch(Split.TRAIN, parts.sampler.peek(plan.prefetch_views))
+        # The views of this step come first: loaders work in the order of what is asked for.
+        coming = (*views, *parts.sampler.peek(plan.prefetch_views))
+        parts.data.prefetch(Split.TRAIN, coming)
         alone = parts.refiners.needs_view_gradients(step)
         groups = [(view,) for view in views] if alone else [views]
         batches = [

@@ -30,6 +30,7 @@ from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.area import shrink_batch
 from gsfw.core.loop.spectrum import detail_kept
+from gsfw.core.progress import tracked
 
 FACTORS = tuple(2 ** (i / 2) for i in range(1, 7))
 """What sides are divided by, besides 1: each halves the pixels of the one before, down to 1/64."""
@@ -133,7 +134,11 @@ def measured(data: DataManager, background: Float[Tensor, " 3"], steps: int) -> 
     count = min(MEASURED_VIEWS, len(cameras))
     views = [index * len(cameras) // count for index in range(count)]
     parts = np.mean(
-        [detail_kept(_brightness(data, view, background), factors) for view in views], 0
+        [
+            detail_kept(_brightness(data, view, background), factors)
+            for view in tracked(views, "measuring the detail of images", len(views))
+        ],
+        0,
     )
     # Rounding makes the steps the same on machines whose sums differ in their last bits.
     return planned(dict(zip(factors, parts.round(3).tolist(), strict=True)), steps)

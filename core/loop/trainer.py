@@ -24,6 +24,7 @@ from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
+from gsfw.core.progress import stage
 
 
 class Trainer:
@@ -255,7 +256,8 @@ class Trainer:
 
     def _checkpoint(self) -> None:
         self._catch_up()
-        path = self.folder.write_checkpoint(self.step, self.state_dict())
+        with stage("writing a checkpoint"):
+            path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.step
         self.control.checkpoint_requested = False
         self.callbacks.on_checkpoint(self.step, path)

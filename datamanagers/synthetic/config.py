@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class SyntheticConfig(DataManagerConfig):
-    """The built-in scene: a small still life, ray-cast analytically when a run starts."""
+    """The built-in scene: a small still life, ray-cast view by view as they are needed."""
 
     recommended: ClassVar[Mapping[str, Any]] = {
         "steps": 3000,
@@ -49,7 +49,7 @@ class SyntheticConfig(DataManagerConfig):
         return Detection(recognised=False, looked_for="")
 
     def build(self, request: DataRequest) -> DataManager:
-        """Cast every picture.
+        """Place the cameras and cast the points to start from; images are cast when asked for.
 
         Raises:
             ConfigError: the settings ask for nothing, contradict each other, or would take more

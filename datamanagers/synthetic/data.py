@@ -39,7 +39,7 @@ class SurfacePoints:
 
 
 class SyntheticData(DataManager):
-    """Pictures of the built-in scene, all cast at the start and held as 8-bit RGBA."""
+    """Images of the built-in scene, cast when they are first asked for and held as 8-bit RGBA."""
 
     def __init__(self, config: SyntheticConfig, request: DataRequest) -> None:
         self._config = config
@@ -49,21 +49,16 @@ class SyntheticData(DataManager):
             Split.EVAL: self._cameras(config.eval_views, HELD_OUT, request.downscale),
         }
         with one_thread():
-            pictures = [
-                DecodedImage(photograph(Stage(self._solids, _time(view)), view).numpy())
-                for split in Split
-                for view in world[split]
-            ]
             self._surface = find_surface(
                 self._solids, world[Split.TRAIN], config.points, config.seed
             )
         poses = torch.cat([camera.world_to_camera for camera in world[Split.TRAIN]])
         frame, extent = scene_frame(poses, self._surface.world)
         self._views = {split: self._in_scene(split, world[split], frame) for split in Split}
-        sizes = [picture.pixels.size for picture in pictures]
+        sizes = [camera.width * camera.height * 4 for split in Split for camera in world[split]]
         self._loader = Loader(
             self._views,
-            ImageCache(pictures.__getitem__, sizes, sum(sizes)),
+            ImageCache(self._cast, sizes, sum(sizes)),
             request.gpu_cache_megabytes * 1_000_000,
         )
         self._scene = Scene(
@@ -79,6 +74,13 @@ class SyntheticData(DataManager):
             has_alpha=True,
             up="z",
         )
+
+    def _cast(self, number: int) -> DecodedImage:
+        """The image of a view, by its number; called from several threads."""
+        views = [*self._world[Split.TRAIN], *self._world[Split.EVAL]]
+        stage = Stage(self._solids, _time(views[number]))
+        with one_thread():
+            return DecodedImage(photograph(stage, views[number]).numpy())
 
     def _cameras(self, count: int, first: float, downscale: float) -> list[Cameras]:
         """Views in the world, in float64, in order of time; every time gets about as many."""
@@ -113,11 +115,11 @@ class SyntheticData(DataManager):
         return self._views[split]
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """Batches of pictures that were cast at the start."""
+        """Batches of images; one that was not asked for before is cast."""
         return self._loader.load(split, indices, device)
 
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:
-        """Start sending them to a GPU."""
+        """Start casting them, and sending them to a GPU."""
         self._loader.prefetch(split, indices)
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
@@ -130,7 +132,7 @@ class SyntheticData(DataManager):
             return show_change(stages, self._world[split][index])
 
     def close(self) -> None:
-        """Free the pictures."""
+        """Stop casting, and free the images."""
         self._loader.close()
 
     def notes(self) -> tuple[str, ...]:

@@ -28,6 +28,11 @@ class Pose:
         """Points of the solid, in the world."""
         return self.linear.to(points) @ points + self.center.to(points)[:, None]
 
+    def corners(self) -> Float64[Tensor, "3 8"]:
+        """Corners of a box around the solid, in the world."""
+        ends = torch.tensor([-1.0, 1.0], dtype=torch.float64)
+        return self.to_world(torch.cartesian_prod(ends, ends, ends).T)
+
     def to_own(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
         """Points of the world, in the solid's own coordinates."""
         return self.inverse.to(points) @ (points - self.center.to(points)[:, None])

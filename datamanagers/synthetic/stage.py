@@ -6,11 +6,12 @@ Points, directions and colours are columns, [3, n].
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float64, Int
 from torch import Tensor
 
 from gsfw.datamanagers.synthetic.motion import Hopping, Motion, Pose, Squashing, Still, Turning
@@ -124,11 +125,30 @@ class Stage:
             if solid.is_present(self.time)
         ]
 
-    def trace(self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]) -> Hits:
-        """What rays from outside all solids meet first; all may share one origin, [3, 1]."""
+    @cached_property
+    def _sunward(self) -> list[tuple[Float64[Tensor, " 3"], Float64[Tensor, " 3"]]]:
+        """Lowest and highest coordinates of each placed solid along ``SUN_AXES``."""
+        boxes = [SUN_AXES @ pose.corners() for _, _, pose in self.placed]
+        return [(box.amin(dim=1), box.amax(dim=1)) for box in boxes]
+
+    def trace(
+        self,
+        origins: Float[Tensor, "3 o"],
+        directions: Float[Tensor, "3 n"],
+        among: Container[int] | None = None,
+    ) -> Hits:
+        """The first hit of each ray.
+
+        Args:
+            origins: outside all solids, one for each ray or one for all (o is 1).
+            directions: of any length.
+            among: indices of the solids that the rays can meet; ``None`` for all.
+        """
         nearest = torch.full_like(directions[0], math.inf)
         solid = torch.full_like(nearest, -1, dtype=torch.int64)
         for index, item, pose in self.placed:
+            if among is not None and index not in among:
+                continue
             distances = _distances(item, pose, origins, directions)
             nearer = distances < nearest
             nearest = torch.where(nearer, distances, nearest)
@@ -142,33 +162,76 @@ class Stage:
         Lambert's law with the sun's hard shadow, light from everywhere, and Blinn's highlight.
         """
         colors = torch.zeros_like(hits.points)
-        sun = hits.points.new_tensor(LIGHT)[:, None]
         for index, item, pose in self.placed:
             chosen = (hits.solid == index).nonzero()[:, 0]
-            points = hits.points[:, chosen]
-            own = pose.to_own(points)
-            normals = pose.normals_to_world(item.shape.normals(own))
-            facing = (normals * sun).sum(dim=0).clamp_min(0)
-            sunlit = facing * ~self._in_shadow(points + LIFT * normals, facing)
-            sky = AMBIENT * (0.85 + 0.15 * normals[2])
-            shaded = item.texture(own) * (sky + DIFFUSE * sunlit)
-            if item.gloss > 0:
-                ahead = directions[:, chosen]
-                halfway = _unit(sun - _unit(ahead))
-                mirrored = (normals * halfway).sum(dim=0).clamp_min(0) ** SHININESS
-                shaded = shaded + item.gloss * mirrored * (sunlit > 0)
-            colors[:, chosen] = shaded.clamp(0, 1)
+            if len(chosen) == hits.points.shape[1]:
+                return self._shade_solid(index, item, pose, hits.points, directions)
+            if len(chosen):
+                points = hits.points.index_select(1, chosen)
+                ahead = directions.index_select(1, chosen)
+                shaded = self._shade_solid(index, item, pose, points, ahead)
+                for row, values in zip(colors, shaded, strict=True):
+                    row[chosen] = values
         return colors
 
+    def _shade_solid(
+        self,
+        index: int,
+        item: Solid,
+        pose: Pose,
+        points: Float[Tensor, "3 n"],
+        directions: Float[Tensor, "3 n"],
+    ) -> Float[Tensor, "3 n"]:
+        """Colours of points on one solid's surface."""
+        sun = points.new_tensor(LIGHT)[:, None]
+        own = pose.to_own(points)
+        normals = pose.normals_to_world(item.shape.normals(own))
+        facing = (normals * sun).sum(dim=0).clamp_min(0)
+        sunlit = facing * ~self._in_shadow(index, points + LIFT * normals, facing)
+        sky = AMBIENT * (0.85 + 0.15 * normals[2])
+        shaded = item.texture(own) * (sky + DIFFUSE * sunlit)
+        if item.gloss > 0:
+            halfway = _unit(sun - _unit(directions))
+            mirrored = (normals * halfway).sum(dim=0).clamp_min(0) ** SHININESS
+            shaded = shaded + item.gloss * mirrored * (sunlit > 0)
+        return shaded.clamp(0, 1)
+
     def _in_shadow(
-        self, points: Float[Tensor, "3 n"], facing: Float[Tensor, " n"]
+        self, own: int, points: Float[Tensor, "3 n"], facing: Float[Tensor, " n"]
     ) -> Bool[Tensor, " n"]:
-        """Whether something stands between points and the sun."""
-        sun = points.new_tensor(LIGHT)[:, None].expand_as(points)
+        """Whether something stands between points and the sun.
+
+        A convex solid (all are) casts no shadow on its own sunny side, so ``own`` is not tried;
+        nor are solids whose box, seen from the sun, does not overlap that of the points.
+        """
         dark = facing <= 0
-        for _, item, pose in self.placed:
-            dark = dark | _distances(item, pose, points, sun).isfinite()
+        if bool(dark.all()):
+            return dark
+        sun = points.new_tensor(LIGHT)[:, None].expand_as(points)
+        seen = SUN_AXES @ _box(points)
+        low, high = seen.amin(dim=1) - LIFT, seen.amax(dim=1) + LIFT
+        for (index, item, pose), (start, end) in zip(self.placed, self._sunward, strict=True):
+            # Towards the sun, a solid must not end before the points; across, both must overlap.
+            apart = bool((end < low).any()) or bool((start > high)[1:].any())
+            if index != own and not apart:
+                dark = dark | (_distances(item, pose, points, sun) < math.inf)
         return dark
+
+
+def _box(points: Float[Tensor, "3 n"]) -> Float64[Tensor, "3 8"]:
+    """Corners of the box around points, along the axes of the world."""
+    ends = torch.stack([points.amin(dim=1), points.amax(dim=1)], dim=1).double()
+    return torch.cartesian_prod(*ends).T
+
+
+def _sun_axes() -> Float64[Tensor, "3 3"]:
+    light = torch.tensor(LIGHT, dtype=torch.float64)
+    across = torch.linalg.cross(light, torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64))
+    return torch.stack([light, across, torch.linalg.cross(light, across)])
+
+
+SUN_AXES = _sun_axes()
+"""Directions to the sun and across it, in rows."""
 
 
 def _unit(vectors: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:

@@ -121,6 +121,8 @@ class Marble:
         """Colours of the surface."""
         colors = _mix(self.first, self.second, _wave(3.0 * self.noise(points), 1.5))
         # On a cube's face one coordinate is 1; near an edge a second one is close to it.
-        second_largest = points.abs().sort(dim=0).values[1]
+        x, y, z = points.abs()
+        smaller, larger = torch.minimum(x, y), torch.maximum(x, y)
+        second_largest = torch.maximum(smaller, torch.minimum(larger, z))
         edge = torch.sigmoid((second_largest - 0.86) * 40)
         return colors + (_column(self.edge, points) - colors) * edge

@@ -6,6 +6,7 @@ import ctypes
 import logging
 import time
 
+from gsfw.core.progress import stage
 from gsfw.kernels.cuda.architecture import Target
 from gsfw.kernels.cuda.cache import KernelCache, cache_key
 from gsfw.kernels.cuda.launcher import Kernel
@@ -45,7 +46,8 @@ class KernelCompiler:
             return cached
         self._announce()
         began = time.perf_counter()
-        compiled = self.nvrtc.compile(program, files, self.target, [expression])
+        with stage(f"compiling CUDA kernels for {self.target.name} (first use)"):
+            compiled = self.nvrtc.compile(program, files, self.target, [expression])
         seconds = time.perf_counter() - began
         size = len(compiled.code)
         logger.debug(

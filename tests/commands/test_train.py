@@ -1,6 +1,7 @@
 """Tests of gsfw.commands.train and what it shares with resume."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -103,8 +104,11 @@ def test_without_the_native_module_a_run_says_that_it_will_be_slow(capsys, monke
 def test_dry_run_checks_everything_and_writes_nothing(capsys, tmp_path):
     assert main(["train", *SMALL, "--dry-run"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("method 3dgs, strategy adc, rasterizer ")
+    first, described, *_ = said.splitlines()
+    assert first == "preparing method 3dgs on the built-in scene, device auto"
+    assert described.startswith("method 3dgs, strategy adc, rasterizer ")
     assert "6 views to train on, 2 held out; 150 Gaussians to start with" in said
+    assert re.search(r"expected on this machine: \d+ s, .* GB of memory, \d+ MB of disk", said)
     assert "everything fits; without --dry-run the run would go to runs/" in said
     assert list(tmp_path.iterdir()) == []
 

@@ -12,9 +12,9 @@ from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
 from gsfw.datamanagers.synthetic.motion import Still
-from gsfw.datamanagers.synthetic.raycast import photograph, project, rays
+from gsfw.datamanagers.synthetic.raycast import SUBPIXELS, photograph, project, rays
 from gsfw.datamanagers.synthetic.shapes import Box, Cone, Cylinder, Sphere
-from gsfw.datamanagers.synthetic.stage import Solid, Stage, solids
+from gsfw.datamanagers.synthetic.stage import LIGHT, Solid, Stage, solids
 from gsfw.datamanagers.synthetic.textures import Bands
 
 CPU = torch.device("cpu")
@@ -182,6 +182,76 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not(static):
     assert torch.equal(static.scene.point_colors, again.scene.point_colors)
     assert not torch.equal(pictures(static), pictures(other))
     assert not torch.equal(static.scene.points, other.scene.points)
+
+
+def test_images_are_cast_only_when_they_are_asked_for(monkeypatch):
+    cast = []
+
+    def counted(stage, camera):
+        cast.append(camera)
+        return photograph(stage, camera)
+
+    monkeypatch.setattr("gsfw.datamanagers.synthetic.data.photograph", counted)
+    data = small().build(HERE)
+    assert cast == []
+    for _ in range(2):
+        data.load(Split.TRAIN, [3], CPU)
+    assert len(cast) == 1
+
+
+def test_the_bits_of_an_image_do_not_depend_on_threads_or_on_the_order_of_views(static):
+    threads = torch.get_num_threads()
+    other = small().build(HERE)
+    other.prefetch(Split.EVAL, [1])
+    torch.set_num_threads(threads + 1)
+    try:
+        backwards = [other.load(Split.TRAIN, [index], CPU)[0].images for index in (5, 4, 3)]
+    finally:
+        torch.set_num_threads(threads)
+    expected = [static.load(Split.TRAIN, [index], CPU)[0].images for index in (5, 4, 3)]
+    assert all(torch.equal(*pair) for pair in zip(backwards, expected, strict=True))
+
+
+@pytest.mark.parametrize("time", [0.0, 0.5, 1.0])
+def test_an_image_cast_in_blocks_is_the_one_of_which_every_ray_tries_every_solid(time):
+    # Blocks try the solids near them only, and shadows the solids towards the sun only.
+    stage, steps = Stage(solids(2), time), SUBPIXELS
+    for index in range(3):
+        camera = dome(3, 0.0, 150, 60, 1).select([index])
+        y, x = (torch.arange(side * steps) + 0.5 for side in (60, 150))
+        grid = torch.meshgrid(y / steps, x / steps, indexing="ij")
+        directions = rays(camera, torch.stack([grid[1], grid[0]]).view(2, -1))[1]
+        origins = camera.centers.to(directions).T
+        solid = stage.trace(origins, directions).solid.view(60, steps, 150, steps)
+        covered = (solid >= 0).float().mean(dim=(1, 3))
+        image = photograph(stage, camera)
+        assert torch.equal(image[..., 3], (covered * 255).round().to(torch.uint8))
+        assert 0 < float(covered.mean()) < 1
+
+
+def test_shadows_fall_wherever_another_solid_hides_the_sun():
+    # Against marching to the sun in small steps, from points all over the scene.
+    stage = Stage(solids(0), 0.5)
+    camera = dome(1, 0.0, 60, 45, 0)
+    y, x = torch.meshgrid(torch.arange(45) + 0.5, torch.arange(60) + 0.5, indexing="ij")
+    origin, directions = rays(camera, torch.stack([x, y]).view(2, -1).double())
+    hits = stage.trace(origin, directions)
+    table = hits.solid == 0
+    points = hits.points[:, table]
+    sun = torch.tensor(LIGHT, dtype=torch.float64)[:, None]
+    hidden = torch.zeros(points.shape[1], dtype=torch.bool)
+    for step in torch.linspace(0.005, 2.0, 400, dtype=torch.float64):
+        for _, solid, pose in stage.placed[1:]:
+            hidden |= INSIDE[type(solid.shape)](pose.to_own(points + step * sun)) < 0
+    colors = stage.shade(hits, directions)[:, table]
+    # Rays to the sun start a little above the surface, so a few next to a solid may differ.
+    _, item, pose = stage.placed[0]
+    own = pose.to_own(points)
+    up = pose.normals_to_world(item.shape.normals(own))[2] > 0.99
+    brightness = (colors / item.texture(own)).mean(dim=0)
+    assert 20 < int((hidden & up).sum()) < int(up.sum()) - 20
+    assert float((brightness[up & hidden] < 0.6).double().mean()) > 0.98
+    assert float((brightness[up & ~hidden] > 0.9).double().mean()) > 0.98
 
 
 def test_downscaling_shrinks_pictures_by_area_and_intrinsics_exactly():

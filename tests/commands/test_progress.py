@@ -1,0 +1,57 @@
+"""Slow stages are shown on standard error, quick ones are not."""
+
+import io
+import sys
+import threading
+
+from gsfw.commands import progress
+from gsfw.commands.interface.progress import SlowStages
+from gsfw.core.progress import shown_by, stage
+
+
+class Terminal(io.StringIO):
+    """A standard error that is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+def shown(monkeypatch, stream, *, patience, until):
+    """Text on standard error of a stage that ends once ``until`` is written."""
+    monkeypatch.setattr(progress, "PATIENCE", patience)
+    monkeypatch.setattr(progress, "LINES", 0.01)
+    monkeypatch.setattr(progress, "FRAME", 0.01)
+    monkeypatch.setattr(sys, "stderr", stream)
+    ticks = threading.Event()
+    with shown_by(SlowStages().stage), stage("reading images", 4) as advance:
+        advance(1)
+        while until not in stream.getvalue():
+            ticks.wait(0.005)
+    return stream.getvalue()
+
+
+def test_a_slow_stage_says_how_far_it_is_in_plain_lines_without_a_terminal(monkeypatch):
+    text = shown(monkeypatch, io.StringIO(), patience=0.0, until=" left\n")
+    assert "reading images: 1 of 4, about " in text
+    assert "\x1b" not in text
+
+
+def test_a_slow_stage_is_a_bar_on_a_terminal_and_vanishes(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLUMNS", "100")
+    text = shown(monkeypatch, Terminal(), patience=0.0, until="reading images")
+    assert "\x1b[2K" in text  # The line is erased.
+
+
+def test_a_quick_stage_is_not_shown(monkeypatch):
+    assert shown(monkeypatch, io.StringIO(), patience=60.0, until="") == ""
+
+
+def test_a_stage_of_unknown_length_says_for_how_long_it_has_run(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    with shown_by(SlowStages().stage), stage("loading torch"):
+        while "\n" not in stream.getvalue():
+            threading.Event().wait(0.005)
+    assert stream.getvalue() == "loading torch: 0 s so far\n"
