@@ -244,7 +244,7 @@ class MethodConfig(ABC):
     cache_mb: int = 2048
     """Memory that decoded images and per-view maps may take, in megabytes."""
     gpu_cache_mb: int = 2048
-    """GPU memory for decoded images and per-view maps, in megabytes; 0 uploads them at every use."""
+    """GPU memory for decoded images and per-view maps, in megabytes; 0 uploads at every use."""
     resolution_schedule: str = "none"
     """Size of training pictures: none (full), or auto (small until they lack detail; faster)."""
     resolution_steps: int = steps_field(9000)
