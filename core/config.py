@@ -242,9 +242,9 @@ class MethodConfig(ABC):
     holdout: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = 2048
-    """Memory that decoded images and per-view maps may take, in megabytes."""
+    """Memory that decoded images may take, in megabytes."""
     gpu_cache_mb: int = 2048
-    """GPU memory for decoded images and per-view maps, in megabytes; 0 uploads at every use."""
+    """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
     resolution_schedule: str = "none"
     """Size of training pictures: none (full), or auto (small until they lack detail; faster)."""
     resolution_steps: int = steps_field(9000)
