@@ -241,13 +241,13 @@ def test_frames_that_are_there_are_kept_and_not_decoded_again(tmp_path, long_vid
     files[2].unlink()
     (tmp_path / "other.txt").touch()
     asked = []
-    pictures = Video.pictures
+    pictures = Video.images
 
     def watched(video, numbers):
         asked.append(list(numbers))
         return pictures(video, numbers)
 
-    monkeypatch.setattr(Video, "pictures", watched)
+    monkeypatch.setattr(Video, "images", watched)
     assert write_frames(long_video, FEW, tmp_path, Silent()) == files
     assert asked == [[26]]
     assert {file: file.stat().st_mtime_ns for file in files if file != files[2]} == {
@@ -260,10 +260,10 @@ def test_frames_that_are_there_are_kept_and_not_decoded_again(tmp_path, long_vid
 
 def test_each_segment_is_decoded_once(tmp_path, long_video, monkeypatch):
     asked = []
-    pictures = Video.pictures
+    pictures = Video.images
     monkeypatch.setattr(
         Video,
-        "pictures",
+        "images",
         lambda video, numbers: (asked.append(list(numbers)), pictures(video, numbers))[1],
     )
     write_frames(long_video, FEW, tmp_path, Silent())
@@ -275,7 +275,7 @@ def test_an_interruption_leaves_whole_frames_only(tmp_path, long_video, monkeypa
         yield numbers[0], np.zeros((8, 8, 3), np.uint8)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Video, "pictures", interrupted)
+    monkeypatch.setattr(Video, "images", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_frames(long_video, FEW, tmp_path, Silent())
     assert [file.name for file in tmp_path.iterdir()] == ["000003.jpg"]
