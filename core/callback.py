@@ -12,6 +12,7 @@ from torch import Tensor
 
 if TYPE_CHECKING:
     from gsfw.core.loop.evaluation import Evaluation
+    from gsfw.core.loop.model_handle import ModelHandle
     from gsfw.core.loop.requirements import Requirements
 
 
@@ -50,6 +51,16 @@ class RunInfo:
 
 
 @dataclass(frozen=True)
+class TrainingView:
+    """The first image of a logged step; not to be changed in place."""
+
+    name: str
+    target: Float[Tensor, "h w 3"]
+    """On the device of the run, at the size of this step."""
+    rendered: Float[Tensor, "h w 3"]
+
+
+@dataclass(frozen=True)
 class StepReport:
     """One step that was logged (losses stay on the device in all others)."""
 
@@ -74,6 +85,10 @@ class StepReport:
     """Width of the first image of the step over its full width; 1 unless training starts coarse."""
     refined: Mapping[str, int] = field(default_factory=dict)
     """Rows changed since the last report, by verb: {"cloned": 12, "pruned": 3}."""
+    view: TrainingView | None = None
+    """The first image of the step; ``None`` where reports are not made by a trainer."""
+    model: ModelHandle | None = None
+    """The model after the step, to be rendered from any camera; ``None`` as for ``view``."""
 
 
 @dataclass(frozen=True)

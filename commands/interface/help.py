@@ -1,4 +1,4 @@
-"""Help: what can be typed, taken from the registry and from the configuration classes."""
+"""Help: every verb and key, taken from the registry and from the configuration classes."""
 
 from __future__ import annotations
 
@@ -79,8 +79,12 @@ def settings_help(verb: str, settings: Settings, registry: Registry) -> str:
         ("preset=default", "name", f"Settings that go together: {presets}."),
     ]
     groups: dict[str, list[tuple[str, str, str]]] = {"parts": choices, "": run}
+    callbacks: list[tuple[str, str, str]] = []
     for key in keys(settings.config):
-        groups.setdefault(key.name.rpartition(".")[0], []).append(_row(key))
+        group = key.name.rpartition(".")[0]
+        rows = callbacks if group.startswith("callbacks.") else groups.setdefault(group, [])
+        rows.append(_row(key))
+    groups["callbacks"] = callbacks
     widths = [
         max(len(row[column]) for rows in groups.values() for row in rows) for column in (0, 1)
     ]

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from gsfw.core.callback import Callback, Control, RunInfo, StepReport
+from gsfw.core.callback import Callback, Control, RunInfo, StepReport, TrainingView
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
@@ -19,6 +19,7 @@ from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
 from gsfw.core.loop.forward import Forward, RenderedBatch
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
+from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
@@ -50,7 +51,9 @@ class Trainer:
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)
         self._times = views.times
+        self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
+        self._handle = ModelHandle(parts.model, parts.rasterizer, plan.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
         """Train until the plan's end or until a callback asks to stop; the run's summary.
@@ -179,6 +182,7 @@ class Trainer:
         context = rendered[0].context
         valid = None if context.batch.valid is None else context.batch.valid[0]
         full_width = self._widths[context.batch.views[0]]
+        name = self._names[context.batch.views[0]]
         step_ms, stage_ms = self._stopwatch.read()
         report = StepReport(
             step=self.step,
@@ -193,6 +197,8 @@ class Trainer:
             skipped_steps=int(self._skipped),
             resolution=context.batch.cameras.width / full_width,
             refined=dict(self._refined),
+            view=TrainingView(name, context.target[0], context.rendered.color[0].detach()),
+            model=self._handle,
         )
         self._refined.clear()
         self.callbacks.on_step(report, self.control)

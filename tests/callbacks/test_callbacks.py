@@ -9,6 +9,7 @@ import torch
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from gsfw.callbacks.config import AutosaveConfig
 from gsfw.callbacks.log import Log
 from gsfw.callbacks.progress import Progress
 from gsfw.callbacks.results import Results
@@ -223,3 +224,21 @@ def test_tensorboard_shows_what_a_run_required(tmp_path):
 def test_the_log_has_what_a_run_required_in_a_line(tmp_path):
     told_requirements(Log(10), tmp_path)
     assert "requirements: 48 floats each for colour" in RunFolder(tmp_path).log.read_text()
+
+
+def test_autosave_asks_for_a_checkpoint_once_the_last_one_is_too_old(tmp_path, monkeypatch):
+    now = 1000.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    autosave, control = AutosaveConfig(minutes=2.0).build(), Control()
+    autosave.on_start(info(tmp_path), control)
+    now += 119
+    autosave.on_tick(1, control)
+    assert not control.checkpoint_requested
+    now += 1
+    autosave.on_tick(2, control)
+    assert control.checkpoint_requested
+    control.checkpoint_requested = False
+    autosave.on_checkpoint(2, tmp_path / "a.pt")
+    now += 60
+    autosave.on_tick(3, control)
+    assert not control.checkpoint_requested

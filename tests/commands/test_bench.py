@@ -309,6 +309,8 @@ def test_wrong_settings_of_a_rasterizer_are_one_message(capsys):
     said = refusal(capsys, "rasterizer=reference:chunk_mb=much")
     assert "rasterizer=reference:chunk_mb=much: chunk_mb: expected a number, found 'much'." in said
     assert "chunk_mb: Working memory of one chunk of tiles" in said
+    said = refusal(capsys, "rasterizer=reference:chunk_mb=0")
+    assert "rasterizer=reference:chunk_mb=0: chunk_mb=0: expected a number above 0." in said
 
 
 def test_a_device_that_no_rasterizer_fits_is_refused(capsys):

@@ -308,3 +308,26 @@ def test_a_method_adds_its_own_metrics_and_images_to_the_evaluation(tmp_path):
     run.parts = replace(run.parts, method=Measured(StaticGaussiansConfig(sh_degree=1)))
     assert 0 < run.fit()["mean_alpha"] < 1
     assert shapes == [(24, 32, 3)] * 2
+
+
+class Looking(Recorder):
+    """Looks at the first image of each step, and renders the model from its camera."""
+
+    def on_step(self, report, control) -> None:
+        super().on_step(report, control)
+        assert report.view.target.shape == report.view.rendered.shape == (24, 32, 3)
+        assert not report.view.rendered.requires_grad
+        output = report.model.render(MemoryData().views(Split.EVAL).cameras[0])
+        assert not output.color.requires_grad
+        assert len(report.model.splats().means) == report.num_gaussians
+
+
+def test_a_callback_may_look_at_image_and_model_without_changing_a_bit(tmp_path):
+    seen, plain = Looking(), Recorder()
+    runs = [trainer(tmp_path / str(number), "adc", callback, steps=12, log_every=3)
+            for number, callback in enumerate([seen, plain])]  # fmt: skip
+    for run in runs:
+        run.fit()
+    assert [report.step for report in seen.reports] == [1, 3, 6, 9, 12], "it was not detached"
+    assert seen.reports[0].view.name in MemoryData().views(Split.TRAIN).names
+    assert_same_bits(state_of(runs[0]), state_of(runs[1]))
