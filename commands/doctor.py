@@ -20,7 +20,7 @@ from gsfw.plugins.specs import PROJECT
 if TYPE_CHECKING:
     from gsfw.core.capabilities import Capabilities
 
-LIBRARIES = ("numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
+LIBRARIES = ("matplotlib", "numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
 """What training imports sooner or later."""
 
 

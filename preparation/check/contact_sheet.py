@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.charts.time_plot import INK, PAPER
+from gsfw.charts.style import INK, PAPER
 from gsfw.core.files.atomic import write_atomically
 from gsfw.preparation.check.degree_strip import degree_strip
 from gsfw.preparation.check.map_view import HELD_OUT, TRAINED, map_views

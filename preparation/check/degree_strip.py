@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.charts.time_plot import INK, OVERSAMPLING, PAPER
+from gsfw.charts.style import INK, PAPER
 from gsfw.preparation.check.looks import Look
+from gsfw.preparation.check.map_view import OVERSAMPLING
 from gsfw.preparation.check.survey import Survey
 
 COLORS = ((225, 225, 225), (30, 136, 229), (216, 27, 96))

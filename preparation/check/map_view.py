@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.charts.time_plot import INK, OVERSAMPLING
+from gsfw.charts.style import INK
 from gsfw.preparation.check.survey import Survey
 
 TRAINED, HELD_OUT = (31, 91, 171), (209, 98, 36)
@@ -26,6 +26,8 @@ ROOM = 0.15
 """Around the outermost camera or point, in parts of the distance to it."""
 AGREE = 0.7
 """Length of the mean of the cameras' up vectors from which on they say where up is."""
+OVERSAMPLING = 2
+"""Views are drawn this much larger and then shrunk: Pillow draws lines with hard edges."""
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 

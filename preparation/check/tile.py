@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.charts.time_plot import INK
+from gsfw.charts.style import INK
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight
 
