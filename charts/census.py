@@ -68,7 +68,7 @@ class Census:
     rows: Sequence[CensusRow]
     """At least one."""
     shares_title: str = ""
-    shares: Sequence[tuple[str, float, str]] = ()
+    shares: Sequence[tuple[str, int, str]] = ()
     """Name, count and note of each bar below the rows; none for no such bars."""
     curve_title: str = ""
     curve: Sequence[tuple[float, float]] = ()
@@ -144,7 +144,9 @@ def _worths(axes: Axes, rows: Sequence[CensusRow]) -> None:
     axes.plot([0.0, 0.0], [-0.5, len(rows) - 0.5], color=INK, linewidth=0.8, clip_on=False)
 
 
-def _note(axes: Axes, x: float, y: float, text: str, color: Color = INK, gap: bool = True) -> None:
+def _note(
+    axes: Axes, x: int | float, y: int, text: str, color: Color = INK, gap: bool = True
+) -> None:
     """Text to the right of a bar's end."""
     axes.annotate(
         text, (x, y), (6.0 if gap else 0.0, 0.0), textcoords="offset points", va="center",
@@ -159,7 +161,7 @@ def _shares(figure: Figure, census: Census, top: float) -> None:
     bottom = first + len(census.shares) * LINE
     left = MARGIN + 84
     axes = _bare(figure, left, first, COUNTS[1] - 130, bottom, len(census.shares))
-    axes.set_xlim(0.0, max(sum(count for _, count, _ in census.shares), 1.0))
+    axes.set_xlim(0.0, max(sum(count for _, count, _ in census.shares), 1))
     for y, (name, count, note) in enumerate(census.shares):
         write(figure, MARGIN, first + (y + 0.5) * LINE, name)
         axes.barh(y, count, THICK, color=BLUES[min(y, len(BLUES) - 1)])
@@ -183,7 +185,7 @@ def _curve(figure: Figure, census: Census, top: float) -> None:
     axes.plot(xs, ys, color=SERIES[0], clip_on=False, zorder=3)
 
 
-def short(number: float) -> str:
+def short(number: int | float) -> str:
     """A count in three digits: 950, 12.3 k, 4.56 M."""
     for size, unit in ((1e6, " M"), (1e3, " k")):
         if number >= size:

@@ -140,7 +140,7 @@ def new_figure(width: float, height: float) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width / UNITS, height / UNITS))
+    figure = Figure(figsize=(width / UNITS, height / UNITS), dpi=DPI)
     FigureCanvasAgg(figure)
     return figure
 
@@ -247,7 +247,7 @@ def round_marks(low: float, high: float, count: int = 6) -> list[float]:
 
 
 def mark_axis(axes: Axes, which: str, marks: list[float], ratio: bool = False) -> None:
-    """Ticks at marks, written briefly; the axis reaches from the first to the last."""
+    """Ticks at marks, written briefly; the axis reaches from the first mark to the last."""
     from matplotlib.ticker import NullLocator
 
     axis, scale, limits = (
@@ -258,4 +258,5 @@ def mark_axis(axes: Axes, which: str, marks: list[float], ratio: bool = False) -
     scale("log" if ratio else "linear")
     axis.set_ticks(marks, [f"{mark:g}" for mark in marks])
     axis.set_minor_locator(NullLocator())
-    limits(marks[0], marks[-1])
+    if len(marks) > 1:
+        limits(marks[0], marks[-1])
