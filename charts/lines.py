@@ -60,7 +60,7 @@ class LinePanel:
     doubling: bool = False
     """The horizontal axis is logarithmic, with ticks at the points."""
     decades: bool = False
-    """The vertical axis is logarithmic, with ticks at powers of ten."""
+    """The vertical axis is logarithmic, with ticks at powers of ten if it spans several."""
 
 
 @styled
@@ -126,7 +126,8 @@ def _axes(axes: Axes, panel: LinePanel) -> None:
         every = ratio_marks(min(ys), max(ys))
         mark_axis(axes, "y", every, ratio=True)
         powers = [mark for mark in every if f"{mark:e}".startswith("1.0")]
-        axes.set_yticks(powers, [f"{mark:g}" for mark in powers])
+        shown = powers if len(powers) > 1 else every
+        axes.set_yticks(shown, [f"{mark:g}" for mark in shown])
     else:
         mark_axis(axes, "y", round_marks(min(ys), max(ys)))
     axes.set_title(panel.title, pad=10.0)

@@ -233,17 +233,16 @@ def ratio_marks(low: float, high: float) -> list[float]:
 
 
 def round_marks(low: float, high: float, count: int = 6) -> list[float]:
-    """About ``count`` equidistant round marks just around [low, high].
+    """Equidistant round marks just around [low, high], with at most about ``count`` steps.
 
     The step is 1, 2 or 5 times a power of ten. Equal ends get an interval of length 1.
     """
+    from matplotlib.ticker import MaxNLocator
+
     if high - low < 1e-9:
         low, high = low - 0.5, high + 0.5
-    power = 10.0 ** math.floor(math.log10((high - low) / count))
-    wanted = (high - low) / count * (1 - 1e-9)
-    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= wanted)
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
-    return [float(f"{number * step:.12g}") for number in range(first, last + 1)]
+    marks = MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high)
+    return [float(f"{mark:.12g}") for mark in marks]
 
 
 def mark_axis(axes: Axes, which: str, marks: list[float], ratio: bool = False) -> None:

@@ -33,6 +33,12 @@ def test_doubling_and_decades_have_logarithmic_axes():
     assert labels(axes.get_yticklabels()) == ["10", "100", "1000"]
 
 
+def test_values_within_a_decade_have_ticks_too():
+    line = Line("a", ((1.0, 15.0), (2.0, 45.0)))
+    (axes,) = line_figure([LinePanel("", "x", (line,), decades=True)]).axes
+    assert labels(axes.get_yticklabels()) == ["10", "20", "50"]
+
+
 def test_many_doublings_label_every_other_point():
     line = Line("a", tuple((2.0**number, 1.0) for number in range(9)))
     (axes,) = line_figure([LinePanel("", "x", (line,), doubling=True)]).axes
