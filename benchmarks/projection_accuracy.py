@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
-from line_panels import Line, Panel, write_panels
 from torch import Tensor
 
+from gsfw.charts.lines import Line, LinePanel, line_figure
+from gsfw.charts.style import write_figure
 from gsfw.core.cameras import Cameras
 from gsfw.core.errors import UserError
 from gsfw.core.rasterizer import Rasterizer
@@ -144,7 +145,7 @@ def over_pixel_scales() -> Iterator[tuple[float, float, float, float]]:
         yield scale, *ladder(camera_of(side, side, focal), 120, 30.0)
 
 
-def projection() -> tuple[str, list[Panel]]:
+def projection() -> tuple[str, list[LinePanel]]:
     """The first section: its tables and panels."""
     sweeps: list[tuple[str, str, Callable[[], Iterator[tuple[float, float, float, float]]]]] = [
         ("field of view (degrees)", "over the field of view", over_angles),
@@ -161,7 +162,8 @@ def projection() -> tuple[str, list[Panel]]:
             Line(name, tuple((row[0], row[number]) for row in rows))
             for number, name in enumerate((PROJECTION, BOTH, SORTING), start=1)
         )
-        panels.append(Panel(f"PSNR (dB) {title}", across, lines, "degrees" not in across))
+        doubling = "degrees" not in across
+        panels.append(LinePanel(f"PSNR (dB) {title}", across, lines, doubling=doubling))
     return text, panels
 
 
@@ -200,7 +202,7 @@ def splatting_evaluations(splats: Splats, camera: Cameras) -> int:
     return int(bin_ellipses(seen, camera, settings.profile, 4096.0).counts.sum()) * PIXELS
 
 
-def volume() -> tuple[str, list[Panel]]:
+def volume() -> tuple[str, list[LinePanel]]:
     """The second section: its table and panels."""
     camera = camera_of(48, 36, 42.0)
     splats = scene_of(camera, 150, 20.0, 0, THICKNESS)
@@ -232,14 +234,12 @@ def volume() -> tuple[str, list[Panel]]:
         )
 
     return text, [
-        Panel("PSNR (dB) against 1024 samples", "samples", lines(lambda one: accuracy[one.name])),
-        Panel("CPU time (ms)", "samples", lines(lambda one: 1e3 * one.seconds), decades=True),
-        Panel(
-            "evaluations (millions)",
-            "samples",
-            lines(lambda one: one.evaluations / 1e6),
-            decades=True,
-        ),
+        LinePanel(title, "samples", lines(value), doubling=True, decades=decades)
+        for title, value, decades in (
+            ("PSNR (dB) against 1024 samples", lambda one: accuracy[one.name], False),
+            ("CPU time (ms)", lambda one: 1e3 * one.seconds, True),
+            ("evaluations (millions)", lambda one: one.evaluations / 1e6, True),
+        )
     ]
 
 
@@ -285,8 +285,8 @@ if __name__ == "__main__":
     docs = Path(__file__).resolve().parents[1] / "docs"
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else docs
     tables, plots = projection()
-    write_panels(folder / "projection-accuracy.png", plots)
+    write_figure(folder / "projection-accuracy.png", line_figure(plots))
     print(tables)  # noqa: T201 - what it is for
     tables, plots = volume()
-    write_panels(folder / "splatting-and-volume.png", plots)
+    write_figure(folder / "splatting-and-volume.png", line_figure(plots))
     print(f"{tables}\n{scaling()}\n{opacities()}")  # noqa: T201 - what it is for

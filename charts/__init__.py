@@ -1,1 +1,1 @@
-"""Plots of results."""
+"""Charts on matplotlib: one file per kind of chart, one house style."""

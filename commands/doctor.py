@@ -21,8 +21,8 @@ from gsfw.plugins.specs import PROJECT
 if TYPE_CHECKING:
     from gsfw.core.capabilities import Capabilities
 
-LIBRARIES = ("numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
-"""Libraries that training imports."""
+LIBRARIES = ("matplotlib", "numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
+"""Libraries that training imports sooner or later."""
 
 
 @dataclass(kw_only=True)

@@ -12,8 +12,6 @@ from gsfw.preparation.check.survey import Survey
 
 INK, PAPER = (60, 60, 64), (255, 255, 255)
 """Colours of text and lines, and of the sheet."""
-OVERSAMPLING = 2
-"""Images are rendered larger by this factor and then shrunk: Pillow's lines have hard edges."""
 TRAINED, HELD_OUT = (31, 91, 171), (209, 98, 36)
 """Colours of cameras."""
 GROUND = (243, 243, 245)
@@ -29,6 +27,8 @@ ROOM = 0.15
 """Around the outermost camera or point, in parts of the distance to it."""
 AGREE = 0.7
 """Length of the mean of the cameras' up vectors from which on they say where up is."""
+OVERSAMPLING = 2
+"""Views are drawn this much larger and then shrunk: Pillow draws lines with hard edges."""
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 

@@ -1,8 +1,6 @@
-"""The measurement of the projection's accuracy: its scenes, its errors and its plots."""
+"""The measurement of the projection's accuracy: its scenes and its errors."""
 
 import pytest
-from line_panels import LEGEND, SIZE, Line, Panel, write_panels
-from PIL import Image
 from projection_accuracy import camera_of, ladder, psnr, scene_of, splatting_evaluations
 
 
@@ -28,12 +26,3 @@ def test_scenes_are_within_the_picture_and_of_the_size_that_is_asked_for():
 def test_psnr_is_of_the_mean_over_all_scenes():
     assert psnr([(1.0, 50), (0.0, 50)]) == pytest.approx(20)
     assert psnr([(0.0, 50)]) == float("inf")
-
-
-def test_panels_are_drawn_side_by_side(tmp_path):
-    lines = (Line("one", ((1, 10.0), (2, 100.0))), Line("two", ((1, 20.0), (2, 20.0)), dashed=True))
-    panels = [Panel("a", "x", lines), Panel("b", "x", lines, doubling=False, decades=True)]
-    write_panels(tmp_path / "plot.png", panels)
-    with Image.open(tmp_path / "plot.png") as image:
-        assert image.size == (2 * SIZE[0], SIZE[1] + LEGEND + LEGEND // 2)
-        assert len(image.convert("RGB").getcolors(100_000)) > 10

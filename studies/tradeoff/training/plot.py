@@ -1,30 +1,30 @@
-"""Plot: PSNR of variants that were trained against size, drawing time and training time."""
+"""Plot of trained variants: PSNR over size, render time and training time, with the fronts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from gsfw.studies.dot_plot import COLORS
-from gsfw.studies.tradeoff.panel_plot import Color, Dot, Panel, write_panel_plot
+from gsfw.charts.fronts import CostDot, FrontPanel, front_figure
+from gsfw.charts.style import BLACK, SERIES, write_figure
 from gsfw.studies.tradeoff.training.axes import AXES
 from gsfw.studies.tradeoff.training.choice import BASELINE
 from gsfw.studies.tradeoff.training.report import yardstick
 from gsfw.studies.tradeoff.training.trained import Trained, unbeaten
 
-UNITS = {"MB": "MB", "ms": "ms for a view", "training": "seconds of training"}
-"""What stands below each plane, by cost."""
+LABELS = {"MB": "size (MB)", "ms": "render time (ms per view)", "training": "training time (s)"}
+"""Label of each cost."""
 
 TOGETHER = "together"
-"""What the legend calls several choices."""
+"""Group of the variants that change several settings."""
 
-COLOR = {BASELINE: (20, 20, 22), TOGETHER: (222, 72, 140)} | {
-    axis.name: color for axis, color in zip(AXES, COLORS, strict=False)
+COLOR = {BASELINE: BLACK, TOGETHER: SERIES[8]} | {
+    axis.name: color for axis, color in zip(AXES, SERIES[:8], strict=False)
 }
 
 
 def write_plot(path: Path, found: Sequence[Trained]) -> None:
-    """Draw a plane for each cost that is known, and the front in it.
+    """Plot a plane for each cost that is known.
 
     Raises:
         OutputError: the file cannot be written.
@@ -32,24 +32,22 @@ def write_plot(path: Path, found: Sequence[Trained]) -> None:
     first = yardstick(found)
     ordered = sorted(found, key=lambda item: item != first)
     panels = []
-    for cost, unit in UNITS.items():
+    for cost, label in LABELS.items():
         dots = [_dot(item, price, cost) for item in ordered if (price := item.cost(cost))]
         if dots:
-            panels.append(Panel(unit, dots, unbeaten(found, cost)))
+            front = [point.name for point in unbeaten(found, cost)]
+            panels.append(FrontPanel(label, dots, front))
     present = {_group(item) for item in found}
-    write_panel_plot(path, panels, {name: COLOR[name] for name in COLOR if name in present})
+    legend = {name: color for name, color in COLOR.items() if name in present}
+    write_figure(path, front_figure(panels, legend, "PSNR (dB)"))
 
 
-def _dot(item: Trained, price: float, cost: str) -> Dot:
+def _dot(item: Trained, price: float, cost: str) -> CostDot:
     spread = item.draw_spread_ms if cost == "ms" else 0.0
-    return Dot(item.name, item.name, _color(item), price, item.psnr, spread)
+    return CostDot(item.name, item.name, COLOR[_group(item)], price, item.psnr, spread)
 
 
 def _group(item: Trained) -> str:
     if item.is_baseline:
         return BASELINE
     return item.axes[0] if len(item.axes) == 1 else TOGETHER
-
-
-def _color(item: Trained) -> Color:
-    return COLOR[_group(item)]
