@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gsfw.core.callback import Control
     from gsfw.studies.comparison import SceneTable
     from gsfw.studies.planned_run import PlannedRun
-    from gsfw.studies.result_store import ResultStore
+    from gsfw.studies.result import ResultStore
     from gsfw.studies.runner import Ended, Runner
     from gsfw.studies.study import Study
 
@@ -72,7 +72,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.console import Console
     from gsfw.commands.run_argument import RUNS
     from gsfw.core.files.folder_lock import only_one
-    from gsfw.studies.result_store import ResultStore
+    from gsfw.studies.result import ResultStore
     from gsfw.studies.study_file import read_study
     from gsfw.studies.writing import RESULTS
 
@@ -223,7 +223,7 @@ def _dry(
     missing: Sequence[str],
 ) -> int:
     """List the runs, what would become of each, and an estimate."""
-    from gsfw.studies.estimate import Estimate
+    from gsfw.studies.runner import Estimate
 
     estimate = Estimate(store.results.values())
     rows: list[list[str]] = []
@@ -292,20 +292,15 @@ def _report(
     console: Console, study: Study, store: ResultStore, options: StudyOptions
 ) -> list[SceneTable]:
     """Write the files, and show the tables."""
-    from gsfw.studies.report import cell_text, heading
+    from gsfw.studies.report import table_of
 
     tables = _write(study, store, options)
     _warn_of_columns(console, study, store)
     for table in tables:
-        columns = ["", *(heading(column) for column in table.columns)]
-        rows = [
-            [line.row, *(cell_text(column, line) for column in table.columns)]
-            for line in table.lines
-            if line.figures
-        ]
+        shown = table_of(table)
         console.say()
-        if rows:
-            console.table(columns, rows, table.scene)
+        if shown.rows:
+            console.table(*shown)
         else:
             console.say(table.scene)
         for line in table.lines:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gsfw.commands.console import Console
     from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
     from gsfw.studies.tradeoff.recommendation import Recommendation
-    from gsfw.studies.tradeoff.record_store import RecordStore
+    from gsfw.studies.tradeoff.record import RecordStore
     from gsfw.studies.tradeoff.runner import Runner
 
 AxisName = Literal[
@@ -87,7 +87,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.studies.tradeoff.catalogue import catalogue
     from gsfw.studies.tradeoff.finished_model import FinishedModel
     from gsfw.studies.tradeoff.flip import left_out as without_flip
-    from gsfw.studies.tradeoff.record_store import RecordStore
+    from gsfw.studies.tradeoff.record import RecordStore
     from gsfw.studies.tradeoff.runner import Runner
     from gsfw.studies.tradeoff.variant import AXES
 

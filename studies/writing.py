@@ -9,8 +9,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.studies.comparison import SceneTable, compare
 from gsfw.studies.dot_plot import write_dot_plot
 from gsfw.studies.report import csv_text, markdown, protocol_lines
-from gsfw.studies.result import Result
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import Result, ResultStore
 from gsfw.studies.study import Study
 
 RESULTS, REPORT, FIGURES, PLOT = "results.json", "study.md", "study.csv", "study.png"

@@ -16,8 +16,7 @@ from gsfw.studies.tradeoff.exact import Exact
 from gsfw.studies.tradeoff.file_round_trip import FileRoundTrip, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, evenly
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip, unavailable
-from gsfw.studies.tradeoff.record import Record
-from gsfw.studies.tradeoff.record_store import Key, RecordStore
+from gsfw.studies.tradeoff.record import VariantKey, Record, RecordStore
 from gsfw.studies.tradeoff.subject import Subject
 from gsfw.studies.tradeoff.timing import Turn
 from gsfw.studies.tradeoff.variant import Variant
@@ -74,7 +73,7 @@ class Runner:
         model = self.model
         step = max(1, len(model.cameras) // TIMED_VIEWS)
         cameras = model.cameras[::step][:TIMED_VIEWS]
-        turns: dict[Key, Turn] = {}
+        turns: dict[VariantKey, Turn] = {}
         for variant in self._timed():
             turn = turns[variant.key] = Turn.of(variant.change(model.subject), cameras)
             record = self.store.records[variant.key]

@@ -9,8 +9,7 @@ from support.small_study import TINY, small_study
 
 from gsfw.studies.columns import find_column
 from gsfw.studies.report import csv_text, protocol_lines
-from gsfw.studies.result import Failure, Result
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import Failure, Result, ResultStore
 from gsfw.studies.study import Rule
 from gsfw.studies.writing import write_report
 
@@ -135,7 +134,7 @@ def test_figures_are_written_as_their_column_says():
 def test_failures_are_reported_with_their_reasons(tmp_path):
     study = small_study(scenes={"balls": {}, "boxes": {}}, columns=("psnr",))
     store = ResultStore(tmp_path / "results.json", study.title)
-    store.keep_failure(Failure("still", "boxes", 1, "no."))
+    store.keep(Failure("still", "boxes", 1, "no."))
     write_report(study, store, tmp_path, "gsfw study")
     failed = "## boxes\n\n- still: seed 1 failed: no.\n- moves: not made yet: seed 1\n"
     assert (tmp_path / "study.md").read_text() == f"# A small study\n\n{failed}"

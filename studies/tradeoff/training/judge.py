@@ -13,8 +13,7 @@ from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored, restore
 from gsfw.plugins.settings import Layer
 from gsfw.studies.planned_run import PlannedRun
-from gsfw.studies.result import Result
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import Result, ResultStore
 from gsfw.studies.tradeoff.finished_model import evenly, is_still
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip
 from gsfw.studies.tradeoff.subject import Subject

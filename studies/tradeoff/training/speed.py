@@ -9,10 +9,9 @@ from typing import Any
 
 from gsfw.core.config import MethodConfig
 from gsfw.core.errors import DataError
-from gsfw.studies.estimate import START_SECONDS
 from gsfw.studies.planned_run import PlannedRun, plan_runs
 from gsfw.studies.result import Result
-from gsfw.studies.runner import Runner, RunnerSettings
+from gsfw.studies.runner import START_SECONDS, Runner, RunnerSettings
 from gsfw.studies.study import Cell
 from gsfw.studies.tradeoff.training.choice import BASELINE
 from gsfw.studies.tradeoff.training.sizing import Speed

@@ -12,8 +12,7 @@ from gsfw.core.callback import Control
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import Registry
 from gsfw.studies.planned_run import PlannedRun, plan_runs
-from gsfw.studies.result import MEGABYTE, Result
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import MEGABYTE, Result, ResultStore
 from gsfw.studies.runner import Ended, Runner, RunnerSettings
 from gsfw.studies.study import Cell
 from gsfw.studies.tradeoff.training.axes import limited

@@ -18,7 +18,7 @@ from gsfw.formats.ply import PlyImporter
 from gsfw.studies.tradeoff.catalogue import catalogue
 from gsfw.studies.tradeoff.finished_model import PROBE_SIDE, PROBES, LeftOut, evenly
 from gsfw.studies.tradeoff.flip import flip
-from gsfw.studies.tradeoff.record_store import RecordStore
+from gsfw.studies.tradeoff.record import RecordStore
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES
 

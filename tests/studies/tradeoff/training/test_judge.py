@@ -13,7 +13,7 @@ from gsfw.core.callback import Control
 from gsfw.core.datamanager import Split
 from gsfw.plugins.registry import installed
 from gsfw.studies.planned_run import plan_runs
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import ResultStore
 from gsfw.studies.runner import Runner, RunnerSettings
 from gsfw.studies.study import Cell
 from gsfw.studies.tradeoff.flip import flip

@@ -9,7 +9,7 @@ from support import fake_variants
 from gsfw.core.callback import Control
 from gsfw.core.errors import DataError
 from gsfw.plugins.registry import installed
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import ResultStore
 from gsfw.studies.tradeoff.training.speed import Stopped, measure_speeds
 from gsfw.studies.tradeoff.training.trainer import Workshop
 
