@@ -1,4 +1,4 @@
-"""Runner: makes the missing runs of a study, several at a time, and estimates how long they take."""
+"""Runner: makes the missing runs of a study, several at a time, and estimates their time."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from gsfw.studies.tradeoff.exact import Exact
 from gsfw.studies.tradeoff.file_round_trip import FileRoundTrip, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, evenly
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip, unavailable
-from gsfw.studies.tradeoff.record import VariantKey, Record, RecordStore
+from gsfw.studies.tradeoff.record import Record, RecordStore, VariantKey
 from gsfw.studies.tradeoff.subject import Subject
 from gsfw.studies.tradeoff.timing import Turn
 from gsfw.studies.tradeoff.variant import Variant
