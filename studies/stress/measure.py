@@ -13,6 +13,7 @@ from gsfw.core.capabilities import Determinism
 from gsfw.core.errors import UserError
 from gsfw.core.numerics import DEFAULT, PROFILES, NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
+from gsfw.studies.entrants import Entrant
 from gsfw.studies.stress.case import Drawing, StressCase
 from gsfw.studies.stress.drawn import (
     GRADIENT,
@@ -22,7 +23,6 @@ from gsfw.studies.stress.drawn import (
     draw_everything,
     same_bits,
 )
-from gsfw.studies.stress.entrant import Entrant
 from gsfw.studies.stress.judgement import (
     faults_of_flips,
     faults_of_float32,

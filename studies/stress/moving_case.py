@@ -21,8 +21,7 @@ from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.plugins.automatic import load
 from gsfw.plugins.registry import Registry
-from gsfw.studies.stress.case import Section
-from gsfw.studies.stress.scene import random_splats
+from gsfw.studies.stress.case import Section, random_splats
 
 Fill = Callable[[Tensor, torch.Generator], Tensor]
 """New values of a column, from the old ones."""

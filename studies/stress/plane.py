@@ -12,11 +12,10 @@ import torch
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
-from gsfw.studies.stress.case import Drawing
+from gsfw.studies.entrants import Entrant
+from gsfw.studies.stress.case import Drawing, front_camera, random_splats
 from gsfw.studies.stress.drawn import GRADIENT, Drawn, distance, draw_everything
-from gsfw.studies.stress.entrant import Entrant
 from gsfw.studies.stress.runner import DTYPES
-from gsfw.studies.stress.scene import front_camera, random_splats
 
 COUNT = 3
 SIZE = (16, 12)

@@ -9,8 +9,8 @@ import torch
 
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.plugins.registry import Registry
+from gsfw.studies.entrants import REFERENCE, Entrant, entrant_of
 from gsfw.studies.stress.catalogue import CASES, chosen
-from gsfw.studies.stress.entrant import REFERENCE, Entrant, entrant_of
 from gsfw.studies.stress.measure import Oracle, measure
 from gsfw.studies.stress.moving_case import MOVING_CASES, moving_model
 from gsfw.studies.stress.moving_measure import measure_moving

@@ -13,10 +13,9 @@ from torch import Tensor
 
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
-from gsfw.studies.stress.case import Change, Drawing, StressCase, coefficients
-from gsfw.studies.stress.catalogue.shape import covariances
+from gsfw.studies.stress.case import Change, Drawing, StressCase, coefficients, front_camera
+from gsfw.studies.stress.catalogue.splats import covariances
 from gsfw.studies.stress.catalogue.variants import COUNT, SIZE, ordinary
-from gsfw.studies.stress.scene import front_camera
 
 Record = TypeVar("Record")
 

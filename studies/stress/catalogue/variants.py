@@ -11,8 +11,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
-from gsfw.studies.stress.case import Change, Drawing, StressCase
-from gsfw.studies.stress.scene import front_camera, random_splats
+from gsfw.studies.stress.case import Change, Drawing, StressCase, front_camera, random_splats
 
 COUNT = 20
 """Splats of an ordinary scene: enough to overlap, few enough to be drawn many times."""

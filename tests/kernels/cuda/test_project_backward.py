@@ -27,7 +27,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.stress.catalogue import CHANGES
-from gsfw.studies.stress.catalogue.camera import CAMERAS
+from gsfw.studies.stress.catalogue.views import CAMERAS
 
 BINARY = math.sqrt(0.5 / math.log(2))
 """By how much u and v are larger where alpha is a power of two."""

@@ -4,7 +4,7 @@ import torch
 from PIL import Image
 
 from gsfw.plugins.registry import installed
-from gsfw.studies.stress.entrant import entrant_of
+from gsfw.studies.entrants import entrant_of
 from gsfw.studies.stress.heat_map import NOT_FINITE, NOTHING, RAMP, color_of, write_heat_map
 from gsfw.studies.stress.plane import EMPTY, PLANES, Plane, PlaneOracle, plane_errors
 
