@@ -192,7 +192,8 @@ def _list_cases(console: Console, only: Sequence[str]) -> None:
     from gsfw.studies.stress.runner import NAMES
 
     refusals = {name: ", ".join(case.refusal) for name, case in CASES.items() if case.refusal}
-    notes = {case.name: case.conditioning for case in (*CASES.values(), *MOVING_CASES)}
+    notes = {case.name: case.conditioning for case in CASES.values()}
+    notes |= {case.name: case.conditioning for case in MOVING_CASES}
     notes |= {name: f"must be refused: {parts}" for name, parts in refusals.items()}
     names = chosen(NAMES, only)
     console.table(["case", "note"], [[name, notes[name]] for name in names])

@@ -79,7 +79,7 @@ def entrant_of(name: str, registry: Registry, device: torch.device | None = None
 
 
 def choose_on_device(
-    names: Sequence[str], device: str, registry: Registry, needs: Mapping[str, Needs]
+    names: Sequence[str], device: str, registry: Registry, needs: dict[str, Needs]
 ) -> list[Entrant]:
     """Choose one device as training does, and build rasterizers for it.
 
@@ -110,7 +110,7 @@ def choose_on_device(
 
 
 def choose_all(
-    names: Sequence[str], registry: Registry, needs: Mapping[str, Needs]
+    names: Sequence[str], registry: Registry, needs: dict[str, Needs]
 ) -> tuple[list[Entrant], Mapping[str, str]]:
     """Build rasterizers, each for its own device.
 

@@ -88,7 +88,7 @@ class ResultStore(JsonStore[Result | Failure]):
         Raises:
             DataError: the file is damaged, or a newer gsfw has written it.
         """
-        lists = {"results": Result, "failures": Failure}
+        lists: dict[str, type[Result | Failure]] = {"results": Result, "failures": Failure}
         super().__init__(path, lists, {"title": title}, ADVICE, in_order=True)
 
     @property

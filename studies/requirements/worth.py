@@ -22,7 +22,7 @@ from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.metrics import psnr
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
-from gsfw.studies.tradeoff.sh_truncation import ShTruncation
+from gsfw.studies.tradeoff.edits import ShTruncation
 from gsfw.studies.tradeoff.subject import Edit, Subject
 
 MOST_VIEWS = 8

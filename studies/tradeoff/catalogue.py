@@ -12,13 +12,17 @@ from gsfw.core.numerics import NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.plugins.automatic import load
 from gsfw.studies.tradeoff.contribution import Kept, most_useful
+from gsfw.studies.tradeoff.edits import (
+    TYPES,
+    ShTruncation,
+    StaticConversion,
+    TemporalCulling,
+    rounded,
+    sh_degree,
+)
 from gsfw.studies.tradeoff.file_round_trip import PLY, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
-from gsfw.studies.tradeoff.precision import TYPES, rounded
-from gsfw.studies.tradeoff.sh_truncation import ShTruncation, sh_degree
-from gsfw.studies.tradeoff.static_conversion import StaticConversion
 from gsfw.studies.tradeoff.subject import Edit, Subject
-from gsfw.studies.tradeoff.temporal_culling import TemporalCulling
 from gsfw.studies.tradeoff.variant import AS_IS, Variant, unchanged
 
 PARTS = (0.9, 0.75, 0.5, 0.25)

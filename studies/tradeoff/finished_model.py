@@ -21,7 +21,7 @@ from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.studies.tradeoff.contribution import contributions
-from gsfw.studies.tradeoff.static_conversion import by_motion
+from gsfw.studies.tradeoff.edits import by_motion
 from gsfw.studies.tradeoff.subject import Subject
 
 PHOTOS, RENDERS = "photos", "renders of the model as it is"

@@ -16,8 +16,8 @@ from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Result, ResultStore
 from gsfw.studies.tradeoff.finished_model import evenly, is_still
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip
+from gsfw.studies.tradeoff.measurement import Turn
 from gsfw.studies.tradeoff.subject import Subject
-from gsfw.studies.tradeoff.timing import Turn
 from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, run_folder
 
 DRAW_MS, DRAW_SPREAD = "draw_ms", "draw_spread_ms"

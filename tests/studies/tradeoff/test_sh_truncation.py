@@ -8,7 +8,7 @@ from support.scenes import front_camera, random_splats
 
 from gsfw.core.splats import Sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
-from gsfw.studies.tradeoff.sh_truncation import ShTruncation, sh_degree
+from gsfw.studies.tradeoff.edits import ShTruncation, sh_degree
 
 
 def of_mixed_degrees(splats):

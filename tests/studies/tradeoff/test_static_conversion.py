@@ -11,7 +11,7 @@ from support.scenes import front_camera, random_splats
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
-from gsfw.studies.tradeoff.static_conversion import StaticConversion, by_motion
+from gsfw.studies.tradeoff.edits import StaticConversion, by_motion
 from gsfw.studies.tradeoff.subject import Subject
 
 TIMES = [at(time) for time in (0.0, 0.3, 0.5, 1.0)]

@@ -9,8 +9,8 @@ from support.scenes import front_camera, random_splats
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.studies.tradeoff.edits import TemporalCulling
 from gsfw.studies.tradeoff.subject import Subject
-from gsfw.studies.tradeoff.temporal_culling import TemporalCulling
 
 
 def test_what_is_fainter_than_any_pixel_shows_changes_no_bit():
