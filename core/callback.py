@@ -84,6 +84,8 @@ class EvaluatedView:
     metrics: Mapping[str, float]
     target: Float[Tensor, "h w 3"]
     rendered: Float[Tensor, "h w 3"]
+    images: Mapping[str, Float[Tensor, "h w 3"]] = field(default_factory=dict)
+    """The method's own images of the view, in [0, 1], by name."""
 
 
 class Callback:

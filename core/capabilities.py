@@ -37,13 +37,15 @@ class Determinism(Enum):
 
 @dataclass(frozen=True)
 class Needs:
-    """What one component asks of the rasterizer."""
+    """The requirements of one component: of the rasterizer, and of the model."""
 
     camera_models: frozenset[CameraModel] = frozenset()
     features: frozenset[Feature] = frozenset()
     channels: int = 3
     profile: str = ""
     """Name of the numerics profile to draw with; empty for any."""
+    densifiable: bool = False
+    """Whether the model has to be a ``DensifiableModel``; checked when it is built."""
 
     def __or__(self, other: Needs) -> Needs:
         """Both needs at once."""
@@ -52,6 +54,7 @@ class Needs:
             self.features | other.features,
             max(self.channels, other.channels),
             self.profile or other.profile,
+            self.densifiable or other.densifiable,
         )
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.ranges import check_ranges, number
 
 if TYPE_CHECKING:
     import torch
@@ -20,25 +21,26 @@ if TYPE_CHECKING:
     from gsfw.core.loop.optimizer import OptimizerSettings
     from gsfw.core.method import Method
     from gsfw.core.rasterizer import Rasterizer
+    from gsfw.core.refiner import Refiner
     from gsfw.core.sampler import Sampler
     from gsfw.core.scene import Scene
-    from gsfw.core.strategy import DensityStrategy
 
-MAX_SEED = 2**62
+MAX_SEED = 2**62 - 1
 """Generators take 64-bit seeds, and some of them are made by counting up from this one."""
 
 AUTO = "auto"
 """The choice that leaves choosing to gsfw."""
 
 
-def steps_field(default: int, at_least: int = 0) -> Any:  # noqa: ANN401 - a dataclass field
+def steps_field(default: int, *, at_least: int = 0, floor: int = 0) -> Any:  # noqa: ANN401 - a dataclass field
     """A setting counted in training steps, which ``steps=N`` rescales in proportion.
 
     Args:
         default: steps, for the method's own default length.
-        at_least: rescaling goes no lower (intervals in which statistics have to gather).
+        at_least: the smallest value that can be given.
+        floor: rescaling goes no lower (intervals in which statistics have to gather).
     """
-    return field(default=default, metadata={"unit": "steps", "at_least": at_least})
+    return number(default, at_least=at_least, metadata={"unit": "steps", "floor": floor})
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def step_settings(config: object, prefix: str = "") -> dict[str, tuple[int, int]
     for item in fields(config):  # type: ignore[arg-type]
         value = getattr(config, item.name)
         if item.metadata.get("unit") == "steps":
-            found[prefix + item.name] = (value, item.metadata["at_least"])
+            found[prefix + item.name] = (value, item.metadata["floor"])
         elif is_dataclass(value):
             found |= step_settings(value, f"{prefix}{item.name}.")
     return found
@@ -86,13 +88,29 @@ class SlotConfig:
         return Needs()
 
 
+NO_BUDGET = "none"
+"""The choice of no budget: the strategy alone decides how many Gaussians there are."""
+
+
 @dataclass
 class StrategyConfig(SlotConfig, ABC):
-    """Settings of a density strategy."""
+    """Settings of a density strategy, and of the budget that goes with any of them."""
+
+    budget: str = NO_BUDGET
+    """Gaussians to end with: none, auto (as the scene needs), a number, or megabytes as in 20MB."""
+    budget_share: float = 0.025
+    """Under budget=auto, each round of pruning removes what holds less than this of all there is.
+    """
+    budget_every: int = steps_field(1500, at_least=50)
+    """Under a budget, steps between rounds of pruning, in which what is left makes up for it."""
 
     @abstractmethod
-    def build(self, scene: Scene) -> DensityStrategy:
-        """The strategy, before its first step."""
+    def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
+        """The refiners of the strategy in the order in which they edit rows, before the first step.
+
+        Raises:
+            ConfigError: settings are out of range or contradict each other.
+        """
 
 
 @dataclass
@@ -167,15 +185,15 @@ class OptimConfig:
 
     sparse: bool = False
     """Rows that no view of a step has seen stay as they are (faster; not what the papers do)."""
-    exposure_lr: float = 1e-2
+    exposure_lr: float = number(1e-2, at_least=0, below=math.inf)
     """Rate of gains and offsets of the pictures' colours under exposure=true."""
-    exposure_lr_final: float = 1e-3
+    exposure_lr_final: float = number(1e-3, at_least=0, below=math.inf)
     """Rate of gains and offsets once it has decayed, log-linearly."""
     exposure_start: int = steps_field(500)
     """Steps before exposures are learnt, in which splats find the mean colours."""
-    poses_lr: float = 1e-3
+    poses_lr: float = number(1e-3, at_least=0, below=math.inf)
     """Rate of the cameras' turns (radians) and shifts (extents) under refine_poses=true."""
-    poses_lr_final: float = 1e-5
+    poses_lr_final: float = number(1e-5, at_least=0, below=math.inf)
     """Rate of turns and shifts once it has decayed, log-linearly."""
     poses_start: int = steps_field(500)
     """Steps before cameras move, in which splats find the rough shape."""
@@ -215,35 +233,35 @@ class MethodConfig(ABC):
     """Data set: a folder or file. Empty: the built-in scene, which needs none."""
     out: str = ""
     """Folder of the run. Empty: runs/SCENE/METHOD/TIME."""
-    steps: int = 30_000
+    steps: int = number(30_000, at_least=1)
     """Training steps. Schedules follow in proportion, unless rescale=false."""
     rescale: bool = True
     """Whether steps=N rescales every schedule that was not given itself."""
-    seed: int = 42
+    seed: int = number(42, at_least=0, at_most=MAX_SEED)
     """Seed of every generator; on the CPU the same seed gives the same bits."""
     device: str = AUTO
     """Where to train: auto, cpu, cuda or cuda:N."""
     init: str = AUTO
     """Where splats start: points, random, or a splat file. auto: points where the data has any."""
-    downscale: float = 1.0
-    """Shrink images by this factor (area filter)."""
+    downscale: float = number(1.0, at_least=1, below=math.inf)
+    """Shrink images by this factor (area filter); 2 halves the width and the height."""
     background: str = AUTO
     """Colour behind everything: white, black or r,g,b. auto: white where images have alpha."""
     random_background: bool = False
     """A random background at every training step, so that empty stays empty (needs alpha)."""
-    checkpoint_every: int = steps_field(5000, at_least=100)
+    checkpoint_every: int = steps_field(5000, floor=100)
     """Steps between checkpoints; 0: only at the end."""
-    eval_every: int = steps_field(5000, at_least=100)
+    eval_every: int = steps_field(5000, floor=100)
     """Steps between evaluations on the held-out views; 0: only at the end."""
-    log_every: int = 10
+    log_every: int = number(10, at_least=1)
     """Steps between logged steps."""
-    holdout_every: int = 8
+    holdout_every: int = number(8, at_least=0)
     """Every n-th image by name is held out, unless the data brings its own split; 0: none."""
     holdout: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
-    cache_mb: int = 2048
+    cache_mb: int = number(2048, at_least=0)
     """Memory that decoded images may take, in megabytes."""
-    gpu_cache_mb: int = 2048
+    gpu_cache_mb: int = number(2048, at_least=0)
     """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
     resolution_schedule: str = "none"
     """Size of training pictures: none (full), or auto (small until they lack detail; faster)."""
@@ -260,7 +278,7 @@ class MethodConfig(ABC):
     """Constants and cut-offs to draw with: default, or gsplat-1.5. auto: the rasterizer's own."""
     validation: str = "cheap"
     """How rasterizer inputs are checked in the loop: cheap or full."""
-    max_skipped: int = 20
+    max_skipped: int = number(20, at_least=1)
     """Steps in a row that may be skipped because they were not finite before the run stops."""
     optim: OptimConfig = field(default_factory=OptimConfig)
     rasterizer: RasterizerConfig | None = None
@@ -289,28 +307,14 @@ class MethodConfig(ABC):
         return Needs(features=frozenset(features), profile=profile)
 
     def check(self) -> None:
-        """Check the values every run has.
+        """Check the ranges of all values, and the values every run has.
 
         Raises:
             ConfigError: naming the key, what was expected, and what was given.
         """
         from gsfw.core.numerics import PROFILES
 
-        least = {"steps": 1, "log_every": 1, "max_skipped": 1, "checkpoint_every": 0}
-        least |= {"eval_every": 0, "holdout_every": 0, "cache_mb": 0, "seed": 0}
-        least |= {"resolution_steps": 0, "gpu_cache_mb": 0}
-        for key, minimum in least.items():
-            if getattr(self, key) < minimum:
-                raise ConfigError(
-                    f"{key}={getattr(self, key)}: expected a number of at least {minimum}."
-                )
-        if self.seed >= MAX_SEED:
-            raise ConfigError(f"seed={self.seed}: expected a number below 2^62.")
-        if not 1 <= self.downscale < math.inf:
-            raise ConfigError(
-                f"downscale={self.downscale:g}: expected a factor of at least 1 "
-                "(2 halves the width and the height)."
-            )
+        check_ranges(self)
         parse_background(self.background)
         self._check_resolution()
         if self.validation not in ("cheap", "full"):

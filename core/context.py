@@ -1,14 +1,15 @@
-"""StepContext: what losses, regularisers and strategies are given."""
+"""StepContext: one rendered batch of a step, for losses, regularizers and refiners."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
 from gsfw.core.operators import Operators
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
@@ -16,21 +17,23 @@ from gsfw.core.splats import Splats
 
 @dataclass(frozen=True)
 class StepContext:
-    """One batch of one step, drawn."""
+    """One rendered batch of one step.
+
+    All batches of a step are rendered before any of them is observed: state that belongs to a
+    batch belongs here, not into the model.
+    """
 
     step: int
     """Counted from 0."""
     steps: int
     """Length of the run."""
-    phase: str
-    """The method's phase, such as "train", "coarse" or "fine"."""
     batch: Batch
     splats: Splats
-    """What was drawn, still attached to the graph."""
+    """The rendered splats, still attached to the graph."""
     rendered: RenderOutput
     """After ``PrimitiveModel.decode``; its statistics are those of the rasterizer."""
     target: Float[Tensor, "c h w 3"]
-    """The batch's pictures over this step's background."""
+    """The batch's images over this step's background."""
     num_rows: int
     """Rows of the model; ``splats.rows`` counts among them."""
     share: float
@@ -38,4 +41,6 @@ class StepContext:
     extent: float
     """The scene's extent, in scene units."""
     operators: Operators
-    generator: torch.Generator
+    render: Callable[[Cameras, Float[Tensor, ""] | None], RenderOutput]
+    """Renders other cameras at a time with this step's settings and background: pseudo views for
+    losses. Decoded, and attached to the graph; without statistics."""

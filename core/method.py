@@ -7,17 +7,20 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.context import StepContext
+from gsfw.core.datamanager import Views
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
+from gsfw.core.refiner import Refiner
+from gsfw.core.render_output import RenderOutput
+from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
-from gsfw.core.strategy import Refinement
-from gsfw.core.table import SplatTable
 
 
 class Method(ABC):
@@ -51,24 +54,37 @@ class Method(ABC):
             initial: splats to start from (``init=FILE``), in the scene frame; ``None`` otherwise.
         """
 
-    def prepare_batch(self, batch: Batch, step: int) -> Batch:
-        """What a step trains on instead of the pictures as they are: smaller ones, for instance."""
-        return batch
+    def begin(  # noqa: B027
+        self, scene: Scene, views: Views, model: PrimitiveModel
+    ) -> None:
+        """Take note of the training views, once, before the first step or after a resume.
 
-    def looks_at_single_views(self, step: int) -> bool:
-        """Whether the gradients of single views matter at ``step``: each is then drawn by itself.
+        Args:
+            scene: the capture.
+            views: names, cameras (with intrinsics), times and maps of the training views, in the
+                order in which ``Batch.views`` counts them.
+            model: as built; a resumed state is not loaded yet.
 
-        The loss of a step with several views stays the mean over them.
+        Raises:
+            ConfigError: the views lack what this method needs.
         """
-        return False
+
+    def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
+        """The method's own refiners; they edit rows after those of the strategy."""
+        return ()
+
+    def render_settings(self, settings: RenderSettings, step: int | None) -> RenderSettings:
+        """The settings to render with at a step.
+
+        Args:
+            settings: those of the run.
+            step: counted from 0; ``None`` for evaluation and rendering of the finished model.
+        """
+        return settings
 
     @abstractmethod
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
         """Weighted scalars whose sum is minimised, by name."""
-
-    def phase(self, step: int) -> str:
-        """Name of the phase ``step`` is in (coarse, fine; a time step)."""
-        return "train"
 
     def prepare(  # noqa: B027
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
@@ -82,13 +98,14 @@ class Method(ABC):
             time: of the step's first view, in [0, 1]; ``None`` for a static capture.
         """
 
-    def adapt(
-        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
-    ) -> Refinement:
-        """After each refinement: parameters that single rows gain or lose (bands, motion).
+    def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
+        """The method's own metrics of one held-out view, by name, such as an error of depth."""
+        return {}
 
-        What it did, by verb, as a strategy says it; empty when nothing.
-        """
+    def view_images(
+        self, batch: Batch, rendered: RenderOutput
+    ) -> Mapping[str, Float[Tensor, "h w 3"]]:
+        """The method's own images of one view in [0, 1], by name, for TensorBoard and render."""
         return {}
 
     def report(self) -> Mapping[str, Any]:
@@ -96,7 +113,7 @@ class Method(ABC):
         return {}
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors and plain data; what ``phase`` and ``prepare`` depend on besides the step."""
+        """Tensors and plain data; state that ``prepare`` depends on besides the step."""
         return {}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:  # noqa: B027

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import torch
@@ -14,7 +14,6 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Rows
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_output import RenderOutput
-from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 
 if TYPE_CHECKING:
@@ -27,40 +26,41 @@ Children = Mapping[str, Rows]
 class PrimitiveModel(nn.Module, ABC):
     """Parameters, and how they become splats at a time.
 
-    The second half is what a density strategy may ask for *in model terms*: a strategy knows no
-    logits, logarithms or time parameters.
+    A model must have ``columns`` and ``splats``. Density control asks for more: see
+    ``DensifiableModel``.
     """
 
     @abstractmethod
     def columns(self) -> Mapping[str, Column]:
         """Every per-splat quantity, by name; all have the same number of rows."""
 
+    @abstractmethod
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
+        """The activated Gaussians.
+
+        Args:
+            time: in [0, 1]; ``None`` for a static capture, or for the first time. A static model
+                ignores it.
+            cameras: that the splats are rendered with, for models whose splats depend on the
+                view; ``None`` where there is no view, as for exports. Most models ignore them.
+        """
+
     def temporal_columns(self) -> Mapping[str, Column]:
-        """Those of ``columns`` that only say how rows change with time; none when rows do not."""
+        """The columns that only serve motion and change over time; none for a static model."""
         return {}
 
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
         """Trained parameters that are not one per splat (networks, grids)."""
         return ()
 
-    @abstractmethod
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
-        """The activated Gaussians at ``time`` in [0, 1]; a static model ignores it."""
-
-    def cameras(self, cameras: Cameras) -> Cameras:
-        """The cameras as this model has refined them (pose refinement); default as they are."""
-        return cameras
-
-    def settings(self, settings: RenderSettings) -> RenderSettings:
-        """What this model wants changed in how it is drawn (background of feature channels)."""
-        return settings
-
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
-        """From what was drawn to colours; models that draw features decode them here."""
+        """Turn rendered channels into colours; models that render features decode them here."""
         return output
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """Weighted scalars to add to the loss, by name."""
+        """Weighted scalars to add to the loss, by name. No side effects."""
         return {}
 
     def active_bands(self) -> int | None:
@@ -68,20 +68,34 @@ class PrimitiveModel(nn.Module, ABC):
         return None
 
     def project_(self) -> None:
-        """After each optimizer step: norms, manifolds, minimum durations. In place."""
+        """Enforce norms, manifolds and minimum durations after an optimizer step. In place."""
 
     def summary(self) -> Mapping[str, int | float]:
-        """Figures for the run's summary, by name: bytes of what is trained, and a model's own."""
+        """Figures for the run's summary, by name: bytes of the parameters, and the model's own."""
         trained = [column.values for column in self.columns().values() if column.trained]
         groups = [tensor for group in self.parameter_groups() for tensor in group.parameters]
         return {"model_bytes": sum(tensor.nbytes for tensor in (*trained, *groups))}
 
-    # What a strategy may ask for.
-
     @property
     def num_rows(self) -> int:
-        """Number of primitives."""
-        return next(iter(self.columns().values())).num_rows
+        """Number of primitives.
+
+        Raises:
+            RuntimeError: a column is used before it was made. ``nn.Module`` would report a missing
+                ``num_rows`` instead.
+        """
+        try:
+            return next(iter(self.columns().values())).num_rows
+        except AttributeError as error:
+            raise RuntimeError(f"the columns of {type(self).__name__}: {error}") from error
+
+
+class DensifiableModel(PrimitiveModel):
+    """A model whose rows can be split, cloned, relocated and perturbed, *in model terms*.
+
+    Density control knows no logits, logarithms or time parameters. A strategy whose ``needs()``
+    has ``densifiable`` set works with these models only.
+    """
 
     @abstractmethod
     def opacities(self) -> Float[Tensor, " n"]:
@@ -92,11 +106,11 @@ class PrimitiveModel(nn.Module, ABC):
         """Largest standard deviation of each row, in scene units; no gradient."""
 
     def lifetimes(self) -> Float[Tensor, " n"] | None:
-        """How much of [0, 1] each row is there for; ``None`` when all are there always."""
+        """Mean temporal weight of each row over [0, 1]; ``None`` when all are always there."""
         return None
 
     def time_gradients(self) -> Float[Tensor, " n"] | None:
-        """|dL / d temporal centre| of each row, of the step just taken, with time in [0, 1].
+        """|dL / d temporal centre| of each row in the step just taken, with time in [0, 1].
 
         ``None`` for a model whose rows have no temporal centre, or before any step.
         """
@@ -130,11 +144,11 @@ class PrimitiveModel(nn.Module, ABC):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """New rows where the picture lacks something: round, faint and at rest.
+        """New rows where the image lacks something: round, faint and at rest.
 
         Args:
             points: where they are seen at ``time``, in scene units.
-            colors: what they look like, in [0, 1].
+            colors: their colours, in [0, 1].
             sizes: standard deviations, in scene units.
             time: in [0, 1]; a model whose rows come and go has them there around it. ``None``
                 for a static capture.
@@ -156,5 +170,11 @@ class PrimitiveModel(nn.Module, ABC):
         """
 
     @abstractmethod
-    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
-        """Cap every opacity at ``limit``, in place; the names of the columns that changed."""
+    def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
+        """Change every opacity by a function, in place; the names of the columns that changed.
+
+        Args:
+            function: from opacities in [0, 1] (float64) to opacities in (0, 1), element by
+                element, such as ``lambda opacities: opacities.clamp_max(0.01)``. Rows that it
+                leaves as they are keep their bits.
+        """

@@ -25,6 +25,8 @@ class SplatTable:
     def __init__(self, model: PrimitiveModel, optimizer: Optimizer) -> None:
         self._model = model
         self._optimizer = optimizer
+        self.row_edits = 0
+        """Times that rows were added, removed or replaced; statistics by row are stale then."""
 
     def __len__(self) -> int:
         return self._model.num_rows
@@ -87,6 +89,12 @@ class SplatTable:
             column.assign(values[name])
             if column.trained:
                 self._optimizer.replace_moments(name, moments[name])
+        self.row_edits += 1
+
+    def joined(self, first: Children, second: Children) -> Children:
+        """New rows of ``first``, then those of ``second``."""
+        columns = self._model.columns()
+        return {name: column.join(first[name], second[name]) for name, column in columns.items()}
 
     @staticmethod
     def _edited(column: Column, values: Tensor, rows: Tensor, new: Rows | None) -> Rows:
@@ -103,6 +111,7 @@ class SplatTable:
         for name, column in columns.items():
             column.write(rows, children[name])
         self.reset_rows(rows)
+        self.row_edits += 1
 
     @torch.no_grad()
     def resize(self, name: str, lengths: Int[Tensor, " n"]) -> None:

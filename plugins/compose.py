@@ -14,6 +14,7 @@ from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.capabilities import Feature, Needs, check_fit
 from gsfw.core.config import (
     AUTO,
+    NO_BUDGET,
     DataManagerConfig,
     MethodConfig,
     RasterizerConfig,
@@ -22,7 +23,7 @@ from gsfw.core.config import (
     parse_background,
 )
 from gsfw.core.datamanager import DataManager, DataRequest, Split
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.exchange import Importer
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.exposures import Exposures
@@ -35,8 +36,11 @@ from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.method import Method
+from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
+from gsfw.core.refinement.budget import with_budget
+from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
@@ -145,6 +149,8 @@ def check(settings: Settings, registry: Registry) -> None:
         if part is not None
     }
     needs[f"method {settings.method.name!r}"] = config.needs()
+    if config.strategy is not None and str(config.strategy.budget) != NO_BUDGET:
+        needs["strategy.budget"] = Needs(features=frozenset({Feature.CONTRIBUTION}))
     _check_rasterizer(settings, registry, needs, device)
     if config.init not in INIT_WORDS:
         find_importer(Path(config.init), registry)
@@ -245,7 +251,9 @@ def compose(
         data = RefinedCapture(data, corrections.poses)
     parts = _parts(settings.config, registry, method, data, corrections, device)
     missed = _missed(settings, registry, device)
-    return Composition(settings, parts, training_plan(settings, scene, device), missed)
+    plan = training_plan(settings, scene, device)
+    plan = replace(plan, settings=method.render_settings(plan.settings, None))
+    return Composition(settings, parts, plan, missed)
 
 
 def _parts(
@@ -264,7 +272,7 @@ def _parts(
     model = method.build_model(scene, operators, seeded, initial).to(device)
     groups = corrections.parameter_groups()
     optimizer = Optimizer(model, operators, config.optim.settings(), groups)
-    assert isinstance(config.strategy, StrategyConfig)
+    method.begin(scene, data.views(Split.TRAIN), model)
     assert isinstance(config.sampler, SamplerConfig)
     assert isinstance(config.rasterizer, RasterizerConfig)
     return TrainingParts(
@@ -272,7 +280,7 @@ def _parts(
         model=model,
         optimizer=optimizer,
         table=SplatTable(model, optimizer),
-        strategy=config.strategy.build(scene),
+        refiners=make_refiners(config, method, scene, model),
         sampler=config.sampler.build(data.views(Split.TRAIN), config.seed, config.steps),
         data=data,
         rasterizer=config.rasterizer.build(device),
@@ -282,6 +290,25 @@ def _parts(
         device=device,
         corrections=corrections,
     )
+
+
+def make_refiners(
+    config: MethodConfig, method: Method, scene: Scene, model: PrimitiveModel
+) -> Refiners:
+    """Everything that edits rows, in order: the budget, the strategy, the method.
+
+    Raises:
+        ConfigError: the model cannot be densified, or settings are out of range.
+    """
+    strategy = config.strategy
+    assert isinstance(strategy, StrategyConfig)
+    if strategy.needs().densifiable and not isinstance(model, DensifiableModel):
+        raise ConfigError(
+            f"the strategy splits, clones or relocates rows, and {type(model).__name__} is no "
+            "DensifiableModel: it does not say how.",
+            "Use strategy=none, or let the model derive from gsfw.core.model.DensifiableModel.",
+        )
+    return Refiners([*with_budget(strategy, scene), *method.refiners(scene, model)])
 
 
 def make_corrections(config: MethodConfig, data: DataManager) -> CaptureCorrections:

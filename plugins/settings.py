@@ -284,9 +284,9 @@ class _Resolution:
         if not config.rescale or config.steps == default_steps:
             return
         ratio = config.steps / default_steps
-        for key, (value, at_least) in step_settings(config).items():
+        for key, (value, floor) in step_settings(config).items():
             if (key not in self._sources or key in self._rescaled) and value > 0:
-                steps = max(round(value * ratio), min(at_least, value))
+                steps = max(round(value * ratio), min(floor, value))
                 self._config = replace_at(self._config, key, steps)
                 source = self._sources.get(key, METHOD_DEFAULT)
                 self._sources[key] = f"{source} x {ratio:.3g} (steps={config.steps})"

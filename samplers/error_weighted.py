@@ -22,38 +22,24 @@ from torch import Tensor
 
 from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
-from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_generator
-from gsfw.samplers.view_times import check_views_per_step
 
 
 @dataclass
 class ErrorWeightedConfig(SamplerConfig):
     """Views in proportion to their loss."""
 
-    uniform_share: float = 0.3
+    uniform_share: float = number(0.3, at_least=0, at_most=1)
     """Part of the draws that is shared evenly among all views, in [0, 1]; 1: uniform sampling."""
-    memory: float = 0.7
+    memory: float = number(0.7, at_least=0, below=1)
     """How much of a view's mean loss stays when it is seen again, in [0, 1)."""
-    views_per_step: int = 1
+    views_per_step: int = number(1, at_least=1)
     """Views drawn per step; their gradients are averaged, and those of one batch share its loss."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler.
-
-        Raises:
-            ConfigError: a setting is out of range.
-        """
-        check_views_per_step(self.views_per_step)
-        if not 0 <= self.uniform_share <= 1:
-            raise ConfigError(
-                f"sampler.uniform_share={self.uniform_share:g}: expected a number from 0 to 1."
-            )
-        if not 0 <= self.memory < 1:
-            raise ConfigError(
-                f"sampler.memory={self.memory:g}: expected a number from 0 to below 1."
-            )
+        """The sampler."""
         return ErrorWeightedSampler(len(views), self, seed)
 
 

@@ -14,23 +14,24 @@ from dataclasses import dataclass
 from gsfw.core.config import SamplerConfig, steps_field
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
 from gsfw.samplers.stepwise import StepwiseSampler
-from gsfw.samplers.view_times import check_views_per_step, views_by_time
+from gsfw.samplers.view_times import views_by_time
 
 
 @dataclass
 class ProgressiveConfig(SamplerConfig):
     """Views of the first times, then of more and more times."""
 
-    window: float = 0.1
+    window: float = number(0.1, above=0, at_most=1)
     """Share of the times that training starts with, in (0, 1]; at least one time."""
-    growth: float = 0.1
+    growth: float = number(0.1, above=0, at_most=1)
     """Share of the times that is added every grow_every steps, in (0, 1]."""
-    grow_every: int = steps_field(1000, at_least=1)
+    grow_every: int = steps_field(1000, at_least=1, floor=1)
     """Steps between two growths of the window."""
-    views_per_step: int = 1
+    views_per_step: int = number(1, at_least=1)
     """Views drawn per step; their gradients are averaged."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
@@ -39,15 +40,6 @@ class ProgressiveConfig(SamplerConfig):
         Raises:
             ConfigError: the views have no times, or the run ends before all times are in.
         """
-        check_views_per_step(self.views_per_step)
-        for key in ("window", "growth"):
-            if not 0 < getattr(self, key) <= 1:
-                raise ConfigError(
-                    f"sampler.{key}={getattr(self, key):g}: expected a share of the times, "
-                    "above 0 and at most 1."
-                )
-        if self.grow_every < 1:
-            raise ConfigError(f"sampler.grow_every={self.grow_every}: expected at least 1.")
         times = list(views_by_time(views, "progressive").values())
         sizes = window_sizes(len(times), self.window, self.growth)
         full_at = (len(sizes) - 1) * self.grow_every

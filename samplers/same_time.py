@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
 from gsfw.samplers.stepwise import StepwiseSampler
-from gsfw.samplers.view_times import check_views_per_step, views_by_time
+from gsfw.samplers.view_times import views_by_time
 
 
 @dataclass
 class SameTimeConfig(SamplerConfig):
     """Views of one time together, times in random order."""
 
-    views_per_step: int = 2
+    views_per_step: int = number(2, at_least=1)
     """Views drawn per step, fewer where a time has no more left in this epoch."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
@@ -27,7 +28,6 @@ class SameTimeConfig(SamplerConfig):
         Raises:
             ConfigError: the views have no times, or no two share one.
         """
-        check_views_per_step(self.views_per_step)
         by_time = views_by_time(views, "same-time")
         if len(by_time) == len(views):
             raise ConfigError(

@@ -13,19 +13,20 @@ from dataclasses import dataclass
 from gsfw.core.config import SamplerConfig, steps_field
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
 from gsfw.samplers.stepwise import StepwiseSampler
-from gsfw.samplers.view_times import check_views_per_step, views_by_time
+from gsfw.samplers.view_times import views_by_time
 
 
 @dataclass
 class SequentialConfig(SamplerConfig):
     """Times in order, each for a while, and never again."""
 
-    first_steps: int = steps_field(10_000, at_least=1)
+    first_steps: int = steps_field(10_000, at_least=1, floor=1)
     """Steps on the first time; the other times share the rest of the run evenly."""
-    views_per_step: int = 1
+    views_per_step: int = number(1, at_least=1)
     """Views of the current time drawn per step, no more than the time has."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
@@ -34,9 +35,6 @@ class SequentialConfig(SamplerConfig):
         Raises:
             ConfigError: the views have no times, or some time would get no step.
         """
-        check_views_per_step(self.views_per_step)
-        if self.first_steps < 1:
-            raise ConfigError(f"sampler.first_steps={self.first_steps}: expected at least 1.")
         times = list(views_by_time(views, "sequential").values())
         starts = time_starts(len(times), self.first_steps, steps)
         return SequentialSampler(times, starts, self.views_per_step, seed)

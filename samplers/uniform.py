@@ -8,25 +8,20 @@ from typing import Any
 
 from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
+from gsfw.core.ranges import number
 from gsfw.core.sampler import Sampler
 from gsfw.samplers.order import epoch_order
-from gsfw.samplers.view_times import check_views_per_step
 
 
 @dataclass
 class UniformConfig(SamplerConfig):
     """Every view once per epoch."""
 
-    views_per_step: int = 1
+    views_per_step: int = number(1, at_least=1)
     """Views drawn per step; their gradients are averaged."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler.
-
-        Raises:
-            ConfigError: views_per_step is below 1.
-        """
-        check_views_per_step(self.views_per_step)
+        """The sampler."""
         return UniformSampler(len(views), self.views_per_step, seed)
 
 

@@ -25,13 +25,3 @@ def views_by_time(views: Views, sampler: str) -> dict[float, list[int]]:
     for view, time in enumerate(views.times):
         found.setdefault(time, []).append(view)
     return dict(sorted(found.items()))
-
-
-def check_views_per_step(views_per_step: int) -> None:
-    """Refuse steps without a view.
-
-    Raises:
-        ConfigError: ``views_per_step`` is below 1.
-    """
-    if views_per_step < 1:
-        raise ConfigError(f"sampler.views_per_step={views_per_step}: expected at least 1.")

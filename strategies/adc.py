@@ -33,19 +33,18 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import steps_field
+from gsfw.core.config import StrategyConfig, steps_field
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
-from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.model import DensifiableModel, PrimitiveModel
+from gsfw.core.refinement.row_statistics import RowStatistics
+from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
-from gsfw.core.render_settings import Depth, Statistic
+from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
-from gsfw.core.strategy import DensityStrategy, Refinement
-from gsfw.core.table import SplatTable
-from gsfw.strategies.budget import BudgetConfig
-from gsfw.strategies.count_control import CountControl
 from gsfw.strategies.guided_sampling import GuidedSampling, GuidedSamplingConfig
-from gsfw.strategies.row_statistics import RowStatistics
+from gsfw.strategies.opacity_reset import OpacityReset
+from gsfw.strategies.rounds import RefinementRounds
 
 COPIES = 2
 """Children of a split row (Kerbl et al. 2023, section 5.2)."""
@@ -56,12 +55,10 @@ AT_LEAST_ZERO = (
     *("refine_start", "refine_stop", "max_rounds", "reset_every", "max_gaussians"),
 )
 """Settings of which there are no negative ones."""
-PARTS = ("guided", "count")
-"""Names of the parts' states beside what is gathered."""
 
 
 @dataclass
-class AdcConfig(BudgetConfig):
+class AdcConfig(StrategyConfig):
     """Settings of adaptive density control; steps are those of a run of 30,000."""
 
     grow_gradient: float = 2e-4
@@ -84,15 +81,15 @@ class AdcConfig(BudgetConfig):
     """Rows above this deviation, in extents, are removed after the first reset; 0: none."""
     prune_radius: float = 0.0
     """Rows above this radius in pixels are removed after the first reset (papers: 20); 0: none."""
-    refine_start: int = steps_field(500, at_least=100)
+    refine_start: int = steps_field(500, floor=100)
     """No refinement up to this step; before, most gradients only say that nothing has settled."""
     refine_stop: int = steps_field(15_000)
     """No refinement and no reset from this step on."""
-    refine_every: int = steps_field(100, at_least=50)
+    refine_every: int = steps_field(100, floor=50)
     """Steps between refinements, in which gradients are gathered."""
     max_rounds: int = 0
     """Refinements in which rows grow; later ones only prune (Li et al.: 6 to 12); 0: no limit."""
-    reset_every: int = steps_field(3000, at_least=300)
+    reset_every: int = steps_field(3000, floor=300)
     """Steps between opacity resets, after which opacities have to recover; 0: no reset."""
     reset_opacity: float = 0.01
     """Opacities are capped at this by a reset."""
@@ -102,15 +99,14 @@ class AdcConfig(BudgetConfig):
     guided: GuidedSamplingConfig = field(default_factory=GuidedSamplingConfig)
 
     def needs(self) -> Needs:
-        """The gradient it grows by, and what a budget and guided sampling look at."""
+        """The gradient that rows grow by, the depth of guided sampling, and rows to split."""
         features = {Feature.ABSGRAD if self.absgrad else Feature.SCREEN_GRADIENT}
-        features |= super().needs().features
         if self.guided.rounds > 0:
             features.add(Feature.DEPTH)
-        return Needs(features=frozenset(features))
+        return Needs(features=frozenset(features), densifiable=True)
 
-    def build(self, scene: Scene) -> DensityStrategy:
-        """The strategy.
+    def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
+        """Growth and pruning; guided sampling and opacity resets where they are on.
 
         Raises:
             ConfigError: a setting is out of range.
@@ -129,98 +125,89 @@ class AdcConfig(BudgetConfig):
             if not value >= 0:
                 raise ConfigError(f"strategy.{key}={value:g}: expected a number of at least 0.")
         self.guided.check()
-        return AdaptiveDensityControl(self, scene)
+        rounds = RefinementRounds(self.refine_start, self.refine_every, self.refine_stop)
+        found: list[Refiner] = [AdaptiveDensityControl(self, scene, rounds)]
+        if self.guided.rounds > 0:
+            found.append(GuidedSampling(self.guided, scene, rounds, self.max_gaussians))
+        if self.reset_every > 0:
+            found.append(OpacityReset(self.reset_every, self.reset_opacity, self.refine_stop))
+        return tuple(found)
 
 
-class AdaptiveDensityControl(DensityStrategy):
-    """Clones, splits and prunes by what the views since the last refinement have seen."""
+class AdaptiveDensityControl(Refiner):
+    """Clones, splits and prunes by the statistics of the views since the last refinement."""
 
-    def __init__(self, config: AdcConfig, scene: Scene) -> None:
-        self._config = config
+    name = "adc"
+
+    def __init__(self, config: AdcConfig, scene: Scene, rounds: RefinementRounds) -> None:
+        self._config, self._rounds = config, rounds
         self._extent = scene.extent
         self._num_times = scene.num_times
-        self._guided = GuidedSampling(config.guided, scene, config.refine_stop)
-        self._count = CountControl(config, scene)
         self._seen: RowStatistics | None = None
+        self._may_grow = True
 
     def statistics(self, step: int) -> frozenset[Statistic]:
-        """The screen gradient while refinements to come need it, and what a budget looks at."""
-        return self._gradient(step) | self._count.statistics(step)
-
-    def _gradient(self, step: int) -> frozenset[Statistic]:
-        """The gradient, as long as refinements to come need what is gathered with it."""
+        """The screen gradient, as long as refinements to come need it or the radii."""
         needed = self._grows(step + 1) or self._config.prune_radius > 0
         if step + 1 >= self._config.refine_stop or not needed:
             return frozenset()
         return frozenset({Statistic.ABSGRAD if self._config.absgrad else Statistic.SCREEN_GRADIENT})
 
-    def depth(self, step: int) -> Depth:
-        """Where surfaces are, while guided sampling wants to know."""
-        return self._guided.depth(step)
-
     def observe(
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
-        """Gather gradients, each as if its view had been the only one of its step."""
-        self._guided.observe(context)
-        self._count.observe(context, statistics)
+        """Add up gradients and radii by row."""
         gradient = statistics.absgrad if self._config.absgrad else statistics.screen_gradient
-        if gradient is None or not self._gradient(context.step):
+        if gradient is None or not self.statistics(context.step):
             return
+        assert isinstance(model, DensifiableModel)
         if self._seen is None:
             self._seen = RowStatistics(context.num_rows, gradient.device)
-        views_in_step = len(context.batch.views) / context.share
-        self._seen.add(
-            gradient * views_in_step, statistics.radii, statistics.visible, context.splats.rows
-        )
+        self._seen.add(context, statistics, gradient)
         time_gradient = model.time_gradients() if self._config.grow_time_gradient > 0 else None
         if time_gradient is not None:
             observed = statistics.visible.any()
             self._seen.add_time_gradient(time_gradient, len(context.batch.views), observed)
 
-    def refine(
-        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
-    ) -> Refinement:
-        """Grow and prune every ``refine_every`` steps, reset opacities every ``reset_every``."""
-        config, done = self._config, step + 1
-        stopped = done >= config.refine_stop
-        pruned = self._count.advance(done, config.refine_stop, table, model)
-        if stopped or pruned:
-            self._seen = None
-        if stopped:
-            self._guided.forget()
-        if stopped or pruned or self._count.is_looking(step):
-            return {"pruned": pruned} if pruned else {}
-        counts: dict[str, int] = {}
-        if done > config.refine_start and done % config.refine_every == 0:
-            self._count.before_growth(done, len(table))
-            counts = self._refine(done, table, model, generator)
-            self._seen = None  # Before rows come that it knows nothing of.
-            if self._count.grows:
-                limit = self._count.most_rows(model, config.max_gaussians)
-                counts |= self._guided.refine(done, table, model, generator, limit)
-        if self._count.grows and config.reset_every > 0 and done % config.reset_every == 0:
-            table.reset_columns(model.lower_opacities_(config.reset_opacity))
-            self._count.disturbed(done)
-            counts["reset"] = len(table)
-        return counts
+    def growth_due(self, step: int) -> bool:
+        """Every ``refine_every`` steps between start and stop."""
+        return self._rounds.due(step + 1)
 
-    def _refine(
-        self, done: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
-    ) -> dict[str, int]:
-        seen = self._seen or RowStatistics(len(table), table.device)
-        clones, splits = self._growing(seen, model, done)
+    @property
+    def growth_ends(self) -> int:
+        """``refine_stop``."""
+        return self._config.refine_stop
+
+    def rows_edited(self) -> None:
+        """Drop the statistics of rows that are no more."""
+        self._seen = None
+
+    def refine(self, context: RefineContext) -> Refinement:
+        """Grow and prune every ``refine_every`` steps, but not in a step that others prune in."""
+        self._may_grow = context.limits.may_grow
+        if context.done >= self._config.refine_stop:
+            self._seen = None
+        held = context.limits.hold or "pruned" in context.edits
+        if held or not self._rounds.due(context.done):
+            return {}
+        seen = self._seen or RowStatistics(len(context.table), context.table.device)
+        self._seen = None
+        return self._refine(context, seen)
+
+    def _refine(self, context: RefineContext, seen: RowStatistics) -> Refinement:
+        table, model, generator = context.table, context.model, context.generator
+        assert isinstance(model, DensifiableModel)
+        limit = context.limits.most_rows(self._config.max_gaussians)
+        clones, splits = self._growing(seen, model, context.done, limit)
         cloned, split = clones.nonzero()[:, 0], splits.nonzero()[:, 0]
         if len(cloned) or len(split):
-            children = _joined(
-                model,
-                model.clone_rows(cloned, generator),
-                model.split_rows(split, COPIES, generator),
-            )
-            table.edit(~splits, children)
+            copies = model.clone_rows(cloned, generator)
+            halves = model.split_rows(split, COPIES, generator)
+            table.edit(~splits, table.joined(copies, halves))
         born = torch.zeros(len(cloned) + COPIES * len(split), device=table.device)
         radii = torch.cat([seen.largest_radius[~splits], born])
-        kept = self._kept(model, radii, resets_done=done > self._config.reset_every > 0)
+        resets_done = context.done > self._config.reset_every > 0
+        kept = self._kept(model, radii, resets_done=resets_done)
         pruned = len(kept) - int(kept.sum())
         if pruned:
             table.keep(kept)
@@ -229,13 +216,13 @@ class AdaptiveDensityControl(DensityStrategy):
     def _grows(self, done: int) -> bool:
         """Whether rows may grow in the next refinement, which is after ``done`` steps or later."""
         config = self._config
-        if not self._count.grows:
+        if not self._may_grow:
             return False
         number = math.ceil(done / config.refine_every) - config.refine_start // config.refine_every
         return config.max_rounds == 0 or number <= config.max_rounds
 
     def _growing(
-        self, seen: RowStatistics, model: PrimitiveModel, done: int
+        self, seen: RowStatistics, model: DensifiableModel, done: int, limit: int
     ) -> tuple[Bool[Tensor, " n"], Bool[Tensor, " n"]]:
         """Rows to clone, and rows to split; near the limit those with the largest gradients."""
         if not self._grows(done):
@@ -251,7 +238,6 @@ class AdaptiveDensityControl(DensityStrategy):
             splits = (grows & splits) | (in_time & (lifetimes > config.split_lifetime))
             grows = grows | in_time
             urgency = urgency.maximum(time_gradient * (threshold / config.grow_time_gradient))
-        limit = self._count.most_rows(model, config.max_gaussians)
         room = limit - len(gradient)
         if limit > 0 and int(grows.sum()) > room:
             ranked = torch.where(grows, urgency, -1.0).argsort(descending=True, stable=True)
@@ -259,7 +245,7 @@ class AdaptiveDensityControl(DensityStrategy):
         return grows & ~splits, grows & splits
 
     def _kept(
-        self, model: PrimitiveModel, radii: Float[Tensor, " n"], resets_done: bool
+        self, model: DensifiableModel, radii: Float[Tensor, " n"], resets_done: bool
     ) -> Bool[Tensor, " n"]:
         """Rows that stay. The most opaque one always does: something has to be there to train."""
         config, opacities = self._config, model.opacities()
@@ -275,26 +261,14 @@ class AdaptiveDensityControl(DensityStrategy):
             kept[opacities.argmax()] = True
         return kept
 
-    def report(self) -> Mapping[str, Any]:
-        """How the number of rows came about, under a budget."""
-        return self._count.report()
-
     def state_dict(self) -> dict[str, Any]:
-        """What was gathered since the last refinement, and the state of its parts."""
+        """The sums since the last refinement, and whether growth goes on."""
         gathered = {} if self._seen is None else self._seen.state_dict()
-        parts = {"guided": self._guided.state_dict(), "count": self._count.state_dict()}
-        return {**gathered, **{name: state for name, state in parts.items() if state}}
+        return {"gathered": gathered, "may_grow": self._may_grow}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on gathering."""
-        gathered = {name: sums for name, sums in state.items() if name not in PARTS}
+        """Continue from ``state``."""
+        gathered = state.get("gathered", {})
         device = gathered["views"].device if gathered else None
         self._seen = None if device is None else RowStatistics.restored(gathered, device)
-        self._guided.load_state_dict(state.get("guided", {}))
-        self._count.load_state_dict(state.get("count", {}))
-
-
-def _joined(model: PrimitiveModel, first: Children, second: Children) -> Children:
-    """New rows of ``first``, then those of ``second``."""
-    columns = model.columns()
-    return {name: column.join(first[name], second[name]) for name, column in columns.items()}
+        self._may_grow = state.get("may_grow", True)

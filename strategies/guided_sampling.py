@@ -33,11 +33,12 @@ from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.area import area_means
 from gsfw.core.maths.rays import pixel_rays
-from gsfw.core.model import PrimitiveModel
+from gsfw.core.model import DensifiableModel, PrimitiveModel
+from gsfw.core.refiner import RefineContext, Refinement, Refiner
+from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth
 from gsfw.core.scene import Scene
-from gsfw.core.strategy import Refinement
-from gsfw.core.table import SplatTable
+from gsfw.strategies.rounds import RefinementRounds
 
 PATCH = 16
 """Pixels of a patch's side, about: patches divide a picture evenly (section 4.4)."""
@@ -69,7 +70,7 @@ class GuidedSamplingConfig:
     """How often rows are added where pictures are drawn worst (6 are enough); 0: never."""
     start: int = steps_field(1600)
     """The first round goes with the first refinement at this step or later."""
-    every: int = steps_field(500, at_least=50)
+    every: int = steps_field(500, floor=50)
     """Steps between rounds, in which views are drawn again."""
     share: float = 0.1
     """Share of a picture's patches that get rows, the worst ones, in (0, 1]."""
@@ -113,18 +114,27 @@ class SeenView:
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
 
-class GuidedSampling:
-    """A part of a strategy: looks at pictures, and adds rows now and then."""
+class GuidedSampling(Refiner):
+    """Keeps the errors of rendered views, and adds rows where they are largest."""
 
-    def __init__(self, config: GuidedSamplingConfig, scene: Scene, stop: int) -> None:
-        """Nothing seen yet.
+    name = "guided"
+
+    def __init__(
+        self,
+        config: GuidedSamplingConfig,
+        scene: Scene,
+        refinements: RefinementRounds,
+        max_rows: int = 0,
+    ) -> None:
+        """Start without images.
 
         Args:
-            config: when, and how much.
-            scene: whose box new rows are put into where nothing is drawn.
-            stop: no rounds from this step on.
+            config: schedule, and number of rows.
+            scene: has the box that new rows are put into where nothing is rendered.
+            refinements: the refinements of the strategy, with which rounds coincide.
+            max_rows: no rows beyond this number; 0: no limit.
         """
-        self._config, self._stop = config, stop
+        self._config, self._refinements, self._max_rows = config, refinements, max_rows
         self._box = bounding_box(scene)
         self._rounds = 0
         self._seen: dict[int, SeenView] = {}
@@ -136,11 +146,13 @@ class GuidedSampling:
     def _looks(self, step: int) -> bool:
         """Whether pictures of ``step`` are looked at: from one interval before the first round."""
         config = self._config
-        more = self._rounds < config.rounds and step + 1 < self._stop
+        more = self._rounds < config.rounds and step + 1 < self._refinements.stop
         return more and step >= config.start - config.every
 
     @torch.no_grad()
-    def observe(self, context: StepContext) -> None:
+    def observe(
+        self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
+    ) -> None:
         """Keep how wrong each patch is; no synchronisation."""
         if not self._looks(context.step):
             return
@@ -168,26 +180,18 @@ class GuidedSampling:
             )
 
     @torch.no_grad()
-    def refine(
-        self,
-        done: int,
-        table: SplatTable,
-        model: PrimitiveModel,
-        generator: torch.Generator,
-        max_rows: int,
-    ) -> Refinement:
-        """Add rows if a round is due.
-
-        Args:
-            done: steps done.
-            table: of the model's rows.
-            model: says what a new row is.
-            generator: draws depths.
-            max_rows: no rows beyond this number; 0: no limit.
-        """
-        config = self._config
+    def refine(self, context: RefineContext) -> Refinement:
+        """Add rows if a round is due."""
+        config, done, table = self._config, context.done, context.table
+        if done >= self._refinements.stop:
+            self.forget()
+        held = context.limits.hold or not context.limits.may_grow
+        if held or not self._refinements.due(done):
+            return {}
         if self._rounds >= config.rounds or done < config.start + self._rounds * config.every:
             return {}
+        assert isinstance(context.model, DensifiableModel)
+        max_rows = context.limits.most_rows(self._max_rows)
         self._rounds += 1
         before = len(table)
         for view in self._worst_views():
@@ -198,10 +202,10 @@ class GuidedSampling:
             # Patches without an error have none to correct, however few the others are.
             chosen = seen.errors.flatten().argsort(descending=True, stable=True)[:number]
             chosen = chosen[seen.errors.flatten()[chosen] > 0]
-            points, sizes = _along_rays(seen, chosen, self._box, generator)
+            points, sizes = _along_rays(seen, chosen, self._box, context.generator)
             colors = seen.colors.flatten(0, 1)[chosen].repeat(DEPTHS, 1).clamp(0.0, 1.0)
             time = None if seen.time is None else float(seen.time)
-            table.append(model.rows_at(points, colors, sizes, time))
+            table.append(context.model.rows_at(points, colors, sizes, time))
         if self._rounds >= config.rounds:
             self.forget()
         return {"guided": len(table) - before}
@@ -219,9 +223,7 @@ class GuidedSampling:
         return [views[index] for index in order[:WORST_VIEWS].tolist()]
 
     def state_dict(self) -> dict[str, Any]:
-        """Rounds done, and what is kept of each view; empty where there are no rounds."""
-        if self._config.rounds == 0:
-            return {}
+        """Rounds done, and the errors of each view."""
         seen = {view: kept.state_dict() for view, kept in self._seen.items()}
         return {"rounds": self._rounds, "seen": seen}
 

@@ -22,19 +22,18 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.capabilities import Feature, Needs
-from gsfw.core.config import steps_field
+from gsfw.core.config import StrategyConfig, steps_field
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
-from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.model import Children, DensifiableModel, PrimitiveModel
+from gsfw.core.refinement.row_statistics import RowStatistics
+from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
-from gsfw.core.strategy import DensityStrategy, Refinement
 from gsfw.core.table import SplatTable
-from gsfw.strategies.budget import BudgetConfig
-from gsfw.strategies.count_control import CountControl
-from gsfw.strategies.row_statistics import RowStatistics
+from gsfw.strategies.rounds import RefinementRounds
 
 POSITIONS = "means"
 """The column whose learning rate the noise follows."""
@@ -47,7 +46,7 @@ AT_LEAST_ZERO = (
 
 
 @dataclass
-class McmcConfig(BudgetConfig):
+class McmcConfig(StrategyConfig):
     """Settings of MCMC density control; steps are those of a run of 30,000."""
 
     recommended: ClassVar[Mapping[str, Any]] = {"init_opacity": 0.5, "init_scale": 0.1}
@@ -67,20 +66,20 @@ class McmcConfig(BudgetConfig):
     """Weight of the mean opacity in the loss."""
     scale_reg: float = 0.01
     """Weight of the mean scale, in scene units, in the loss."""
-    refine_start: int = steps_field(500, at_least=100)
+    refine_start: int = steps_field(500, floor=100)
     """No relocation and no growth up to this step."""
     refine_stop: int = steps_field(25_000)
     """No relocation and no growth from this step on."""
-    refine_every: int = steps_field(100, at_least=20)
+    refine_every: int = steps_field(100, floor=20)
     """Steps between refinements; short runs refine, and so grow, in fewer rounds."""
 
     def needs(self) -> Needs:
-        """The gradient that some of the copies are drawn by, and what a budget looks at."""
+        """Rows to relocate, and the gradient that some of the copies are drawn by."""
         drawn_by = frozenset({Feature.SCREEN_GRADIENT} if self.gradient_share else ())
-        return Needs(features=drawn_by | super().needs().features)
+        return Needs(features=drawn_by, densifiable=True)
 
-    def build(self, scene: Scene) -> DensityStrategy:
-        """The strategy.
+    def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
+        """Relocation, growth and noise.
 
         Raises:
             ConfigError: a setting is out of range.
@@ -97,23 +96,23 @@ class McmcConfig(BudgetConfig):
             raise ConfigError(
                 f"strategy.gradient_share={self.gradient_share:g}: expected a number from 0 to 1."
             )
-        return MarkovChainMonteCarlo(self, scene)
+        return (MarkovChainMonteCarlo(self),)
 
 
-class MarkovChainMonteCarlo(DensityStrategy):
+class MarkovChainMonteCarlo(Refiner):
     """Relocates, grows and perturbs."""
 
-    def __init__(self, config: McmcConfig, scene: Scene) -> None:
+    name = "mcmc"
+
+    def __init__(self, config: McmcConfig) -> None:
         self._config = config
-        self._count = CountControl(config, scene)
+        self._rounds = RefinementRounds(
+            config.refine_start, config.refine_every, config.refine_stop
+        )
         self._seen: RowStatistics | None = None
 
     def statistics(self, step: int) -> frozenset[Statistic]:
-        """The screen gradient where rows are drawn by it, and what a budget looks at."""
-        return self._gradient(step) | self._count.statistics(step)
-
-    def _gradient(self, step: int) -> frozenset[Statistic]:
-        """The gradient where rows are drawn by it, as long as any are to be drawn."""
+        """The screen gradient where rows are drawn by it, as long as any are to be drawn."""
         gathers = self._config.gradient_share > 0 and step + 1 < self._config.refine_stop
         return frozenset({Statistic.SCREEN_GRADIENT} if gathers else ())
 
@@ -127,41 +126,46 @@ class MarkovChainMonteCarlo(DensityStrategy):
     def observe(
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
-        """Gather gradients where rows are drawn by them: opacities say what is dead."""
-        self._count.observe(context, statistics)
+        """Add up gradients by row where rows are drawn by them."""
         gradient = statistics.screen_gradient
-        if gradient is None or not self._gradient(context.step):
+        if gradient is None or not self.statistics(context.step):
             return
         if self._seen is None:
             self._seen = RowStatistics(context.num_rows, gradient.device)
-        views_in_step = len(context.batch.views) / context.share
-        self._seen.add(
-            gradient * views_in_step, statistics.radii, statistics.visible, context.splats.rows
-        )
+        self._seen.add(context, statistics, gradient)
 
-    def refine(
-        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
-    ) -> Refinement:
+    def growth_due(self, step: int) -> bool:
+        """Every ``refine_every`` steps between start and stop."""
+        return self._rounds.due(step + 1)
+
+    @property
+    def growth_ends(self) -> int:
+        """``refine_stop``."""
+        return self._config.refine_stop
+
+    def rows_edited(self) -> None:
+        """Drop the statistics of rows that are no more."""
+        self._seen = None
+
+    def refine(self, context: RefineContext) -> Refinement:
         """Relocate and grow every ``refine_every`` steps; add noise after every step."""
-        config, done = self._config, step + 1
+        config, table, model = self._config, context.table, context.model
+        assert isinstance(model, DensifiableModel)
         counts: dict[str, int] = {}
-        if pruned := self._count.advance(done, config.refine_stop, table, model):
-            self._seen, counts = None, {"pruned": pruned}
-        due = config.refine_start < done < config.refine_stop and done % config.refine_every == 0
-        if due and not self._count.is_looking(step):
-            self._count.before_growth(done, len(table))
-            counts |= {
-                "relocated": self._relocate(table, model, generator),
-                "added": self._grow(table, model, generator),
-            }
+        if self._rounds.due(context.done) and not context.limits.hold:
+            counts["relocated"] = self._relocate(table, model, context.generator)
+            if context.limits.may_grow:
+                limit = context.limits.most_rows(config.cap_max)
+                counts["added"] = self._grow(table, model, context.generator, limit)
             self._seen = None
-        if done >= config.refine_stop:
+        if context.done >= config.refine_stop:
             self._seen = None
-        model.perturb_(config.noise_lr * table.learning_rate(POSITIONS, step), generator)
+        rate = config.noise_lr * table.learning_rate(POSITIONS, context.step)
+        model.perturb_(rate, context.generator)
         return counts
 
     def _relocate(
-        self, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
+        self, table: SplatTable, model: DensifiableModel, generator: torch.Generator
     ) -> int:
         """Let every dead row become a copy of a live one."""
         opacities = model.opacities()
@@ -176,12 +180,12 @@ class MarkovChainMonteCarlo(DensityStrategy):
             self._seen = self._seen.taken(torch.cat([alive.nonzero()[:, 0], chosen]))
         return num_dead
 
-    def _grow(self, table: SplatTable, model: PrimitiveModel, generator: torch.Generator) -> int:
+    def _grow(
+        self, table: SplatTable, model: DensifiableModel, generator: torch.Generator, limit: int
+    ) -> int:
         """Add copies of rows drawn by opacity, up to the limit."""
-        if not self._count.grows:
-            return 0
         wanted = math.ceil(len(table) * (1.0 + self._config.growth))
-        number = min(wanted, self._count.most_rows(model, self._config.cap_max)) - len(table)
+        number = min(wanted, limit) - len(table)
         opacities = model.opacities()
         if number <= 0 or not bool(opacities.sum() > 0):
             return 0
@@ -201,29 +205,22 @@ class MarkovChainMonteCarlo(DensityStrategy):
 
     @staticmethod
     def _shared_out(
-        chosen: Int[Tensor, " r"], table: SplatTable, model: PrimitiveModel
+        chosen: Int[Tensor, " r"], table: SplatTable, model: DensifiableModel
     ) -> Children:
         """Copies of ``chosen``, once these rows have been thinned to make up for their copies."""
         sources, copies = chosen.unique(return_counts=True)
         table.replace(sources, model.relocated(sources, copies + 1))
         return model.clone_rows(chosen)
 
-    def report(self) -> Mapping[str, Any]:
-        """How the number of rows came about, under a budget."""
-        return self._count.report()
-
     def state_dict(self) -> dict[str, Any]:
-        """Gradients since the last refinement, where they are gathered, and a budget's state."""
-        gathered = {} if self._seen is None else self._seen.state_dict()
-        count = self._count.state_dict()
-        return {**gathered, "count": count} if count else gathered
+        """The gradients since the last refinement, where they are gathered."""
+        return {"gathered": {} if self._seen is None else self._seen.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on gathering."""
-        gathered = {name: sums for name, sums in state.items() if name != "count"}
+        """Continue from ``state``."""
+        gathered = state.get("gathered", {})
         device = gathered["views"].device if gathered else None
         self._seen = None if device is None else RowStatistics.restored(gathered, device)
-        self._count.load_state_dict(state.get("count", {}))
 
 
 def draw_rows(

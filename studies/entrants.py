@@ -11,6 +11,7 @@ from gsfw.core.capabilities import Capabilities, Needs, check_fit
 from gsfw.core.config import AUTO, RasterizerConfig
 from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT, PROFILES
+from gsfw.core.ranges import check_ranges
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.plugins.automatic import choose_device, load, rasterizer_capabilities
@@ -164,4 +165,5 @@ def _with_settings(config: RasterizerConfig, name: str, text: str) -> Rasterizer
                 f"{key}: {known[key].help}",
             ) from None
         config = replace(config, **{key: parsed})
+    check_ranges(config, f"rasterizer={name}: ")
     return config

@@ -15,6 +15,7 @@ from gsfw.core.callback import EvaluatedView
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.device import wait_for
+from gsfw.core.method import Method
 from gsfw.core.metrics import Metric
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
@@ -60,8 +61,7 @@ def draw(
     time: Float[Tensor, ""] | None = None,
 ) -> RenderOutput:
     """Draw a model as it is at ``time``, without gradients."""
-    cameras = model.cameras(cameras)
-    output = rasterizer.render(model.splats(time), cameras, model.settings(settings))
+    output = rasterizer.render(model.splats(time, cameras), cameras, settings)
     return model.decode(output, cameras)
 
 
@@ -75,8 +75,21 @@ def evaluate(
     device: torch.device,
     split: Split = Split.EVAL,
     on_view: Callable[[EvaluatedView], None] | None = None,
+    method: Method | None = None,
 ) -> Evaluation:
-    """Draw and compare every view of a split, one at a time."""
+    """Render and compare every view of a split, one at a time.
+
+    Args:
+        model: with its trained parameters.
+        rasterizer: renders it.
+        data: has the views.
+        metrics: by name.
+        settings: of the rendering.
+        device: of the model.
+        split: the views to compare with.
+        on_view: is called after each view.
+        method: adds its own metrics and images of each view; ``None`` for none.
+    """
     assert settings.background is not None
     views = data.views(split)
     watch = None
@@ -99,8 +112,12 @@ def evaluate(
         if watch is not None:
             figures |= watch.compare(index, picture, target, valid)
         per_view[index] = figures
+        images: Mapping[str, Tensor] = {}
+        if method is not None:
+            figures |= method.view_metrics(batch, output)
+            images = method.view_images(batch, output)
         if on_view is not None:
-            on_view(EvaluatedView(views.names[index], figures, target, picture))
+            on_view(EvaluatedView(views.names[index], figures, target, picture, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
     averages = means(per_view)
     if watch is None:

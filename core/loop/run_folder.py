@@ -16,7 +16,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
 
-CHECKPOINT_SCHEMA = 1
+CHECKPOINT_SCHEMA = 2
 """Number of the checkpoint layout; raised when an older gsfw could not read a newer file."""
 
 _STEP = re.compile(r"step_(\d+)\.pt$")
@@ -163,6 +163,8 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
             f"{path} cannot be read as a checkpoint: {type(error).__name__}.",
             "It may have been cut short in copying; use an earlier one.",
         ) from error
+    if isinstance(state, dict) and state.get("schema") == 1:
+        state = _upgraded(state)
     if not isinstance(state, dict) or state.get("schema") != CHECKPOINT_SCHEMA:
         found = state.get("schema") if isinstance(state, dict) else type(state).__name__
         raise DataError(
@@ -170,3 +172,16 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
             "It was written by another version of gsfw; use that one to read it.",
         )
     return state
+
+
+def _upgraded(state: Mapping[str, Any]) -> dict[str, Any]:
+    """A checkpoint of schema 1 (gsfw 0.1.0), in which the strategy had the state of all refiners.
+
+    Each refiner takes the state under its own name and ignores the others.
+    """
+    strategy = dict(state["strategy"])
+    budget, guided = strategy.pop("count", {}), strategy.pop("guided", {})
+    gathered = {"gathered": strategy, "may_grow": budget.get("stopped") is None}
+    refiners = {"budget": budget, "guided": guided, "adc": gathered, "mcmc": gathered}
+    others = {key: value for key, value in state.items() if key != "strategy"}
+    return {**others, "schema": CHECKPOINT_SCHEMA, "refiners": refiners}

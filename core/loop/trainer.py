@@ -5,38 +5,23 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
-from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
+from gsfw.core.loop.forward import Forward, RenderedBatch
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import psnr
-
-
-@dataclass
-class _Drawn:
-    """One batch of a step after its forward pass."""
-
-    context: StepContext
-    losses: Mapping[str, Tensor]
-    """Every weighted term."""
-    data_losses: tuple[str, ...]
-    """Names of the terms that compare with the pictures."""
-    total: Tensor
-    """Their sum, times what this batch counts in the step."""
 
 
 class Trainer:
@@ -93,102 +78,52 @@ class Trainer:
                     callback.close()
 
     def _one_step(self) -> None:
-        """One optimizer step and what follows from it."""
+        """One optimizer step, and the refinement, reports and checkpoints that follow it."""
         started = time.perf_counter()
-        parts, clock = self.parts, self._stopwatch
+        parts, step, clock = self.parts, self.step, self._stopwatch
+        forward = Forward(parts, self.plan)
         with clock.stage("load"):
             views = parts.sampler.next()
-            batches = self._load(views)
-        parts.method.prepare(self.step, parts.model, parts.optimizer, self._time_of(views[0]))
+            batches = forward.load(views, step)
+        parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
         num_views = sum(len(batch.views) for batch in batches)
-        drawn: list[_Drawn] = []
+        rendered: list[RenderedBatch] = []
         for batch in batches:
             with clock.stage("render"):
-                drawn.append(self._draw(batch, share=len(batch.views) / num_views))
+                rendered.append(forward.render(batch, step, len(batch.views) / num_views))
             with clock.stage("backward"):
-                drawn[-1].total.backward()
+                rendered[-1].total.backward()
         with clock.stage("optimize"):
-            finite = self._reduce([item.total for item in drawn])
-            parts.optimizer.step(self.step, finite, self._visible(drawn))
+            finite = self._reduce([item.total for item in rendered])
+            parts.optimizer.step(step, finite, self._visible(rendered))
             parts.model.project_()
             parts.corrections.project_()
         with clock.stage("refine"):
-            for item in drawn:
+            for item in rendered:
                 self._observe(item, finite)
             parts.optimizer.zero_gradients()
-            for refine in (parts.strategy.refine, parts.method.adapt):
-                self._refined.update(refine(self.step, parts.table, parts.model, parts.generator))
+            edits = parts.refiners.refine(
+                step, self.plan.steps, parts.table, parts.model, parts.generator
+            )
+            self._refined.update(edits)
         clock.step_done()
         self.step += 1
         self.train_seconds += time.perf_counter() - started
-        self._follow_up(drawn)
+        self._follow_up(rendered)
 
-    def _observe(self, item: _Drawn, finite: Tensor) -> None:
-        """Let strategy and sampler take note of a batch; of one that was not finite, nothing."""
+    def _observe(self, item: RenderedBatch, finite: Tensor) -> None:
+        """Pass a batch to refiners and sampler; if it was not finite, with zeros."""
         parts, context = self.parts, item.context
         statistics = parts.reducer.statistics(context.rendered.statistics.where(finite))
-        parts.strategy.observe(context, statistics, parts.model)
+        parts.refiners.observe(context, statistics, parts.model)
         with torch.no_grad():
-            loss = torch.stack([item.losses[name] for name in item.data_losses]).sum()
             views = context.batch.views
-            parts.sampler.observe(views, torch.where(finite, loss, 0.0).expand(len(views)))
+            loss = torch.where(finite, item.data_loss, 0.0)
+            parts.sampler.observe(views, loss.expand(len(views)))
 
     def _time_of(self, view: int) -> float | None:
         """When a training view was taken, in [0, 1]; known to the host."""
         return None if self._times is None else self._times[view]
-
-    def _load(self, views: tuple[int, ...]) -> list[Batch]:
-        parts = self.parts
-        parts.data.prefetch(Split.TRAIN, parts.sampler.peek(self.plan.prefetch_views))
-        alone = parts.method.looks_at_single_views(self.step)
-        groups = [(view,) for view in views] if alone else [views]
-        batches = [
-            batch for group in groups for batch in parts.data.load(Split.TRAIN, group, parts.device)
-        ]
-        return [self.plan.resolution.reduce(batch, self.step) for batch in batches]
-
-    def _draw(self, batch: Batch, share: float) -> _Drawn:
-        """Forward pass of one batch, whose loss counts ``share`` of the step's."""
-        parts = self.parts
-        batch = parts.method.prepare_batch(batch, self.step)
-        batch = replace(batch, cameras=parts.model.cameras(batch.cameras))
-        splats = parts.model.splats(batch.time)
-        settings = replace(
-            self.plan.settings,
-            background=self._background(),
-            statistics=parts.strategy.statistics(self.step),
-            depth=parts.strategy.depth(self.step),
-        )
-        output = parts.rasterizer.render(splats, batch.cameras, parts.model.settings(settings))
-        assert settings.background is not None
-        rendered = parts.model.decode(output, batch.cameras)
-        context = StepContext(
-            step=self.step,
-            steps=self.plan.steps,
-            phase=parts.method.phase(self.step),
-            batch=batch,
-            splats=splats,
-            rendered=parts.corrections.expose(rendered, batch.views, settings.background),
-            target=batch.target(settings.background),
-            num_rows=len(parts.table),
-            share=share,
-            extent=parts.data.scene.extent,
-            operators=parts.operators,
-            generator=parts.generator,
-        )
-        data_losses = parts.method.losses(context)
-        losses = {
-            **data_losses,
-            **parts.model.regularizers(context),
-            **parts.strategy.regularizers(context),
-        }
-        total = torch.stack(list(losses.values())).sum() * (share * batch.weight)
-        return _Drawn(context, losses, tuple(data_losses), total)
-
-    def _background(self) -> Tensor | None:
-        if not self.plan.random_background:
-            return self.plan.settings.background
-        return torch.rand(3, generator=self.parts.generator, device=self.parts.device)
 
     def _reduce(self, totals: list[Tensor]) -> Tensor:
         """Average gradients over processes; whether loss and gradients are finite."""
@@ -200,10 +135,10 @@ class Trainer:
         self._skipped_in_a_row = (self._skipped_in_a_row + 1) * ~finite
         return finite
 
-    def _visible(self, drawn: list[_Drawn]) -> Tensor:
+    def _visible(self, rendered: list[RenderedBatch]) -> Tensor:
         """Model rows that any view of the step saw."""
         visible = torch.zeros(len(self.parts.table), dtype=torch.bool, device=self.parts.device)
-        for item in drawn:
+        for item in rendered:
             seen = item.context.rendered.statistics.visible.any(0)
             rows = item.context.splats.rows
             if rows is not None:
@@ -219,12 +154,12 @@ class Trainer:
         wait_for(self.parts.device)
         self.train_seconds += time.perf_counter() - started
 
-    def _follow_up(self, drawn: list[_Drawn]) -> None:
+    def _follow_up(self, rendered: list[RenderedBatch]) -> None:
         plan, step = self.plan, self.step
         for callback in self.callbacks:
             callback.on_tick(step, self.control)
         if step % plan.log_every == 0 or step in (1, plan.steps):
-            self._report(drawn)
+            self._report(rendered)
         if step % min(plan.log_every, plan.max_skipped) == 0:
             self._check_skipped()
         if plan.eval_every and step % plan.eval_every == 0 and step < plan.steps:
@@ -235,20 +170,19 @@ class Trainer:
             self._checkpoint()
 
     @torch.no_grad()
-    def _report(self, drawn: list[_Drawn]) -> None:
+    def _report(self, rendered: list[RenderedBatch]) -> None:
         self._catch_up()
         losses: dict[str, float] = {}
-        for item in drawn:
+        for item in rendered:
             for name, value in item.losses.items():
-                share = item.context.share * item.context.batch.weight
-                losses[name] = losses.get(name, 0.0) + float(value) * share
-        context = drawn[0].context
+                losses[name] = losses.get(name, 0.0) + float(value) * item.context.share
+        context = rendered[0].context
         valid = None if context.batch.valid is None else context.batch.valid[0]
         full_width = self._widths[context.batch.views[0]]
         step_ms, stage_ms = self._stopwatch.read()
         report = StepReport(
             step=self.step,
-            loss=sum(float(item.total) for item in drawn),
+            loss=sum(float(item.total) for item in rendered),
             losses=losses,
             psnr=psnr(context.rendered.color[0], context.target[0], valid),
             num_gaussians=len(self.parts.table),
@@ -294,6 +228,7 @@ class Trainer:
             settings,
             parts.device,
             on_view=on_view,
+            method=parts.method,
         )
         for callback in self.callbacks:
             callback.on_evaluation(self.step, evaluation, self.control)
@@ -342,7 +277,7 @@ class Trainer:
             "model": dict(parts.model.state_dict()),
             "corrections": dict(parts.corrections.state_dict()),
             "optimizer": parts.optimizer.state_dict(),
-            "strategy": parts.strategy.state_dict(),
+            "refiners": parts.refiners.state_dict(),
             "sampler": parts.sampler.state_dict(),
             "method": parts.method.state_dict(),
             "generator": parts.generator.get_state(),
@@ -358,7 +293,7 @@ class Trainer:
         parts.model.load_state_dict(state["model"])
         parts.corrections.load_state(state)
         parts.optimizer.load_state_dict(state["optimizer"])
-        parts.strategy.load_state_dict(moved(state["strategy"], parts.device))
+        parts.refiners.load_state_dict(moved(state["refiners"], parts.device))
         parts.sampler.load_state_dict(moved(state["sampler"], parts.device))
         parts.method.load_state_dict(moved(state["method"], parts.device))
         if state["environment"]["device"] == parts.device.type:

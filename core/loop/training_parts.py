@@ -1,4 +1,4 @@
-"""TrainingParts and TrainingPlan: what a run is made of, and what happens when."""
+"""TrainingParts and TrainingPlan: the parts of a run, and its schedule."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.reducer import Reducer
+from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.sampler import Sampler
-from gsfw.core.strategy import DensityStrategy
 from gsfw.core.table import SplatTable
 
 
@@ -32,7 +32,7 @@ class TrainingPlan:
     eval_every: int
     checkpoint_every: int
     settings: RenderSettings
-    """How training views are drawn; the background is that of the evaluation too."""
+    """Settings of evaluation; ``Method.render_settings`` may change them for a step."""
     random_background: bool = False
     max_skipped: int = 20
     prefetch_views: int = 4
@@ -48,7 +48,8 @@ class TrainingParts:
     model: PrimitiveModel
     optimizer: Optimizer
     table: SplatTable
-    strategy: DensityStrategy
+    refiners: Refiners
+    """Everything that edits rows, in order: budget, strategy, method."""
     sampler: Sampler
     data: DataManager
     rasterizer: Rasterizer

@@ -30,7 +30,6 @@ from gsfw.methods.moving.method import MovingMethod
 if TYPE_CHECKING:
     from gsfw.methods.dynamic3d.config import TrackedGaussiansConfig
 
-BUILDING, TRACKING = "building", "tracking"
 MOVING = ("means", "quats")
 """Columns that begin with fresh moments at every time."""
 
@@ -67,10 +66,6 @@ class TrackedGaussiansMethod(MovingMethod):
             config.neighbors_per_step,
         )
         return TrackedGaussians(canonical, regularization, config.colors == "soft")
-
-    def phase(self, step: int) -> str:
-        """Building at the first time, then tracking."""
-        return BUILDING if self._first_step is None else TRACKING
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None

@@ -8,16 +8,17 @@ first time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column
 from gsfw.core.context import StepContext
-from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.dynamic3d.neighborhood import Neighborhood
 from gsfw.methods.dynamic3d.rigidity import rigidity
@@ -40,7 +41,7 @@ class Regularization:
     """How many of them a step looks at."""
 
 
-class TrackedGaussians(PrimitiveModel):
+class TrackedGaussians(DensifiableModel):
     """Rows that persist: each is the same piece of surface at all times."""
 
     def __init__(
@@ -95,7 +96,9 @@ class TrackedGaussians(PrimitiveModel):
         rows.means.values.copy_(2 * now.means - before.means)
         rows.quats.values.copy_(torch.nn.functional.normalize(quats, dim=1))
 
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
         """The Gaussians at ``time``, between the times beside it; at the first one for ``None``.
 
         Times that are still to come look as the current one.
@@ -148,7 +151,7 @@ class TrackedGaussians(PrimitiveModel):
         found, stored = super().summary(), self.trajectory.num_bytes()
         return {**found, "model_bytes": found["model_bytes"] + stored, "stored_bytes": stored}
 
-    # What a strategy may ask for, of the current time. What is stored goes with the rows.
+    # For density control, on the current time. What is stored goes with the rows.
 
     def opacities(self) -> Float[Tensor, " n"]:
         """Opacity of each row in [0, 1], the same at all times."""
@@ -190,6 +193,6 @@ class TrackedGaussians(PrimitiveModel):
         if not self.tracking:
             self.canonical.perturb_(rate, generator)
 
-    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
-        """Cap every opacity at ``limit``, in (0, 1)."""
-        return self.canonical.lower_opacities_(limit)
+    def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
+        """Change every opacity by a function, in place."""
+        return self.canonical.change_opacities_(function)

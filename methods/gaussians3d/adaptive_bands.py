@@ -19,16 +19,20 @@ parents were given.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.context import StepContext
 from gsfw.core.maths.spherical_harmonics import num_coefficients
-from gsfw.core.strategy import Refinement
-from gsfw.core.table import SplatTable
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.methods.gaussians3d.model import StaticGaussians
+
+if TYPE_CHECKING:
+    from gsfw.methods.gaussians3d.config import BandsConfig
 
 PRICE_STEPS = 40
 """Halvings of the price's logarithm: they leave it uncertain by 1e-10 of its range."""
@@ -36,53 +40,58 @@ LEAST_PRICE = 1e-16
 """Of the highest price that can matter; what costs less than this is free."""
 
 
-@dataclass(frozen=True)
-class AdaptiveBands:
+class AdaptiveBands(Refiner):
     """Rounds, before each of which the gradients of every view, or of ``every`` steps, are seen."""
 
-    every: int
-    """Steps between rounds."""
-    grow_stop: int
-    """Rows gain bands up to this step, and lose them after it."""
-    stop: int
-    """No round after this step."""
-    share: float
-    """Part of the floats of the highest degree that colours have after the last round."""
-    signal: float
-    """Ratio above which a row needs another band; 1 is noise."""
-    views: int
-    """Training views."""
+    name = "bands"
+
+    def __init__(self, config: BandsConfig, gaussians: StaticGaussians, views: int) -> None:
+        """Take the Gaussians, whose degrees differ.
+
+        Args:
+            config: schedule, and number of bands.
+            gaussians: the rows.
+            views: number of training views.
+        """
+        self._config, self._gaussians, self._views = config, gaussians, views
+
+    def _to_round(self, done: int) -> int | None:
+        """Steps from now to the next round; ``None`` after the last one."""
+        ahead = -done % self._config.every
+        return ahead if done + ahead <= self._config.stop else None
 
     @property
     def _window(self) -> int:
         """Steps before a round in which evidence is gathered."""
-        return min(self.views, self.every - 1)
+        return min(self._views, self._config.every - 1)
 
-    def _to_round(self, done: int) -> int | None:
-        """Steps from now to the next round; ``None`` after the last one."""
-        ahead = -done % self.every
-        return ahead if done + ahead <= self.stop else None
-
-    def gathers(self, step: int) -> bool:
-        """Whether the gradients of ``step``, counted from 0, are evidence."""
+    def needs_view_gradients(self, step: int) -> bool:
+        """In the steps before a round, whose gradients are evidence."""
         ahead = self._to_round(step + 1)
         return ahead is not None and ahead < self._window
 
-    def adapt(self, step: int, table: SplatTable, model: StaticGaussians) -> Refinement:
-        """After each refinement: make room for evidence, or decide; what was done, by verb."""
-        done = step + 1
+    def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:
+        """Watch the gradients of colours in the steps before a round."""
+        evidence = self._gaussians.evidence
+        if evidence is not None and self.needs_view_gradients(context.step):
+            evidence.watch(context, self._gaussians.degrees())
+
+    def refine(self, context: RefineContext) -> Refinement:
+        """Make room for evidence, or let rows gain or lose bands."""
+        config, gaussians, table = self._config, self._gaussians, context.table
+        done, evidence = context.done, self._gaussians.evidence
+        assert evidence is not None
         ahead = self._to_round(done)
-        if ahead == self._window and done + ahead <= self.grow_stop:
-            table.resize("band_evidence", missing_band(model))
+        if ahead == self._window and done + ahead <= config.grow_stop:
+            table.resize("band_evidence", missing_band(gaussians))
         if ahead != 0:
             return {}
-        assert model.evidence is not None
-        before = model.degrees()
-        if done <= self.grow_stop:
-            after = before + model.evidence.needed(self.signal).long()
+        before = gaussians.degrees()
+        if done <= config.grow_stop:
+            after = before + evidence.needed(config.signal).long()
         else:
-            after = thinned(model, self._allowed(done, model))
-        model.evidence.forget_()
+            after = thinned(gaussians, self._allowed(done, gaussians))
+        evidence.forget_()
         table.resize("sh_rest", (after + 1) ** 2 - 1)
         table.resize("band_evidence", torch.zeros_like(after))
         change = after - before
@@ -96,9 +105,9 @@ class AdaptiveBands:
 
         The rounds that are left go to the share in equal ratios; to none, by halves.
         """
-        left = (self.stop - done) // self.every + 1
+        left = (self._config.stop - done) // self._config.every + 1
         used = float(((model.degrees() + 1) ** 2 - 1).sum())
-        target = model.num_rows * (self.share * num_coefficients(model.degree) - 1.0)
+        target = model.num_rows * (self._config.share * num_coefficients(model.degree) - 1.0)
         if used <= target or used == 0:
             return used
         if target <= 0:

@@ -78,7 +78,7 @@ class BandsConfig:
     rate: float = 4.0
     """The rate of the bands begins at this many times optim.sh_rest_lr, where it ends: what is on
     trial has little time to show its worth."""
-    every: int = steps_field(1000, at_least=50)
+    every: int = steps_field(1000, floor=50)
     """Steps between looks at which splats gain or lose a band."""
     grow_stop: int = steps_field(5000)
     """Splats gain bands up to this step, and lose them after it."""

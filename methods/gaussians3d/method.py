@@ -8,11 +8,12 @@ and in leaving out points that coincide or that lie at a camera.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 from torch import Tensor
 
+from gsfw.core.column import Column
 from gsfw.core.config import AUTO
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
@@ -20,10 +21,9 @@ from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
+from gsfw.core.refiner import Refiner
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
-from gsfw.core.strategy import Refinement
-from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.adaptive_bands import AdaptiveBands
 from gsfw.methods.gaussians3d.initialisation import (
     degrees_of,
@@ -46,13 +46,19 @@ RANDOM_COST = (
 
 
 class StaticGaussiansMethod(Method):
-    """L1 and SSIM, a growing SH degree, and Gaussians that stay where they are in time."""
+    """L1 and SSIM, a growing SH degree, and Gaussians that stay where they are in time.
+
+    To extend it, derive from it: name another ``model_class``, add ``extra_columns``, override
+    ``losses``. The config's ``build`` makes the derived method.
+    """
+
+    model_class: ClassVar[type[StaticGaussians]] = StaticGaussians
+    """The class of the model that is built."""
 
     def __init__(self, config: GaussiansConfig, ignore_time: bool = False) -> None:
         self._config = config
         self._ignore_time = ignore_time
         self._first_degree = 0
-        self._bands: AdaptiveBands | None = None
 
     def check_scene(self, scene: Scene) -> None:
         """Refuse captures that move, and init=points where there are none.
@@ -134,13 +140,20 @@ class StaticGaussiansMethod(Method):
         else:
             start = self._from_scene(scene, operators, generator)
         rates = config.learning_rates(scene.extent)
-        if config.sh != "adaptive" or config.sh_degree == 0:
-            return StaticGaussians(start, rates)
-        bands, views = config.bands, len(scene.camera_centers)
-        self._bands = AdaptiveBands(
-            bands.every, bands.grow_stop, bands.stop, bands.share, bands.signal, views
-        )
-        return StaticGaussians(start, rates, degrees_of(start.sh))
+        degrees = degrees_of(start.sh) if config.sh == "adaptive" and config.sh_degree else None
+        extra = self.extra_columns(scene, len(start.means))
+        return self.model_class(start, rates, degrees, extra)
+
+    def extra_columns(self, scene: Scene, count: int) -> Mapping[str, Column]:
+        """Further columns of the model, by name, for ``count`` rows; none by default."""
+        return {}
+
+    def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
+        """Adaptive bands under sh=adaptive."""
+        assert isinstance(model, StaticGaussians)
+        if model.evidence is None:
+            return ()
+        return (AdaptiveBands(self._config.bands, model, len(scene.camera_centers)),)
 
     def _from_scene(
         self, scene: Scene, operators: Operators, generator: torch.Generator
@@ -185,20 +198,8 @@ class StaticGaussiansMethod(Method):
         Where each splat has a degree of its own, that is the schedule.
         """
         assert isinstance(model, StaticGaussians)
-        if self._bands is not None:
-            model.gathering = self._bands.gathers(step)
+        if model.evidence is not None:
             return
         interval = self._config.sh_degree_interval
         scheduled = (step + 1) // interval if interval > 0 else model.degree
         model.active_degree = min(max(scheduled, self._first_degree), model.degree)
-
-    def looks_at_single_views(self, step: int) -> bool:
-        """In steps whose gradients say which splats need more bands."""
-        return self._bands is not None and self._bands.gathers(step)
-
-    def adapt(
-        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
-    ) -> Refinement:
-        """With sh=adaptive, let splats gain and lose bands when it is time."""
-        assert isinstance(model, StaticGaussians)
-        return {} if self._bands is None else self._bands.adapt(step, table, model)

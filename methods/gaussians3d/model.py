@@ -7,18 +7,18 @@ through a sigmoid. Quaternions are left at any norm, as there: rasterizers norma
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor
+from torch import Tensor, nn
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Layout, Rows
-from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.maths.spherical_harmonics import degree_of, num_coefficients, rgb_to_dc
-from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.band_evidence import BandEvidence
 from gsfw.methods.gaussians3d.relocation import coincident_copies
@@ -47,12 +47,15 @@ class GaussianParameters:
     sh: Float[Tensor, "n k 3"]
 
 
-class StaticGaussians(PrimitiveModel):
+class StaticGaussians(DensifiableModel):
     """Gaussians that do not change with time.
 
-    ``active_degree`` is the SH degree drawn and trained now, and ``gathering`` whether gradients
-    are evidence for bands. Both follow from the step, which is why they are not part of the state;
-    until a method lowers it, all bands are drawn.
+    ``active_degree`` is the SH degree that is rendered and trained now. It follows from the step,
+    which is why it is not part of the state; until a method lowers it, all bands are rendered.
+
+    To extend them, give ``extra`` columns (``StaticGaussiansMethod.extra_columns``): density
+    control, optimizer, checkpoints and model files take them along. Override ``splats`` to render
+    them, ``regularizers`` to add losses, ``extra_rows`` for their values in new rows.
     """
 
     def __init__(
@@ -60,6 +63,7 @@ class StaticGaussians(PrimitiveModel):
         start: GaussianParameters,
         rates: Mapping[str, LearningRate],
         degrees: Int[Tensor, " n"] | None = None,
+        extra: Mapping[str, Column] | None = None,
     ) -> None:
         """Take parameters over.
 
@@ -67,6 +71,7 @@ class StaticGaussians(PrimitiveModel):
             start: values.
             rates: of each column.
             degrees: SH degree of each row, which may change then; ``None``: the same for all.
+            extra: further columns, by name, of as many rows.
         """
         super().__init__()
         self.degree = degree_of(start.sh.shape[1])
@@ -78,7 +83,7 @@ class StaticGaussians(PrimitiveModel):
         self.sh_dc = Column(start.sh[:, :1], rates["sh_dc"])
         self.sh_rest: Column | None = None
         self.evidence: BandEvidence | None = None
-        self.gathering = False
+        self.extra = nn.ModuleDict(dict(extra or {}))
         if self.degree > 0 and degrees is None:
             self.sh_rest = Column(start.sh[:, 1:], rates["sh_rest"], bands=True)
         elif degrees is not None:
@@ -88,9 +93,9 @@ class StaticGaussians(PrimitiveModel):
             self.evidence = BandEvidence(len(start.sh))
 
     def columns(self) -> Mapping[str, Column]:
-        """Means, quats, log_scales, opacity_logits, sh_dc, and sh_rest above degree 0.
+        """Means, quats, log_scales, opacity_logits, sh_dc, sh_rest above degree 0, and extra ones.
 
-        Rows of different degrees have what says which of them need more bands, besides.
+        Rows of different degrees have evidence of the bands that they need, besides.
         """
         always = {
             "means": self.means,
@@ -99,12 +104,22 @@ class StaticGaussians(PrimitiveModel):
             "opacity_logits": self.opacity_logits,
             "sh_dc": self.sh_dc,
         }
-        if self.sh_rest is None:
-            return always
+        if self.sh_rest is not None:
+            always["sh_rest"] = self.sh_rest
         evidence = {} if self.evidence is None else self.evidence.columns()
-        return {**always, "sh_rest": self.sh_rest, **evidence}
+        return {**always, **evidence, **self._extra_columns()}
 
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+    def _extra_columns(self) -> dict[str, Column]:
+        return {name: column for name, column in self.extra.items() if isinstance(column, Column)}
+
+    def extra_rows(self, name: str, count: int) -> Rows:
+        """Values of an extra column in ``count`` new rows that copy no other: zeros."""
+        column = self._extra_columns()[name]
+        return Rows(column.values.new_zeros(count, *column.values.shape[1:]))
+
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
         """The activated Gaussians, the same at every time."""
         return Splats(
             means=self.means.values,
@@ -126,12 +141,6 @@ class StaticGaussians(PrimitiveModel):
             return torch.full((self.num_rows,), self.degree, device=self.means.values.device)
         return ((self.sh_rest.offsets.diff() + 1).double().sqrt().round() - 1).long()
 
-    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """None; where rows have different degrees, their gradients are watched from here on."""
-        if self.evidence is not None and self.gathering:
-            self.evidence.watch(context, self.degrees())
-        return {}
-
     def active_bands(self) -> int:
         """Coefficients above the constant one that are drawn and trained now."""
         return num_coefficients(self.active_degree) - 1
@@ -141,7 +150,7 @@ class StaticGaussians(PrimitiveModel):
         """Keep scales where exp neither overflows nor vanishes, at any learning rate."""
         self.log_scales.values.clamp_(MIN_LOG_SCALE, MAX_LOG_SCALE)
 
-    # What a strategy may ask for.
+    # For density control.
 
     @torch.no_grad()
     def opacities(self) -> Float[Tensor, " n"]:
@@ -187,6 +196,7 @@ class StaticGaussians(PrimitiveModel):
             "sh_dc": rgb_to_dc(colors.to(means))[:, None],
         }
         rows = {name: Rows(rows) for name, rows in values.items()}
+        rows |= {name: self.extra_rows(name, count) for name in self._extra_columns()}
         if self.evidence is not None:
             none = torch.zeros(count, dtype=torch.int64, device=means.device)
             return {
@@ -221,9 +231,12 @@ class StaticGaussians(PrimitiveModel):
         means.add_((shaped * (rate * strength)).T)
 
     @torch.no_grad()
-    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
-        """Cap every opacity at ``limit``, in (0, 1)."""
-        self.opacity_logits.values.clamp_(max=math.log(limit / (1.0 - limit)))
+    def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
+        """Change opacities by a function; logits of those that it leaves alone keep their bits."""
+        logits = self.opacity_logits.values
+        before = logits.double().sigmoid()
+        after = function(before)
+        logits.copy_(torch.where(after == before, logits, after.logit().to(logits)))
         return ("opacity_logits",)
 
 

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 MAX_TIMES = 100
 """Most cells along time when they follow from the capture (Wu et al. 2024 have 25 to 150)."""
-COARSE, FINE = "coarse", "fine"
 
 
 class DeformationMethod(MovingMethod):
@@ -70,16 +69,12 @@ class DeformationMethod(MovingMethod):
             self.still_rows(replace(scene, point_times=None), canonical.num_rows, initial),
         )
 
-    def phase(self, step: int) -> str:
-        """Coarse for the first ``coarse_steps``, then fine."""
-        return COARSE if step < self._config.coarse_steps else FINE
-
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
         """Let the field and the SH degree follow the step."""
         assert isinstance(model, DeformedGaussians)
-        model.deforming = self.phase(step) == FINE
+        model.deforming = step >= self._config.coarse_steps
         super().prepare(step, model, optimizer, time)
 
 

@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column
 from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
@@ -71,7 +72,9 @@ class DeformedGaussians(MovingGaussians):
             if parameters
         )
 
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
         """The Gaussians as they are at ``time``; without one, as they are in canonical space."""
         still = self.canonical.splats()
         if time is None or not self.deforming:
@@ -102,7 +105,7 @@ class DeformedGaussians(MovingGaussians):
         """Whether the field is there yet."""
         return self.deforming
 
-    def penalties(self, context: StepContext) -> Mapping[str, Tensor]:
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Those of the field, while it is trained."""
         return self.field.regularizers() if self.deforming else {}
 
@@ -110,7 +113,7 @@ class DeformedGaussians(MovingGaussians):
         """Keep the canonical Gaussians in range."""
         self.canonical.project_()
 
-    # What a strategy may ask for, of the canonical Gaussians.
+    # For density control, on the canonical Gaussians.
 
     def opacities(self) -> Float[Tensor, " n"]:
         """Canonical opacity of each row in [0, 1]."""

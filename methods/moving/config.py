@@ -18,7 +18,7 @@ class MovingConfig(GaussiansConfig):
     parameters of time, cost nothing of it, and can come back."""
     static_start: int = steps_field(1000)
     """Steps before any splat changes whether it stands still (static=auto)."""
-    static_every: int = steps_field(100, at_least=50)
+    static_every: int = steps_field(100, floor=50)
     """Steps between looks at which splats are to stand still, and which are to move again."""
     static_tolerance: float = 0.1
     """A splat is to stand still if, over the sequence, it moves by less than this part of its

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.column import Column, Layout, Rows
-from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
-from gsfw.core.model import Children, PrimitiveModel
+from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.moving.still_rows import StillRows
 
 
-class MovingGaussians(PrimitiveModel):
+class MovingGaussians(DensifiableModel):
     """Static Gaussians, ``canonical``, and what changes them with time.
 
     With ``still`` only some rows change, which are those that have values in the temporal columns,
@@ -34,10 +33,6 @@ class MovingGaussians(PrimitiveModel):
     @abstractmethod
     def temporal_columns(self) -> Mapping[str, Column]:
         """What rows that change have besides, by name."""
-
-    @abstractmethod
-    def penalties(self, context: StepContext) -> Mapping[str, Tensor]:
-        """Weighted scalars to add to the loss, by name."""
 
     @abstractmethod
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
@@ -78,12 +73,6 @@ class MovingGaussians(PrimitiveModel):
     def active_bands(self) -> int:
         """Those of the canonical Gaussians."""
         return self.canonical.active_bands()
-
-    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """The method's penalties; rows that may gain a parameter are watched from here on."""
-        if self.still is not None and context.batch.time is not None:
-            self.still.watch(context.splats, context.batch.time)
-        return {**self.canonical.regularizers(context), **self.penalties(context)}
 
     # Which rows change.
 
@@ -167,9 +156,9 @@ class MovingGaussians(PrimitiveModel):
         counts = {"static_rows": static, "moving_rows": self.num_rows - static}
         return {**super().summary(), **counts, "static_share": round(static / rows, 4)}
 
-    def lower_opacities_(self, limit: float) -> tuple[str, ...]:
-        """Cap every canonical opacity at ``limit``, in place."""
-        return self.canonical.lower_opacities_(limit)
+    def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
+        """Change every canonical opacity by a function, in place."""
+        return self.canonical.change_opacities_(function)
 
 
 def moving_children(children: Children) -> Int[Tensor, " m"] | None:

@@ -13,17 +13,16 @@ from gsfw.core.context import StepContext
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.refiner import Refiner
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
-from gsfw.core.strategy import Refinement
-from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.config import GaussiansConfig
 from gsfw.methods.gaussians3d.initialisation import usable_rows
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.methods.moving.config import MovingConfig
 from gsfw.methods.moving.gaussians import MovingGaussians
 from gsfw.methods.moving.scene import as_static, check_times
-from gsfw.methods.moving.settling import settle
+from gsfw.methods.moving.settling import Settling
 from gsfw.methods.moving.still_rows import StillRows
 
 
@@ -96,29 +95,14 @@ class MovingMethod(Method):
         assert isinstance(model, MovingGaussians)
         self._static.prepare(step, model.canonical, optimizer, time)
 
-    def looks_at_single_views(self, step: int) -> bool:
-        """Where method 3dgs does."""
-        return self._static.looks_at_single_views(step)
-
-    def adapt(
-        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
-    ) -> Refinement:
-        """With sh=adaptive and static=auto, look now and then at what rows need.
-
-        The one at which bands their colours have, the other at which of them are to stand still.
-        """
+    def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
+        """Adaptive bands under sh=adaptive, settling under static=auto."""
         if not isinstance(model, MovingGaussians):
-            return {}  # Tracked rows are what they are from the first time on.
-        bands = self._static.adapt(step, table, model.canonical, generator)
-        return {**bands, **self._settle(step, table, model)}
-
-    def _settle(self, step: int, table: SplatTable, model: MovingGaussians) -> Refinement:
-        config, done = self._settling, step + 1
-        if config is None or config.static == "none" or not model.changing:
-            return {}
-        if done <= config.static_start or done % config.static_every:
-            return {}
-        return settle(model, table, tolerance=config.static_tolerance, signal=config.static_signal)
+            return ()  # Tracked rows are what they are from the first time on.
+        bands, config = self._static.refiners(scene, model.canonical), self._settling
+        if config is None or model.still is None:
+            return bands
+        return (*bands, Settling(config, model))
 
     def state_dict(self) -> dict[str, Any]:
         """That of method 3dgs."""

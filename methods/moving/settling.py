@@ -12,18 +12,24 @@ for good; Ex4DGS (2024) turns the few static ones that drift the most into dynam
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.context import StepContext
 from gsfw.core.maths.principal_axes import with_axes
 from gsfw.core.maths.spherical_harmonics import C0
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.splats import Sh, Splats
-from gsfw.core.strategy import Refinement
 from gsfw.core.table import SplatTable
 from gsfw.methods.moving.covariances import covariances
 from gsfw.methods.moving.gaussians import MovingGaussians
+
+if TYPE_CHECKING:
+    from gsfw.methods.moving.config import MovingConfig
 
 INSTANTS = 9
 """Times at which rows are looked at: eighths of the sequence. Fields and polynomials bend less."""
@@ -31,6 +37,40 @@ MIN_OPACITY, MAX_OPACITY = 1e-6, 1 - 1e-6
 """A saturated sigmoid has no gradient to come back by."""
 FLATTEST = 1e-4
 """Thinnest to thickest axis: rounding leaves less of a flat Gaussian's covariance undefined."""
+
+
+class Settling(Refiner):
+    """Compares rows at several times every so many steps; lets them stop, or start to move."""
+
+    name = "settling"
+
+    def __init__(self, config: MovingConfig, model: MovingGaussians) -> None:
+        """Take a model of which some rows may stand still.
+
+        Args:
+            config: schedule, tolerance and signal.
+            model: has ``still``.
+        """
+        self._config, self._model = config, model
+
+    def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:
+        """Watch the gradients of rows that stand still."""
+        still, time = self._model.still, context.batch.time
+        if still is not None and time is not None:
+            still.watch(context.splats, time)
+
+    def refine(self, context: RefineContext) -> Refinement:
+        """Let rows stop and start, every ``static_every`` steps after ``static_start``."""
+        config, done = self._config, context.done
+        due = done > config.static_start and done % config.static_every == 0
+        if not due or not self._model.changing:
+            return {}
+        return settle(
+            self._model,
+            context.table,
+            tolerance=config.static_tolerance,
+            signal=config.static_signal,
+        )
 
 
 @dataclass

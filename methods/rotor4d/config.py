@@ -70,7 +70,7 @@ class SlicedGaussiansConfig(MovingConfig):
     """Weight of the opacities' entropy, which makes splats opaque or vanish."""
     velocity_reg: float = 0.05
     """Weight of how much velocities, in extents per sequence, differ from those nearby."""
-    neighbors_every: int = steps_field(100, at_least=50)
+    neighbors_every: int = steps_field(100, floor=50)
     """Steps after which each splat's neighbours are looked for again."""
     optim: SlicedGaussiansOptim = field(default_factory=SlicedGaussiansOptim)
 

@@ -20,6 +20,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Rows
 from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
@@ -127,7 +128,9 @@ class SlicedGaussians(MovingGaussians):
 
     # Drawing.
 
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
         """The slices that can be seen at ``time``; at 0, where a file begins, for ``None``.
 
         A GPU is waited for, as it decides how many there are.
@@ -196,7 +199,7 @@ class SlicedGaussians(MovingGaussians):
 
     # Training.
 
-    def penalties(self, context: StepContext) -> Mapping[str, Tensor]:
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Entropy of the opacities, and how much velocities differ from those nearby."""
         weight, rows = self._regularization, context.splats.rows
         terms: dict[str, Tensor] = {}
@@ -261,7 +264,7 @@ class SlicedGaussians(MovingGaussians):
         log_scales.copy_(stretched if rows is None else log_scales.index_copy(0, rows, stretched))
         log_durations.copy_(torch.where(short[:, 3], longer, log_durations))
 
-    # What a strategy may ask for.
+    # For density control.
 
     # Of rows that change:
 

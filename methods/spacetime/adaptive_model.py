@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import Children
@@ -92,7 +93,9 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
 
     # Drawing.
 
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
         """All Gaussians at ``time``; at 0, where a file begins, for ``None``."""
         centers = self.centers()
         time = centers.new_zeros(()) if time is None else time.to(centers)

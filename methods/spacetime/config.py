@@ -95,7 +95,7 @@ class SpacetimeConfig(MovingConfig):
     adaptive: all begin so, and lose those of which, in terms of its size, it makes no use."""
     motion_start: int = steps_field(15_000)
     """Steps before any splat loses parameters of time (motion=adaptive)."""
-    motion_every: int = steps_field(4000, at_least=50)
+    motion_every: int = steps_field(4000, floor=50)
     """Steps between looks at which parameters of time splats need (motion=adaptive)."""
     motion_tolerance: float = 0.1
     """How far a splat may be from where it was without a parameter, as part of its size, and how

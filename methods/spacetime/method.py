@@ -18,16 +18,15 @@ import torch
 
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
+from gsfw.core.refiner import Refiner
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
-from gsfw.core.strategy import Refinement
-from gsfw.core.table import SplatTable
 from gsfw.methods.moving.method import MovingMethod
 from gsfw.methods.spacetime.adaptive_model import AdaptiveSpacetimeGaussians
 from gsfw.methods.spacetime.decoder import FeatureDecoder
 from gsfw.methods.spacetime.initialisation import at_rest, min_duration
 from gsfw.methods.spacetime.model import SpacetimeGaussians
-from gsfw.methods.spacetime.simplification import simplify
+from gsfw.methods.spacetime.simplification import Simplification
 
 if TYPE_CHECKING:
     from gsfw.methods.spacetime.config import SpacetimeConfig
@@ -81,18 +80,12 @@ class SpacetimeMethod(MovingMethod):
         )
         return self._model
 
-    def adapt(
-        self, step: int, table: SplatTable, model: PrimitiveModel, generator: torch.Generator
-    ) -> Refinement:
-        """With motion=adaptive, take away now and then what rows have of time and do not need."""
-        found = super().adapt(step, table, model, generator)
-        done, config = step + 1, self._config
-        due = (
-            done >= config.motion_start and (done - config.motion_start) % config.motion_every == 0
-        )
-        if not due or not isinstance(model, AdaptiveSpacetimeGaussians):
+    def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
+        """Those of all moving methods, and simplification under motion=adaptive."""
+        found = super().refiners(scene, model)
+        if not isinstance(model, AdaptiveSpacetimeGaussians):
             return found
-        return {**found, **simplify(model, table, config.motion_tolerance)}
+        return (*found, Simplification(self._config, model))
 
     def report(self) -> Mapping[str, Any]:
         """With motion=adaptive, how many rows have what of time, and what was left out."""

@@ -134,7 +134,9 @@ class SpacetimeGaussians(MovingGaussians):
 
     # Drawing.
 
-    def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
         """The Gaussians that can be seen at ``time``; at 0, where a file begins, for ``None``."""
         centers = self._column("time_centers").values
         time = centers.new_zeros(()) if time is None else time.to(centers)
@@ -182,7 +184,7 @@ class SpacetimeGaussians(MovingGaussians):
 
     # Training.
 
-    def penalties(self, context: StepContext) -> Mapping[str, Tensor]:
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Mean opacity of all rows at this time; durations have no gradient from it.
 
         FreeTimeGS: opaque splats pay for being there, and fading in time must not be a way out.
@@ -202,7 +204,7 @@ class SpacetimeGaussians(MovingGaussians):
         self._column("log_durations").values.clamp_(*self._log_limits)
         self._column("time_centers").values.clamp_(0.0, 1.0)
 
-    # What a strategy may ask for.
+    # For density control.
 
     def opacities(self) -> Float[Tensor, " n"]:
         """Opacity of each row at its temporal centre."""

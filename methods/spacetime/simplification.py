@@ -14,28 +14,49 @@ So pictures stay what they are, to within the tolerance. Nothing is given back h
 stand still (static=auto) rows begin anew with everything when they begin to move.
 
 All rows begin with everything, as what a parameter would be worth is known best from what it has
-learnt: see ``static_gaussians.adaptive_bands``, where the same was measured for colours.
+learnt: see ``gaussians3d.adaptive_bands``, where the same was measured for colours.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from jaxtyping import Bool, Float, Float64, Int
 from torch import Tensor
 
-from gsfw.core.strategy import Refinement
+from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.table import SplatTable
 from gsfw.methods.moving.covariances import covariances
 from gsfw.methods.moving.settling import MAX_OPACITY, MIN_OPACITY
 from gsfw.methods.spacetime.adaptive_model import MIDDLE, AdaptiveSpacetimeGaussians
 from gsfw.methods.spacetime.polynomial import displacement, recentered
 
+if TYPE_CHECKING:
+    from gsfw.methods.spacetime.config import SpacetimeConfig
+
 INSTANTS = 9
 """Times at which each row is looked at; polynomials bend less often."""
 REACH = 3.0
 """Deviations from its centre up to which a row is looked at: 1 % of its opacity is left there."""
+
+
+class Simplification(Refiner):
+    """Simplifies rows every ``motion_every`` steps, from ``motion_start`` on."""
+
+    name = "motion"
+
+    def __init__(self, config: SpacetimeConfig, model: AdaptiveSpacetimeGaussians) -> None:
+        """Take the model whose rows lose parameters."""
+        self._config, self._model = config, model
+
+    def refine(self, context: RefineContext) -> Refinement:
+        """Look at all rows when it is time."""
+        config, since = self._config, context.done - self._config.motion_start
+        if since < 0 or since % config.motion_every:
+            return {}
+        return simplify(self._model, context.table, config.motion_tolerance)
 
 
 @torch.no_grad()

@@ -8,7 +8,7 @@ import torch
 
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.config import RasterizerConfig
-from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
 
 
@@ -16,7 +16,7 @@ from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
 class CpuConfig(RasterizerConfig):
     """Settings of the CPU rasterizer."""
 
-    pairs_mb: float = 4096.0
+    pairs_mb: float = number(4096.0, above=0)
     """Memory that pairs of a splat and a tile may take, in megabytes; more is refused."""
 
     def capabilities(self) -> Capabilities:
@@ -24,13 +24,5 @@ class CpuConfig(RasterizerConfig):
         return CpuRasterizer.capabilities()
 
     def build(self, device: torch.device) -> CpuRasterizer:
-        """The rasterizer; ``device`` has been checked to be the CPU.
-
-        Raises:
-            ConfigError: an amount of memory is not positive.
-        """
-        if not self.pairs_mb > 0:
-            raise ConfigError(
-                f"rasterizer.pairs_mb={self.pairs_mb:g}: expected a number of megabytes above 0."
-            )
+        """The rasterizer; ``device`` has been checked to be the CPU."""
         return CpuRasterizer(self.pairs_mb)

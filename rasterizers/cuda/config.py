@@ -8,7 +8,7 @@ import torch
 
 from gsfw.core.capabilities import Capabilities, Determinism
 from gsfw.core.config import RasterizerConfig
-from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
 
@@ -17,7 +17,7 @@ from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
 class CudaConfig(RasterizerConfig):
     """Settings of the CUDA rasterizer."""
 
-    pairs_mb: float = 16384.0
+    pairs_mb: float = number(16384.0, above=0)
     """Memory that pairs of a splat and a tile may take, in megabytes; more is refused."""
     deterministic: bool = False
     """Sum gradients in a fixed order, so that a run gives the same bits each time; takes memory."""
@@ -30,14 +30,6 @@ class CudaConfig(RasterizerConfig):
         return replace(CudaRasterizer.capabilities(), determinism=kind)
 
     def build(self, device: torch.device) -> CudaRasterizer:
-        """The rasterizer for one GPU.
-
-        Raises:
-            ConfigError: an amount of memory is not positive.
-        """
-        if not self.pairs_mb > 0:
-            raise ConfigError(
-                f"rasterizer.pairs_mb={self.pairs_mb:g}: expected a number of megabytes above 0."
-            )
+        """The rasterizer for one GPU."""
         launcher = cuda_launcher(device)
         return CudaRasterizer(launcher, self.pairs_mb, self.deterministic, self.time_stages)

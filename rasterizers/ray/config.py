@@ -9,7 +9,7 @@ import torch
 
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.config import RasterizerConfig
-from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.rasterizers.ray.painted import Mode
 from gsfw.rasterizers.ray.peak import Order, Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
@@ -26,13 +26,13 @@ class RayConfig(RasterizerConfig):
     """Of peaks: by view depth of the means, as splatting has it, or by t* on each ray."""
     dilation: Literal["matched", "none"] = "matched"
     """Whether Gaussians grow across the ray by what splatting adds to their projection."""
-    samples: int = 64
+    samples: int = number(64, at_least=1)
     """Of the volume, along each ray."""
     sampling: Literal["uniform", "stratified"] = "uniform"
     """Samples in the middle of their intervals, or at a random place in each."""
-    sampling_seed: int = 0
+    sampling_seed: int = number(0, at_least=0)
     """Of random samples, which are the same each time that a picture is drawn."""
-    chunk_mb: float = 64.0
+    chunk_mb: float = number(64.0, above=0)
     """Working memory, in megabytes; more where a single ray takes more."""
 
     def capabilities(self) -> Capabilities:
@@ -40,19 +40,7 @@ class RayConfig(RasterizerConfig):
         return RayRasterizer.capabilities()
 
     def build(self, device: torch.device) -> RayRasterizer:
-        """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing.
-
-        Raises:
-            ConfigError: there are no samples, there is no memory, or the seed is negative.
-        """
-        if self.samples < 1:
-            raise ConfigError(f"rasterizer.samples={self.samples}: expected 1 or more.")
-        if self.sampling_seed < 0:
-            raise ConfigError(f"rasterizer.sampling_seed={self.sampling_seed}: expected 0 or more.")
-        if not self.chunk_mb > 0:
-            raise ConfigError(
-                f"rasterizer.chunk_mb={self.chunk_mb:g}: expected a number of megabytes above 0."
-            )
+        """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing."""
         mode: Mode = Peak(self.order)
         if self.mode == "volume":
             stratified = self.sampling == "stratified"

@@ -8,7 +8,7 @@ import torch
 
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.config import RasterizerConfig
-from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 
@@ -16,9 +16,9 @@ from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 class ReferenceConfig(RasterizerConfig):
     """Settings of the reference rasterizer."""
 
-    chunk_mb: float = 4.0
+    chunk_mb: float = number(4.0, above=0)
     """Working memory of one chunk of tiles, in megabytes; fastest where it fits the caches."""
-    pairs_mb: float = 4096.0
+    pairs_mb: float = number(4096.0, above=0)
     """Memory that the list of splats per tile may take, in megabytes; more is refused."""
 
     def capabilities(self) -> Capabilities:
@@ -26,14 +26,5 @@ class ReferenceConfig(RasterizerConfig):
         return ReferenceRasterizer.capabilities()
 
     def build(self, device: torch.device) -> ReferenceRasterizer:
-        """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing.
-
-        Raises:
-            ConfigError: an amount of memory is not positive.
-        """
-        for key, value in {"chunk_mb": self.chunk_mb, "pairs_mb": self.pairs_mb}.items():
-            if not value > 0:
-                raise ConfigError(
-                    f"rasterizer.{key}={value:g}: expected a number of megabytes above 0."
-                )
+        """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing."""
         return ReferenceRasterizer(self.chunk_mb, self.pairs_mb)

@@ -70,7 +70,7 @@ def measure(
         left_out=left_out(census, parts.model.num_rows),
         could_go=could_go(census, worth, settings),
         not_measured=_not_measured(worth),
-        strategy=parts.strategy.report(),
+        strategy=parts.refiners.report(),
         method=parts.method.report(),
         seconds=time.perf_counter() - started,
     )

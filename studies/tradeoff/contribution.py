@@ -31,15 +31,14 @@ def contributions(
         advance: is told how many views are done.
     """
     splats = subject.splats()
-    settings = in_dtype(subject.model.settings(subject.settings), subject.dtype)
-    settings = _measuring(settings)
+    settings = _measuring(in_dtype(subject.settings, subject.dtype))
     count = len(splats) if subject.is_still else subject.model.num_rows
     total = torch.zeros(count, dtype=torch.float64, device=splats.means.device)
     for number, camera in enumerate(cameras, start=1):
         seen = camera.to(splats.means.device, subject.dtype)
         if not subject.is_still:
             splats = subject.splats(None if seen.time is None else seen.time[0])
-        output = subject.rasterizer.render(splats, subject.model.cameras(seen), settings)
+        output = subject.rasterizer.render(splats, seen, settings)
         assert output.statistics.contribution is not None
         added = output.statistics.contribution.sum(0).double()
         total += (

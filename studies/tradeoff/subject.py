@@ -57,9 +57,8 @@ class Subject:
         Raises:
             ValueError: the splats have values that cannot be drawn.
         """
-        camera = self.model.cameras(camera)
         sides = (max(1, round(side / self.shrink)) for side in (camera.width, camera.height))
-        settings = in_dtype(self.model.settings(self.settings), self.dtype)
+        settings = in_dtype(self.settings, self.dtype)
         small = camera.resized(*sides).to(dtype=self.dtype)
         return self.rasterizer.render(splats, small, settings)
 
@@ -73,7 +72,7 @@ class Subject:
         output = self.render(splats, camera)
         output = replace(output, color=output.color.float(), alpha=output.alpha.float())
         height, width = output.color.shape[1:3]
-        decoded = self.model.decode(output, self.model.cameras(camera).resized(width, height))
+        decoded = self.model.decode(output, camera.resized(width, height))
         return enlarged(decoded.color[0], camera)
 
     def num_gaussians(self) -> int:

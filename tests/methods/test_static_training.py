@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.gaussians import no_views
 from support.mixed_rows import check_rows
 from support.moving_runs import train
 from support.moving_scene import WHITE, camera_at, two_balls
@@ -18,6 +19,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.operators import Operators
+from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.table import SplatTable
 from gsfw.methods.spacetime.config import SpacetimeConfig
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
@@ -100,6 +102,7 @@ class Course:
         )
         self.optimizer = Optimizer(self.model, Operators(), OptimizerSettings())
         self.table, self.step = SplatTable(self.model, self.optimizer), 0
+        self.refiners = Refiners(self.method.refiners(self.scene, self.model))
         self.camera = camera_at(0.0)
 
     def picture(self, time: float) -> torch.Tensor:
@@ -114,16 +117,17 @@ class Course:
         splats = self.model.splats(batch.time)
         output = self.rasterizer.render(splats, camera, WHITE)
         context = StepContext(
-            self.step, 1000, "train", batch, splats, output, batch.images,
-            len(self.table), 1.0, 1.0, Operators(), self.generator,
+            self.step, 1000, batch, splats, output, batch.images,
+            len(self.table), 1.0, 1.0, Operators(), no_views,
         )  # fmt: skip
         losses = {**self.method.losses(context), **self.model.regularizers(context)}
         loss = torch.stack(list(losses.values())).sum()
+        self.refiners.before_backward(context, self.model)
         loss.backward()
         self.optimizer.step(self.step, torch.tensor(True))
         self.model.project_()
         self.optimizer.zero_gradients()
-        self.method.adapt(self.step, self.table, self.model, self.generator)
+        self.refiners.refine(self.step, 1000, self.table, self.model, self.generator)
         self.step += 1
         return float(loss.detach())
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from support.timed_views import timed_views
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import check_ranges
 from gsfw.samplers.sequential import SequentialConfig, time_starts
 
 TIMES = (0.0, 0.5, 0.0, 1.0, 0.5, 0.0, 1.0, 0.25, 0.0)
@@ -97,8 +98,8 @@ def test_views_without_times_and_settings_out_of_range_are_refused():
         "sampler 'sequential': the views of this capture have no times.\nUse sampler=uniform."
     )
     with pytest.raises(ConfigError) as caught:
-        sampler(first_steps=0)
-    assert str(caught.value) == "sampler.first_steps=0: expected at least 1."
+        check_ranges(SequentialConfig(first_steps=0), "sampler.")
+    assert str(caught.value) == "sampler.first_steps=0: expected a number of at least 1."
     with pytest.raises(ConfigError) as caught:
-        sampler(views_per_step=0)
-    assert str(caught.value) == "sampler.views_per_step=0: expected at least 1."
+        check_ranges(SequentialConfig(views_per_step=0), "sampler.")
+    assert str(caught.value) == "sampler.views_per_step=0: expected a number of at least 1."

@@ -8,6 +8,7 @@ from support.scenes import front_camera
 
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import check_ranges
 from gsfw.samplers.uniform import UniformConfig, UniformSampler
 
 
@@ -61,5 +62,5 @@ def test_the_generators_of_torch_are_left_alone():
 def test_settings_out_of_range_are_refused():
     assert len(UniformConfig(views_per_step=3).build(views(4), 0, 100).next()) == 3
     with pytest.raises(ConfigError) as caught:
-        UniformConfig(views_per_step=0).build(views(4), 0, 100)
-    assert caught.value.message == "sampler.views_per_step=0: expected at least 1."
+        check_ranges(UniformConfig(views_per_step=0), "sampler.")
+    assert caught.value.message == "sampler.views_per_step=0: expected a number of at least 1."

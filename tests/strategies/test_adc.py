@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 from support.gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
+from support.refining import StrategyRun
 from support.scenes import random_splats
 from support.states import assert_same_bits
 
@@ -35,7 +36,7 @@ def statistics(gradient, radii=None, visible=None) -> RenderStatistics:
 
 
 def strategy(**changes):
-    return replace(SETTINGS, **changes).build(toy_scene())
+    return StrategyRun(replace(SETTINGS, **changes))
 
 
 def generator():
@@ -47,7 +48,7 @@ def refined(adc, model, gradient, step=9, **measured):
     optimizer, table = table_of(model)
     seen = statistics(gradient, **measured)
     adc.observe(context_of(seen, model.num_rows, step), seen, model)
-    return adc.refine(step, table, model, generator()), optimizer
+    return adc.edit(step, table, model, generator()), optimizer
 
 
 def test_small_rows_are_cloned_large_ones_split_and_transparent_ones_pruned():
@@ -82,7 +83,7 @@ def test_the_gradient_is_averaged_over_the_views_that_saw_a_row():
     ):
         seen = statistics(gradient, visible=visible)
         adc.observe(context_of(seen, 3), seen, model)
-    counts = adc.refine(9, table_of(model)[1], model, generator())
+    counts = adc.edit(9, table_of(model)[1], model, generator())
     assert counts == {"cloned": 2, "split": 0, "pruned": 0}  # All but row 0.
 
 
@@ -107,8 +108,8 @@ def test_splats_that_are_only_some_of_the_rows_count_for_these_rows():
     seen = statistics([HIGH, LOW])
     drawn = replace(random_splats(2), rows=torch.tensor([4, 1]))
     adc.observe(context_of(seen, 5, splats=drawn), seen, gaussians(5))
-    assert adc.state_dict()["views"].tolist() == [0, 1, 0, 0, 1]
-    assert adc.state_dict()["gradient"].tolist() == pytest.approx([0, LOW, 0, 0, HIGH])
+    assert adc.gathered()["views"].tolist() == [0, 1, 0, 0, 1]
+    assert adc.gathered()["gradient"].tolist() == pytest.approx([0, LOW, 0, 0, HIGH])
 
 
 def test_absgrad_has_a_threshold_of_its_own():
@@ -178,12 +179,12 @@ def test_it_refines_only_when_it_is_time():
     for step in range(100):
         seen = statistics([LOW] * 2)
         adc.observe(context_of(seen, 2, step), seen, model)
-        if adc.refine(step, table, model, generator()):
+        if adc.edit(step, table, model, generator()):
             times.append(step + 1)
     assert times == [30, 40]
     assert adc.statistics(48) == {Statistic.SCREEN_GRADIENT}
     assert adc.statistics(49) == frozenset()
-    assert adc.state_dict() == {}
+    assert adc.gathered() == {}
 
 
 def test_gathering_begins_again_after_a_refinement():
@@ -191,16 +192,16 @@ def test_gathering_begins_again_after_a_refinement():
     model = gaussians(2)
     set_rows(model, [0.5, 0.5], [SMALL, SMALL])
     refined(adc, model, [HIGH, LOW])
-    assert adc.state_dict() == {}
+    assert adc.gathered() == {}
     seen = statistics([LOW, LOW, HIGH])
     adc.observe(context_of(seen, 3), seen, model)
-    assert adc.state_dict()["views"].tolist() == [1, 1, 1]
+    assert adc.gathered()["views"].tolist() == [1, 1, 1]
 
 
 def test_a_refinement_that_saw_no_view_still_prunes():
     model = gaussians(2)
     set_rows(model, [0.5, 0.001], [SMALL, SMALL])
-    counts = strategy().refine(9, table_of(model)[1], model, generator())
+    counts = strategy().edit(9, table_of(model)[1], model, generator())
     assert counts == {"cloned": 0, "split": 0, "pruned": 1}
 
 
@@ -252,8 +253,8 @@ def test_without_a_threshold_or_a_temporal_centre_nothing_grows_by_time():
     ):
         seen = statistics([LOW] * 3)
         adc.observe(context_of(seen, 3), seen, model)
-        assert "time_gradient" not in adc.state_dict()
-        counts = adc.refine(9, table_of(model)[1], model, generator())
+        assert "time_gradient" not in adc.gathered()
+        counts = adc.edit(9, table_of(model)[1], model, generator())
         assert counts == {"cloned": 0, "split": 0, "pruned": 0}
 
 
@@ -275,7 +276,7 @@ def test_a_step_that_was_not_finite_leaves_time_gradients_as_they_were():
     adc, nothing = moved_in_time(), statistics([0.0] * 2, visible=[False] * 2)
     model = fleeting([0.5] * 2, [float("nan"), HIGH])
     adc.observe(context_of(nothing, 2), nothing, model)
-    assert adc.state_dict()["time_gradient"].tolist() == [0.0, 0.0]
+    assert adc.gathered()["time_gradient"].tolist() == [0.0, 0.0]
 
 
 def test_near_the_limit_rows_compete_by_how_far_they_exceed_either_threshold():
@@ -314,7 +315,7 @@ def test_radii_are_gathered_after_the_last_round_where_rows_are_pruned_by_them()
 def test_rows_that_are_there_for_less_than_some_times_of_the_capture_are_pruned():
     scene = replace(toy_scene(), num_times=21)
     model = fleeting([0.04, 0.05, 1.0])  # 0.84, 1.05 and 21 times.
-    adc = replace(SETTINGS, prune_lifetime=1.0).build(scene)
+    adc = StrategyRun(replace(SETTINGS, prune_lifetime=1.0), scene)
     counts, _ = refined(adc, model, [LOW] * 3)
     assert counts["pruned"] == 1
     model = gaussians(3)
@@ -344,7 +345,7 @@ def test_a_restored_strategy_does_the_same():
             adc = strategy()
             adc.load_state_dict(state)
         adc.observe(context_of(second, 8), second, model)
-        adc.refine(9, table_of(model)[1], model, generator())
+        adc.edit(9, table_of(model)[1], model, generator())
         outcomes.append(dict(model.state_dict()))
     assert_same_bits(outcomes[0], outcomes[1])
 

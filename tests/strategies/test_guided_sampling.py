@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 from support.gaussians import EXTENT, context_of, gaussians, table_of, toy_scene
+from support.refining import StrategyRun
 from support.resuming import resumes_to_the_same_bits
 from support.scenes import front_camera
 from support.states import assert_same_bits
@@ -14,6 +15,7 @@ from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Feature
 from gsfw.core.errors import ConfigError
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb
+from gsfw.core.refiner import GrowthLimits, RefineContext
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth
 from gsfw.core.scene import Scene
@@ -25,6 +27,7 @@ from gsfw.strategies.guided_sampling import (
     GuidedSamplingConfig,
     bounding_box,
 )
+from gsfw.strategies.rounds import RefinementRounds
 
 CONFIG = GuidedSamplingConfig(rounds=2, start=10, every=5, share=1e-3)
 """Of the 12 patches of a picture the worst one gets rows."""
@@ -36,7 +39,7 @@ CENTER = torch.tensor([(40 - 32) / 76.8, (24 - 24) / 76.8, 1.0])
 
 
 def guided(config=CONFIG, scene=None):
-    return GuidedSampling(config, scene or toy_scene(), stop=1000)
+    return GuidedSampling(config, scene or toy_scene(), RefinementRounds(0, 1, 1000))
 
 
 def picture(view=0, error=1.0, depth=3.0, drawn=1.0, step=9, camera=CAMERA, **batch):
@@ -58,19 +61,27 @@ def picture(view=0, error=1.0, depth=3.0, drawn=1.0, step=9, camera=CAMERA, **ba
     )
 
 
+def look_at(sampling, context):
+    """Let a view be observed."""
+    sampling.observe(context, context.rendered.statistics, gaussians(4))
+
+
 def added(sampling, done=10, model=None, max_rows=0, seed=0):
     """What a refinement adds: rows by column, and what it says."""
     model = gaussians(4) if model is None else model
     _, table = table_of(model)
     generator = torch.Generator().manual_seed(seed)
-    counts = sampling.refine(done, table, model, generator, max_rows)
+    limits = GrowthLimits(max_rows=max_rows or None)
+    edits: dict[str, int] = {}
+    context = RefineContext(done - 1, 100, table, model, generator, limits, True, edits)
+    counts = sampling.refine(context)
     columns = {name: column.values.detach() for name, column in model.columns().items()}
     return {name: values[4:] for name, values in columns.items()}, counts
 
 
 def test_rows_come_along_the_ray_of_the_worst_patch_around_the_surface_in_its_colour():
     sampling = guided()
-    sampling.observe(picture())
+    look_at(sampling, picture())
     rows, counts = added(sampling)
     assert counts == {"guided": DEPTHS}
     offsets = rows["means"] - torch.tensor([0.0, 0, -4])
@@ -85,7 +96,7 @@ def test_rows_come_along_the_ray_of_the_worst_patch_around_the_surface_in_its_co
 
 def test_a_row_is_as_large_as_its_patch_is_there():
     sampling = guided()
-    sampling.observe(picture())
+    look_at(sampling, picture())
     rows, _ = added(sampling)
     width = 16 / 76.8 * (rows["means"][:, 2] + 4)
     torch.testing.assert_close(rows["log_scales"][:, 0].exp(), SIZE * width, rtol=0.1, atol=0)
@@ -95,7 +106,7 @@ def test_parallel_rays_have_patches_of_one_size():
     intrinsics = torch.tensor([[[16.0, 0, 32], [0, 16, 24], [0, 0, 1]]])
     camera = replace(CAMERA, model=CameraModel.ORTHOGRAPHIC, intrinsics=intrinsics)
     sampling = guided()
-    sampling.observe(picture(camera=camera))
+    look_at(sampling, picture(camera=camera))
     rows, _ = added(sampling)
     torch.testing.assert_close(rows["means"][:, :2], torch.tensor([[0.5, 0.0]]).repeat(DEPTHS, 1))
     torch.testing.assert_close(rows["log_scales"].exp(), torch.full((DEPTHS, 3), SIZE))
@@ -109,7 +120,7 @@ def test_where_nothing_is_drawn_rows_are_between_the_camera_and_the_far_side_of_
     torch.testing.assert_close(low, torch.tensor([-0.5, -0.5, -4]), atol=0.03, rtol=0)
     torch.testing.assert_close(high, torch.tensor([0.5, 0.5, 0.5]), atol=0.03, rtol=0)
     sampling = guided(scene=scene)
-    sampling.observe(picture(drawn=0.4))
+    look_at(sampling, picture(drawn=0.4))
     rows, _ = added(sampling)
     depths = rows["means"][:, 2] + 4
     assert bool((depths.diff() > 0).all())
@@ -125,12 +136,12 @@ def test_a_scene_without_points_reaches_an_extent_beyond_its_cameras():
 def test_the_two_views_with_the_largest_errors_are_used_and_not_again_until_drawn_again():
     sampling = guided(replace(CONFIG, rounds=4))
     for view, error in enumerate((0.1, 0.4, 0.2, 0.3)):
-        sampling.observe(picture(view, error))
+        look_at(sampling, picture(view, error))
     assert added(sampling)[1] == {"guided": 2 * DEPTHS}
     assert sorted(sampling.state_dict()["seen"]) == [0, 2]
     assert added(sampling, 15)[1] == {"guided": 2 * DEPTHS}
     assert added(sampling, 20)[1] == {"guided": 0}
-    sampling.observe(picture(1, 0.4))
+    look_at(sampling, picture(1, 0.4))
     assert added(sampling, 25)[1] == {"guided": DEPTHS}
 
 
@@ -138,7 +149,7 @@ def test_rounds_are_as_many_and_as_far_apart_as_asked_for():
     sampling = guided()
     said = []
     for done in range(1, 40):
-        sampling.observe(picture(step=done - 1))
+        look_at(sampling, picture(step=done - 1))
         said.append(added(sampling, done)[1])
     assert [done for done, counts in enumerate(said, 1) if counts] == [10, 15]
     assert sampling.state_dict() == {"rounds": 2, "seen": {}}
@@ -147,7 +158,7 @@ def test_rounds_are_as_many_and_as_far_apart_as_asked_for():
 def test_pictures_are_looked_at_from_an_interval_before_the_first_round_until_the_last():
     sampling = guided()
     assert next(step for step in range(20) if sampling.depth(step) is Depth.EXPECTED) == 5
-    sampling.observe(picture(step=4))
+    look_at(sampling, picture(step=4))
     assert sampling.state_dict()["seen"] == {}
     assert sampling.depth(998) is Depth.EXPECTED
     assert sampling.depth(999) is Depth.NONE, "no refinement follows"
@@ -168,8 +179,8 @@ def test_new_rows_are_at_the_time_of_their_view():
 
     model.rows_at = rows_at
     sampling = guided()
-    sampling.observe(picture(0))
-    sampling.observe(picture(1, error=0.5, camera=replace(CAMERA, time=None)))
+    look_at(sampling, picture(0))
+    look_at(sampling, picture(1, error=0.5, camera=replace(CAMERA, time=None)))
     added(sampling, model=model)
     assert asked == [pytest.approx(0.7), None]
 
@@ -185,7 +196,7 @@ def test_new_rows_are_at_the_time_of_their_view():
 )
 def test_what_carries_no_loss_or_is_background_gets_no_rows(batch):
     sampling = guided(replace(CONFIG, share=1.0))
-    sampling.observe(picture(**batch))
+    look_at(sampling, picture(**batch))
     assert added(sampling)[1] == {"guided": 0}
 
 
@@ -193,7 +204,7 @@ def test_a_picture_that_is_not_finite_gets_no_rows_that_are_not():
     sampling = guided(replace(CONFIG, share=1.0))
     context = picture()
     broken = torch.full_like(context.rendered.color, torch.nan)
-    sampling.observe(replace(context, rendered=replace(context.rendered, color=broken)))
+    look_at(sampling, replace(context, rendered=replace(context.rendered, color=broken)))
     assert added(sampling)[1] == {"guided": 0}
 
 
@@ -202,7 +213,7 @@ def test_the_share_of_patches_and_the_limit_of_rows_are_kept():
         sampling = guided(replace(CONFIG, share=share))
         context = picture()
         target = context.target + torch.rand(1, 48, 64, 3, generator=torch.Generator())
-        sampling.observe(replace(context, target=target))
+        look_at(sampling, replace(context, target=target))
         return added(sampling, max_rows=max_rows)[1]["guided"]
 
     assert rows(0.5, 0) == 6 * DEPTHS
@@ -214,7 +225,7 @@ def test_the_share_of_patches_and_the_limit_of_rows_are_kept():
 def test_a_restored_one_adds_the_same_rows():
     sampling, other = guided(), guided()
     for view, error in enumerate((0.4, 0.6)):
-        sampling.observe(picture(view, error))
+        look_at(sampling, picture(view, error))
     other.load_state_dict(sampling.state_dict())
     assert_same_bits(other.state_dict(), sampling.state_dict())
     assert_same_bits(added(other), added(sampling))
@@ -224,23 +235,23 @@ def test_a_restored_one_adds_the_same_rows():
 def test_it_is_a_part_of_adc_that_is_off_by_default():
     off = AdcConfig()
     assert off.needs().features == {Feature.SCREEN_GRADIENT}
-    assert off.build(toy_scene()).depth(2000) is Depth.NONE
+    assert "guided" not in StrategyRun(off).state_dict()
     on = AdcConfig(refine_start=0, refine_every=10, refine_stop=100, guided=CONFIG)
     assert on.needs().features == {Feature.SCREEN_GRADIENT, Feature.DEPTH}
-    adc, model = on.build(toy_scene()), gaussians(4)
+    adc, model = StrategyRun(on), gaussians(4)
     assert adc.depth(9) is Depth.EXPECTED
     context = picture()
     adc.observe(context, context.rendered.statistics, model)
-    other = on.build(toy_scene())
+    other = StrategyRun(on)
     other.load_state_dict(adc.state_dict())
     assert_same_bits(other.state_dict(), adc.state_dict())
     _, table = table_of(model)
-    counts = adc.refine(9, table, model, torch.Generator().manual_seed(0))
+    counts = adc.edit(9, table, model, torch.Generator().manual_seed(0))
     assert counts == {"cloned": 0, "split": 0, "pruned": 0, "guided": DEPTHS}
     assert len(table) == 4 + DEPTHS
     adc.observe(picture(step=12), context.rendered.statistics, model)
     assert list(adc.state_dict()["guided"]["seen"]) == [0]
-    adc.refine(99, table, model, torch.Generator())
+    adc.edit(99, table, model, torch.Generator())
     assert adc.state_dict()["guided"]["seen"] == {}, "after the last refinement there is no round"
 
 
@@ -255,7 +266,7 @@ def test_it_is_a_part_of_adc_that_is_off_by_default():
 )
 def test_settings_out_of_range_are_refused(changes, message):
     with pytest.raises(ConfigError) as caught:
-        AdcConfig(guided=replace(CONFIG, **changes)).build(toy_scene())
+        AdcConfig(guided=replace(CONFIG, **changes)).refiners(toy_scene())
     assert str(caught.value) == message
 
 

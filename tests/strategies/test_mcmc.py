@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.gaussians import EXTENT, context_of, gaussians, set_rows, table_of, toy_scene
+from support.gaussians import EXTENT, context_of, gaussians, set_rows, table_of
+from support.refining import StrategyRun
 from support.scenes import random_splats
 from support.states import assert_same_bits
 
@@ -20,7 +21,7 @@ SETTINGS = McmcConfig(refine_start=0, refine_every=10, refine_stop=100, noise_lr
 
 
 def strategy(**changes):
-    return replace(SETTINGS, **changes).build(toy_scene())
+    return StrategyRun(replace(SETTINGS, **changes))
 
 
 def generator(seed=0):
@@ -41,7 +42,7 @@ def test_dead_rows_move_to_live_ones_and_the_picture_stays():
     set_rows(model, [0.9, 0.004, 0.001, 0.6, 0.005, 0.002], [0.1] * 6)
     means, opacities = model.means.values.detach().clone(), model.opacities()
     optimizer, table = table_of(model)
-    counts = strategy().refine(9, table, model, generator())
+    counts = strategy().edit(9, table, model, generator())
     assert counts == {"relocated": 4, "added": 0}
     assert model.num_rows == 6
     total = 0
@@ -64,7 +65,7 @@ def test_rows_that_were_not_drawn_keep_values_and_moments():
     set_rows(model, [0.99, 0.0051, 0.001], [0.1] * 3)
     before = {name: column.values.detach()[1].clone() for name, column in model.columns().items()}
     optimizer, table = table_of(model)
-    strategy().refine(9, table, model, generator())
+    strategy().edit(9, table, model, generator())
     for name, column in model.columns().items():
         assert torch.equal(column.values[1], before[name])
         assert bool((optimizer.moments(name)[0].first[1] == 1).all())
@@ -75,7 +76,7 @@ def test_where_no_row_is_alive_or_none_is_dead_nothing_moves():
         model = gaussians(3)
         set_rows(model, opacities)
         before = {name: value.clone() for name, value in model.state_dict().items()}
-        counts = strategy().refine(9, table_of(model)[1], model, generator())
+        counts = strategy().edit(9, table_of(model)[1], model, generator())
         assert counts == {"relocated": 0, "added": 0}
         assert_same_bits(dict(model.state_dict()), before)
 
@@ -86,7 +87,7 @@ def test_it_grows_by_a_share_up_to_the_limit():
     _, table = table_of(model)
     mcmc = strategy(growth=0.05, cap_max=43)
     for expected in (42, 43, 43):
-        mcmc.refine(9, table, model, generator())
+        mcmc.edit(9, table, model, generator())
         assert model.num_rows == expected
 
 
@@ -95,7 +96,7 @@ def test_growth_leaves_the_picture_and_starts_fresh_moments():
     set_rows(model, [0.9, 0.5, 0.3, 0.7], [0.1] * 4)
     means, opacities = model.means.values.detach().clone(), model.opacities()
     optimizer, table = table_of(model)
-    counts = strategy(growth=3.0).refine(9, table, model, generator())
+    counts = strategy(growth=3.0).edit(9, table, model, generator())
     assert counts == {"relocated": 0, "added": 12}
     for row in range(4):
         members = members_at(model, means[row])
@@ -106,7 +107,7 @@ def test_growth_leaves_the_picture_and_starts_fresh_moments():
 def test_a_start_above_the_limit_stays_as_it_is():
     model = gaussians(8)
     set_rows(model, [0.5] * 8)
-    strategy(growth=0.5, cap_max=5).refine(9, table_of(model)[1], model, generator())
+    strategy(growth=0.5, cap_max=5).edit(9, table_of(model)[1], model, generator())
     assert model.num_rows == 8
 
 
@@ -116,7 +117,7 @@ def test_noise_follows_the_learning_rate_of_positions_at_every_step():
     twin = gaussians(5)
     twin.load_state_dict(model.state_dict())
     _, table = table_of(model)
-    assert strategy(noise_lr=5e5).refine(3, table, model, generator()) == {}
+    assert strategy(noise_lr=5e5).edit(3, table, model, generator()) == {}
     twin.perturb_(5e5 * table.learning_rate("means", 3), generator())
     assert table.learning_rate("means", 3) == pytest.approx(1.6e-4 * EXTENT, rel=1e-3)
     assert torch.equal(model.means.values, twin.means.values)
@@ -151,7 +152,7 @@ def test_the_same_seed_gives_the_same_bits():
         model = gaussians(30)
         set_rows(model, [0.001, 0.5, 0.9] * 10)
         _, table = table_of(model)
-        strategy(noise_lr=5e5, growth=0.2).refine(9, table, model, generator(seed))
+        strategy(noise_lr=5e5, growth=0.2).edit(9, table, model, generator(seed))
         outcomes.append(dict(model.state_dict()))
     assert_same_bits(outcomes[0], outcomes[1])
     assert not torch.equal(outcomes[0]["means.values"], outcomes[2]["means.values"])
@@ -161,11 +162,11 @@ def test_it_refines_only_when_it_is_time_and_keeps_no_state():
     mcmc = strategy(refine_start=20, refine_stop=50)
     model = gaussians(3)
     _, table = table_of(model)
-    times = [step + 1 for step in range(100) if mcmc.refine(step, table, model, generator())]
+    times = [step + 1 for step in range(100) if mcmc.edit(step, table, model, generator())]
     assert times == [30, 40]
-    assert mcmc.state_dict() == {}
+    assert mcmc.gathered() == {}
     assert mcmc.statistics(0) == frozenset()
-    assert SETTINGS.needs() == Needs()
+    assert SETTINGS.needs() == Needs(densifiable=True)
 
 
 def seen_by(gradient, visible=None):
@@ -190,7 +191,7 @@ def test_gradients_are_gathered_only_where_rows_are_drawn_by_them():
     usual = strategy()
     for mcmc, keys in ((usual, set()), (by_gradient, {"gradient", "views", "radius"})):
         observed(mcmc, gaussians(3), [1.0] * 3)
-        assert set(mcmc.state_dict()) == keys
+        assert set(mcmc.gathered()) == keys
 
 
 def test_dead_rows_move_to_where_the_gradient_is_large():
@@ -199,7 +200,7 @@ def test_dead_rows_move_to_where_the_gradient_is_large():
     means = model.means.values.detach().clone()
     mcmc = strategy(gradient_share=0.5)
     observed(mcmc, model, [3.0, 1.0, 0.0, 100.0] + [0.0] * 396)  # Dead rows draw nothing.
-    mcmc.refine(9, table_of(model)[1], model, generator())
+    mcmc.edit(9, table_of(model)[1], model, generator())
     drawn = [(int(members_at(model, means[row]).sum()) - 1) / 397 for row in range(4)]
     # Half of the share of each of the gradients 3 and 1 and of the opacities 0.2, 0.8 and 0.5.
     expected = [0.5 * 3 / 4 + 0.5 * 0.2 / 1.5, 0.5 / 4 + 0.5 * 0.8 / 1.5, 0.5 * 0.5 / 1.5]
@@ -213,10 +214,10 @@ def test_growth_after_a_relocation_draws_copies_as_it_does_their_originals():
     means = model.means.values.detach().clone()
     mcmc = strategy(gradient_share=1.0, growth=2.0)
     observed(mcmc, model, [0.0, 0.0, 0.0, 1.0])  # All that is new is a copy of the last row.
-    counts = mcmc.refine(9, table_of(model)[1], model, generator())
+    counts = mcmc.edit(9, table_of(model)[1], model, generator())
     assert counts == {"relocated": 1, "added": 8}
     assert int(members_at(model, means[3]).sum()) == 10
-    assert mcmc.state_dict() == {}
+    assert mcmc.gathered() == {}
 
 
 def test_views_in_which_nothing_has_a_gradient_leave_the_drawing_to_opacity():
@@ -224,10 +225,10 @@ def test_views_in_which_nothing_has_a_gradient_leave_the_drawing_to_opacity():
     set_rows(model, [0.001, 0.5, 0.002])
     mcmc = strategy(gradient_share=1.0)
     observed(mcmc, model, [1.0, 0.0, 0.0])
-    assert mcmc.refine(9, table_of(model)[1], model, generator())["relocated"] == 2
+    assert mcmc.edit(9, table_of(model)[1], model, generator())["relocated"] == 2
     model = gaussians(3)
     set_rows(model, [0.001, 0.5, 0.002])
-    assert mcmc.refine(9, table_of(model)[1], model, generator())["relocated"] == 2
+    assert mcmc.edit(9, table_of(model)[1], model, generator())["relocated"] == 2
 
 
 def test_two_batches_of_a_step_count_as_two_steps_of_one():
@@ -249,7 +250,7 @@ def test_a_restored_strategy_draws_the_same():
             state = mcmc.state_dict()
             mcmc = strategy(gradient_share=0.5, growth=0.2)
             mcmc.load_state_dict(state)
-        mcmc.refine(9, table_of(model)[1], model, generator())
+        mcmc.edit(9, table_of(model)[1], model, generator())
         outcomes.append(dict(model.state_dict()))
     assert_same_bits(outcomes[0], outcomes[1])
 

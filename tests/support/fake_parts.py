@@ -22,12 +22,12 @@ from gsfw.plugins.specs import Spec, hookimpl
 
 @dataclass
 class Grow(StrategyConfig):
-    every: int = steps_field(100, at_least=50)
+    every: int = steps_field(100, floor=50)
     """Steps between growing."""
     until: int = steps_field(15_000)
     """No growing after this step."""
 
-    def build(self, scene):
+    def refiners(self, scene):
         raise NotImplementedError
 
 

@@ -47,6 +47,11 @@ def table_of(model: StaticGaussians) -> tuple[Optimizer, SplatTable]:
     return optimizer, SplatTable(model, optimizer)
 
 
+def no_views(cameras, time=None):
+    """Pseudo views, where a test has no renderer."""
+    raise NotImplementedError
+
+
 def context_of(
     statistics: RenderStatistics,
     num_rows: int,
@@ -61,7 +66,6 @@ def context_of(
     return StepContext(
         step=step,
         steps=100,
-        phase="train",
         batch=Batch(images, camera.select([0] * views), tuple(range(views))),
         splats=random_splats(num_rows) if splats is None else splats,
         rendered=RenderOutput(images, torch.zeros(views, 2, 3, 1), statistics),
@@ -70,5 +74,5 @@ def context_of(
         share=share,
         extent=EXTENT,
         operators=Operators(),
-        generator=torch.Generator(),
+        render=no_views,
     )

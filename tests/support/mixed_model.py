@@ -5,7 +5,7 @@ import torch
 from gsfw.core.column import Column, Layout
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
-from gsfw.core.model import PrimitiveModel
+from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.splats import Splats
@@ -15,7 +15,7 @@ LENGTHS = (1, 4, 0, 9, 4, 1, 2)
 """Values of each row of the ragged column, repeated as often as needed."""
 
 
-class MixedModel(PrimitiveModel):
+class MixedModel(DensifiableModel):
     """Every value of row i of a column is i plus a little; ``labels`` is a buffer."""
 
     def __init__(self, n: int, dtype: torch.dtype = torch.float64, bands: int = 3) -> None:
@@ -59,7 +59,7 @@ class MixedModel(PrimitiveModel):
     def active_bands(self):
         return self.active
 
-    def splats(self, time=None) -> Splats:
+    def splats(self, time=None, cameras=None) -> Splats:
         raise NotImplementedError
 
     def opacities(self):
@@ -80,7 +80,7 @@ class MixedModel(PrimitiveModel):
     def perturb_(self, rate, generator):
         pass
 
-    def lower_opacities_(self, limit):
+    def change_opacities_(self, function):
         return ()
 
 

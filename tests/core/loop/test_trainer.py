@@ -14,20 +14,18 @@ from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.errors import TrainingError
-from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import Psnr
 from gsfw.core.operators import Operators
-from gsfw.core.parameter_group import ParameterGroup
-from gsfw.core.render_settings import RenderSettings
+from gsfw.core.refinement.refiners import Refiners
+from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
-from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig
@@ -142,7 +140,7 @@ def trainer(
         model=model,
         optimizer=optimizer,
         table=SplatTable(model, optimizer),
-        strategy=STRATEGIES[strategy].build(data.scene),
+        refiners=Refiners(STRATEGIES[strategy].refiners(data.scene)),
         sampler=UniformSampler(6, views_per_step, config.seed),
         data=data,
         rasterizer=ReferenceRasterizer(),
@@ -273,41 +271,40 @@ def test_views_of_several_sizes_share_a_step(tmp_path):
         assert {item.share for item in batches} <= {0.25, 0.5, 0.75, 1.0}
 
 
-def test_a_method_may_train_on_smaller_pictures(tmp_path):
-    sizes = set()
+def test_a_method_may_change_render_settings_and_render_pseudo_views(tmp_path):
+    seen = set()
 
-    class Coarse(StaticGaussiansMethod):
-        def prepare_batch(self, batch, step):
-            images = batch.images[:, ::2, ::2] if step < 3 else batch.images
-            height, width = images.shape[1:3]
-            return replace(batch, images=images, cameras=batch.cameras.resized(width, height))
+    class Pseudo(StaticGaussiansMethod):
+        def render_settings(self, settings, step):
+            return replace(settings, depth=Depth.EXPECTED)
 
         def losses(self, context):
-            sizes.add((context.step < 3, *context.rendered.color.shape[1:3]))
-            return super().losses(context)
+            cameras = context.batch.cameras.resized(8, 6)
+            pseudo = context.render(cameras, None)
+            seen.add((context.rendered.depth is not None, *pseudo.color.shape[1:3]))
+            assert pseudo.statistics.screen_gradient is None
+            return {**super().losses(context), "pseudo": 0.1 * pseudo.color.mean()}
 
-    run = trainer(tmp_path, "none", Recorder(), steps=6)
-    run.parts = replace(run.parts, method=Coarse(StaticGaussiansConfig(sh_degree=1)))
+    run = trainer(tmp_path, "adc", Recorder(), steps=6)
+    run.parts = replace(run.parts, method=Pseudo(StaticGaussiansConfig(sh_degree=1)))
     run.fit()
-    assert sizes == {(True, 12, 16), (False, 24, 32)}
+    assert seen == {(True, 6, 8)}
 
 
-def test_a_model_may_refine_its_cameras(tmp_path):
-    class Refining(StaticGaussians):
-        def cameras(self, cameras):
-            column = torch.nn.functional.pad(self.shift, (0, 1))[:, None]
-            shift = torch.eye(4) + torch.nn.functional.pad(column, (3, 0))
-            return replace(cameras, world_to_camera=cameras.world_to_camera @ shift)
+def test_a_method_adds_its_own_metrics_and_images_to_the_evaluation(tmp_path):
+    class Measured(StaticGaussiansMethod):
+        def view_metrics(self, batch, rendered):
+            return {"mean_alpha": float(rendered.alpha.mean())}
 
-        def parameter_groups(self):
-            return (ParameterGroup("poses", (self.shift,), LearningRate(1e-3)),)
+        def view_images(self, batch, rendered):
+            return {"alpha": rendered.alpha[0].expand(-1, -1, 3)}
 
-    run = trainer(tmp_path, "none", Recorder(), steps=4)
-    model = run.parts.model
-    model.__class__, model.shift = Refining, torch.nn.Parameter(torch.zeros(3))
-    optimizer = Optimizer(model, Operators(), OptimizerSettings())
-    table = SplatTable(model, optimizer)
-    run.parts = replace(run.parts, optimizer=optimizer, table=table)
-    run.fit()
-    assert 0 < float(model.shift.detach().abs().max()) <= 4.1e-3
-    assert "poses" in optimizer.learning_rates(0)
+    class Watcher(Recorder):
+        def on_view(self, step, view):
+            shapes.append(view.images["alpha"].shape)
+
+    shapes = []
+    run = trainer(tmp_path, "none", Watcher(), steps=2)
+    run.parts = replace(run.parts, method=Measured(StaticGaussiansConfig(sh_degree=1)))
+    assert 0 < run.fit()["mean_alpha"] < 1
+    assert shapes == [(24, 32, 3)] * 2

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from support.gaussians import no_views
 from support.moving_splats import at, seeded
 from support.scenes import front_camera
 from support.tracked_splats import after, move_, tracked
@@ -21,10 +22,10 @@ def context(model: TrackedGaussians, step: int = 0, extent: float = 2.0) -> Step
     splats = model.splats()
     statistics = RenderStatistics.zeros(splats.means.detach(), 1, frozenset())
     return StepContext(
-        step=step, steps=10, phase="tracking", batch=Batch(picture, front_camera(), (0,)),
+        step=step, steps=10, batch=Batch(picture, front_camera(), (0,)),
         splats=splats, rendered=RenderOutput(picture, picture[..., :1], statistics),
         target=picture, num_rows=model.num_rows, share=1.0, extent=extent,
-        operators=Operators(), generator=seeded(),
+        operators=Operators(), render=no_views,
     )  # fmt: skip
 
 
@@ -251,5 +252,5 @@ def test_what_is_stored_counts_as_part_of_the_model():
     assert summary["model_bytes"] == summary["stored_bytes"] + still["model_bytes"]
     assert model.opacities().shape == model.sizes().shape == (20,)
     assert model.active_bands() == model.canonical.active_bands()
-    assert model.lower_opacities_(0.3) == ("opacity_logits",)
+    assert model.change_opacities_(lambda values: values.clamp_max(0.3)) == ("opacity_logits",)
     assert float(model.opacities().max()) < 0.3 + 1e-9

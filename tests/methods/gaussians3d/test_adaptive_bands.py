@@ -9,6 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.gaussians import context_of, table_of
+from support.refining import refine
 from support.resuming import HALF, resumes_to_the_same_bits
 from support.scenes import front_camera, random_splats
 
@@ -36,9 +37,9 @@ def adaptive(degrees, degree=3, seed=0) -> StaticGaussians:
     return StaticGaussians(start, rates, torch.as_tensor(degrees))
 
 
-def bands(**changes) -> AdaptiveBands:
-    kept = {"every": 10, "grow_stop": 30, "stop": 60, "share": 0.4, "signal": 2.0, "views": 4}
-    return AdaptiveBands(**{**kept, **changes})
+def bands(model=None, views=4, share=0.4) -> AdaptiveBands:
+    config = BandsConfig(share, signal=2.0, every=10, grow_stop=30, stop=60)
+    return AdaptiveBands(config, adaptive([0]) if model is None else model, views)
 
 
 def cost(model, degrees) -> float:
@@ -90,30 +91,29 @@ def test_bands_that_no_view_pulls_at_go_first():
 
 def test_evidence_is_gathered_in_the_steps_before_a_round():
     plan = bands()
-    gathered = [step for step in range(100) if plan.gathers(step)]
+    gathered = [step for step in range(100) if plan.needs_view_gradients(step)]
     assert gathered == [
         step for last in (9, 19, 29, 39, 49, 59) for step in range(last - 3, last + 1)
     ]
-    assert not bands(views=1000).gathers(0), "the step before, in which room is made"
-    assert bands(views=1000).gathers(1)
+    assert not bands(views=1000).needs_view_gradients(0), "the step before, in which room is made"
+    assert bands(views=1000).needs_view_gradients(1)
 
 
 def test_rows_gain_the_band_that_their_gradients_ask_for():
     model = adaptive([0, 1, 3, 0])
     _, table = table_of(model)
-    plan, camera = bands(), front_camera()
+    plan, camera = bands(model), front_camera()
     for step in range(10):
-        model.gathering = plan.gathers(step)
         splats = model.splats()
-        context = context_of(ReferenceRasterizer().render(splats, camera).statistics, 4)
-        model.regularizers(replace(context, splats=splats))
+        context = context_of(ReferenceRasterizer().render(splats, camera).statistics, 4, step)
+        plan.before_backward(replace(context, splats=splats), model)
         if step == 8:
             # As if all views pulled the first two rows the same way, and the last one at random.
             lengths = model.evidence.sums.offsets.diff()
             assert lengths.tolist() == [3, 5, 0, 3]
             model.evidence.sums.values[:8] = torch.tensor([[5.0], [5.0]])
             model.evidence.sums.values[8:] = torch.tensor([[1.0], [5.0]])
-        done = plan.adapt(step, table, model)
+        done = refine(plan, step, table, model)
     assert done == {"bands_gained": 2, "bands_lost": 0}
     assert model.degrees().tolist() == [1, 2, 3, 0]
     assert model.evidence.sums.values.numel() == 0, "room is there only while it is needed"
@@ -123,11 +123,11 @@ def test_rounds_end_with_the_share_that_was_asked_for():
     model = adaptive([3] * 40)
     _, table = table_of(model)
     model.evidence.weights.values.fill_(1.0)
-    plan, floats = bands(), []
+    plan, floats = bands(model), []
     for step in range(80):
         if (step + 1) % 10 == 0:
             model.evidence.weights.values.fill_(1.0)
-        plan.adapt(step, table, model)
+        refine(plan, step, table, model)
         floats.append(3 * 40 + model.sh_rest.values.numel())
     full = 3 * 16 * 40
     assert floats[29] == full
@@ -141,7 +141,7 @@ def test_what_stays_keeps_its_values_and_moments():
     optimizer, table = table_of(model)
     before = model.sh_rest.values.detach().clone()
     model.evidence.weights.values.copy_(torch.tensor([1.0, 0.0, 1.0]))
-    bands(share=0.7).adapt(59, table, model)
+    refine(bands(model, share=0.7), 59, table, model)
     assert model.degrees().tolist() == [3, 0, 3]
     assert torch.equal(model.sh_rest.values, torch.cat([before[:15], before[30:]]))
     assert optimizer.moments("sh_rest")[0].first.shape == (30, 3)

@@ -168,7 +168,7 @@ def test_noise_has_the_squared_covariance_of_each_row_and_spares_opaque_ones():
 def test_lowered_opacities_are_capped_and_named():
     model = gaussians()
     before = model.opacities()
-    assert model.lower_opacities_(0.3) == ("opacity_logits",)
+    assert model.change_opacities_(lambda values: values.clamp_max(0.3)) == ("opacity_logits",)
     torch.testing.assert_close(model.opacities(), before.clamp_max(0.3))
 
 

@@ -153,8 +153,8 @@ def test_the_field_comes_in_after_the_coarse_steps():
     for step in (0, 9, 10, 29):
         method.prepare(step, model, optimizer, None)
         rates = optimizer.learning_rates(step)
-        phases.append((method.phase(step), model.deforming, rates["grid"] > 0))
-    assert phases == [("coarse", False, False)] * 2 + [("fine", True, True)] * 2
+        phases.append((model.deforming, rates["grid"] > 0))
+    assert phases == [(False, False)] * 2 + [(True, True)] * 2
 
 
 def test_a_splat_file_keeps_its_degree_through_a_resume():

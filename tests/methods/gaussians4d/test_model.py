@@ -172,7 +172,7 @@ def test_rows_come_and_go_as_those_of_static_gaussians():
         table.append(children)
         assert len(table) == before + len(children["means"].values)
         assert len(model.splats(TIME)) == len(table)
-    assert model.lower_opacities_(0.01) == ("opacity_logits",)
+    assert model.change_opacities_(lambda values: values.clamp_max(0.01)) == ("opacity_logits",)
     assert float(model.opacities().max()) <= 0.01 + 1e-6
     model.perturb_(0.1, seeded)
     model.project_()

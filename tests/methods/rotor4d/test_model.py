@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from support.gaussians import no_views
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.batch import Batch
@@ -78,10 +79,10 @@ def regularized(model: SlicedGaussians, visible: torch.Tensor, time: float = 0.5
     statistics = RenderStatistics(visible[None], visible[None].float())
     picture = torch.zeros(1, 4, 4, 3)
     context = StepContext(
-        step=step, steps=10, phase="train", batch=Batch(picture, front_camera(4, 4), (0,)),
+        step=step, steps=10, batch=Batch(picture, front_camera(4, 4), (0,)),
         splats=splats, rendered=RenderOutput(picture, picture[..., :1], statistics),
         target=picture, num_rows=model.num_rows, share=1.0, extent=2.0, operators=Operators(),
-        generator=generator(),
+        render=no_views,
     )  # fmt: skip
     return model.regularizers(context)
 
@@ -393,7 +394,7 @@ def test_noise_has_the_squared_covariance_of_slices_and_spares_opaque_rows():
 
 def test_lowered_opacities_are_capped_and_named():
     model = gaussians()
-    assert model.lower_opacities_(0.3) == ("opacity_logits",)
+    assert model.change_opacities_(lambda values: values.clamp_max(0.3)) == ("opacity_logits",)
     assert float(model.canonical.opacities().max()) <= 0.3 + 1e-6
 
 

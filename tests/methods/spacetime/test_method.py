@@ -3,6 +3,7 @@
 import pytest
 import torch
 from support.moving_splats import moving_scene
+from support.refining import refine
 from support.scenes import random_splats
 
 from gsfw.core.errors import ConfigError
@@ -126,14 +127,14 @@ def test_the_same_seed_gives_the_same_model():
 def test_rows_lose_parameters_of_time_at_the_steps_that_are_set():
     method, model = start(motion="adaptive", motion_start=3, motion_every=4)
     table = SplatTable(model, Optimizer(model, Operators(), OptimizerSettings()))
-    looked = [step + 1 for step in range(12) if method.adapt(step, table, model, torch.Generator())]
+    (motion,) = method.refiners(moving_scene(), model)
+    looked = [step + 1 for step in range(12) if refine(motion, step, table, model)]
     assert looked == [3, 7, 11]
     assert model.columns()["motion"].offsets.diff().tolist() == [0] * 30
 
 
 def test_all_rows_keep_all_parameters_of_time_unless_asked_otherwise():
     method, model = start(motion_start=3, motion_every=4)
-    table = SplatTable(model, Optimizer(model, Operators(), OptimizerSettings()))
-    assert all(not method.adapt(step, table, model, torch.Generator()) for step in range(12))
+    assert method.refiners(moving_scene(), model) == ()
     assert model.columns()["motion"].offsets is None
     assert method.report() == {}

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.gaussians import no_views
 from support.moving_splats import at, moving_scene, seeded, spacetime
 from support.scenes import front_camera, random_splats
 
@@ -282,7 +283,7 @@ def test_what_does_not_concern_time_is_that_of_static_gaussians():
     model = spacetime()
     assert torch.equal(model.sizes(), model.canonical.sizes())
     before = model.opacities()
-    assert model.lower_opacities_(0.3) == ("opacity_logits",)
+    assert model.change_opacities_(lambda values: values.clamp_max(0.3)) == ("opacity_logits",)
     torch.testing.assert_close(model.opacities(), before.clamp_max(0.3))
     model.canonical.active_degree = 0
     assert model.active_bands() == 0
@@ -331,10 +332,10 @@ def test_the_lifetime_term_is_the_mean_opacity_at_that_time_without_gradient_to_
     images = torch.zeros(1, 30, 40, 3)
     statistics = RenderStatistics(torch.ones(1, 20, dtype=torch.bool), torch.ones(1, 20))
     context = StepContext(
-        step=0, steps=10, phase="train", batch=Batch(images, camera, (0,)),
+        step=0, steps=10, batch=Batch(images, camera, (0,)),
         splats=random_splats(20), rendered=RenderOutput(images, images[..., :1], statistics),
         target=images, num_rows=20, share=1.0, extent=1.0, operators=Operators(),
-        generator=seeded(),
+        render=no_views,
     )  # fmt: skip
     (term,) = model.regularizers(context).values()
     column = model.columns()

@@ -10,6 +10,7 @@ from gsfw.core.cameras import CameraModel
 from gsfw.core.capabilities import Determinism, Feature, Needs
 from gsfw.core.errors import ConfigError
 from gsfw.core.numerics import DEFAULT
+from gsfw.core.ranges import check_ranges
 from gsfw.core.render_settings import RenderSettings
 from gsfw.kernels.cpu import native_module
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
@@ -56,10 +57,8 @@ def test_more_pairs_than_can_be_numbered_are_refused_whatever_is_allowed():
 @pytest.mark.parametrize("amount", [0.0, -1.0, float("nan")])
 def test_a_limit_without_memory_is_refused(amount):
     with pytest.raises(ConfigError) as caught:
-        CpuConfig(pairs_mb=amount).build(torch.device("cpu"))
-    assert str(caught.value) == (
-        f"rasterizer.pairs_mb={amount:g}: expected a number of megabytes above 0."
-    )
+        check_ranges(CpuConfig(pairs_mb=amount), "rasterizer.")
+    assert str(caught.value) == (f"rasterizer.pairs_mb={amount:g}: expected a number above 0.")
 
 
 @needs_native

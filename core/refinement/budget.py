@@ -1,4 +1,4 @@
-"""Adaptive count: growth that stops when it no longer pays, then pruning by contribution.
+"""Budget: growth that stops when it no longer pays, then pruning by contribution.
 
 Under ``budget=auto`` the scene decides; under a number or megabytes the model may grow to twice as
 many rows, and keeps those that contribute most. ``contribution`` names the papers. Three rules:
@@ -30,22 +30,28 @@ adds 1 % to drawing and its backward pass.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from gsfw.core.config import AUTO, NO_BUDGET, StrategyConfig
 from gsfw.core.context import StepContext
-from gsfw.core.model import PrimitiveModel
+from gsfw.core.errors import ConfigError
+from gsfw.core.model import DensifiableModel, PrimitiveModel
+from gsfw.core.refinement.contribution import Contributions
+from gsfw.core.refinement.view_losses import ViewLosses
+from gsfw.core.refiner import GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
-from gsfw.strategies.budget import BudgetConfig
-from gsfw.strategies.contribution import Contributions
-from gsfw.strategies.view_losses import ViewLosses
 
+MEGABYTE = 1_000_000
 HEADROOM = 2
 """How often the rows that a number allows there may be while they grow."""
 ROUNDS = 4
@@ -60,20 +66,77 @@ PRICE = 0.2
 """Loss per part of the pictures left out (fox: about 0.011 at once for 5.2 % of them)."""
 
 
-class CountControl:
-    """A part of a strategy: says whether rows may grow, and prunes; without a budget, nothing."""
+@dataclass(frozen=True)
+class BudgetSize:
+    """A parsed budget: rows, bytes, or as many as the scene requires."""
 
-    def __init__(self, config: BudgetConfig, scene: Scene) -> None:
-        """Nothing seen yet.
+    text: str
+    """As it was given."""
+    rows: int | None = None
+    """Most rows."""
+    num_bytes: float | None = None
+    """Most bytes of the trained columns."""
 
-        Args:
-            config: the budget.
-            scene: whose training views a round of pruning looks at.
+    @property
+    def is_given(self) -> bool:
+        """Whether there is a budget at all."""
+        return self.text != NO_BUDGET
+
+    @staticmethod
+    def parse(config: StrategyConfig) -> BudgetSize:
+        """The budget of a strategy's settings.
 
         Raises:
-            ConfigError: a setting is out of range.
+            ConfigError: a setting is out of range or has no meaning.
         """
-        self._config, self._budget = config, config.parsed_budget()
+        if config.budget_every < 1:
+            raise ConfigError(f"strategy.budget_every={config.budget_every}: expected at least 1.")
+        if not 0 < config.budget_share < 1:
+            raise ConfigError(
+                f"strategy.budget_share={config.budget_share:g}: expected a number between 0 and 1."
+            )
+        text = str(config.budget)
+        number, megabytes = re.fullmatch(r"\d+", text), re.fullmatch(r"(\d+(?:\.\d+)?)MB", text)
+        if text in (NO_BUDGET, AUTO):
+            return BudgetSize(text)
+        if number and int(text) > 0:
+            return BudgetSize(text, rows=int(text))
+        if megabytes and float(megabytes[1]) > 0:
+            return BudgetSize(text, num_bytes=float(megabytes[1]) * MEGABYTE)
+        raise ConfigError(
+            f"strategy.budget={text}: expected none, auto, a number of Gaussians such as 50000, "
+            "or megabytes such as 20MB."
+        )
+
+    def most_rows(self, model: PrimitiveModel) -> int | None:
+        """Rows that fit, at the mean size that they have now; ``None`` where the scene decides.
+
+        One row is always allowed: there has to be something to train.
+        """
+        if self.num_bytes is None:
+            return self.rows
+        trained = [column.values for column in model.columns().values() if column.trained]
+        total = sum(values.nbytes for values in trained)
+        return max(int(self.num_bytes * model.num_rows / max(total, 1)), 1)
+
+
+class Budget(Refiner):
+    """Stops growth and prunes by contribution; works with any strategy."""
+
+    name = "budget"
+
+    def __init__(
+        self, size: BudgetSize, config: StrategyConfig, scene: Scene, growth_ends: int | None
+    ) -> None:
+        """Start without statistics.
+
+        Args:
+            size: the parsed budget; not "none".
+            config: rounds of pruning.
+            scene: has the training views that a round of pruning looks at.
+            growth_ends: steps after which the strategy adds no more rows; ``None`` if never.
+        """
+        self._config, self._budget, self._growth_ends = config, size, growth_ends
         self._num_views = max(len(scene.camera_centers), 1)
         self._seen: Contributions | None = None
         self._losses = ViewLosses()
@@ -90,9 +153,7 @@ class CountControl:
 
     def statistics(self, step: int) -> frozenset[Statistic]:
         """Contributions, while growth has to pay or a round of pruning is due."""
-        wanted = self._budget.is_given and (
-            self._has_to_pay if self.grows else self.is_looking(step)
-        )
+        wanted = self._has_to_pay if self.grows else self._is_looking(step)
         return frozenset({Statistic.CONTRIBUTION} if wanted else ())
 
     @property
@@ -100,22 +161,23 @@ class CountControl:
         """Whether growth has to pay: that is what ``auto`` means."""
         return self._budget.rows is None and self._budget.num_bytes is None
 
-    def is_looking(self, step: int) -> bool:
+    def _is_looking(self, step: int) -> bool:
         """Whether a round of pruning looks at views, and rows shall stay as they are."""
-        if self._stopped is None or self._rounds == ROUNDS or not self._budget.is_given:
+        if self._stopped is None or self._rounds == ROUNDS:
             return False
         first = max(self._stopped, self._calm)
         return step >= first + self._rounds * self._config.budget_every
 
-    def most_rows(self, model: PrimitiveModel, limit: int) -> int:
-        """How many rows there may be while they grow, of the strategy's own ``limit``; 0: any."""
-        most = self._budget.most_rows(model) if self._budget.is_given else None
-        return limit if most is None else min(HEADROOM * most, limit or HEADROOM * most)
+    def limits(self, step: int, model: PrimitiveModel) -> GrowthLimits:
+        """Twice the rows that a number allows while they grow; none may change during a round."""
+        most = self._budget.most_rows(model)
+        max_rows = None if most is None else HEADROOM * most
+        return GrowthLimits(self.grows, self._is_looking(step), max_rows)
 
-    def observe(self, context: StepContext, statistics: RenderStatistics) -> None:
-        """Take note of a batch; no synchronisation."""
-        if not self._budget.is_given:
-            return
+    def observe(
+        self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
+    ) -> None:
+        """Gather losses and contributions; no synchronisation."""
         self._steps = context.steps
         if self._rounds < ROUNDS:
             self._losses.add(context)
@@ -124,26 +186,22 @@ class CountControl:
                 self._seen = Contributions(context.num_rows, statistics.contribution.device)
             self._seen.add(context, statistics)
 
-    def advance(self, done: int, stop: int, table: SplatTable, model: PrimitiveModel) -> int:
-        """Called after every step, before rows are edited: ends growth, or prunes.
+    def refine(self, context: RefineContext) -> Refinement:
+        """End growth, or prune; judge growth before other refiners add rows."""
+        pruned = self._advance(context.done, context.table, context.model)
+        if context.growth_due and not self._is_looking(context.step):
+            self._before_growth(context.done, len(context.table))
+        return {"pruned": pruned} if pruned else {}
 
-        Args:
-            done: steps done.
-            stop: the strategy's own end of growth.
-            table: of the model's rows.
-            model: says what a row takes.
-
-        Returns:
-            The number of rows that were pruned.
-        """
-        if not self._budget.is_given:
-            return 0
-        if self.grows and (done >= stop or 0 < self._steps <= 2 * done):
-            self._stop(done, "half of the run is over" if done < stop else "the strategy ends it")
+    def _advance(self, done: int, table: SplatTable, model: PrimitiveModel) -> int:
+        """End growth, or prune a round; the number of rows that were pruned."""
+        ended = self._growth_ends is not None and done >= self._growth_ends
+        if self.grows and (ended or 0 < self._steps <= 2 * done):
+            self._stop(done, "the strategy ends it" if ended else "half of the run is over")
         most = self._budget.most_rows(model)
         if done == self._steps and most is not None and len(table) > most:
             return self._keep(done, self._scores(model), most, table)
-        if self.is_looking(done - 1) and self._has_looked():
+        if self._is_looking(done - 1) and self._has_looked():
             return self._round_of_pruning(done, table, model)
         return 0
 
@@ -154,18 +212,22 @@ class CountControl:
         enough = self._seen.num_pictures >= PASSES * self._num_views
         return enough or self._seen.num_views >= self._num_views
 
-    def before_growth(self, done: int, num_rows: int) -> None:
-        """Called when a refinement is about to add rows: whether the last ones have paid."""
-        if not self._budget.is_given or not self.grows:
+    def _before_growth(self, done: int, num_rows: int) -> None:
+        """Judge whether the last rows that were added have paid."""
+        if not self.grows:
             return
         if self._losses.num_compared >= self._num_views:
             self._judge(done, num_rows)
-        self._seen = None  # Before rows come that it knows nothing of.
+        self._seen = None  # New rows have no contributions yet.
 
-    def disturbed(self, done: int) -> None:
-        """Opacities were reset: losses and contributions have to recover to say anything."""
+    def rows_edited(self) -> None:
+        """Drop contributions of rows that are no more."""
+        self._seen = None
+
+    def opacities_reset(self, step: int) -> None:
+        """Wait until losses and contributions have recovered."""
         self._losses.forget()
-        self._calm = done + self._config.budget_every
+        self._calm = step + 1 + self._config.budget_every
 
     def _judge(self, done: int, num_rows: int) -> None:
         """Add a point to the curve, and stop growth that no longer pays."""
@@ -210,9 +272,13 @@ class CountControl:
 
         That view may be the only one that shows a row.
         """
-        if self._seen is None or not self._has_looked():
+        if self._seen is not None and self._has_looked():
+            return self._seen.largest
+        if isinstance(model, DensifiableModel):
             return model.opacities()
-        return self._seen.largest
+        if self._seen is not None:
+            return self._seen.largest
+        return torch.zeros(model.num_rows, device=next(model.parameters()).device)
 
     def _keep(self, done: int, scores: Float[Tensor, " n"], number: int, table: SplatTable) -> int:
         """Keep the rows of the highest scores, in their order; of equal ones the first."""
@@ -232,16 +298,12 @@ class CountControl:
         self._losses.clear()
 
     def report(self) -> dict[str, Any]:
-        """The curve, and when and why growth stopped; nothing without a budget."""
-        if not self._budget.is_given:
-            return {}
+        """The curve, and when and why growth stopped."""
         stopped = {"stopped_growing_at": self._stopped, "why": self._why}
         return {"budget": self._budget.text, "curve": list(self._curve), **stopped}
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that is to come depends on; empty without a budget."""
-        if not self._budget.is_given:
-            return {}
+        """Tensors and plain data."""
         return {
             "curve": list(self._curve),
             "losses": self._losses.state_dict(),
@@ -252,7 +314,7 @@ class CountControl:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from there; from a checkpoint without a budget, as if begun now."""
+        """Continue from ``state``; begin anew from a checkpoint without a budget."""
         if not state:
             return
         self._curve, seen = list(state["curve"]), state["seen"]
@@ -267,3 +329,16 @@ def least_useful(scores: Float[Tensor, " n"], share: float) -> Int[Tensor, " r"]
     order = scores.argsort(stable=True)
     held = scores[order].double().cumsum(0)
     return order[: int((held < share * held[-1]).sum())] if len(held) else order
+
+
+def with_budget(strategy: StrategyConfig, scene: Scene) -> tuple[Refiner, ...]:
+    """The refiners of a strategy, after the budget that its settings give it, if any.
+
+    Raises:
+        ConfigError: settings are out of range or contradict each other.
+    """
+    size, found = BudgetSize.parse(strategy), strategy.refiners(scene)
+    if not size.is_given:
+        return found
+    ends = [refiner.growth_ends for refiner in found if refiner.growth_ends is not None]
+    return (Budget(size, strategy, scene, max(ends, default=None)), *found)

@@ -1,4 +1,4 @@
-"""RowStatistics: what the views since the last refinement have seen of every row."""
+"""RowStatistics: screen gradients and radii of every row, summed over views."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from collections.abc import Mapping
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+
+from gsfw.core.context import StepContext
+from gsfw.core.render_output import RenderStatistics
 
 
 class RowStatistics:
@@ -20,17 +23,38 @@ class RowStatistics:
 
     def add(
         self,
+        context: StepContext,
+        statistics: RenderStatistics,
+        gradient: Float[Tensor, "c m"],
+    ) -> None:
+        """Add the ``c`` views of a batch, which rendered ``m`` splats; no synchronisation.
+
+        The loss of a step is the mean over its views. Each view counts with the gradient of its
+        own loss, as if it had been the only one of its step.
+
+        Args:
+            context: of the batch.
+            statistics: of the batch, for visibility and radii.
+            gradient: of the step's loss, per view and splat.
+        """
+        views_in_step = len(context.batch.views) / context.share
+        self.add_views(
+            gradient * views_in_step, statistics.radii, statistics.visible, context.splats.rows
+        )
+
+    def add_views(
+        self,
         gradient: Float[Tensor, "c m"],
         radii: Float[Tensor, "c m"],
         visible: Bool[Tensor, "c m"],
         rows: Int[Tensor, " m"] | None = None,
     ) -> None:
-        """Take in ``c`` views of ``m`` splats; no synchronisation.
+        """Add ``c`` views of ``m`` splats; no synchronisation.
 
         Args:
             gradient: of each view's own loss.
             radii: in pixels; 0 where invisible.
-            visible: which splats each view has seen.
+            visible: the splats that each view has seen.
             rows: the row of each splat; ``None`` when splat i is row i.
         """
         seen = visible.to(self._views.dtype)
@@ -51,17 +75,17 @@ class RowStatistics:
         views: int,
         observed: Bool[Tensor, ""],
     ) -> None:
-        """Take in how strongly a step pulls at temporal centres; no synchronisation.
+        """Add the gradient of a step with respect to temporal centres; no synchronisation.
 
-        The gradient is that of the whole step, whose loss is the mean over its views, and is not
-        known for each view. Each of the step's batches adds its part, whichever rows it has seen:
+        The gradient is that of the whole step, whose loss is the mean over its views. Gradients of
+        single views are not known. Each of the step's batches adds its part, for all rows:
         together they add the gradient times the views of the step, which ``mean_time_gradient``
-        divides by those that saw the row.
+        divides by the number of views that saw the row.
 
         Args:
             gradient: of the step's loss, for every row of the model.
             views: of the batch.
-            observed: false when nothing is to be added, as of a step that was not finite.
+            observed: false when nothing is to be added, as for a step that was not finite.
         """
         added = torch.where(observed, gradient * views, 0.0).to(self._gradient)
         self._time_gradient = added if self._time_gradient is None else self._time_gradient + added
@@ -84,7 +108,7 @@ class RowStatistics:
         return self._radius
 
     def taken(self, rows: Int[Tensor, " r"]) -> RowStatistics:
-        """What was seen of some rows, for a model whose rows are now copies of these."""
+        """The statistics of some rows, for a model whose rows are now copies of these."""
         state = {name: values.index_select(0, rows) for name, values in self.state_dict().items()}
         return RowStatistics.restored(state, rows.device)
 
@@ -97,7 +121,7 @@ class RowStatistics:
 
     @staticmethod
     def restored(state: Mapping[str, Tensor], device: torch.device) -> RowStatistics:
-        """What ``state_dict`` described."""
+        """The statistics that ``state_dict`` returned."""
         sums = {name: values.to(device).clone() for name, values in state.items()}
         statistics = RowStatistics(0, device)
         statistics._gradient, statistics._views = sums["gradient"], sums["views"]

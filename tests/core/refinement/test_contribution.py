@@ -5,7 +5,7 @@ import torch
 from support.looks import look
 from support.states import assert_same_bits
 
-from gsfw.strategies.contribution import Contributions
+from gsfw.core.refinement.contribution import Contributions
 
 
 def gathered(num_rows, *looks):

@@ -7,26 +7,38 @@ import pytest
 import torch
 from support.gaussians import gaussians, set_rows, table_of, toy_scene
 from support.looks import look
+from support.refining import StrategyRun
 from support.resuming import resumes_to_the_same_bits
 from support.states import assert_same_bits
 
+from gsfw.core.config import StrategyConfig
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.refinement.budget import ROUNDS, Budget, BudgetSize, least_useful
+from gsfw.core.refiner import GrowthLimits, RefineContext
 from gsfw.core.render_settings import Statistic
 from gsfw.strategies.adc import AdcConfig
-from gsfw.strategies.budget import BudgetConfig
-from gsfw.strategies.count_control import ROUNDS, CountControl, least_useful
 from gsfw.strategies.mcmc import McmcConfig
 
 SETTINGS = AdcConfig(refine_start=0, refine_every=10, refine_stop=40, reset_every=0, budget_every=5)
 CONTRIBUTION = frozenset({Statistic.CONTRIBUTION})
+STRATEGIES = pytest.mark.parametrize("config", [SETTINGS, McmcConfig(refine_stop=40)])
 ONE_VIEW = replace(toy_scene(), camera_centers=torch.zeros(1, 3))
 
 
-def control(config: BudgetConfig = SETTINGS, scene=ONE_VIEW, **changes) -> CountControl:
-    return CountControl(replace(config, **changes), scene)
+def control(config: StrategyConfig = SETTINGS, scene=ONE_VIEW, stop=40, **changes) -> Budget:
+    config = replace(config, **changes)
+    return Budget(BudgetSize.parse(config), config, scene, stop)
 
 
-def pruned(counts, contribution, stop=40, steps=100, start=39):
+def advance(counts, done, table, model, steps=100, growth_due=False):
+    """Let the budget act after ``done`` steps; rows that it has pruned."""
+    context = RefineContext(
+        *(done - 1, steps, table, model, torch.Generator(), GrowthLimits(), growth_due, {})
+    )
+    return counts.refine(context).get("pruned", 0)
+
+
+def pruned(counts, contribution, steps=100, start=39):
     """Rows after all rounds of pruning, if contributions stay as they are."""
     model = gaussians(len(contribution))
     model.means.values.data[:, 0] = torch.arange(len(contribution))
@@ -35,8 +47,8 @@ def pruned(counts, contribution, stop=40, steps=100, start=39):
         rows = model.means.values[:, 0].long()
         measured = torch.tensor(contribution)[rows].tolist()
         if counts.statistics(step):
-            counts.observe(*look(measured, step=step, steps=steps))
-        counts.advance(step + 1, stop, table, model)
+            counts.observe(*look(measured, step=step, steps=steps), model)
+        advance(counts, step + 1, table, model, steps)
     return model.means.values[:, 0].long().tolist()
 
 
@@ -77,8 +89,8 @@ def test_a_run_that_is_too_short_for_its_rounds_still_ends_with_the_number():
     model = gaussians(3)
     set_rows(model, [0.1, 0.9, 0.5])
     counts = control(budget="2")
-    counts.observe(*look([1.0] * 3, step=9, steps=10))
-    assert counts.advance(10, 40, table_of(model)[1], model) == 1  # By opacity: no view was seen.
+    counts.observe(*look([1.0] * 3, step=9, steps=10), model)
+    assert advance(counts, 10, table_of(model)[1], model) == 1  # By opacity: no view was seen.
     assert model.opacities().tolist() == pytest.approx([0.9, 0.5])
 
 
@@ -87,8 +99,8 @@ def test_a_round_waits_for_every_view():
     _, table = table_of(model)
     for step, view in zip(range(39, 44), (0, 0, 0, 0, 1), strict=True):
         if counts.statistics(step):
-            counts.observe(*look([6.0, 0.0 if view == 0 else 3.0], views=(view,), step=step))
-        assert counts.advance(step + 1, 40, table, model) == 0
+            counts.observe(*look([6.0, 0.0 if view == 0 else 3.0], views=(view,), step=step), model)
+        assert advance(counts, step + 1, table, model) == 0
     assert [point["step"] for point in counts.report()["curve"]] == [44]
     assert model.num_rows == 2  # The second row matters to the second view only.
 
@@ -105,29 +117,35 @@ def test_views_are_looked_at_only_while_it_serves_something():
     assert counts.statistics(40) == CONTRIBUTION
     assert control(budget="5").statistics(20) == frozenset()
     assert control(budget="auto").statistics(20) == CONTRIBUTION
-    assert control(budget="none").statistics(20) == frozenset()
     pruned(counts, [1.0] * 20, start=40)
     assert not any(counts.statistics(step) for step in range(100))
 
 
 def growing(counts, gains, contribution=0.006, added=10):
     """Refinements 10 steps apart, between each two of which the loss falls by one of ``gains``."""
-    rows, loss = 100, 1.0
-    counts.observe(*look([contribution] * rows, step=5, loss=loss))
+    rows, loss, model = 100, 1.0, gaussians(100)
+    _, table = table_of(model)
+    counts.observe(*look([contribution] * rows, step=5, loss=loss), model)
     for number, gain in zip(count(1), gains, strict=False):
         loss -= gain
-        counts.observe(*look([contribution] * rows, step=10 * number + 5, loss=loss))
-        counts.before_growth(10 * (number + 1), rows)
+        counts.observe(
+            *look([contribution] * rows, step=10 * number + 5, loss=loss, steps=200), model
+        )
+        advance(counts, 10 * (number + 1), table, model, 200, growth_due=True)
         if not counts.grows:
             break
         rows += added
+        table.append(model.clone_rows(torch.arange(added)))
+        counts.rows_edited()
     return counts.report()
 
 
 def test_growth_stops_when_twice_in_a_row_it_brings_less_than_the_least_useful_cost():
     # A row makes up 0.001 of the picture: 0.2 times that is what leaving it out would cost.
     paying, poor = 11 * 10 * 0.2e-3 / 10, 9 * 10 * 0.2e-3 / 10 / 10
-    report = growing(control(budget="auto"), [paying, paying, poor, paying, poor, poor, paying])
+    report = growing(
+        control(budget="auto", stop=None), [paying, paying, poor, paying, poor, poor, paying]
+    )
     assert report["stopped_growing_at"] == 70
     assert report["why"] == "a Gaussian more brings less than the least useful ones cost"
     assert report["curve"][0]["gain_per_gaussian"] is None  # Nothing was added before.
@@ -137,45 +155,43 @@ def test_growth_stops_when_twice_in_a_row_it_brings_less_than_the_least_useful_c
 
 
 def test_under_a_number_growth_goes_on_as_long_as_there_is_room():
-    counts = control(budget="1000")
+    counts = control(budget="1000", stop=None)
     assert growing(counts, [0.0] * 6)["stopped_growing_at"] is None
     model = gaussians(2)
-    assert [counts.most_rows(model, limit) for limit in (0, 500, 5000)] == [2000, 500, 2000]
-    assert [control(budget="auto").most_rows(model, limit) for limit in (0, 500)] == [0, 500]
+    limits = counts.limits(0, model)
+    assert [limits.most_rows(own) for own in (0, 500, 5000)] == [2000, 500, 2000]
+    auto = control(budget="auto").limits(0, model)
+    assert [auto.most_rows(own) for own in (0, 500)] == [0, 500]
 
 
 def test_losses_before_a_reset_say_nothing_about_those_after_it():
-    counts = control(budget="auto")
-    counts.observe(*look([1.0], step=5, loss=0.1))
-    counts.disturbed(20)
-    counts.observe(*look([1.0], step=15, loss=0.9))
-    counts.before_growth(20, 1)
+    counts, model = control(budget="auto"), gaussians(1)
+    counts.observe(*look([1.0], step=5, loss=0.1), model)
+    counts.opacities_reset(19)
+    counts.observe(*look([1.0], step=15, loss=0.9), model)
+    advance(counts, 20, table_of(model)[1], model, growth_due=True)
     assert counts.report()["curve"] == []
 
 
 def test_growth_stops_half_way_at_the_latest_and_does_not_begin_again():
-    counts, model = control(budget="auto"), gaussians(2)
+    counts, model = control(budget="auto", stop=90), gaussians(2)
     _, table = table_of(model)
     for step in range(60):
-        counts.observe(*look([1.0] * 2, step=step))
-        counts.advance(step + 1, 90, table, model)
+        counts.observe(*look([1.0] * 2, step=step), model)
+        advance(counts, step + 1, table, model)
         assert counts.grows == (step + 1 < 50)
     assert counts.report()["why"] == "half of the run is over"
 
 
-def test_without_a_budget_there_is_no_state_and_no_report():
-    for config in (SETTINGS, McmcConfig()):
-        strategy = config.build(toy_scene())
-        context, statistics = look([1.0, 2.0])
-        strategy.observe(context, replace(statistics, screen_gradient=None), gaussians(2))
-        assert strategy.state_dict() == {}
-        assert strategy.report() == {}
+@STRATEGIES
+def test_without_a_budget_there_is_no_refiner_for_it(config):
+    assert "budget" not in StrategyRun(config).state_dict()
 
 
-@pytest.mark.parametrize("config", [SETTINGS, McmcConfig(refine_stop=40, budget_every=5)])
+@STRATEGIES
 def test_a_checkpoint_without_a_budget_can_go_on_with_one(config):
-    strategy = replace(config, budget="auto").build(toy_scene())
-    strategy.load_state_dict(config.build(toy_scene()).state_dict())
+    strategy = StrategyRun(replace(config, budget="auto"))
+    strategy.load_state_dict(StrategyRun(config).state_dict())
     assert strategy.report()["curve"] == []
 
 
@@ -189,7 +205,7 @@ def test_a_checkpoint_without_a_budget_can_go_on_with_one(config):
 def test_rows_stay_as_they_are_while_views_are_looked_at(config):
     edited = {}
     for budget in ("none", "auto"):
-        strategy = replace(config, budget=budget).build(toy_scene())
+        strategy = StrategyRun(replace(config, budget=budget))
         model = gaussians(4)
         set_rows(model, [0.001, 0.5, 0.5, 0.5], [0.01] * 4)
         _, table = table_of(model)
@@ -197,7 +213,7 @@ def test_rows_stay_as_they_are_while_views_are_looked_at(config):
         edited[budget] = []
         for step in range(23, 32):  # Growth ends at 24, half-way, and the first looks begin.
             strategy.observe(*look([3.0] * model.num_rows, step=step, steps=48), model)
-            if strategy.refine(step, table, model, generator):
+            if strategy.refine(step, 48, table, model, generator):
                 edited[budget].append(step + 1)
     assert edited == {"none": [30], "auto": []}
 
@@ -211,7 +227,7 @@ def test_a_run_that_is_cut_off_while_it_looks_resumes_to_the_same_bits(tmp_path,
         *("strategy.refine_start=0", "strategy.refine_every=3", "strategy.refine_stop=9"),
         *("strategy.budget_every=1", "rescale=false"),
     )
-    state = read_checkpoint(RunFolder(tmp_path / "whole").checkpoint(10))["strategy"]["count"]
+    state = read_checkpoint(RunFolder(tmp_path / "whole").checkpoint(10))["refiners"]["budget"]
     assert state["seen"] is not None
     assert summary["num_gaussians"] <= 100
 
@@ -219,10 +235,11 @@ def test_a_run_that_is_cut_off_while_it_looks_resumes_to_the_same_bits(tmp_path,
 def test_a_restored_control_goes_on_in_the_middle_of_growth():
     counts, again = control(budget="auto"), control(budget="auto")
     growing(counts, [0.1, 0.1])
-    counts.observe(*look([1.0] * 120, step=26, loss=0.5))
+    model = gaussians(120)
+    counts.observe(*look([1.0] * 120, step=26, loss=0.5), model)
     again.load_state_dict(counts.state_dict())
     for each in (counts, again):
-        each.observe(*look([2.0] * 120, step=27, loss=0.4))
-        each.before_growth(30, 120)
+        each.observe(*look([2.0] * 120, step=27, loss=0.4), model)
+        advance(each, 30, table_of(model)[1], model, growth_due=True)
     assert_same_bits(counts.state_dict(), again.state_dict())
     assert len(again.report()["curve"]) == 3

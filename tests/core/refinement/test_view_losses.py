@@ -9,7 +9,7 @@ from support.scenes import front_camera
 from support.states import assert_same_bits
 
 from gsfw.core.batch import Batch
-from gsfw.strategies.view_losses import ViewLosses
+from gsfw.core.refinement.view_losses import ViewLosses
 
 
 def visited(*visits):

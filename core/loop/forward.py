@@ -1,0 +1,110 @@
+"""Forward: loads the batches of a step and renders them, with their losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
+from gsfw.core.context import StepContext
+from gsfw.core.datamanager import Split
+from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.render_output import RenderOutput
+from gsfw.core.render_settings import Depth, RenderSettings
+
+
+@dataclass(frozen=True)
+class RenderedBatch:
+    """One batch of a step after its forward pass."""
+
+    context: StepContext
+    losses: Mapping[str, Tensor]
+    """Every weighted term."""
+    data_losses: tuple[str, ...]
+    """Names of the terms that compare with the images."""
+    total: Tensor
+    """The sum of all terms, times this batch's share of the step."""
+
+    @property
+    def data_loss(self) -> Tensor:
+        """The sum of the terms that compare with the images."""
+        return torch.stack([self.losses[name] for name in self.data_losses]).sum()
+
+
+class Forward:
+    """The first half of a step: batches -> splats -> render -> decode -> losses."""
+
+    def __init__(self, parts: TrainingParts, plan: TrainingPlan) -> None:
+        self._parts, self._plan = parts, plan
+
+    def load(self, views: tuple[int, ...], step: int) -> list[Batch]:
+        """The batches of some training views, at the image size of the step."""
+        parts, plan = self._parts, self._plan
+        parts.data.prefetch(Split.TRAIN, parts.sampler.peek(plan.prefetch_views))
+        alone = parts.refiners.needs_view_gradients(step)
+        groups = [(view,) for view in views] if alone else [views]
+        batches = [
+            batch for group in groups for batch in parts.data.load(Split.TRAIN, group, parts.device)
+        ]
+        return [plan.resolution.reduce(batch, step) for batch in batches]
+
+    def render(self, batch: Batch, step: int, share: float) -> RenderedBatch:
+        """The forward pass of one batch, whose loss counts ``share`` of the step's."""
+        parts = self._parts
+        settings = self._settings(step)
+        background = settings.background
+        assert background is not None
+        splats = parts.model.splats(batch.time, batch.cameras)
+        output = parts.rasterizer.render(splats, batch.cameras, settings)
+        rendered = parts.model.decode(output, batch.cameras)
+        bare = replace(settings, statistics=frozenset(), depth=self._plan.settings.depth)
+
+        def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
+            splats = parts.model.splats(time, cameras)
+            return parts.model.decode(parts.rasterizer.render(splats, cameras, bare), cameras)
+
+        context = StepContext(
+            step=step,
+            steps=self._plan.steps,
+            batch=batch,
+            splats=splats,
+            rendered=parts.corrections.expose(rendered, batch.views, background),
+            target=batch.target(background),
+            num_rows=len(parts.table),
+            share=share,
+            extent=parts.data.scene.extent,
+            operators=parts.operators,
+            render=render_view,
+        )
+        data_losses = parts.method.losses(context)
+        terms = (
+            data_losses,
+            parts.model.regularizers(context),
+            parts.refiners.regularizers(context),
+        )
+        losses = {name: value for found in terms for name, value in found.items()}
+        parts.refiners.before_backward(context, parts.model)
+        total = torch.stack(list(losses.values())).sum() * share
+        return RenderedBatch(context, losses, tuple(data_losses), total)
+
+    def _settings(self, step: int) -> RenderSettings:
+        """The settings of the run, of the method and of the refiners at a step."""
+        parts = self._parts
+        settings = parts.method.render_settings(self._plan.settings, step)
+        depth = parts.refiners.depth(step)
+        return replace(
+            settings,
+            background=self._background(settings),
+            statistics=settings.statistics | parts.refiners.statistics(step),
+            depth=settings.depth if depth is Depth.NONE else depth,
+        )
+
+    def _background(self, settings: RenderSettings) -> Tensor | None:
+        if not self._plan.random_background:
+            return settings.background
+        return torch.rand(3, generator=self._parts.generator, device=self._parts.device)

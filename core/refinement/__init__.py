@@ -1,0 +1,1 @@
+"""Refiners run in order, the statistics that they share, and the budget."""

@@ -1,0 +1,151 @@
+"""Refiner: edits the rows of a model while it is trained."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from gsfw.core.context import StepContext
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.render_output import RenderStatistics
+from gsfw.core.render_settings import Depth, Statistic
+from gsfw.core.table import SplatTable
+
+Refinement = Mapping[str, int]
+"""The edits of a refiner, by verb: {"cloned": 12, "pruned": 3}; empty when it edited nothing."""
+
+RESET = "reset"
+"""The verb of a refiner that lowers all opacities on purpose, so that they have to recover."""
+
+
+@dataclass(frozen=True)
+class GrowthLimits:
+    """Limits that a refiner sets for all others, such as those of a budget."""
+
+    may_grow: bool = True
+    """False once no refiner may add rows or reset opacities."""
+    hold: bool = False
+    """True while no refiner may add or remove rows, since statistics by row are gathered."""
+    max_rows: int | None = None
+    """Most rows while the model grows; ``None`` for no limit."""
+
+    def __and__(self, other: GrowthLimits) -> GrowthLimits:
+        """Both limits at once."""
+        known = [limit for limit in (self.max_rows, other.max_rows) if limit is not None]
+        return GrowthLimits(
+            self.may_grow and other.may_grow, self.hold or other.hold, min(known, default=None)
+        )
+
+    def most_rows(self, own: int = 0) -> int:
+        """The smaller of ``max_rows`` and a refiner's own limit; 0 for no limit."""
+        return own if self.max_rows is None else min(self.max_rows, own or self.max_rows)
+
+
+@dataclass(frozen=True)
+class RefineContext:
+    """The state of a run after an optimizer step, for the refiners to edit."""
+
+    step: int
+    """The step just taken, counted from 0."""
+    steps: int
+    """Length of the run."""
+    table: SplatTable
+    """Adds, removes and replaces rows, with their optimizer moments."""
+    model: PrimitiveModel
+    generator: torch.Generator
+    """The only source of randomness, on the model's device."""
+    limits: GrowthLimits
+    """Limits set by all refiners, as they are now."""
+    growth_due: bool
+    """Whether any refiner adds rows after this step (``Refiner.growth_due``)."""
+    edits: Refinement
+    """Edits of the refiners that came before this one in the same step."""
+
+    @property
+    def done(self) -> int:
+        """Steps done."""
+        return self.step + 1
+
+
+class Refiner(ABC):
+    """Edits rows: density control, budgets, spherical-harmonic bands, motion of single rows.
+
+    A run has an ordered list of refiners: the budget, those of the strategy, those of the method.
+    All batches of a step are rendered before any is observed. The order of calls in a step is
+    ``statistics``, ``depth`` and ``needs_view_gradients``; for each batch ``regularizers`` and
+    ``before_backward``; after the optimizer step, for each batch, ``observe``; then ``refine``.
+    """
+
+    name: ClassVar[str]
+    """Unique among the refiners of a run; the key of its state in checkpoints."""
+
+    def statistics(self, step: int) -> frozenset[Statistic]:
+        """Statistics to measure at ``step``; none once they are no longer needed."""
+        return frozenset()
+
+    def depth(self, step: int) -> Depth:
+        """The depth image to render at ``step``, for ``observe``."""
+        return Depth.NONE
+
+    def needs_view_gradients(self, step: int) -> bool:
+        """Whether the gradients of single views are needed: each view is then its own batch.
+
+        The loss of a step with several views stays the mean over them.
+        """
+        return False
+
+    def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
+        """Weighted scalars to add to the loss of a batch, by name. No side effects."""
+        return {}
+
+    def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:  # noqa: B027
+        """Attach hooks to tensors of the graph of a batch, once its losses are known."""
+
+    def observe(  # noqa: B027
+        self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
+    ) -> None:
+        """Gather statistics of a batch, after the optimizer step.
+
+        Statistics come in the order of the rendered splats: ``RowStatistics`` adds them up by
+        row. Those of a step that was not finite are zero. The model still has the gradients of
+        the whole step (``time_gradients``).
+        """
+
+    def growth_due(self, step: int) -> bool:
+        """Whether ``refine`` will add rows after ``step`` if the limits allow it."""
+        return False
+
+    @property
+    def growth_ends(self) -> int | None:
+        """Steps after which ``refine`` adds no more rows; ``None`` if it never ends."""
+        return None
+
+    def limits(self, step: int, model: PrimitiveModel) -> GrowthLimits:
+        """Limits for all refiners after ``step``."""
+        return GrowthLimits()
+
+    @abstractmethod
+    def refine(self, context: RefineContext) -> Refinement:
+        """Edit rows when it is time. Called after every optimizer step."""
+
+    def rows_edited(self) -> None:  # noqa: B027
+        """Drop statistics by row: a refiner has added, removed or replaced rows."""
+
+    def opacities_reset(self, step: int) -> None:  # noqa: B027
+        """Expect higher losses for a while: a refiner has reset opacities after ``step``."""
+
+    def report(self) -> Mapping[str, Any]:
+        """Results for ``requirements.json`` of the finished run, as plain data."""
+        return {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Tensors and plain data."""
+        return {}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:  # noqa: B027
+        """Continue from ``state``."""
