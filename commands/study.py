@@ -72,9 +72,9 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.console import Console
     from gsfw.commands.run_argument import RUNS
     from gsfw.core.files.folder_lock import only_one
+    from gsfw.studies.report import RESULTS
     from gsfw.studies.result import ResultStore
     from gsfw.studies.study_file import read_study
-    from gsfw.studies.writing import RESULTS
 
     console = Console(options.json)
     study = read_study(Path(options.file))
@@ -183,7 +183,7 @@ def _make(
 
 def _tell(console: Console, ended: Ended) -> None:
     """One line for a run that has ended."""
-    from gsfw.studies.columns import KNOWN
+    from gsfw.studies.comparison import KNOWN
 
     name = ended.run.cell.name
     head = f"[{ended.number}/{ended.total}] {name}: "
@@ -275,8 +275,7 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
 def _table(console: Console, study: Study, store: ResultStore, options: StudyOptions) -> int:
     """The tables from what is kept."""
     from gsfw.core.errors import DataError
-    from gsfw.studies.report import documents
-    from gsfw.studies.writing import shown_results
+    from gsfw.studies.report import documents, shown_results
 
     tables = _report(console, study, store, options)
     if not shown_results(study, store):
@@ -315,8 +314,8 @@ def _report(
 def _warn_of_columns(console: Console, study: Study, store: ResultStore) -> None:
     """Name columns that may be misspelt: neither do they have a name, nor any result a figure."""
     from gsfw.plugins.registry import did_you_mean
-    from gsfw.studies.columns import KNOWN
-    from gsfw.studies.writing import shown_results
+    from gsfw.studies.comparison import KNOWN
+    from gsfw.studies.report import shown_results
 
     measured = {key: None for result in shown_results(study, store) for key in result.figures}
     for name in study.columns:
@@ -327,7 +326,7 @@ def _warn_of_columns(console: Console, study: Study, store: ResultStore) -> None
 
 def _write(study: Study, store: ResultStore, options: StudyOptions) -> list[SceneTable]:
     """Write the files that are made of results; the tables in them."""
-    from gsfw.studies.writing import write_report
+    from gsfw.studies.report import write_report
 
     words = ["gsfw", "study", options.file]
     words += ["root=DATA"] if any("data" in scene for scene in study.scenes.values()) else []

@@ -78,10 +78,10 @@ def run(arguments: Arguments) -> int:
     from gsfw.core.files.folder_lock import only_one
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.plugins.registry import installed
+    from gsfw.studies.report import RESULTS
     from gsfw.studies.result import ResultStore
     from gsfw.studies.tradeoff.training.experiment import Experiment, by_when, default_folder
     from gsfw.studies.tradeoff.training.trainer import Workshop
-    from gsfw.studies.writing import RESULTS
 
     console, registry, control = Console(options.json), installed(), Control()
     base = _base(given, registry)

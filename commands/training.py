@@ -12,7 +12,6 @@ from gsfw.commands.console import Console
 from gsfw.commands.corrections import write_corrections
 from gsfw.commands.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interrupt import stop_on_signal
-from gsfw.commands.requirements import RequirementsReport
 from gsfw.core.callback import Callback
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
@@ -24,6 +23,7 @@ from gsfw.plugins.automatic import load, load_all
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry, installed
 from gsfw.plugins.snapshot import snapshot
+from gsfw.studies.requirements.report import RequirementsReport
 
 
 def make_callbacks(registry: Registry) -> list[Callback]:
@@ -52,7 +52,7 @@ def run_training(trainer: Trainer, console: Console) -> int:
     """
     folder = trainer.folder
     keep_freed_memory()
-    report = RequirementsReport(trainer, console)
+    report = RequirementsReport(trainer, console.warn)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
         with stop_on_signal(trainer.control) as interrupt, tracebacks_in(folder):

@@ -10,9 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from gsfw.charts.time_plot import GRID, INK, OVERSAMPLING, PAPER, Axis
 from gsfw.core.files.atomic import write_atomically
-from gsfw.studies.columns import Column
-from gsfw.studies.comparison import Figure, SceneTable
-from gsfw.studies.report import heading
+from gsfw.studies.comparison import Column, Figure, SceneTable, heading
 
 WIDTH = 960
 MARGINS = (24, 34, 24, 44)

@@ -1,17 +1,22 @@
-"""Report: a study in Markdown, as CSV, as plain data, and as tables for a terminal."""
+"""Report: a study in Markdown, as CSV, as plain data, and as tables; and the files of these."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
+from gsfw.core.files.atomic import write_atomically
 from gsfw.plugins.values import as_text
-from gsfw.studies.columns import Column
-from gsfw.studies.comparison import Line, SceneTable
-from gsfw.studies.result import Result
+from gsfw.studies.comparison import Column, Line, SceneTable, compare, heading
+from gsfw.studies.dot_plot import write_dot_plot
+from gsfw.studies.result import Result, ResultStore
 from gsfw.studies.study import Study
 from gsfw.studies.table import Table, cell_text
+
+RESULTS, REPORT, FIGURES, PLOT = "results.json", "study.md", "study.csv", "study.png"
+"""Files of a study's folder: the kept results, and the files that are made of them."""
 
 ABSENT = "-"
 """Stands for a figure that was not measured."""
@@ -43,11 +48,6 @@ def figure_text(column: Column, line: Line, bold: bool = False) -> str:
     if figure.is_best:
         return f"**{text}**" if bold else f"{text} *"
     return text + (TIE if figure.is_tie else "")
-
-
-def heading(column: Column) -> str:
-    """Heading of a column with its unit."""
-    return f"{column.heading} ({column.unit})" if column.unit else column.heading
 
 
 def table_of(scene: SceneTable, bold: bool = False) -> Table:
@@ -173,3 +173,36 @@ def _values(documents: Iterable[Mapping[str, Any]], key: str) -> str:
     numbers = all(isinstance(value, int | float) for value in values)
     listed = sorted(values) if numbers else sorted(values, key=str)
     return ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in listed) or "unknown"
+
+
+def write_report(study: Study, store: ResultStore, folder: Path, command: str) -> list[SceneTable]:
+    """Write study.md, study.csv and study.png.
+
+    Args:
+        study: names the rows and scenes.
+        store: of results; rows and scenes that the study no longer has are left out.
+        folder: of the files.
+        command: makes the same files; is shown in the report.
+
+    Returns:
+        The tables of the report.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    tables = compare(study, store.results, store.failures)
+    shown = shown_results(study, store)
+    if not tables:
+        return []
+    plot = PLOT if write_dot_plot(folder / PLOT, tables) else None
+    protocol = protocol_lines(study, shown, command) if shown else []
+    text = markdown(study, tables, protocol, plot)
+    write_atomically(folder / REPORT, text.encode())
+    write_atomically(folder / FIGURES, csv_text(study, shown).encode())
+    return tables
+
+
+def shown_results(study: Study, store: ResultStore) -> Sequence[Result]:
+    """Results of the study's cells, in their order."""
+    keys = [cell.key for cell in study.cells()]
+    return [store.results[key] for key in keys if key in store.results]

@@ -23,6 +23,7 @@ from gsfw.core.metrics import psnr
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
 from gsfw.studies.tradeoff.edits import ShTruncation
+from gsfw.studies.tradeoff.finished_model import evenly
 from gsfw.studies.tradeoff.subject import Edit, Subject
 
 MOST_VIEWS = 8
@@ -65,7 +66,7 @@ class Worth:
         moves = not subject.is_still
         split = Split.EVAL if len(data.views(Split.EVAL)) else Split.TRAIN
         names = data.views(split).names
-        chosen = _evenly(len(names), MOST_VIEWS)
+        chosen = evenly(len(names), MOST_VIEWS)
         held = subject.splats(torch.tensor(STILL_TIME, device=device))
         degree, scores = _drawn_degree(held), _scores(subject, data)
         variants: list[Edit] = [
@@ -91,12 +92,6 @@ class Worth:
         )
 
 
-def _evenly(count: int, most: int) -> list[int]:
-    """At most so many of ``count`` places, spread evenly."""
-    chosen = min(count, most)
-    return [round((index + 0.5) * count / chosen - 0.5) for index in range(chosen)]
-
-
 def _drawn_degree(splats: Splats) -> int:
     """The highest that any of them has and that is drawn."""
     colors = splats.colors
@@ -108,7 +103,7 @@ def _scores(subject: Subject, data: DataManager) -> Float[Tensor, " n"]:
     if Feature.CONTRIBUTION not in subject.rasterizer.capabilities().features:
         return torch.zeros(0, dtype=torch.float64)
     cameras = data.views(Split.TRAIN).cameras
-    return contributions(subject, [cameras[i] for i in _evenly(len(cameras), MOST_CAMERAS)])
+    return contributions(subject, [cameras[i] for i in evenly(len(cameras), MOST_CAMERAS)])
 
 
 def _parts(scores: Float[Tensor, " n"]) -> Sequence[float]:

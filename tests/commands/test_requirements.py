@@ -10,9 +10,9 @@ from support.states import assert_same_bits
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from gsfw.commands.main import main
-from gsfw.commands.requirements import RequirementsReport
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
+from gsfw.studies.requirements.report import RequirementsReport
 
 SMALL = (
     "method=3dgs", "device=cpu", "datamanager.views=6", "datamanager.eval_views=2",
@@ -104,7 +104,7 @@ def test_a_failure_to_measure_loses_nothing(tmp_path, capsys, monkeypatch):
     def fail(*arguments):
         raise RuntimeError("no paper left")
 
-    monkeypatch.setattr("gsfw.commands.requirements.plot", fail)
+    monkeypatch.setattr("gsfw.studies.requirements.report.plot", fail)
     folder = RunFolder(tmp_path / "run")
     assert main(["train", *SMALL, f"out={folder.path}"]) == 0
     said = capsys.readouterr()

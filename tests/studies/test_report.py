@@ -7,11 +7,10 @@ from dataclasses import replace
 from PIL import Image
 from support.small_study import TINY, small_study
 
-from gsfw.studies.columns import find_column
-from gsfw.studies.report import csv_text, protocol_lines
+from gsfw.studies.comparison import find_column
+from gsfw.studies.report import csv_text, protocol_lines, write_report
 from gsfw.studies.result import Failure, Result, ResultStore
 from gsfw.studies.study import Rule
-from gsfw.studies.writing import write_report
 
 PROTOCOL = {
     "checkpoint": "last",

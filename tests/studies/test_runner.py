@@ -20,9 +20,9 @@ from support.small_study import TINY, make, plan, small_study
 
 from gsfw.core.callback import Control
 from gsfw.studies.planned_run import fingerprint
+from gsfw.studies.report import RESULTS
 from gsfw.studies.result import ResultStore
 from gsfw.studies.runner import Runner, RunnerSettings
-from gsfw.studies.writing import RESULTS
 
 pytestmark = pytest.mark.usefixtures("quick")
 

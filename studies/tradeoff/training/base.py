@@ -12,8 +12,7 @@ from gsfw.plugins.compose import check, compose
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 from gsfw.studies.tradeoff.finished_model import LeftOut
-from gsfw.studies.tradeoff.training.axes import AXES
-from gsfw.studies.tradeoff.training.choice import Choice, Recipe
+from gsfw.studies.tradeoff.training.axes import AXES, Choice, Recipe
 
 
 @dataclass(frozen=True)

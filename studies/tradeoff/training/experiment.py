@@ -18,9 +18,8 @@ from gsfw.studies.runner import Ended
 from gsfw.studies.study import NEUTRAL
 from gsfw.studies.tradeoff import flip
 from gsfw.studies.tradeoff.recommendation import Wish
-from gsfw.studies.tradeoff.training.axes import START, STEPS
+from gsfw.studies.tradeoff.training.axes import BASELINE, START, STEPS
 from gsfw.studies.tradeoff.training.base import Base, find_capture, singles
-from gsfw.studies.tradeoff.training.choice import BASELINE
 from gsfw.studies.tradeoff.training.judge import DRAW_MS, FLIP, RunJudge
 from gsfw.studies.tradeoff.training.search import Round, Search, Trial
 from gsfw.studies.tradeoff.training.sizing import (

@@ -24,7 +24,7 @@ from itertools import product
 
 from gsfw.studies.tradeoff.front import Point, beats
 from gsfw.studies.tradeoff.recommendation import Wish
-from gsfw.studies.tradeoff.training.choice import Recipe
+from gsfw.studies.tradeoff.training.axes import Recipe
 
 COMBINATIONS = 4
 """Number of tried recipes of several choices."""

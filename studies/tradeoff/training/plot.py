@@ -7,8 +7,7 @@ from pathlib import Path
 
 from gsfw.studies.dot_plot import COLORS
 from gsfw.studies.tradeoff.panel_plot import Color, Dot, Panel, write_panel_plot
-from gsfw.studies.tradeoff.training.axes import AXES
-from gsfw.studies.tradeoff.training.choice import BASELINE
+from gsfw.studies.tradeoff.training.axes import AXES, BASELINE
 from gsfw.studies.tradeoff.training.report import yardstick
 from gsfw.studies.tradeoff.training.trained import Trained, unbeaten
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gsfw.studies.tradeoff.front import Point, front
 from gsfw.studies.tradeoff.recommendation import Wish
-from gsfw.studies.tradeoff.training.choice import Recipe
+from gsfw.studies.tradeoff.training.axes import Recipe
 from gsfw.studies.tradeoff.training.halving import Tried, combinations, kept, survivors
 
 

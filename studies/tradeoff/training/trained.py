@@ -10,7 +10,7 @@ from typing import Any
 
 from gsfw.studies.result import Result
 from gsfw.studies.tradeoff.front import SAME_PSNR, Point, front
-from gsfw.studies.tradeoff.training.choice import BASELINE
+from gsfw.studies.tradeoff.training.axes import BASELINE
 from gsfw.studies.tradeoff.training.judge import DRAW_MS, DRAW_SPREAD, FLIP
 from gsfw.studies.tradeoff.training.search import Trial
 from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, megabytes

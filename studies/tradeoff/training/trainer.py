@@ -17,9 +17,8 @@ from gsfw.studies.planned_run import PlannedRun, plan_runs
 from gsfw.studies.result import MEGABYTE, Result, ResultStore
 from gsfw.studies.runner import START_SECONDS, Ended, Runner, RunnerSettings
 from gsfw.studies.study import Cell
-from gsfw.studies.tradeoff.training.axes import limited
+from gsfw.studies.tradeoff.training.axes import BASELINE, Recipe, limited
 from gsfw.studies.tradeoff.training.base import Base
-from gsfw.studies.tradeoff.training.choice import BASELINE, Recipe
 from gsfw.studies.tradeoff.training.search import Outcome, Trial
 from gsfw.studies.tradeoff.training.sizing import Speed
 

@@ -1,7 +1,7 @@
 """Halving keeps what may reach the target at the least size, or what nothing beats."""
 
 from gsfw.studies.tradeoff.recommendation import Wish
-from gsfw.studies.tradeoff.training.choice import BASELINE, Choice, Recipe
+from gsfw.studies.tradeoff.training.axes import BASELINE, Choice, Recipe
 from gsfw.studies.tradeoff.training.halving import (
     Tried,
     combinations,

@@ -1,7 +1,7 @@
 """A search asks for runs in rounds, and for nothing that cannot be known to be worth it."""
 
 from gsfw.studies.tradeoff.recommendation import Wish
-from gsfw.studies.tradeoff.training.choice import Choice, Recipe
+from gsfw.studies.tradeoff.training.axes import Choice, Recipe
 from gsfw.studies.tradeoff.training.search import Outcome, Search
 
 SINGLES = [

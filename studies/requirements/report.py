@@ -1,10 +1,10 @@
-"""RequirementsReport: what a completed run required, measured before its callbacks are closed."""
+"""RequirementsReport: the requirements of a completed run, measured before its callbacks close."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
-from gsfw.commands.console import Console
 from gsfw.core.loop.trainer import Trainer
 from gsfw.studies.requirements.measure import measure
 from gsfw.studies.requirements.plot import plot
@@ -13,17 +13,18 @@ logger = logging.getLogger("gsfw.run")
 
 
 class RequirementsReport:
-    """Measures once the run is completed, and lets callbacks write it.
+    """Measures a completed run and hands the result to the callbacks.
 
-    ``line`` is what people are told at the end; empty when nothing was measured.
+    ``line`` is a summary for the end of the run; empty when nothing was measured.
     """
 
-    def __init__(self, trainer: Trainer, console: Console) -> None:
-        self._trainer, self._console = trainer, console
+    def __init__(self, trainer: Trainer, warn: Callable[[str], None]) -> None:
+        """Take the trainer of the run; ``warn`` shows a message where measuring fails."""
+        self._trainer, self._warn = trainer, warn
         self.line = ""
 
     def make(self) -> None:
-        """Measure, draw and tell the callbacks; a failure is no failure of the run."""
+        """Measure, plot and notify the callbacks; a failure here does not fail the run."""
         trainer = self._trainer
         if trainer.control.stop_reason is not None:  # Somebody wants it to end now.
             return
@@ -34,7 +35,7 @@ class RequirementsReport:
                 callback.on_requirements(found, picture)
         except Exception as error:  # The run is finished: all that matters of it is written.
             logger.exception("what the run required could not be reported")
-            self._console.warn(
+            self._warn(
                 f"what the run required could not be reported: {type(error).__name__}: {error}"
             )
             return
