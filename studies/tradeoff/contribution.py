@@ -1,4 +1,4 @@
-"""Contribution: how much each Gaussian adds to the training views, and who is left by that."""
+"""Contribution: the share of each Gaussian in the training views, and pruning by it."""
 
 from __future__ import annotations
 
@@ -73,11 +73,11 @@ class Kept(Cut):
     rows: Int[Tensor, " m"]
 
     def __call__(self, splats: Splats) -> Splats:
-        """The splats of these rows, as far as they are among those that are drawn."""
+        """The splats of these rows, as far as they are among the given ones."""
         if splats.rows is None:
             return splats.take(self.rows)
         return splats.take(torch.isin(splats.rows, self.rows).nonzero()[:, 0])
 
     def left_of(self, storage: Storage) -> Storage:
-        """What these rows have, and what all share."""
+        """The storage of these rows, and everything that belongs to no row."""
         return storage.of_rows(self.rows)

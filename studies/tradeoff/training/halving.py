@@ -36,13 +36,13 @@ class Tried:
 
     recipe: Recipe
     psnr: float
-    """In dB."""
+    """PSNR in dB."""
     size: float
-    """Of its file, in bytes."""
+    """Size of its file in bytes."""
 
     @property
     def point(self) -> Point:
-        """In the plane of size and quality."""
+        """The point in the plane of size and quality."""
         return Point(self.recipe.name, self.size, self.psnr)
 
 

@@ -21,7 +21,7 @@ class Trial:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for people."""
         return f"{self.recipe.name}, {self.steps} steps"
 
 
@@ -32,12 +32,12 @@ class Outcome:
     psnr: float
     """On held-out images of the baseline's size, in dB."""
     size: float
-    """Of its file, in bytes."""
+    """Size of its file in bytes."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """Trials that can be made at the same time."""
+    """Trials that can run at the same time."""
 
     name: str
     trials: tuple[Trial, ...]
