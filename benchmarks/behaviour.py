@@ -117,7 +117,7 @@ def main() -> int:
         for name, result in zip(chosen, found, strict=True):
             print(f"{name}: {result['rows']} rows, {result.get('psnr', 0):.3f} dB", flush=True)
             known[name] = result
-    options.file.write_text(json.dumps(known, indent=1))
+            options.file.write_text(json.dumps(known, indent=1))
     return 0
 
 
@@ -129,14 +129,15 @@ def read(path: Path) -> dict[str, Any]:
 def compare_recordings(before: dict[str, Any], after: dict[str, Any]) -> int:
     """Print a line for each case; 1 if any differs."""
     different = 0
-    for name, expected in before.items():
-        found = after.get(name)
-        keys = [key for key in expected if found is None or found.get(key) != expected[key]]
+    both = {name: expected for name, expected in before.items() if name in after}
+    for name, expected in both.items():
+        found = after[name]
+        keys = [key for key in expected if found.get(key) != expected[key]]
         different += bool(keys)
         print(f"{name}: {'equal' if not keys else 'DIFFERENT: ' + ', '.join(keys)}")
-        if keys and found is not None:
+        if keys:
             print(*(f"    {key}: {expected[key]} -> {found.get(key)}\n" for key in keys), sep="")
-    print(f"{len(before) - different} of {len(before)} cases are equal.")
+    print(f"{len(both) - different} of {len(both)} cases are equal; {len(before)} are known.")
     return int(different > 0)
 
 

@@ -98,10 +98,10 @@ class StrategyConfig(SlotConfig, ABC):
 
     budget: str = NO_BUDGET
     """Gaussians to end with: none, auto (as the scene needs), a number, or megabytes as in 20MB."""
-    budget_share: float = 0.025
+    budget_share: float = number(0.025, above=0, below=1)
     """Under budget=auto, each round of pruning removes what holds less than this of all there is.
     """
-    budget_every: int = steps_field(1500, at_least=50)
+    budget_every: int = steps_field(1500, at_least=1, floor=50)
     """Under a budget, steps between rounds of pruning, in which what is left makes up for it."""
 
     @abstractmethod

@@ -46,17 +46,21 @@ class Range:
         below = None if finite else self.below
         noun = "a finite number" if finite else "a number"
         if self.at_least is not None and self.at_most is not None:
-            return f"{noun} from {self.at_least} to {self.at_most}"
+            return f"{noun} from {_shown(self.at_least)} to {_shown(self.at_most)}"
         if self.above is not None and below is not None:
-            return f"{noun} between {self.above} and {below}"
+            return f"{noun} between {_shown(self.above)} and {_shown(below)}"
         bounds = {
             "of at least": self.at_least,
             "above": self.above,
             "of at most" if self.at_least is self.above is None else "at most": self.at_most,
             "below": below,
         }
-        phrases = [f"{words} {bound}" for words, bound in bounds.items() if bound is not None]
+        phrases = [f"{words} {_shown(bound)}" for words, bound in bounds.items() if bound is not None]
         return " ".join([noun, " and ".join(phrases)]).strip()
+
+
+def _shown(value: Number) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def number(
@@ -99,5 +103,4 @@ def check_ranges(config: object, prefix: str = "") -> None:
         if is_dataclass(value):
             check_ranges(value, f"{prefix}{item.name}.")
         elif bounds is not None and value is not None and value not in bounds:
-            shown = f"{value:g}" if isinstance(value, float) else value
-            raise ConfigError(f"{prefix}{item.name}={shown}: expected {bounds}.")
+            raise ConfigError(f"{prefix}{item.name}={_shown(value)}: expected {bounds}.")

@@ -35,8 +35,8 @@ from torch import Tensor
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import StrategyConfig, steps_field
 from gsfw.core.context import StepContext
-from gsfw.core.errors import ConfigError
 from gsfw.core.model import DensifiableModel, PrimitiveModel
+from gsfw.core.ranges import number
 from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
@@ -49,51 +49,44 @@ from gsfw.strategies.rounds import RefinementRounds
 COPIES = 2
 """Children of a split row (Kerbl et al. 2023, section 5.2)."""
 
-AT_LEAST_ZERO = (
-    *("grow_gradient", "grow_absgrad", "grow_time_gradient", "split_lifetime", "split_size"),
-    *("prune_opacity", "prune_lifetime", "prune_size", "prune_radius"),
-    *("refine_start", "refine_stop", "max_rounds", "reset_every", "max_gaussians"),
-)
-"""Settings of which there are no negative ones."""
-
 
 @dataclass
 class AdcConfig(StrategyConfig):
     """Settings of adaptive density control; steps are those of a run of 30,000."""
 
-    grow_gradient: float = 2e-4
+    grow_gradient: float = number(2e-4, at_least=0)
     """Rows grow above this mean gradient of the screen position (NDC units)."""
     absgrad: bool = False
     """Whether to sum each pixel's absolute gradient instead (fewer, better placed splats)."""
-    grow_absgrad: float = 8e-4
+    grow_absgrad: float = number(8e-4, at_least=0)
     """The threshold that takes the place of grow_gradient when absgrad is set."""
-    grow_time_gradient: float = 0.0
+    grow_time_gradient: float = number(0.0, at_least=0)
     """Rows also grow above this mean gradient of the temporal centre, in sequences; 0: off."""
-    split_lifetime: float = 0.5
+    split_lifetime: float = number(0.5, at_least=0)
     """Rows that grow by that are split where they are there for more of the sequence than this."""
-    split_size: float = 0.01
+    split_size: float = number(0.01, at_least=0)
     """Growing rows are split above this standard deviation, in extents, and cloned below it."""
-    prune_opacity: float = 0.005
+    prune_opacity: float = number(0.005, at_least=0)
     """Rows below this opacity are removed."""
-    prune_lifetime: float = 0.0
+    prune_lifetime: float = number(0.0, at_least=0)
     """Rows that are there for less than this many of the capture's times are removed; 0: none."""
-    prune_size: float = 0.1
+    prune_size: float = number(0.1, at_least=0)
     """Rows above this deviation, in extents, are removed after the first reset; 0: none."""
-    prune_radius: float = 0.0
+    prune_radius: float = number(0.0, at_least=0)
     """Rows above this radius in pixels are removed after the first reset (papers: 20); 0: none."""
     refine_start: int = steps_field(500, floor=100)
     """No refinement up to this step; before, most gradients only say that nothing has settled."""
     refine_stop: int = steps_field(15_000)
     """No refinement and no reset from this step on."""
-    refine_every: int = steps_field(100, floor=50)
+    refine_every: int = steps_field(100, at_least=1, floor=50)
     """Steps between refinements, in which gradients are gathered."""
-    max_rounds: int = 0
+    max_rounds: int = number(0, at_least=0)
     """Refinements in which rows grow; later ones only prune (Li et al.: 6 to 12); 0: no limit."""
     reset_every: int = steps_field(3000, floor=300)
     """Steps between opacity resets, after which opacities have to recover; 0: no reset."""
-    reset_opacity: float = 0.01
+    reset_opacity: float = number(0.01, above=0, below=1)
     """Opacities are capped at this by a reset."""
-    max_gaussians: int = 3_000_000
+    max_gaussians: int = number(3_000_000, at_least=0)
     """No growth beyond this number (3 GB of parameters and optimizer state); 0: no limit."""
 
     guided: GuidedSamplingConfig = field(default_factory=GuidedSamplingConfig)
@@ -106,25 +99,7 @@ class AdcConfig(StrategyConfig):
         return Needs(features=frozenset(features), densifiable=True)
 
     def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
-        """Growth and pruning; guided sampling and opacity resets where they are on.
-
-        Raises:
-            ConfigError: a setting is out of range.
-        """
-        if self.refine_every < 1:
-            raise ConfigError(
-                f"strategy.refine_every={self.refine_every}: expected at least 1.",
-                "Use strategy=none for no density control.",
-            )
-        if not 0 < self.reset_opacity < 1:
-            raise ConfigError(
-                f"strategy.reset_opacity={self.reset_opacity:g}: expected a number between 0 and 1."
-            )
-        for key in AT_LEAST_ZERO:
-            value = getattr(self, key)
-            if not value >= 0:
-                raise ConfigError(f"strategy.{key}={value:g}: expected a number of at least 0.")
-        self.guided.check()
+        """Growth and pruning; guided sampling and opacity resets where they are on."""
         rounds = RefinementRounds(self.refine_start, self.refine_every, self.refine_stop)
         found: list[Refiner] = [AdaptiveDensityControl(self, scene, rounds)]
         if self.guided.rounds > 0:

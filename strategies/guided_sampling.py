@@ -30,10 +30,10 @@ from torch import Tensor
 
 from gsfw.core.config import steps_field
 from gsfw.core.context import StepContext
-from gsfw.core.errors import ConfigError
 from gsfw.core.loop.area import area_means
 from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.model import DensifiableModel, PrimitiveModel
+from gsfw.core.ranges import number
 from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth
@@ -66,30 +66,14 @@ PARALLEL = 1e-9
 class GuidedSamplingConfig:
     """New rows where pictures are drawn worst; steps are those of a run of 30,000."""
 
-    rounds: int = 0
+    rounds: int = number(0, at_least=0)
     """How often rows are added where pictures are drawn worst (6 are enough); 0: never."""
     start: int = steps_field(1600)
     """The first round goes with the first refinement at this step or later."""
-    every: int = steps_field(500, floor=50)
+    every: int = steps_field(500, at_least=1, floor=50)
     """Steps between rounds, in which views are drawn again."""
-    share: float = 0.1
+    share: float = number(0.1, above=0, at_most=1)
     """Share of a picture's patches that get rows, the worst ones, in (0, 1]."""
-
-    def check(self) -> None:
-        """Check the values.
-
-        Raises:
-            ConfigError: one is out of range.
-        """
-        for key, least in (("rounds", 0), ("start", 0), ("every", 1)):
-            if getattr(self, key) < least:
-                raise ConfigError(
-                    f"strategy.guided.{key}={getattr(self, key)}: expected at least {least}."
-                )
-        if not 0 < self.share <= 1:
-            raise ConfigError(
-                f"strategy.guided.share={self.share:g}: expected a number above 0, at most 1."
-            )
 
 
 @dataclass(frozen=True)

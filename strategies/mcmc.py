@@ -24,8 +24,8 @@ from torch import Tensor
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import StrategyConfig, steps_field
 from gsfw.core.context import StepContext
-from gsfw.core.errors import ConfigError
 from gsfw.core.model import Children, DensifiableModel, PrimitiveModel
+from gsfw.core.ranges import number
 from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refiner import RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
@@ -38,12 +38,6 @@ from gsfw.strategies.rounds import RefinementRounds
 POSITIONS = "means"
 """The column whose learning rate the noise follows."""
 
-AT_LEAST_ZERO = (
-    *("growth", "min_opacity", "noise_lr", "opacity_reg", "scale_reg"),
-    *("refine_start", "refine_stop"),
-)
-"""Settings of which there are no negative ones."""
-
 
 @dataclass
 class McmcConfig(StrategyConfig):
@@ -52,25 +46,25 @@ class McmcConfig(StrategyConfig):
     recommended: ClassVar[Mapping[str, Any]] = {"init_opacity": 0.5, "init_scale": 0.1}
     """As in the paper's released code."""
 
-    cap_max: int = 1_000_000
+    cap_max: int = number(1_000_000, at_least=1)
     """The number of splats it grows to; more at the start stay as many."""
-    growth: float = 0.05
+    growth: float = number(0.05, at_least=0)
     """Splats added by each refinement, relative to those there are."""
-    min_opacity: float = 0.005
+    min_opacity: float = number(0.005, at_least=0)
     """Rows up to this opacity are dead, and are relocated."""
-    gradient_share: float = 0.0
+    gradient_share: float = number(0.0, at_least=0, at_most=1)
     """Part of the copies drawn by screen gradient instead of opacity (FreeTimeGS: 0.5); 0: none."""
-    noise_lr: float = 5e5
+    noise_lr: float = number(5e5, at_least=0)
     """Strength of the noise, times the learning rate of positions."""
-    opacity_reg: float = 0.01
+    opacity_reg: float = number(0.01, at_least=0)
     """Weight of the mean opacity in the loss."""
-    scale_reg: float = 0.01
+    scale_reg: float = number(0.01, at_least=0)
     """Weight of the mean scale, in scene units, in the loss."""
     refine_start: int = steps_field(500, floor=100)
     """No relocation and no growth up to this step."""
     refine_stop: int = steps_field(25_000)
     """No relocation and no growth from this step on."""
-    refine_every: int = steps_field(100, floor=20)
+    refine_every: int = steps_field(100, at_least=1, floor=20)
     """Steps between refinements; short runs refine, and so grow, in fewer rounds."""
 
     def needs(self) -> Needs:
@@ -79,23 +73,7 @@ class McmcConfig(StrategyConfig):
         return Needs(features=drawn_by, densifiable=True)
 
     def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
-        """Relocation, growth and noise.
-
-        Raises:
-            ConfigError: a setting is out of range.
-        """
-        for key, value in (("refine_every", self.refine_every), ("cap_max", self.cap_max)):
-            if value < 1:
-                raise ConfigError(f"strategy.{key}={value}: expected at least 1.")
-        for key in AT_LEAST_ZERO:
-            if not getattr(self, key) >= 0:
-                raise ConfigError(
-                    f"strategy.{key}={getattr(self, key):g}: expected a number of at least 0."
-                )
-        if not 0 <= self.gradient_share <= 1:
-            raise ConfigError(
-                f"strategy.gradient_share={self.gradient_share:g}: expected a number from 0 to 1."
-            )
+        """Relocation, growth and noise."""
         return (MarkovChainMonteCarlo(self),)
 
 

@@ -87,14 +87,8 @@ class BudgetSize:
         """The budget of a strategy's settings.
 
         Raises:
-            ConfigError: a setting is out of range or has no meaning.
+            ConfigError: the text is none of the forms that a budget has.
         """
-        if config.budget_every < 1:
-            raise ConfigError(f"strategy.budget_every={config.budget_every}: expected at least 1.")
-        if not 0 < config.budget_share < 1:
-            raise ConfigError(
-                f"strategy.budget_share={config.budget_share:g}: expected a number between 0 and 1."
-            )
         text = str(config.budget)
         number, megabytes = re.fullmatch(r"\d+", text), re.fullmatch(r"(\d+(?:\.\d+)?)MB", text)
         if text in (NO_BUDGET, AUTO):
@@ -335,7 +329,7 @@ def with_budget(strategy: StrategyConfig, scene: Scene) -> tuple[Refiner, ...]:
     """The refiners of a strategy, after the budget that its settings give it, if any.
 
     Raises:
-        ConfigError: settings are out of range or contradict each other.
+        ConfigError: the budget is none of the forms that it can have.
     """
     size, found = BudgetSize.parse(strategy), strategy.refiners(scene)
     if not size.is_given:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.config import Rescaled, steps_field
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import number
 from gsfw.methods.gaussians3d.config import GaussiansConfig, StaticGaussiansOptim
 
 if TYPE_CHECKING:
@@ -25,11 +26,11 @@ class TrackedGaussiansOptim(StaticGaussiansOptim):
 
     means_lr_steps: int = steps_field(10_000)
     """Steps over which the rate of positions decays at the first time."""
-    tracked_means_lr: float = 3e-3
+    tracked_means_lr: float = number(3e-3, at_least=0, below=math.inf)
     """Rate of positions at the first step of every later time, times the scene's extent."""
-    tracked_quats_lr: float = 1e-2
+    tracked_quats_lr: float = number(1e-2, at_least=0, below=math.inf)
     """Rate of the quaternions at the first step of every later time."""
-    tracked_decay: float = 0.1
+    tracked_decay: float = number(0.1, above=0, at_most=1)
     """What both have decayed to at the last step of a time, relative to its first."""
 
 
@@ -48,18 +49,18 @@ class TrackedGaussiansConfig(GaussiansConfig):
 
     colors: Literal["soft", "fixed"] = "soft"
     """Whether constant colours may change with time, at a price (color_change)."""
-    rigid: float = 4.0
+    rigid: float = number(4.0, at_least=0, below=math.inf)
     """Weight of how far neighbours stray from where a row's own motion would take them, in
     extents."""
-    rotation: float = 4.0
+    rotation: float = number(4.0, at_least=0, below=math.inf)
     """Weight of how differently neighbours turn, as a difference of quaternions."""
-    isometry: float = 2.0
+    isometry: float = number(2.0, at_least=0, below=math.inf)
     """Weight of how much distances to neighbours change from the first time on, in extents."""
-    color_change: float = 0.01
+    color_change: float = number(0.01, at_least=0, below=math.inf)
     """Weight of how much colours differ from those at the time before (colors=soft)."""
-    neighbors: int = 20
+    neighbors: int = number(20, at_least=1)
     """Neighbours of each row, found once, when the first time is finished."""
-    neighbors_per_step: int = 5
+    neighbors_per_step: int = number(5, at_least=1)
     """How many of them a step looks at, in turn; the cost is in proportion."""
     optim: TrackedGaussiansOptim = field(default_factory=TrackedGaussiansOptim)
 
@@ -81,24 +82,11 @@ class TrackedGaussiansConfig(GaussiansConfig):
                 "sh=adaptive: tracked Gaussians keep the bands that they have at the first time.",
                 "Give all of them the same with sh=0 to sh=4.",
             )
-        weights = ("rigid", "rotation", "isometry", "color_change")
-        self.expect(
-            {
-                **{
-                    key: (0 <= getattr(self, key) < math.inf, "a finite number of at least 0")
-                    for key in weights
-                },
-                "neighbors": (self.neighbors >= 1, "a number of at least 1"),
-                "neighbors_per_step": (
-                    1 <= self.neighbors_per_step <= self.neighbors,
-                    f"a number from 1 to neighbors={self.neighbors}",
-                ),
-                "optim.tracked_decay": (
-                    0 < self.optim.tracked_decay <= 1,
-                    "a number above 0, at most 1",
-                ),
-            }
-        )
+        if self.neighbors_per_step > self.neighbors:
+            raise ConfigError(
+                f"neighbors_per_step={self.neighbors_per_step}: expected at most "
+                f"neighbors={self.neighbors}."
+            )
         self._check_refinement()
 
     def _check_refinement(self) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import MethodConfig, OptimConfig, steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.ranges import number
 
 if TYPE_CHECKING:
     from gsfw.core.method import Method
@@ -24,21 +24,21 @@ MAX_SH_DEGREE = 4
 class StaticGaussiansOptim(OptimConfig):
     """Learning rates of the columns."""
 
-    means_lr: float = 1.6e-4
+    means_lr: float = number(1.6e-4, at_least=0, below=math.inf)
     """Rate of positions at the first step, times the scene's extent."""
-    means_lr_final: float = 1.6e-6
+    means_lr_final: float = number(1.6e-6, at_least=0, below=math.inf)
     """Rate of positions once it has decayed, log-linearly, times the scene's extent."""
     means_lr_steps: int = steps_field(30_000)
     """Steps over which the rate of positions decays."""
-    scales_lr: float = 5e-3
+    scales_lr: float = number(5e-3, at_least=0, below=math.inf)
     """Rate of the logarithms of the scales."""
-    quats_lr: float = 1e-3
+    quats_lr: float = number(1e-3, at_least=0, below=math.inf)
     """Rate of the quaternions."""
-    opacities_lr: float = 5e-2
+    opacities_lr: float = number(5e-2, at_least=0, below=math.inf)
     """Rate of the logits of the opacities."""
-    sh_dc_lr: float = 2.5e-3
+    sh_dc_lr: float = number(2.5e-3, at_least=0, below=math.inf)
     """Rate of the constant colour coefficient."""
-    sh_rest_lr: float = 1.25e-4
+    sh_rest_lr: float = number(1.25e-4, at_least=0, below=math.inf)
     """Rate of the view-dependent colour coefficients."""
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
@@ -55,30 +55,20 @@ class StaticGaussiansOptim(OptimConfig):
             "sh_rest": LearningRate(self.sh_rest_lr),
         }
 
-    def check(self) -> None:
-        """Check the rates.
-
-        Raises:
-            ConfigError: one is negative; names it.
-        """
-        for key, value in vars(self).items():
-            if key != "sparse" and not 0 <= value < math.inf:
-                raise ConfigError(f"optim.{key}={value:g}: expected a finite number of at least 0.")
-
 
 @dataclass
 class BandsConfig:
     """When splats gain and lose bands of spherical harmonics, and how many (sh=adaptive)."""
 
-    share: float = 0.45
+    share: float = number(0.45, above=0, at_most=1)
     """Part of the colour floats of sh_degree that splats end with, the constant ones included."""
-    signal: float = 2.0
+    signal: float = number(2.0, at_least=1)
     """A splat gains a band above this signal-to-noise ratio of what its gradients have to do with
     the direction, which is 1 for one that needs none; higher: fewer bands."""
-    rate: float = 4.0
+    rate: float = number(4.0, above=0, below=math.inf)
     """The rate of the bands begins at this many times optim.sh_rest_lr, where it ends: what is on
     trial has little time to show its worth."""
-    every: int = steps_field(1000, floor=50)
+    every: int = steps_field(1000, at_least=2, floor=50)
     """Steps between looks at which splats gain or lose a band."""
     grow_stop: int = steps_field(5000)
     """Splats gain bands up to this step, and lose them after it."""
@@ -90,7 +80,7 @@ class BandsConfig:
 class GaussiansConfig(MethodConfig):
     """What every method that begins with 3D Gaussians sets: colours, loss, and how they start."""
 
-    sh_degree: int = 3
+    sh_degree: int = number(3, at_least=0, at_most=MAX_SH_DEGREE)
     """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""
     sh: Literal["same", "adaptive", "0", "1", "2", "3", "4"] = "same"
     """same: every splat has the bands up to sh_degree; adaptive: each only those that its colour
@@ -98,13 +88,13 @@ class GaussiansConfig(MethodConfig):
     bands: BandsConfig = field(default_factory=BandsConfig)
     sh_degree_interval: int = steps_field(1000)
     """Steps after which one more degree is trained; 0: all from the first step."""
-    ssim_weight: float = 0.2
+    ssim_weight: float = number(0.2, at_least=0, at_most=1)
     """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
-    init_opacity: float = 0.1
+    init_opacity: float = number(0.1, above=0, below=1)
     """Opacity of every splat at the start."""
-    init_scale: float = 1.0
+    init_scale: float = number(1.0, above=0)
     """Size at the start, times the mean distance to the three nearest points."""
-    random_points: int = 100_000
+    random_points: int = number(100_000, at_least=1)
     """Splats to start from when they start at random."""
     random_region: Literal["auto", "object", "surroundings"] = "auto"
     """Where those are: around what the cameras look at (object), or all around the cameras
@@ -123,37 +113,16 @@ class GaussiansConfig(MethodConfig):
             ConfigError: naming the key, what was expected, and what was given.
         """
         super().check()
-        self.optim.check()
-        self.expect(self._of_bands())
-        expectations = {
-            "sh_degree": (
-                0 <= self.sh_degree <= MAX_SH_DEGREE,
-                f"a whole number from 0 to {MAX_SH_DEGREE}",
-            ),
-            "sh_degree_interval": (self.sh_degree_interval >= 0, "a number of at least 0"),
-            "ssim_weight": (0 <= self.ssim_weight <= 1, "a number from 0 to 1"),
-            "init_opacity": (0 < self.init_opacity < 1, "a number between 0 and 1"),
-            "init_scale": (self.init_scale > 0, "a number above 0"),
-            "random_points": (self.random_points >= 1, "a number of at least 1"),
-        }
-        self.expect(expectations)
+        if self.bands.stop < self.bands.grow_stop:
+            raise ConfigError(
+                f"bands.stop={self.bands.stop}: expected at least "
+                f"bands.grow_stop={self.bands.grow_stop}."
+            )
 
     def needs(self) -> Needs:
         """Ragged colours where splats have degrees of their own."""
         ragged = frozenset({Feature.RAGGED_SH} if self.sh == "adaptive" else ())
         return super().needs() | Needs(features=ragged)
-
-    def _of_bands(self) -> dict[str, tuple[bool, str]]:
-        """What is expected of adaptive bands, by dotted key."""
-        bands = self.bands
-        return {
-            "bands.share": (0 < bands.share <= 1, "a number above 0 and at most 1"),
-            "bands.signal": (bands.signal >= 1, "a number of at least 1"),
-            "bands.rate": (0 < bands.rate < math.inf, "a finite number above 0"),
-            "bands.every": (bands.every >= 2, "a number of at least 2"),
-            "bands.grow_stop": (bands.grow_stop >= 0, "a number of at least 0"),
-            "bands.stop": (bands.stop >= bands.grow_stop, "at least bands.grow_stop"),
-        }
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
         """The rate of every column, by its name."""
@@ -161,16 +130,6 @@ class GaussiansConfig(MethodConfig):
         if self.sh == "adaptive":
             rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, self.steps)
         return rates
-
-    def expect(self, expectations: Mapping[str, tuple[bool, str]]) -> None:
-        """Check settings: by dotted key, whether it is as expected, and what that is.
-
-        Raises:
-            ConfigError: naming the first that is not.
-        """
-        for key, (fulfilled, expected) in expectations.items():
-            if not fulfilled:
-                raise ConfigError(f"{key}={attrgetter(key)(self)}: expected {expected}.")
 
 
 @dataclass

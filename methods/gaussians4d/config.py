@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.core.config import steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.ranges import number
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.moving.config import MovingConfig
 
@@ -19,11 +19,6 @@ if TYPE_CHECKING:
 
 MAX_LOG2_ROWS = 24
 """Rows of a hash table are counted by 32-bit numbers; Mueller et al. 2022 go up to 2^24."""
-COUNTS = (
-    *("hexplane.channels", "hexplane.width", "hexplane.depth", "mlp.width", "mlp.depth"),
-    *("hash.levels", "hash.features", "hash.coarsest", "hash.width", "hash.depth"),
-)
-"""Settings of which there is at least one."""
 
 
 @dataclass
@@ -36,13 +31,13 @@ class DeformationOptim(StaticGaussiansOptim):
     3 dB by that.
     """
 
-    grid_lr: float = 8e-3
+    grid_lr: float = number(8e-3, at_least=0, below=math.inf)
     """Rate of planes or tables at the first fine step."""
-    grid_lr_final: float = 8e-4
+    grid_lr_final: float = number(8e-4, at_least=0, below=math.inf)
     """Rate of planes or tables once it has decayed, log-linearly."""
-    network_lr: float = 8e-4
+    network_lr: float = number(8e-4, at_least=0, below=math.inf)
     """Rate of the networks at the first fine step."""
-    network_lr_final: float = 8e-5
+    network_lr_final: float = number(8e-5, at_least=0, below=math.inf)
     """Rate of the networks once it has decayed, log-linearly."""
     field_lr_steps: int = steps_field(20_000)
     """Fine steps over which the rates of planes, tables and networks decay."""
@@ -60,23 +55,23 @@ class DeformationOptim(StaticGaussiansOptim):
 class HexPlaneConfig:
     """Sizes of the planes, and weights of their regularisers."""
 
-    channels: int = 32
+    channels: int = number(32, at_least=1)
     """Features per cell."""
-    resolution: int = 64
+    resolution: int = number(64, at_least=2)
     """Cells along x, y and z, at the coarsest resolution."""
     multipliers: tuple[int, ...] = (1, 2)
     """The resolutions, as multiples of the coarsest; time has the same cells at all."""
-    times: int = 0
+    times: int = number(0, at_least=0)
     """Cells along time; 0: as many as distinct times were captured, at most 100."""
-    width: int = 64
+    width: int = number(64, at_least=1)
     """Width of the network's layers."""
-    depth: int = 1
+    depth: int = number(1, at_least=1)
     """Layers between the planes and those of each quantity."""
-    plane_tv: float = 1e-4
+    plane_tv: float = number(1e-4, at_least=0, below=math.inf)
     """Weight of the total variation of space planes; 0: none."""
-    time_smoothness: float = 1e-2
+    time_smoothness: float = number(1e-2, at_least=0, below=math.inf)
     """Weight of squared second differences of time planes along time; 0: none."""
-    time_l1: float = 1e-4
+    time_l1: float = number(1e-4, at_least=0, below=math.inf)
     """Weight of the distance of time planes from 1, which is no motion; 0: none."""
 
 
@@ -84,13 +79,13 @@ class HexPlaneConfig:
 class MlpConfig:
     """Sizes of the network (Yang et al. 2024)."""
 
-    width: int = 256
+    width: int = number(256, at_least=1)
     """Width of the layers."""
-    depth: int = 8
+    depth: int = number(8, at_least=1)
     """Number of layers; the input is joined again in the middle."""
-    frequencies: int = 10
+    frequencies: int = number(10, at_least=0)
     """Frequencies of each coordinate, each twice the one before."""
-    time_frequencies: int = 6
+    time_frequencies: int = number(6, at_least=0)
     """Frequencies of time, each twice the one before."""
 
 
@@ -98,21 +93,21 @@ class MlpConfig:
 class HashConfig:
     """Sizes of the tables (Mueller et al. 2022)."""
 
-    levels: int = 8
+    levels: int = number(8, at_least=1)
     """Number of resolutions."""
-    features: int = 4
+    features: int = number(4, at_least=1)
     """Features per row of a table; their product with levels is what the network is given."""
-    log2_rows: int = 15
+    log2_rows: int = number(15, at_least=1, at_most=MAX_LOG2_ROWS)
     """Logarithm to base 2 of the largest number of rows of a table."""
-    coarsest: int = 8
+    coarsest: int = number(8, at_least=1)
     """Cells along an axis at the coarsest resolution."""
-    finest: int = 128
+    finest: int = number(128, at_least=1)
     """Cells along an axis at the finest resolution."""
-    times: int = 0
+    times: int = number(0, at_least=0)
     """Most cells along time; 0: as many as distinct times were captured, at most 100."""
-    width: int = 64
+    width: int = number(64, at_least=1)
     """Width of the network's layers."""
-    depth: int = 1
+    depth: int = number(1, at_least=1)
     """Layers between the tables and those of each quantity."""
 
 
@@ -167,9 +162,9 @@ class DeformationConfig(MovingConfig):
             ConfigError: naming the key, what was expected, and what was given.
         """
         super().check()
-        if not 0 <= self.coarse_steps < self.steps:
+        if self.coarse_steps >= self.steps:
             raise ConfigError(
-                f"coarse_steps={self.coarse_steps}: expected at least 0 and less than "
+                f"coarse_steps={self.coarse_steps}: expected less than "
                 f"steps={self.steps}, so that the field is trained.",
                 "Leave it out to have it follow from steps, or use method=3dgs ignore_time=true.",
             )
@@ -178,35 +173,17 @@ class DeformationConfig(MovingConfig):
                 "deform_sh=true sh=adaptive: the field changes the same bands of every splat.",
                 "Use one of the two.",
             )
-        self.expect(self._expectations())
-
-    def _expectations(self) -> dict[str, tuple[bool, str]]:
-        """What is expected of the encoders' settings, by dotted key."""
-        least = dict.fromkeys(COUNTS, 1) | {"hexplane.resolution": 2}
-        least |= dict.fromkeys(("mlp.frequencies", "mlp.time_frequencies"), 0)
-        expected = {
-            key: (attrgetter(key)(self) >= minimum, f"a whole number of at least {minimum}")
-            for key, minimum in least.items()
-        }
-        for key in ("hexplane.plane_tv", "hexplane.time_smoothness", "hexplane.time_l1"):
-            fits = 0 <= attrgetter(key)(self) < math.inf
-            expected[key] = (fits, "a finite number of at least 0")
-        for key in ("hexplane.times", "hash.times"):
-            fits = attrgetter(key)(self) == 0 or attrgetter(key)(self) >= 2
-            expected[key] = (fits, "0, or a whole number of at least 2")
-        factors, tables = self.hexplane.multipliers, self.hash
-        return {
-            **expected,
-            "hexplane.multipliers": (
-                len(factors) > 0 and min(factors) >= 1,
-                "whole numbers of at least 1, such as 1,2",
-            ),
-            "hash.log2_rows": (
-                1 <= tables.log2_rows <= MAX_LOG2_ROWS,
-                f"a whole number from 1 to {MAX_LOG2_ROWS}",
-            ),
-            "hash.finest": (
-                tables.finest >= tables.coarsest,
-                f"a whole number of at least hash.coarsest={tables.coarsest}",
-            ),
-        }
+        for key, times in (("hexplane", self.hexplane.times), ("hash", self.hash.times)):
+            if times == 1:
+                raise ConfigError(f"{key}.times=1: expected 0, or a number of at least 2.")
+        factors = self.hexplane.multipliers
+        if not factors or min(factors) < 1:
+            raise ConfigError(
+                f"hexplane.multipliers={factors}: expected whole numbers of at least 1, "
+                "such as 1,2."
+            )
+        if self.hash.finest < self.hash.coarsest:
+            raise ConfigError(
+                f"hash.finest={self.hash.finest}: expected at least "
+                f"hash.coarsest={self.hash.coarsest}."
+            )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gsfw.core.config import steps_field
+from gsfw.core.ranges import number
 from gsfw.methods.gaussians3d.config import GaussiansConfig
 
 
@@ -18,27 +19,11 @@ class MovingConfig(GaussiansConfig):
     parameters of time, cost nothing of it, and can come back."""
     static_start: int = steps_field(1000)
     """Steps before any splat changes whether it stands still (static=auto)."""
-    static_every: int = steps_field(100, floor=50)
+    static_every: int = steps_field(100, at_least=1, floor=50)
     """Steps between looks at which splats are to stand still, and which are to move again."""
-    static_tolerance: float = 0.1
+    static_tolerance: float = number(0.1, above=0, below=1)
     """A splat is to stand still if, over the sequence, it moves by less than this part of its
     size, and its opacity, shape and colour change by less than this part."""
-    static_signal: float = 1.5
+    static_signal: float = number(1.5, above=1)
     """A splat is to move again above this signal-to-noise ratio of what its gradients have to do
     with time, which is 1 for one that needs none; higher: fewer splats move."""
-
-    def check(self) -> None:
-        """Check the values every run has, those of the Gaussians, and these.
-
-        Raises:
-            ConfigError: naming the key, what was expected, and what was given.
-        """
-        super().check()
-        self.expect(
-            {
-                "static_start": (self.static_start >= 0, "a number of at least 0"),
-                "static_every": (self.static_every >= 1, "a number of at least 1"),
-                "static_tolerance": (0 < self.static_tolerance < 1, "a number between 0 and 1"),
-                "static_signal": (self.static_signal > 1, "a number above 1"),
-            }
-        )

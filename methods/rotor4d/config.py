@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import steps_field
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.ranges import number
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.moving.config import MovingConfig
 
@@ -25,11 +27,11 @@ class SlicedGaussiansOptim(StaticGaussiansOptim):
 
     means_lr_steps: int = steps_field(20_000)
     """Steps over which the rate of positions decays."""
-    time_quats_lr: float = 1e-3
+    time_quats_lr: float = number(1e-3, at_least=0, below=math.inf)
     """Rate of the second quaternion of each rotation."""
-    time_centers_lr: float = 1.6e-4
+    time_centers_lr: float = number(1.6e-4, at_least=0, below=math.inf)
     """Rate of temporal centres at the first step, in sequences; decays as that of positions."""
-    log_durations_lr: float = 5e-3
+    log_durations_lr: float = number(5e-3, at_least=0, below=math.inf)
     """Rate of the logarithms of the scales along the fourth axis."""
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
@@ -64,13 +66,13 @@ class SlicedGaussiansConfig(MovingConfig):
     """Training steps. Schedules follow in proportion, unless rescale=false."""
     rotation: Literal["rotor", "two-quaternions"] = "rotor"
     """Form in which 4D rotations are trained; two-quaternions is that of Yang et al. 2024."""
-    init_duration: float = 0.2
+    init_duration: float = number(0.2, above=0, at_most=MAX_INIT_DURATION)
     """Standard deviation in time of every splat at the start: 0.2 covers half of the sequence."""
-    entropy_reg: float = 1e-3
+    entropy_reg: float = number(1e-3, at_least=0)
     """Weight of the opacities' entropy, which makes splats opaque or vanish."""
-    velocity_reg: float = 0.05
+    velocity_reg: float = number(0.05, at_least=0)
     """Weight of how much velocities, in extents per sequence, differ from those nearby."""
-    neighbors_every: int = steps_field(100, floor=50)
+    neighbors_every: int = steps_field(100, at_least=1, floor=50)
     """Steps after which each splat's neighbours are looked for again."""
     optim: SlicedGaussiansOptim = field(default_factory=SlicedGaussiansOptim)
 
@@ -83,22 +85,3 @@ class SlicedGaussiansConfig(MovingConfig):
     def needs(self) -> Needs:
         """Splats given by covariances."""
         return super().needs() | Needs(features=frozenset({Feature.COVARIANCES}))
-
-    def check(self) -> None:
-        """Check the values every run has, and this method's own.
-
-        Raises:
-            ConfigError: naming the key, what was expected, and what was given.
-        """
-        super().check()
-        self.expect(
-            {
-                "init_duration": (
-                    0 < self.init_duration <= MAX_INIT_DURATION,
-                    f"a number above 0, at most {MAX_INIT_DURATION:g}",
-                ),
-                "entropy_reg": (self.entropy_reg >= 0, "a number of at least 0"),
-                "velocity_reg": (self.velocity_reg >= 0, "a number of at least 0"),
-                "neighbors_every": (self.neighbors_every >= 1, "a number of at least 1"),
-            }
-        )

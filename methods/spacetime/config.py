@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import steps_field
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.ranges import number
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
 from gsfw.methods.moving.config import MovingConfig
 
@@ -23,20 +25,20 @@ MAX_ORDER = 5
 class SpacetimeOptim(StaticGaussiansOptim):
     """Learning rates of the columns."""
 
-    motion_lr: float = 2.8e-4
+    motion_lr: float = number(2.8e-4, at_least=0, below=math.inf)
     """Rate of the motion's coefficients at the first step, times the scene's extent; it decays as
     that of positions does."""
-    spins_lr: float = 1e-4
+    spins_lr: float = number(1e-4, at_least=0, below=math.inf)
     """Rate of the rates at which quaternions change."""
-    time_centers_lr: float = 1e-4
+    time_centers_lr: float = number(1e-4, at_least=0, below=math.inf)
     """Rate of the temporal centres, in sequences."""
-    log_durations_lr: float = 0.03
+    log_durations_lr: float = number(0.03, at_least=0, below=math.inf)
     """Rate of the logarithms of the durations."""
-    features_lr: float = 2.5e-3
+    features_lr: float = number(2.5e-3, at_least=0, below=math.inf)
     """Rate of the features that depend on the direction (colors=features)."""
-    feature_rates_lr: float = 1e-3
+    feature_rates_lr: float = number(1e-3, at_least=0, below=math.inf)
     """Rate of the features that change with time (colors=features)."""
-    decoder_lr: float = 1e-4
+    decoder_lr: float = number(1e-4, at_least=0, below=math.inf)
     """Rate of the network that decodes features (colors=features)."""
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
@@ -86,7 +88,7 @@ class SpacetimeConfig(MovingConfig):
     random_points=8000): growth by time gradients 23.99 to 23.92 dB with 3 % more rows, relocation
     by gradient 22.98 to 23.11 dB."""
 
-    motion_order: int = 3
+    motion_order: int = number(3, at_least=1, at_most=MAX_ORDER)
     """Degree of the polynomials along which splats move, 1 to 5."""
     spin: bool = True
     """Whether splats rotate too, by quaternions that are linear in time."""
@@ -95,17 +97,17 @@ class SpacetimeConfig(MovingConfig):
     adaptive: all begin so, and lose those of which, in terms of its size, it makes no use."""
     motion_start: int = steps_field(15_000)
     """Steps before any splat loses parameters of time (motion=adaptive)."""
-    motion_every: int = steps_field(4000, floor=50)
+    motion_every: int = steps_field(4000, at_least=1, floor=50)
     """Steps between looks at which parameters of time splats need (motion=adaptive)."""
-    motion_tolerance: float = 0.1
+    motion_tolerance: float = number(0.1, above=0, below=1)
     """How far a splat may be from where it was without a parameter, as part of its size, and how
     much its opacity, shape and colour may differ (motion=adaptive)."""
     colors: Literal["sh", "features"] = "sh"
     """Spherical harmonics, or features that a network decodes on the screen (splat files then hold
     the base colours, which are the same from everywhere)."""
-    init_duration: float = 0.7
+    init_duration: float = number(0.7, above=0, at_most=10)
     """Standard deviation in time of every splat at the start, in sequences."""
-    lifetime_reg: float = 0.0
+    lifetime_reg: float = number(0.0, at_least=0)
     """Weight of the mean opacity of all splats at the time of a step (FreeTimeGS: 0.01)."""
     optim: SpacetimeOptim = field(default_factory=SpacetimeOptim)
 
@@ -121,24 +123,3 @@ class SpacetimeConfig(MovingConfig):
         if self.colors == "sh":
             return needs
         return needs | Needs(features=frozenset({Feature.EXTRA}), channels=9)
-
-    def check(self) -> None:
-        """Check the values every run has, and this method's own.
-
-        Raises:
-            ConfigError: naming the key, what was expected, and what was given.
-        """
-        super().check()
-        self.expect(
-            {
-                "motion_order": (
-                    1 <= self.motion_order <= MAX_ORDER,
-                    f"a whole number from 1 to {MAX_ORDER}",
-                ),
-                "motion_start": (self.motion_start >= 0, "a number of at least 0"),
-                "motion_every": (self.motion_every >= 1, "a number of at least 1"),
-                "motion_tolerance": (0 < self.motion_tolerance < 1, "a number between 0 and 1"),
-                "init_duration": (0 < self.init_duration <= 10, "a number above 0, at most 10"),
-                "lifetime_reg": (self.lifetime_reg >= 0, "a number of at least 0"),
-            }
-        )

@@ -81,7 +81,7 @@ def test_points_that_know_their_times_begin_as_things_that_come_and_go():
 def test_settings_out_of_range_are_refused(key, value, expected):
     with pytest.raises(ConfigError) as caught:
         replace(SpacetimeConfig(), **{key: value}).check()
-    assert str(caught.value) == f"{key}={value}: expected {expected}."
+    assert str(caught.value) == f"{key}={value:g}: expected {expected}."
 
 
 # Coming back.

@@ -12,6 +12,7 @@ from support.states import assert_same_bits
 from gsfw.core.capabilities import Feature
 from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
+from gsfw.core.ranges import check_ranges
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
 from gsfw.methods.gaussians3d.config import StaticGaussiansOptim
@@ -368,7 +369,7 @@ def test_the_defaults_are_those_of_the_paper():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"refine_every": 0}, "strategy.refine_every=0: expected at least 1."),
+        ({"refine_every": 0}, "strategy.refine_every=0: expected a number of at least 1."),
         (
             {"grow_time_gradient": -1.0},
             "strategy.grow_time_gradient=-1: expected a number of at least 0.",
@@ -386,5 +387,5 @@ def test_the_defaults_are_those_of_the_paper():
 )
 def test_settings_out_of_range_are_refused(settings, message):
     with pytest.raises(ConfigError) as caught:
-        strategy(**settings)
+        check_ranges(replace(SETTINGS, **settings), "strategy.")
     assert caught.value.message == message

@@ -213,9 +213,9 @@ def test_files_get_the_missing_bands_as_zeros(tmp_path):
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        (StaticGaussiansConfig(bands=BandsConfig(share=0.0)), "bands.share=0.0: expected a number"),
+        (StaticGaussiansConfig(bands=BandsConfig(share=0.0)), "bands.share=0: expected a number"),
         (StaticGaussiansConfig(bands=BandsConfig(signal=0.5)), "bands.signal=0.5: expected"),
-        (StaticGaussiansConfig(bands=BandsConfig(rate=0.0)), "bands.rate=0.0: expected a finite"),
+        (StaticGaussiansConfig(bands=BandsConfig(rate=0.0)), "bands.rate=0: expected a finite"),
         (StaticGaussiansConfig(bands=BandsConfig(every=1)), "bands.every=1: expected a number"),
         (StaticGaussiansConfig(bands=BandsConfig(stop=1)), "bands.stop=1: expected at least"),
         (DeformationConfig(sh="adaptive", deform_sh=True), "the field changes the same bands"),

@@ -66,17 +66,15 @@ def test_presets_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset
     [
         (
             {"steps": 100, "coarse_steps": 100},
-            "coarse_steps=100: expected at least 0 and less than steps=100, so that the field is "
-            "trained.",
+            "coarse_steps=100: expected less than steps=100, so that the field is trained.",
         ),
         (
             {"coarse_steps": -1},
-            "coarse_steps=-1: expected at least 0 and less than steps=23000, so that the field is "
-            "trained.",
+            "coarse_steps=-1: expected a number of at least 0.",
         ),
         (
             {"hexplane": HexPlaneConfig(resolution=1)},
-            "hexplane.resolution=1: expected a whole number of at least 2.",
+            "hexplane.resolution=1: expected a number of at least 2.",
         ),
         (
             {"hexplane": HexPlaneConfig(multipliers=(1, 0))},
@@ -84,22 +82,22 @@ def test_presets_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset
         ),
         (
             {"hexplane": HexPlaneConfig(times=1)},
-            "hexplane.times=1: expected 0, or a whole number of at least 2.",
+            "hexplane.times=1: expected 0, or a number of at least 2.",
         ),
         (
             {"hexplane": HexPlaneConfig(plane_tv=-1.0)},
-            "hexplane.plane_tv=-1.0: expected a finite number of at least 0.",
+            "hexplane.plane_tv=-1: expected a finite number of at least 0.",
         ),
-        ({"mlp": MlpConfig(depth=0)}, "mlp.depth=0: expected a whole number of at least 1."),
+        ({"mlp": MlpConfig(depth=0)}, "mlp.depth=0: expected a number of at least 1."),
         (
             {"hash": HashConfig(log2_rows=30)},
-            "hash.log2_rows=30: expected a whole number from 1 to 24.",
+            "hash.log2_rows=30: expected a number from 1 to 24.",
         ),
         (
             {"hash": HashConfig(coarsest=64, finest=32)},
-            "hash.finest=32: expected a whole number of at least hash.coarsest=64.",
+            "hash.finest=32: expected at least hash.coarsest=64.",
         ),
-        ({"sh_degree": 5}, "sh_degree=5: expected a whole number from 0 to 4."),
+        ({"sh_degree": 5}, "sh_degree=5: expected a number from 0 to 4."),
         (
             {"optim": DeformationOptim(grid_lr=-1.0)},
             "optim.grid_lr=-1: expected a finite number of at least 0.",
