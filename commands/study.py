@@ -1,4 +1,4 @@
-"""`gsfw study FILE`: makes the runs of a table that are not there yet, and shows the table."""
+"""`gsfw study FILE`: makes the missing runs of a table, and prints the table."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OTHERS = "another study, or a run that one left behind,"
 
 @dataclass(kw_only=True)
 class Budget:
-    """What a study may cost."""
+    """Bounds of a study."""
 
     minutes: float | None = None
     """Start no further run after so many minutes; the same command goes on another time."""
@@ -54,11 +54,11 @@ class StudyOptions(Options):
     jobs: int = 1
     """Runs at a time, which share the cores."""
     dry: bool = False
-    """Say what would be run and about how long it takes; run nothing."""
+    """Print the runs to make and their estimated time; run nothing."""
     table: bool = False
     """Make the tables again from results.json; run nothing."""
     again: bool = False
-    """Make finished runs again (with only: those), for instance after a change of the code."""
+    """Make finished runs again (those of only), for instance after a change of the code."""
     keep_runs: bool = True
     """Keep the checkpoints of finished runs."""
     budget: Budget = field(default_factory=Budget)
@@ -108,7 +108,7 @@ def _check(options: StudyOptions) -> None:
 def _plan(
     console: Console, study: Study, folder: Path, options: StudyOptions
 ) -> tuple[list[PlannedRun], list[str]]:
-    """The runs that were asked for, and scenes whose data is not there.
+    """The chosen runs, and the scenes whose data is missing.
 
     Raises:
         DataError: none of them has its data.
@@ -140,7 +140,7 @@ def _make(
     lock: int | None,
     missing: Sequence[str],
 ) -> int:
-    """Run, tell, and write the report, however it ends."""
+    """Make the runs, and write the report at any end."""
     from gsfw.commands.failure import INTERRUPTED
     from gsfw.commands.interrupt import stop_on_signal
     from gsfw.core.callback import Control
@@ -182,7 +182,7 @@ def _make(
 
 
 def _tell(console: Console, ended: Ended) -> None:
-    """One line for a run that has ended."""
+    """Print a line for a run that has ended."""
     from gsfw.studies.comparison import KNOWN
 
     name = ended.run.cell.name
@@ -205,7 +205,7 @@ def _tell(console: Console, ended: Ended) -> None:
 
 
 def _tell_rest(console: Console, runner: Runner, control: Control, options: StudyOptions) -> None:
-    """Why runs are left, and how to go on."""
+    """Print why runs are left, and how to go on."""
     if not runner.pending:
         return
     why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
@@ -222,7 +222,7 @@ def _dry(
     options: StudyOptions,
     missing: Sequence[str],
 ) -> int:
-    """List the runs, what would become of each, and an estimate."""
+    """List the runs with their prospects, and an estimate."""
     from gsfw.studies.runner import Estimate
 
     estimate = Estimate(store.results.values())
@@ -247,7 +247,7 @@ def _dry(
 
 
 def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
-    """What would become of a run."""
+    """Prospect of a run in words."""
     from gsfw.plugins.values import as_text
 
     known = store.results.get(planned.cell.key)
@@ -273,7 +273,7 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
 
 
 def _table(console: Console, study: Study, store: ResultStore, options: StudyOptions) -> int:
-    """The tables from what is kept."""
+    """Print the tables of the kept results."""
     from gsfw.core.errors import DataError
     from gsfw.studies.report import documents, shown_results
 
@@ -290,7 +290,7 @@ def _table(console: Console, study: Study, store: ResultStore, options: StudyOpt
 def _report(
     console: Console, study: Study, store: ResultStore, options: StudyOptions
 ) -> list[SceneTable]:
-    """Write the files, and show the tables."""
+    """Write the files, and print the tables."""
     from gsfw.studies.report import table_of
 
     tables = _write(study, store, options)
@@ -312,7 +312,7 @@ def _report(
 
 
 def _warn_of_columns(console: Console, study: Study, store: ResultStore) -> None:
-    """Name columns that may be misspelt: neither do they have a name, nor any result a figure."""
+    """Warn of columns that may be misspelt: without a known name and without a figure."""
     from gsfw.plugins.registry import did_you_mean
     from gsfw.studies.comparison import KNOWN
     from gsfw.studies.report import shown_results
@@ -339,7 +339,7 @@ def _runs(number: int) -> str:
 
 
 def _duration(seconds: float) -> str:
-    """As people say it: 40 s, 12 min, 3.5 h."""
+    """A duration for people: 40 s, 12 min, 3.5 h."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

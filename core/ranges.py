@@ -55,7 +55,9 @@ class Range:
             "of at most" if self.at_least is self.above is None else "at most": self.at_most,
             "below": below,
         }
-        phrases = [f"{words} {_shown(bound)}" for words, bound in bounds.items() if bound is not None]
+        phrases = [
+            f"{words} {_shown(bound)}" for words, bound in bounds.items() if bound is not None
+        ]
         return " ".join([noun, " and ".join(phrases)]).strip()
 
 

@@ -1,4 +1,4 @@
-"""Measure: the requirements of a run that has just been trained."""
+"""Measure: the requirements of a trained run."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ALWAYS = ("positions", "rotations and sizes", "opacities", band_name(0))
 def measure(
     parts: TrainingParts, plan: TrainingPlan, step: int, settings: Mapping[str, Any]
 ) -> Requirements:
-    """Count the floats of a finished model, and draw it without some of them.
+    """Count the floats of a finished model, and render it without some of them.
 
     Nothing of the run is changed: neither its model, nor its optimizer, nor its generator.
 

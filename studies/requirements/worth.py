@@ -1,4 +1,4 @@
-"""Worth: what parts of a finished model bring, measured by drawing it without them.
+"""Worth: PSNR that parts of a finished model gain, measured by rendering without them.
 
 Nothing is trained anew: a model that is trained without something from the start makes up for a
 part of it, so that what is measured here is rather too much than too little.
@@ -27,33 +27,33 @@ from gsfw.studies.tradeoff.finished_model import evenly
 from gsfw.studies.tradeoff.subject import Edit, Subject
 
 MOST_VIEWS = 8
-"""On which PSNR is measured, spread evenly over the held-out ones."""
+"""Most views for PSNR, spread evenly over the held-out ones."""
 MOST_CAMERAS = 24
-"""Of training views from which contributions are measured, spread evenly."""
+"""Most training views for contributions, spread evenly."""
 PARTS = (0.1, 0.25, 0.5)
-"""Of the Gaussians, the least useful ones, that are left out."""
+"""Parts of the Gaussians, the least useful ones, that are left out."""
 STILL_TIME = 0.5
-"""At which a model is drawn that is held still: the middle of the sequence."""
+"""Time at which a moving model is held still: the middle of the sequence."""
 
 
 @dataclass(frozen=True)
 class Worth:
-    """PSNR on some views, and what it loses without parts of the model."""
+    """PSNR on some views, and its loss without parts of the model."""
 
     views: tuple[str, ...]
     split: Split
     psnr: float
     bands: tuple[float, ...]
-    """What each SH band above the constant one brings, from band 1 on, in dB."""
+    """Gain of each SH band above the constant one, from band 1 on, in dB."""
     least_useful: tuple[LeastUseful, ...]
-    """Empty where contributions cannot be measured."""
+    """Gains of the least useful Gaussians; empty where contributions cannot be measured."""
     motion: Motion | None
-    """``None`` for data without times."""
+    """Gain of motion; ``None`` for data without times."""
 
     @staticmethod
     @torch.no_grad()
     def of(subject: Subject, data: DataManager, device: torch.device) -> Worth:
-        """Measure. Nothing of the model is changed.
+        """Measure; the model is not changed.
 
         Args:
             subject: the model as it is.
@@ -93,13 +93,13 @@ class Worth:
 
 
 def _drawn_degree(splats: Splats) -> int:
-    """The highest that any of them has and that is drawn."""
+    """The highest SH degree in use."""
     colors = splats.colors
     return min(colors.degree, degree_of(colors.width)) if isinstance(colors, Sh) else 0
 
 
 def _scores(subject: Subject, data: DataManager) -> Float[Tensor, " n"]:
-    """How much each row adds to the training views; nothing where that cannot be measured."""
+    """Contribution of each row to the training views; empty where it cannot be measured."""
     if Feature.CONTRIBUTION not in subject.rasterizer.capabilities().features:
         return torch.zeros(0, dtype=torch.float64)
     cameras = data.views(Split.TRAIN).cameras
@@ -111,7 +111,7 @@ def _parts(scores: Float[Tensor, " n"]) -> Sequence[float]:
 
 
 def _share(scores: Float[Tensor, " n"], part: float) -> float:
-    """Of what all rows add, what the least useful of them do."""
+    """Part of the whole contribution that the least useful rows hold."""
     total, kept = scores.sum(), scores[most_useful(scores, 1 - part)].sum()
     return float((total - kept) / total.clamp_min(1e-30))
 
@@ -126,7 +126,7 @@ def _pictures(
 
 
 def _psnr(subject: Subject, batches: Iterable[Batch], variants: Sequence[Edit]) -> list[float]:
-    """The mean over views of each variant's PSNR."""
+    """Mean PSNR of each variant over the views."""
     background = subject.settings.background
     assert background is not None
     found: list[list[float]] = []

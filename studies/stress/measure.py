@@ -95,7 +95,7 @@ def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Orac
 
 
 def _profile_of(entrant: Entrant, drawing: Drawing) -> NumericsProfile:
-    """The case's own; of a backend that draws with one profile only, that one."""
+    """The profile of the case; that of the backend where it has only one."""
     profile, only = drawing.settings.profile, entrant.capabilities.profile
     return PROFILES[only] if only in PROFILES and profile == DEFAULT else profile
 
@@ -105,7 +105,7 @@ def _with_profile(drawing: Drawing, profile: NumericsProfile) -> Drawing:
 
 
 def _raised(result: CaseResult, case: StressCase, error: Exception) -> CaseResult:
-    """A refusal, if it is one and is asked for; else a fault."""
+    """A refusal where the case asks for it; else a fault."""
     message = " ".join(str(error).split())
     if not isinstance(error, ValueError | UserError):
         return replace(result, faults=(f"fails with {type(error).__name__}: {message}",))
@@ -180,7 +180,7 @@ def _drawn_with(threads: int, entrant: Entrant, drawing: Drawing) -> Drawn:
 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
-    """Let torch, and with it native kernels, use so many."""
+    """Set the number of threads of torch, and with it of native kernels."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

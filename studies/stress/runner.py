@@ -17,15 +17,15 @@ from gsfw.studies.stress.moving_measure import measure_moving
 from gsfw.studies.stress.result import CaseResult
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
-"""The types in which cases are drawn, by name."""
+"""Types of the cases by name."""
 
 NAMES = (*CASES, *(case.name for case in MOVING_CASES))
-"""Of all cases."""
+"""Names of all cases."""
 
 
 @dataclass(frozen=True)
 class StressPlan:
-    """What is to be measured."""
+    """The cases to measure."""
 
     entrants: Sequence[Entrant]
     methods: Sequence[str] = ()
@@ -36,7 +36,7 @@ class StressPlan:
 
     @property
     def names(self) -> list[str]:
-        """The cases.
+        """Names of the chosen cases.
 
         Raises:
             ConfigError: a pattern matches none.
@@ -53,7 +53,7 @@ class StressPlan:
 
 
 def run(plan: StressPlan, registry: Registry) -> Iterator[CaseResult]:
-    """Measure, and give each result as soon as it is there.
+    """Measure; yields each result at once.
 
     Raises:
         ConfigError: a pattern matches no case, or a method is not there.
@@ -75,5 +75,5 @@ def run(plan: StressPlan, registry: Registry) -> Iterator[CaseResult]:
 
 
 def reference(registry: Registry) -> Rasterizer:
-    """What all are measured against."""
+    """The rasterizer that all are measured against."""
     return entrant_of(REFERENCE, registry).rasterizer

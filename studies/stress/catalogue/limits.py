@@ -38,7 +38,7 @@ def _piled(count: int, opacity: float, settings: RenderSettings = CUT_OFF) -> Dr
 
 
 def _at_the_stop(*opacities: float) -> Drawing:
-    """Layers that leave about as much as the stop, and one behind them."""
+    """Layers that leave about the transmittance of the stop, and one behind them."""
     splats = layers(len(opacities) + 1, 0.5, channels=3)
     assert splats.scales is not None
     splats = replace(splats, opacities=torch.tensor([*opacities, 0.5]), scales=4.0 * splats.scales)
@@ -64,11 +64,11 @@ LAYERS = (
 """All cases of this section."""
 
 WIDTH = 2**20
-"""Of a picture one tile high, so that it is small itself, and has 65,536 tiles of 16 pixels."""
+"""Width of an image one tile high: small, with 65,536 tiles of 16 pixels."""
 
 
 def _covering(count: int) -> Drawing:
-    """So many splats, each of which reaches every tile."""
+    """Splats that each reach every tile."""
     splats = Splats(
         means=torch.zeros(count, 3),
         opacities=torch.full((count,), 0.5),
@@ -113,7 +113,7 @@ def _through(dtype: torch.dtype, values: Tensor) -> Tensor:
 
 
 def _quantised(bits: int, values: Tensor) -> Tensor:
-    """Fixed point between the smallest and the largest of each column, as compressed files do."""
+    """Fixed point between the extremes of each column, as in compressed files."""
     low, high = values.amin(0), values.amax(0)
     steps = 2**bits - 1
     return low + ((values - low) / (high - low) * steps).round() / steps * (high - low)
@@ -143,7 +143,7 @@ REDUCED: dict[str, tuple[Callable[[], Drawing], float]] = {
     "quats-in-8-bits": (partial(_field, "quats", partial(_quantised, 8)), 2**-5),
     "opacities-in-8-bits": (partial(_field, "opacities", partial(_quantised, 8)), 2**-7),
 }
-"""What is rounded, and how far the picture may be from that of the exact numbers."""
+"""Rounded inputs, and the largest distance of the image from that of the exact numbers."""
 
 PRECISION = tuple(
     StressCase(f"precision/{name}", make, truth=lambda: _exact().double(), bound=bound)
@@ -157,24 +157,24 @@ FOUND_SIZE = (16, 12)
 
 @dataclass(frozen=True)
 class Place:
-    """What three splats are like, and from where they are seen."""
+    """Properties of three splats and their camera."""
 
     scale: float
-    """Of the longest axis, in scene units."""
+    """Longest axis in scene units."""
     anisotropy: float
     """The longest axis divided by the shortest."""
     depth: float
     opacity: float
     offset: float
-    """From the middle of the picture, in halves of it."""
+    """Distance from the centre of the image, in halves of it."""
     focal: float
-    """In pixels."""
+    """Focal length in pixels."""
     norm: float
-    """Of the quaternions."""
+    """Norm of the quaternions."""
 
 
 def placed(place: Place, settings: RenderSettings) -> Drawing:
-    """The three splats."""
+    """The input of a place."""
     splats = random_splats(FOUND_COUNT, 1, seed=5)
     assert splats.quats is not None
     depths = place.depth * torch.tensor([1.0, 1.1, 1.2])
@@ -194,7 +194,7 @@ def placed(place: Place, settings: RenderSettings) -> Drawing:
 
 
 def on_a_cut_off(place: Place) -> int:
-    """How many splats any rounding may hide: all, or the second of those that the clamp holds."""
+    """Number of splats that any rounding may hide: all, or the second of those at the clamp."""
     if place.opacity == DEFAULT.alpha_min:
         return FOUND_COUNT
     return int(place.opacity >= DEFAULT.alpha_max)

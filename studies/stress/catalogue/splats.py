@@ -23,7 +23,7 @@ from gsfw.studies.stress.catalogue.variants import EVERYTHING, SIZE, SMOOTH, ord
 
 
 def scaled(*factors: float) -> Change:
-    """Scales times these."""
+    """Multiply the scales."""
 
     def change(splats: Splats) -> Splats:
         assert splats.scales is not None
@@ -33,7 +33,7 @@ def scaled(*factors: float) -> Change:
 
 
 def covariances(*variances: float) -> Change:
-    """Covariances with these eigenvalues, along random axes."""
+    """Set covariances with these eigenvalues, along random axes."""
 
     def change(splats: Splats) -> Splats:
         drawn = torch.randn(len(splats), 3, 3, generator=torch.Generator().manual_seed(0))
@@ -109,14 +109,14 @@ SHAPE = (
 
 
 def with_quats(*quat: float) -> Change:
-    """All splats turned by one quaternion."""
+    """Turn all splats by one quaternion."""
     return lambda splats: replace(
         splats, quats=splats.means.new_tensor([quat]).repeat(len(splats), 1)
     )
 
 
 def times(factor: float) -> Change:
-    """Quaternions as they are, but for their norms."""
+    """Multiply the quaternions."""
 
     def change(splats: Splats) -> Splats:
         assert splats.quats is not None
@@ -153,12 +153,12 @@ ROTATION = (
 
 
 def with_opacity(value: float) -> Change:
-    """All splats as opaque as this."""
+    """Set the opacity of all splats."""
     return lambda splats: replace(splats, opacities=torch.full_like(splats.opacities, value))
 
 
 def from_logits(*logits: float) -> Change:
-    """Opacities as models make them, which saturate at 0 and at 1 in float32."""
+    """Set opacities by logits, which saturate at 0 and at 1 in float32."""
 
     def change(splats: Splats) -> Splats:
         repeated = splats.opacities.new_tensor(logits).repeat(len(splats))[: len(splats)]
@@ -211,14 +211,14 @@ OPACITY = (
 
 
 def with_sh(value: float) -> Change:
-    """Every coefficient this large."""
+    """Set every coefficient."""
     return lambda splats: replace(
         splats, colors=Sh(value * torch.ones_like(coefficients(splats)), 1)
     )
 
 
 def with_channels(count: int) -> Change:
-    """So many channels, drawn as they are."""
+    """Set plain colours of some channels."""
 
     def change(splats: Splats) -> Splats:
         shades = torch.rand(len(splats), count, generator=torch.Generator().manual_seed(1))
@@ -254,7 +254,7 @@ def _degree(degree: int) -> Drawing:
 
 
 def _ragged() -> Drawing:
-    """Each splat its own number of coefficients, some of none above the constant one."""
+    """Splats with different numbers of coefficients, some without any above the constant one."""
     splats = random_splats(20, 3)
     assert isinstance(splats.colors, Sh)
     colors = splats.colors.of_degrees(torch.arange(20) % 4)

@@ -23,11 +23,11 @@ from gsfw.studies.stress.catalogue.variants import (
 )
 
 DISTANCE = 4.0
-"""Of the camera from the origin."""
+"""Distance of the camera from the origin."""
 
 
 def moved(*depths: float) -> Change:
-    """Splats at these view depths, half of them straight ahead and the others to the side."""
+    """Place splats at these view depths, half of them straight ahead and the others to the side."""
 
     def change(splats: Splats) -> Splats:
         means, n = splats.means.clone(), len(splats)
@@ -70,7 +70,7 @@ def _at_the_near_plane(settings: RenderSettings) -> Drawing:
 
 
 def _straddling() -> Drawing:
-    """Large splats whose centres are on this side of the near plane, or on the other."""
+    """Large splats with centres on both sides of the near plane."""
     drawing = _at_the_near_plane(RenderSettings(statistics=frozenset(Statistic)))
     splats = replace(drawing.splats, scales=torch.tensor([[0.02, 0.015, 0.01]]).repeat(8, 1))
     return replace(drawing, splats=splats)
@@ -89,7 +89,7 @@ def _thousand_equal() -> Drawing:
 
 
 def _closer_than_float32() -> Drawing:
-    """Depths one rounding apart, in the order opposite to that of the rows."""
+    """Depths one rounding apart, in the reverse order of the rows."""
     n = 64
     depths = [torch.tensor(DISTANCE)]
     for _ in range(n - 1):
@@ -160,7 +160,7 @@ def _single(drawing: Drawing) -> Drawing:
 
 
 def _in_the_scene_frame() -> Drawing:
-    """The same through the scene frame, which is what is kept in float32."""
+    """The same through the scene frame, which is kept in float32."""
     world = _in_the_world()
     frame = Similarity(0.2, translation=-0.2 * torch.tensor(ORIGIN).double())
     pose = frame.camera(world.cameras.world_to_camera)
@@ -185,7 +185,7 @@ POSITION = (
 def camera_with(
     focal: float, principal: float = 0.5, aspect: float = 1.0
 ) -> Callable[[Cameras], Cameras]:
-    """A camera with this focal length in pixels, and a centre in parts of the image."""
+    """A camera with this focal length in pixels, and a principal point in parts of the image."""
 
     def change(camera: Cameras) -> Cameras:
         k = camera.intrinsics.clone()
@@ -259,7 +259,7 @@ def _sized(width: int, height: int, count: int) -> StressCase:
 
 
 def _wide() -> Drawing:
-    """1,024 columns of tiles: more than strips or blocks that are looked at together."""
+    """An image of 1,024 columns of tiles: more than a strip or a block of tiles holds."""
     camera = front_camera(16384, 64)
     k = camera.intrinsics.clone()
     k[0, 0, 0], k[0, 1, 1] = 12000.0, 60.0
