@@ -164,7 +164,7 @@ def _images(study: Study, results: Sequence[Result]) -> Iterator[str]:
         sizes = {(w, h) for protocol in protocols for w, h in protocol.get("image_sizes", [])}
         if sizes:
             listed = ", ".join(f"{w}x{h}" for w, h in sorted(sizes))
-            yield f"{scene} {_values(protocols, 'views')} pictures of {listed}"
+            yield f"{scene} {_values(protocols, 'views')} images of {listed}"
 
 
 def _values(documents: Iterable[Mapping[str, Any]], key: str) -> str:

@@ -30,9 +30,9 @@ class RequirementsReport:
             return
         try:
             found = measure(trainer.parts, trainer.plan, trainer.step, trainer.info.settings)
-            picture = plot(found)
+            image = plot(found)
             for callback in trainer.callbacks:
-                callback.on_requirements(found, picture)
+                callback.on_requirements(found, image)
         except Exception as error:  # The run is finished: all that matters of it is written.
             logger.exception("what the run required could not be reported")
             self._warn(

@@ -31,7 +31,7 @@ def left_out(census: Census, num_rows: int) -> tuple[str, ...]:
 def could_go(census: Census, worth: Worth, settings: Mapping[str, Any]) -> tuple[str, ...]:
     """Parts that the model hardly needs, with settings that leave them out."""
     found = (
-        _undrawn_bands(census, worth),
+        _unused_bands(census, worth),
         _idle_bands(worth, settings),
         _idle_rows(worth, settings),
     )
@@ -61,11 +61,11 @@ def _upper_bands(worth: Worth) -> str:
     return _bought(first, worth) if top else ""
 
 
-def _undrawn_bands(census: Census, worth: Worth) -> str:
+def _unused_bands(census: Census, worth: Worth) -> str:
     first, top = len(worth.bands) + 1, len(census.rows_by_degree) - 1
     if first > top:
         return ""
-    return f"{_bands(first, top)}: training ended before they were drawn"
+    return f"{_bands(first, top)}: training ended before they were rendered"
 
 
 def _idle_bands(worth: Worth, settings: Mapping[str, Any]) -> str:

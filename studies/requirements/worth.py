@@ -61,7 +61,7 @@ class Worth:
             device: where it is drawn.
 
         Raises:
-            DataError: a picture does not decode.
+            DataError: an image does not decode.
         """
         moves = not subject.is_still
         split = Split.EVAL if len(data.views(Split.EVAL)) else Split.TRAIN
@@ -75,7 +75,7 @@ class Worth:
             *(Kept(most_useful(scores, 1 - part)) for part in _parts(scores)),
             *([lambda splats: held] if moves else []),
         ]
-        batches = _pictures(data, split, chosen, device)
+        batches = _photos(data, split, chosen, device)
         found = _psnr(subject, batches, variants)
         whole, pruned = found[0], found[1 + degree :]
         steps = pairwise(found[: degree + 1])
@@ -116,7 +116,7 @@ def _share(scores: Float[Tensor, " n"], part: float) -> float:
     return float((total - kept) / total.clamp_min(1e-30))
 
 
-def _pictures(
+def _photos(
     data: DataManager, split: Split, views: Sequence[int], device: torch.device
 ) -> Iterator[Batch]:
     """The photos of some views, one at a time."""
@@ -134,6 +134,6 @@ def _psnr(subject: Subject, batches: Iterable[Batch], variants: Sequence[Edit]) 
         target = batch.target(background)[0]
         valid = None if batch.valid is None else batch.valid[0]
         splats = subject.splats(batch.time)
-        pictures = (subject.draw(edit(splats), batch.cameras) for edit in variants)
-        found.append([psnr(picture, target, valid) for picture in pictures])
+        images = (subject.image(edit(splats), batch.cameras) for edit in variants)
+        found.append([psnr(image, target, valid) for image in images])
     return [sum(values) / len(values) for values in zip(*found, strict=True)]

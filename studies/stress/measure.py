@@ -89,7 +89,7 @@ def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Orac
     except Exception as error:  # Whatever a backend raises is its result.
         return _raised(result, case, error)
     if case.refusal:
-        return replace(result, faults=("was drawn, and has to be refused",))
+        return replace(result, faults=("was rendered, and has to be refused",))
     result = _compared(result, case, found, drawing, oracle)
     return _repeated(result, entrant, [same_bits(found, other) for other in again])
 
@@ -112,7 +112,7 @@ def _raised(result: CaseResult, case: StressCase, error: Exception) -> CaseResul
     result = replace(result, refused=message)
     missing = [part for part in case.refusal if part not in message]
     if not case.refusal:
-        return replace(result, faults=("was refused, and has to be drawn",))
+        return replace(result, faults=("was refused, and has to be rendered",))
     if not missing and max(map(int, NUMBER.findall(message)), default=0) < case.refused_number:
         missing = [f"a number of at least {case.refused_number}"]
     if missing:
@@ -169,7 +169,7 @@ def _repeated(result: CaseResult, entrant: Entrant, same: Sequence[bool]) -> Cas
     result = replace(result, deterministic=all(same))
     if all(same) or entrant.capabilities.determinism is Determinism.NONE:
         return result
-    fault = f"has other bits when drawn again (threads: {', '.join(map(str, entrant.threads))})"
+    fault = f"has other bits when rendered again (threads: {', '.join(map(str, entrant.threads))})"
     return replace(result, faults=(*result.faults, fault))
 
 

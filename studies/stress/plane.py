@@ -137,15 +137,15 @@ class PlaneOracle:
 
 def plane_errors(entrant: Entrant, dtype: str, plane: Plane, oracle: PlaneOracle) -> PlaneErrors:
     """Measure a backend over a plane; a refusal counts as not finite."""
-    pictures, gradients = [], []
+    images, gradients = [], []
     for y in plane.upward_values:
         row = [
             _errors(entrant, dtype, plane.make(x, y), oracle.expected(plane, x, y))
             for x in plane.across_values
         ]
-        pictures.append(tuple(picture for picture, _ in row))
+        images.append(tuple(image for image, _ in row))
         gradients.append(tuple(gradient for _, gradient in row))
-    return PlaneErrors(plane, entrant.name, dtype, tuple(pictures), tuple(gradients))
+    return PlaneErrors(plane, entrant.name, dtype, tuple(images), tuple(gradients))
 
 
 def _errors(entrant: Entrant, dtype: str, drawing: Drawing, expected: Drawn) -> tuple[float, float]:
@@ -155,7 +155,7 @@ def _errors(entrant: Entrant, dtype: str, drawing: Drawing, expected: Drawn) -> 
     drawing = (drawing.double() if wide else drawing).to(entrant.device)
     try:
         found = draw_everything(entrant.rasterizer, drawing)
-    except Exception:  # Whatever a backend raises is no picture.
+    except Exception:  # Whatever a backend raises is no image.
         return BROKEN, BROKEN
     names = [f"{GRADIENT}{name}" for name in GRADIENTS]
     gradients = [distance(found[name], expected[name], name) for name in names]

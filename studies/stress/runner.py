@@ -45,10 +45,10 @@ class StressPlan:
 
     def __len__(self) -> int:
         names = self.names
-        drawn = [CASES[name] for name in names if name in CASES]
-        once = sum(bool(case.refusal) for case in drawn)
-        per_entrant = once + (len(drawn) - once) * len(self.dtypes)
-        moving = (len(names) - len(drawn)) * len(self.dtypes)
+        rendered = [CASES[name] for name in names if name in CASES]
+        once = sum(bool(case.refusal) for case in rendered)
+        per_entrant = once + (len(rendered) - once) * len(self.dtypes)
+        moving = (len(names) - len(rendered)) * len(self.dtypes)
         return per_entrant * len(self.entrants) + moving * len(self.methods)
 
 

@@ -180,7 +180,7 @@ def _formats(model: FinishedModel) -> Made:
 def _cut_offs(model: FinishedModel) -> Made:
     only = model.able[model.rasterizer].profile
     if only:
-        return LeftOut("cutoffs", f"rasterizer {model.rasterizer} draws with {only!r} alone")
+        return LeftOut("cutoffs", f"rasterizer {model.rasterizer} renders with {only!r} alone")
     profile = model.subject.settings.profile
     return [
         Variant("cutoffs", name, _profile(replace(profile, name=name, **values)))
@@ -216,7 +216,7 @@ def _backends(model: FinishedModel) -> Made:
     found = []
     for name, able in model.able.items():
         if able.preference < 0 or any(able.lacking(need, model.device.type) for need in needs):
-            continue  # Below 0 are those that draw by another rule.
+            continue  # Below 0 are rasterizers that render by another rule.
         config = load("rasterizer", model.registry.find("rasterizer", name))()
         if name != model.rasterizer:
             built = config.build(model.device)

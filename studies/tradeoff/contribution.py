@@ -25,9 +25,9 @@ def contributions(
     """Sum over views and pixels of alpha times transmittance, of each splat or row of a model.
 
     Args:
-        subject: whose rasterizer measures contributions; one that moves is drawn at the time of
+        subject: whose rasterizer measures contributions; a moving one is rendered at the time of
             each view.
-        cameras: of the training views; no picture is needed.
+        cameras: of the training views; no photo is needed.
         advance: is told how many views are done.
     """
     splats = subject.splats()

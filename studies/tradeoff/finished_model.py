@@ -61,7 +61,7 @@ class FinishedModel:
         every = len(self.parts.data.views(Split.EVAL))
         if not every:
             raise DataError(
-                f"{name} has no held-out pictures to measure accuracy on.",
+                f"{name} has no held-out images to measure accuracy on.",
                 "Train a run that holds some out: holdout_every=8.",
             )
         self.views = evenly(every, views)
@@ -138,7 +138,7 @@ class FinishedModel:
             digest.update(tensor.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
         settings = self.subject.settings
         background = settings.background
-        drawn = {
+        rendering = {
             "names": self.names,
             "sizes": [(camera.width, camera.height) for camera in self.cameras],
             "against": self.against,
@@ -148,7 +148,7 @@ class FinishedModel:
             "antialias": settings.antialias,
             "profile": settings.profile.name,
         }
-        digest.update(json.dumps(drawn, sort_keys=True).encode())
+        digest.update(json.dumps(rendering, sort_keys=True).encode())
         return digest.hexdigest()[:16]
 
 

@@ -66,5 +66,5 @@ def flip(
     return float(masked_mean(differences, None if valid is None else valid.cpu()[None]))
 
 
-def _pixels(picture: Float[Tensor, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    return picture.float().clamp(0, 1).cpu().contiguous().numpy()
+def _pixels(image: Float[Tensor, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    return image.float().clamp(0, 1).cpu().contiguous().numpy()

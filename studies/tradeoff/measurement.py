@@ -88,7 +88,7 @@ class Turn:
         wait_for(device)
         started = time.perf_counter()
         for splats, camera in zip(self.splats, self.cameras, strict=True):
-            self.subject.draw(splats, camera)
+            self.subject.image(splats, camera)
         wait_for(device)
         return 1e3 * (time.perf_counter() - started) / len(self.cameras)
 
@@ -99,4 +99,4 @@ class Turn:
         return added_memory_mb(self._render_first, device)
 
     def _render_first(self) -> None:
-        self.subject.draw(self.splats[0], self.cameras[0])
+        self.subject.image(self.splats[0], self.cameras[0])

@@ -97,7 +97,7 @@ class Runner:
         subject = self.model.subject
         try:
             subject = variant.change(subject)
-            # The small pictures first: there every value is looked at.
+            # The small images first: there every value is checked.
             error, per_view, failure = self._exact.error(subject), self._per_view(subject), ""
         except (ValueError, UserError) as problem:
             error, per_view, failure = None, [], " ".join(str(problem).split())
@@ -149,7 +149,7 @@ class Runner:
             camera = self.model.cameras[place]
             moment = None if camera.time is None else camera.time[0]
             splats = subject.splats(moment) if still is None else still
-            yield subject.draw(splats, camera), *self._target(place)
+            yield subject.image(splats, camera), *self._target(place)
 
     def _target(self, place: int) -> tuple[Tensor, Tensor | None]:
         """The photo of a view and its valid pixels; without photos, a render of the model."""
@@ -157,7 +157,7 @@ class Runner:
         camera, subject = model.cameras[place], model.subject
         if not model.parts.data.has_pictures:
             moment = None if camera.time is None else camera.time[0]
-            return subject.draw(subject.splats(moment), camera), None
+            return subject.image(subject.splats(moment), camera), None
         (batch,) = model.parts.data.load(Split.EVAL, [model.views[place]], model.device)
         assert subject.settings.background is not None
         valid = None if batch.valid is None else batch.valid[0]

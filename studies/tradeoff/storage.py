@@ -93,7 +93,7 @@ class Storage:
 class Cut(ABC):
     """An edit of splats that reduces the storage of a moving model, too.
 
-    What other edits do to splats changes how they are drawn, and nothing that is stored.
+    Other edits of splats change their rendering only.
     """
 
     @abstractmethod

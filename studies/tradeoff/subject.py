@@ -63,7 +63,7 @@ class Subject:
         return self.rasterizer.render(splats, small, settings)
 
     @torch.no_grad()
-    def draw(self, splats: Splats, camera: Cameras) -> Float[Tensor, "h w 3"]:
+    def image(self, splats: Splats, camera: Cameras) -> Float[Tensor, "h w 3"]:
         """Render an image in the size of one camera; float32.
 
         Raises:
@@ -105,12 +105,12 @@ def _stored(splats: Splats) -> Splats:
     return replace(splats, colors=Sh(colors.dense(), colors.degree))
 
 
-def enlarged(picture: Float[Tensor, "a b d"], camera: Cameras) -> Float[Tensor, "h w d"]:
+def enlarged(image: Float[Tensor, "a b d"], camera: Cameras) -> Float[Tensor, "h w d"]:
     """An image in the size of a camera, bilinear between the centres of pixels."""
     size = (camera.height, camera.width)
-    if tuple(picture.shape[:2]) == size:
-        return picture
-    planes = picture.movedim(2, 0)[None]
+    if tuple(image.shape[:2]) == size:
+        return image
+    planes = image.movedim(2, 0)[None]
     return interpolate(planes, size, mode="bilinear", align_corners=False)[0].movedim(0, 2)
 
 

@@ -141,8 +141,8 @@ def test_bands_that_were_not_drawn_yet_bought_nothing_and_say_why(tmp_path):
     found = document(tmp_path / "run")
     group = next(group for group in found["groups"] if group["name"] == "SH band 3")
     assert group["bought_db"] == 0.0
-    assert group["how"] == "Training ended before this band was drawn."
-    assert "bands 1 to 3: training ended before they were drawn" in found["could_go"]
+    assert group["how"] == "Training ended before this band was rendered."
+    assert "bands 1 to 3: training ended before they were rendered" in found["could_go"]
 
 
 def test_without_held_out_views_it_says_so(tmp_path):

@@ -50,7 +50,7 @@ Two of them.
 - steps 10; downscale 2 (area filter); seeds 1, 2
 - rows: still (`method=3dgs ignore_time=true`); moves (`method=4dgs`)
 - held-out views, last checkpoint; PSNR per image; SSIM 11x11
-- held out: balls 2 pictures of 32x24
+- held out: balls 2 images of 32x24
 - machine: a cpu, 2 cores, threads per run 1; rasterizer cpu; torch 2
 - gsfw 1.0, commit abc; made 2026-01-02
 - command: `gsfw study small.yaml`

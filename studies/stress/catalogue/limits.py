@@ -47,7 +47,7 @@ def _at_the_stop(*opacities: float) -> Drawing:
 
 SUM = "a product of thousands of factors gathers a rounding of each, and so does plain float32"
 
-# (1 - 0.99) squared is the stop itself: after one layer of 0.99 another is drawn, or is not.
+# (1 - 0.99) squared is the stop itself: after one layer of 0.99 another one shows or not.
 LAYERS = (
     StressCase("layers/100000-of-1-in-254", lambda: _piled(MANY, 1 / 254), conditioning=SUM),
     StressCase("layers/100000-of-0.99", lambda: _piled(MANY, 0.99), at_a_cut_off=1),
@@ -206,12 +206,12 @@ FOUND_SETTINGS = RenderSettings(near=1e-9)
 # float32 explains were of these two kinds. In both any rounding decides whether a splat is drawn.
 PLACES = {
     # Two layers at the clamp of 0.99 leave (1 - 0.99) squared, which is the stop: after one layer
-    # the next is drawn, or is not, and backends of float64 differ in it too.
+    # the next one shows or not, and backends of float64 differ in it too.
     "found/clamped-layers": Place(3945.3, 2.3e6, 3.8938, 1.0, 2.076, 4734.5, 8.4e7),
     "found/clamped-layers-near": Place(
         0.00014333, 75086.0, 0.00092704, 0.991, -0.2353, 30678.0, 1e6
     ),
-    # Opacities of exactly 1 / 255 are drawn where their centre meets a pixel's, or nowhere.
+    # Opacities of exactly 1 / 255 show where their centre meets a pixel's, or nowhere.
     "found/opacity-of-the-cut-off": Place(
         13.7946, 14.062, 0.45043, 1 / 255, -1.7706, 2888.4, 5.7e-8
     ),

@@ -213,7 +213,7 @@ SPLATS: dict[str, Change] = {
 }
 
 NEAR = "splats almost at the camera are magnified until they are flat, as very large ones are"
-LONG = "whether depth squared still fits beside this focal length decides what is drawn"
+LONG = "whether depth squared still fits beside this focal length decides what shows"
 
 CAMERA_REASONS = {
     **{f"{name}-scales-1e6": FLAT for name in CAMERAS},

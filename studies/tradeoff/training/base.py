@@ -71,7 +71,7 @@ def find_capture(base: Base, registry: Registry) -> Capture:
     """Read the properties of the data set.
 
     Raises:
-        DataError: it cannot be used, or no pictures are held out.
+        DataError: it cannot be used, or no images are held out.
     """
     composition = compose(resolve(registry, [Layer(COMMAND_LINE, base.given)]), registry)
     data = composition.parts.data
@@ -79,7 +79,7 @@ def find_capture(base: Base, registry: Registry) -> Capture:
     data.close()
     if not held_out:
         raise DataError(
-            "There are no held-out pictures to measure accuracy on.",
+            "There are no held-out images to measure accuracy on.",
             "Hold some out: holdout_every=8.",
         )
     camera = held_out.cameras[0]

@@ -62,7 +62,7 @@ def test_flip_is_that_of_the_held_out_views_in_the_judged_size(made, finished_ru
     for place, camera in enumerate(model.cameras):
         (batch,) = model.parts.data.load(Split.EVAL, [place], model.device)
         photo = batch.target(model.subject.settings.background)[0]
-        each.append(flip(model.subject.draw(model.subject.splats(), camera), photo, None))
+        each.append(flip(model.subject.image(model.subject.splats(), camera), photo, None))
     assert found[1.0] == pytest.approx(mean(each))
     assert found[2.0] != pytest.approx(mean(each))
 
