@@ -1,4 +1,4 @@
-"""Tests of gsfw.studies.runner, origin and threads."""
+"""Estimates follow measured runs, jobs share the threads, and origins name the machine."""
 
 import os
 
