@@ -1,4 +1,4 @@
-"""What watches a run: the screen, TensorBoard, result files, the log. All of them are on."""
+"""Callbacks that watch a run: the screen, TensorBoard, result files, the log, checkpoints."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from gsfw.plugins.specs import Spec, hookimpl
 
 @hookimpl
 def gsfw_callbacks() -> list[Spec]:
-    """The built-in watchers."""
+    """The built-in callbacks."""
     return [
-        Spec("log", "log.txt: what was said, line by line", "gsfw.callbacks.log:Log"),
-        Spec("progress", "the progress line", "gsfw.callbacks.progress:Progress"),
-        Spec("results", "metrics.jsonl, metrics.json, eval/", "gsfw.callbacks.results:Results"),
-        Spec("tensorboard", "TensorBoard events", "gsfw.callbacks.tensorboard:TensorBoard"),
+        Spec("autosave", "checkpoints by the clock", "gsfw.callbacks.config:AutosaveConfig"),
+        Spec("log", "log.txt: events of a run, line by line", "gsfw.callbacks.config:LogConfig"),
+        Spec("progress", "the progress line", "gsfw.callbacks.config:ProgressConfig"),
+        Spec("results", "figures as JSON", "gsfw.callbacks.config:ResultsConfig"),
+        Spec("tensorboard", "TensorBoard events", "gsfw.callbacks.config:TensorBoardConfig"),
     ]

@@ -1,4 +1,4 @@
-"""Log: log.txt, what happened in a run, line by line."""
+"""Log: the events of a run in log.txt, line by line."""
 
 from __future__ import annotations
 
@@ -18,20 +18,19 @@ from gsfw.core.loop.run_folder import RunFolder
 
 logger = logging.getLogger("gsfw.run")
 
-STEPS_BETWEEN_LINES = 10
-"""Every so many reports become a line: a log is read by people."""
-
 
 class Log(Callback):
     """Writes log.txt; also takes what any part of gsfw logs meanwhile."""
 
-    def __init__(self) -> None:
+    def __init__(self, every: int) -> None:
+        """Write a line for every n-th logged step: a log is read by people."""
+        self._every = every
         self._handler: logging.Handler | None = None
         self._level = logging.NOTSET
         self._reports = 0
 
     def on_start(self, run: RunInfo, control: Control) -> None:
-        """Open the file, say what is being run."""
+        """Open the file; log the method and the scene."""
         path = RunFolder(run.folder).log
         with readable_write_errors(path):
             self._handler = logging.FileHandler(path, encoding="utf-8")
@@ -46,8 +45,8 @@ class Log(Callback):
             logger.info("note: %s", note)
 
     def on_step(self, report: StepReport, control: Control) -> None:
-        """A line now and then."""
-        if self._reports % STEPS_BETWEEN_LINES == 0:
+        """Log a line now and then."""
+        if self._reports % self._every == 0:
             logger.info(
                 "step %d: loss %.5f, psnr %.2f dB, %d Gaussians, %.1f ms/step, %d steps skipped",
                 report.step,
@@ -60,21 +59,21 @@ class Log(Callback):
         self._reports += 1
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """The means."""
+        """Log the means."""
         means = ", ".join(f"{name} {value:.4f}" for name, value in evaluation.means.items())
         logger.info("step %d: held-out views: %s", step, means or "there are none")
 
     def on_checkpoint(self, step: int, path: Path) -> None:
-        """Where it is."""
+        """Log its name."""
         logger.info("step %d: checkpoint %s", step, path.name)
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """How it ended; lists are for programs, and in metrics.json."""
+        """Log the summary without its lists, which are in metrics.json for programs."""
         short = {key: value for key, value in summary.items() if not isinstance(value, list)}
         logger.info("ended at step %d: %s", step, short)
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
-        """The most telling of it."""
+        """Log the headline."""
         logger.info("requirements: %s", requirements.headline)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Progress: one line on the screen that says how the run goes."""
+"""Progress: one line on the screen with the figures of the current step."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from rich.table import Column as TableColumn
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.loop.evaluation import Evaluation
 
-SECONDS_BETWEEN_LINES = 10.0
-"""Where there is no terminal to draw on, a plain line is written this often."""
-
 SMOOTHING = 0.9
 """Weight of the past in the loss and PSNR shown: single views differ too much to be read."""
 
@@ -26,7 +23,9 @@ SMOOTHING = 0.9
 class Progress(Callback):
     """A live line on a terminal, a plain line now and then elsewhere; always on standard error."""
 
-    def __init__(self) -> None:
+    def __init__(self, seconds: float) -> None:
+        """Without a terminal, write a plain line every ``seconds``."""
+        self._seconds = seconds
         self._console = Console(stderr=True, highlight=False)
         self._bar: Bar | None = None
         self._task = TaskID(0)
@@ -66,7 +65,7 @@ class Progress(Callback):
         now = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._task, completed=report.step, description=line)
-        elif now - self._last_line >= SECONDS_BETWEEN_LINES or report.step == self._run.steps:
+        elif now - self._last_line >= self._seconds or report.step == self._run.steps:
             self._last_line = now
             self._say(line)
 

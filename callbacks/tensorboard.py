@@ -1,4 +1,4 @@
-"""TensorBoard: curves, pictures and settings as event files."""
+"""TensorBoard: curves, images and settings as event files."""
 
 from __future__ import annotations
 
@@ -18,20 +18,19 @@ from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.requirements import Requirements
 from gsfw.core.loop.run_folder import RunFolder
 
-MAX_PICTURES = 4
-"""Held-out views shown per evaluation; more make event files large and pages slow."""
-
 ERROR_GAIN = 4.0
 """Absolute errors are multiplied by this to be seen."""
 
 
 class TensorBoard(Callback):
-    """train/*, eval/*, gaussians/count, lr/*, time/*, mem/*; pictures: gt | render | error.
+    """train/*, eval/*, gaussians/count, lr/*, time/*, mem/*; images: gt | render | error.
 
     At last requirements/*: where the floats of the final model went, and what each bought.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, images: int) -> None:
+        """Show this many held-out views per evaluation."""
+        self._images = images
         self._writer: SummaryWriter | None = None
         self._run: RunInfo | None = None
         self._pictures = 0
@@ -74,7 +73,7 @@ class TensorBoard(Callback):
     def on_view(self, step: int, view: EvaluatedView) -> None:
         """The first few held-out views."""
         assert self._writer is not None
-        if self._pictures >= MAX_PICTURES:
+        if self._pictures >= self._images:
             return
         self._pictures += 1
         rendered, target = view.rendered.clamp(0, 1), view.target.clamp(0, 1)

@@ -1,4 +1,4 @@
-"""The verb ``config``: every setting a run would have, and where each came from."""
+"""The verb ``config``: every setting of a run, and its source."""
 
 from __future__ import annotations
 
@@ -38,6 +38,8 @@ def run(tokens: list[str]) -> int:
         ["setting", "source"],
         [[f"{key}={as_text(value)}", settings.sources[key]] for key, value in values.items()],
     )
+    for note in settings.notes:
+        console.say(f"note: {note}")
     console.result(
         {key: {"value": value, "source": settings.sources[key]} for key, value in values.items()}
     )

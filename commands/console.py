@@ -1,15 +1,39 @@
-"""Console: what a verb tells people, and the one JSON document it gives programs."""
+"""Console: text for people, and the one JSON document of a verb for programs."""
 
 from __future__ import annotations
 
+import logging
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from gsfw.core.files.json_text import json_text
 
 WIDTH_OF_FILES = 160
 """Columns of a table that is not shown on a terminal."""
+
+
+class LoggedWarnings(logging.Handler):
+    """Shows warnings that any part of gsfw logs on the screen, without their tracebacks."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(logging.WARNING)
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show one warning."""
+        self._console.warn(record.getMessage())
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show them for the time of one verb."""
+        logger = logging.getLogger("gsfw")
+        logger.addHandler(self)
+        try:
+            yield
+        finally:
+            logger.removeHandler(self)
 
 
 class Console:

@@ -13,7 +13,8 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.config import AUTO, DataManagerConfig
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.automatic import Choice, choose_datamanager, load
+from gsfw.plugins.automatic import Choice, choose_datamanager
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 
 LONG_SIDE = 1600

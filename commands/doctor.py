@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from gsfw.commands.arguments import Options, read
 from gsfw.commands.console import Console
-from gsfw.plugins.registry import SLOTS, Registry, installed
+from gsfw.plugins.loading import load_third_parties
+from gsfw.plugins.registry import Registry, installed
 from gsfw.plugins.specs import PROJECT
 
 if TYPE_CHECKING:
@@ -132,10 +133,11 @@ def _abilities(able: Capabilities) -> str:
 
 
 def _plugins(registry: Registry) -> Iterator[Finding]:
-    for slot in SLOTS:  # Only asking shows which plugins fail to answer.
-        registry.slot(slot)
+    load_third_parties(registry)  # Only loading shows which of them fail.
     for item in registry.broken:
-        yield Finding(f"plugin {item.name}", "missing", f"{item.distribution}: {item.reason}")
+        package = f"{item.distribution} {item.version}".strip()
+        details = f"{package}: {item.reason}. {item.advice}"
+        yield Finding(f"{item.kind} {item.name}", "missing", details)
 
 
 def _write_access() -> Finding:

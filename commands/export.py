@@ -63,7 +63,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.open_run import open_run
     from gsfw.commands.run_argument import find_run
     from gsfw.core.exchange import ModelExporter, TrackExporter
-    from gsfw.plugins.automatic import load
+    from gsfw.plugins.loading import load
     from gsfw.plugins.registry import installed
 
     _check(options)

@@ -1,4 +1,4 @@
-"""Failure: how an error is told: one message, an exit code, and where the traceback went."""
+"""Failure: an error as one message with an exit code; tracebacks go to a file."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import os
 import sys
 import tempfile
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.commands.console import Console
 from gsfw.core.errors import UserError
+from gsfw.plugins.registry import installed
 
 if TYPE_CHECKING:
     from gsfw.core.loop.run_folder import RunFolder
@@ -31,8 +32,12 @@ class RecordedError(Exception):
 
 
 @contextmanager
-def tracebacks_in(folder: RunFolder) -> Iterator[None]:
-    """Append the traceback of an unexpected error to a run's log, if the run stays.
+def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None]:
+    """Append the traceback of an unexpected error to the log of a run.
+
+    Args:
+        folder: of the run.
+        stays: whether the folder stays after an error.
 
     Raises:
         RecordedError: in place of that error.
@@ -42,7 +47,7 @@ def tracebacks_in(folder: RunFolder) -> Iterator[None]:
     except (UserError, BrokenPipeError):
         raise
     except Exception as error:
-        if folder.latest_checkpoint() in (None, folder.checkpoint(0)):
+        if not stays():
             raise
         with folder.log.open("a", encoding="utf-8") as file:
             file.write("".join(traceback.format_exception(error)))
@@ -61,12 +66,34 @@ def report(error: Exception, console: Console, debug: bool) -> int:
     else:
         path, cause = _record(error), error
     summary = f"{type(cause).__name__}: {cause}".splitlines()[0]
+    culprit, bug = _culprit(cause)
     _tell(
         console,
-        f"gsfw failed unexpectedly: {summary}",
-        f"The traceback is in {path}; --debug shows it here. This is a bug of gsfw or of a plugin.",
+        f"{culprit} failed unexpectedly: {summary}",
+        f"The traceback is in {path}; --debug shows it here. {bug}",
     )
     return UNEXPECTED
+
+
+def _culprit(error: BaseException) -> tuple[str, str]:
+    """The code that failed, and a sentence about whose bug that is.
+
+    The innermost frame of the traceback that runs code of a plugin names the package: gsfw checks
+    what it passes, and cannot check what a plugin makes of it.
+    """
+    registry = installed()
+    frames = list(traceback.walk_tb(error.__traceback__))
+    for frame, line in reversed(frames):
+        owner = registry.owner(frame.f_globals.get("__name__", ""))
+        if owner is not None:
+            code = frame.f_code
+            place = getattr(code, "co_qualname", code.co_name)  # Python 3.10 has no qualified one.
+            return (
+                f"{place} of {owner} ({Path(code.co_filename).name}, line {line})",
+                f"This is a bug of {owner.distribution}, or it was made for another gsfw.",
+            )
+    plugins = ", ".join(registry.third_parties())
+    return "gsfw", f"This is a bug of gsfw{f' or of a plugin: {plugins}' if plugins else ''}."
 
 
 def _record(error: Exception) -> Path:

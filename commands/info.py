@@ -86,10 +86,10 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
 
 def _importer(path: Path, registry: Registry) -> str | None:
     """Name of the importer that recognises a file; ``None`` when none does."""
-    from gsfw.plugins.automatic import load_all
+    from gsfw.plugins.loading import ask_all
 
-    importers = load_all("importer", registry).items()
-    return next((name for name, kind in importers if kind.recognises(path)), None)
+    recognised = ask_all("importer", registry, lambda kind: kind.recognises(path))
+    return next((name for name, is_its_own in recognised.items() if is_its_own), None)
 
 
 def _check_known(what: str, registry: Registry) -> None:

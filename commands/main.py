@@ -9,11 +9,12 @@ from collections.abc import Callable, Sequence
 from importlib import metadata
 
 from gsfw.commands.arguments import HelpRequested, parse
-from gsfw.commands.console import Console
+from gsfw.commands.console import Console, LoggedWarnings
 from gsfw.commands.failure import INTERRUPTED, report
 from gsfw.commands.help import main_help
 from gsfw.commands.interrupt import leave_on_signal
 from gsfw.core.errors import ConfigError, UserError
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry, did_you_mean, installed
 from gsfw.plugins.specs import PROJECT
 
@@ -40,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     console = Console(_flag(tokens, "json"))
     try:
-        with leave_on_signal():
+        with leave_on_signal(), LoggedWarnings(console).shown():
             code = _run(tokens, console)
         sys.stdout.flush()
         return code
@@ -96,5 +97,5 @@ def _find_verb(name: str, registry: Registry) -> Callable[[list[str]], int]:
             f"gsfw has no verb {name!r}.{did_you_mean(name, verbs)}",
             f"Verbs: {', '.join(verbs)}. See gsfw --help.",
         )
-    verb: Callable[[list[str]], int] = verbs[name].load()
+    verb: Callable[[list[str]], int] = load("command", verbs[name])
     return verb

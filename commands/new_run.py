@@ -1,4 +1,4 @@
-"""New run: where a run goes, and that nothing half-written stays if it never gets going."""
+"""New run: the folder of a run; it goes again if training never begins."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.commands.run_argument import RUNS
@@ -63,23 +64,32 @@ def default_folder(scene: str, method: str) -> Path:
     return path
 
 
+@dataclass
+class NewRun:
+    """A run that is being started."""
+
+    folder: RunFolder
+    steps_done: Callable[[], int] = lambda: 0
+    """Steps that the run has done; set once there is a trainer."""
+
+
 @contextmanager
-def new_run_folder(path: Path) -> Iterator[RunFolder]:
-    """Make the folder of a run; take it away again if the run fails before it gets going.
+def new_run_folder(path: Path) -> Iterator[NewRun]:
+    """Make the folder of a run; remove it again if the run fails before its first step is done.
 
     The checkpoint of step 0 holds nothing that another start would not make again.
 
     Raises:
         OutputError: it cannot be made.
     """
-    folder = RunFolder(path)
+    run = NewRun(RunFolder(path))
     with readable_write_errors(path):
         kept = _nearest_existing(path)
         path.mkdir(parents=True, exist_ok=True)
     try:
-        yield folder
+        yield run
     except BaseException:
-        if folder.latest_checkpoint() in (None, folder.checkpoint(0)):
+        if run.steps_done() == 0:
             _remove(path, kept)
         raise
 

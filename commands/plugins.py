@@ -1,13 +1,14 @@
-"""The verb ``plugins``: what can be chosen for each slot, who brings it, and what is broken."""
+"""The verb ``plugins``: the names that can be chosen for each slot, and what was skipped."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from gsfw.commands.arguments import Options, read
 from gsfw.commands.console import Console
 from gsfw.core.errors import ConfigError
+from gsfw.plugins.loading import load_third_parties
 from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed
 from gsfw.plugins.specs import Spec
 
@@ -31,8 +32,17 @@ def run(tokens: list[str]) -> int:
             f"Slots: {', '.join(SLOTS)}.",
         )
     console, registry = Console(options.json), installed()
+    load_third_parties(registry)
     slots = [options.slot] if options.slot else list(SLOTS)
-    found = {slot: list(registry.slot(slot).values()) for slot in slots}
+    left_out = {(item.kind, item.name, item.distribution) for item in registry.broken}
+    found = {
+        slot: [
+            spec
+            for spec in registry.slot(slot).values()
+            if (slot, spec.name, spec.distribution) not in left_out
+        ]
+        for slot in slots
+    }
     console.table(
         ["slot", "name", "from", "description"],
         [[slot, *_cells(spec)] for slot, specs in found.items() for spec in specs],
@@ -63,8 +73,5 @@ def _document(found: dict[str, list[Spec]], registry: Registry) -> dict[str, Any
             for slot, specs in found.items()
             for spec in specs
         ],
-        "broken": [
-            {"name": item.name, "distribution": item.distribution, "reason": item.reason}
-            for item in registry.broken
-        ],
+        "broken": [asdict(item) for item in registry.broken],
     }

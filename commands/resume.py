@@ -25,8 +25,9 @@ CHANGEABLE = (
     "gpu_cache_mb",
     "validation",
     "max_skipped",
+    "callbacks",
 )
-"""Settings that a run may go on with changed; all others are part of its state."""
+"""Settings, and groups of settings, that may change on resuming; the rest is part of the state."""
 
 HELP = f"""usage: gsfw resume RUN [key=value ...]
 
@@ -50,9 +51,10 @@ def run(tokens: list[str]) -> int:
     console = Console(arguments.flag("json"))
 
     from gsfw.commands.run_argument import find_run
-    from gsfw.commands.training import describe, make_callbacks, run_training
+    from gsfw.commands.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.config_file import write_config
+    from gsfw.plugins.loading import make_callbacks
     from gsfw.plugins.restore import restore
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 
@@ -68,7 +70,8 @@ def run(tokens: list[str]) -> int:
     for change in restored.changes():
         console.warn(f"{change}: the result may differ in its last bits from an unstopped run's.")
     composition, folder = restored.composition, restored.folder
-    trainer = composition.trainer(folder, make_callbacks(installed()), restored.step)
+    callbacks = make_callbacks(composition.settings.config.callbacks, installed())
+    trainer = composition.trainer(folder, callbacks, restored.step)
     trainer.load_state_dict(restored.state)
     if changed:
         text = write_config(composition.settings, ["resume", *tokens])

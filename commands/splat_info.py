@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsfw.core.splats import Sh
-from gsfw.plugins.automatic import load
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 
 if TYPE_CHECKING:

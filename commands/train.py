@@ -23,10 +23,11 @@ def run(tokens: list[str]) -> int:
     console = Console(arguments.flag("json"))
     # torch is imported from here on; what could be said without it has been said.
     from gsfw.commands.new_run import check_free, default_folder, new_run_folder
-    from gsfw.commands.training import describe, make_callbacks, run_training
+    from gsfw.commands.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.compose import check, compose
     from gsfw.plugins.config_file import write_config
+    from gsfw.plugins.loading import make_callbacks
 
     check(settings, registry)
     out = settings.config.out
@@ -42,9 +43,11 @@ def run(tokens: list[str]) -> int:
         composition.parts.data.close()
         console.result({"fits": True, "run": str(path), "settings": settings.flat()})
         return 0
-    with new_run_folder(path) as folder:
-        write_atomically(folder.config, write_config(settings, ["train", *tokens]).encode())
-        trainer = composition.trainer(folder, make_callbacks(registry))
+    with new_run_folder(path) as new:
+        write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
+        callbacks = make_callbacks(settings.config.callbacks, registry)
+        trainer = composition.trainer(new.folder, callbacks)
+        new.steps_done = lambda: trainer.step
         return run_training(trainer, console)
 
 

@@ -12,23 +12,17 @@ from gsfw.commands.console import Console
 from gsfw.commands.corrections import write_corrections
 from gsfw.commands.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interrupt import stop_on_signal
-from gsfw.core.callback import Callback
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.kernels.cpu.native_module import keep_freed_memory
-from gsfw.plugins.automatic import load, load_all
 from gsfw.plugins.compose import Composition
-from gsfw.plugins.registry import Registry, installed
+from gsfw.plugins.loading import load
+from gsfw.plugins.registry import installed
 from gsfw.plugins.snapshot import snapshot
 from gsfw.studies.requirements.report import RequirementsReport
-
-
-def make_callbacks(registry: Registry) -> list[Callback]:
-    """Every watcher that is installed."""
-    return [kind() for kind in load_all("callback", registry).values()]
 
 
 def describe(composition: Composition) -> str:
@@ -52,10 +46,11 @@ def run_training(trainer: Trainer, console: Console) -> int:
     """
     folder = trainer.folder
     keep_freed_memory()
-    report = RequirementsReport(trainer, console.warn)
+    report = RequirementsReport(trainer)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
-        with stop_on_signal(trainer.control) as interrupt, tracebacks_in(folder):
+        recorded = tracebacks_in(folder, lambda: trainer.step > 0)
+        with stop_on_signal(trainer.control) as interrupt, recorded:
             summary = _fit(trainer, report)
             if summary["completed"]:
                 write_splats(trainer, console)

@@ -1,4 +1,4 @@
-"""Callback: watches a run."""
+"""Callback: watches a run, and may stop it or ask for a checkpoint."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Control:
 
 @dataclass(frozen=True)
 class RunInfo:
-    """What callbacks know of the run from its start."""
+    """The facts about a run that are known at its start."""
 
     folder: Path
     method: str
@@ -59,7 +59,7 @@ class StepReport:
     losses: Mapping[str, float]
     """Each weighted term."""
     psnr: float
-    """Of the step's first picture, in dB."""
+    """Of the first image of the step, in dB."""
     num_gaussians: int
     learning_rates: Mapping[str, float]
     step_ms: float
@@ -71,14 +71,14 @@ class StepReport:
     skipped_steps: int = 0
     """Steps skipped so far because they were not finite."""
     resolution: float = 1.0
-    """Width of the step's first picture over its full width; 1 unless training starts coarse."""
+    """Width of the first image of the step over its full width; 1 unless training starts coarse."""
     refined: Mapping[str, int] = field(default_factory=dict)
-    """What became of rows since the last report, by verb: {"cloned": 12, "pruned": 3}."""
+    """Rows changed since the last report, by verb: {"cloned": 12, "pruned": 3}."""
 
 
 @dataclass(frozen=True)
 class EvaluatedView:
-    """One held-out picture, drawn."""
+    """One held-out image, rendered."""
 
     name: str
     metrics: Mapping[str, float]
@@ -89,7 +89,13 @@ class EvaluatedView:
 
 
 class Callback:
-    """Watches a run; every method may be left out. None may change what is trained."""
+    """Watches a run; every method may be left out. None may change what is trained.
+
+    A callback that raises is detached with a warning, and the run goes on without it.
+    """
+
+    origin: str = ""
+    """Its registered name and package, for messages; filled in when it is built."""
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Before the first step."""
@@ -101,7 +107,7 @@ class Callback:
         """After every step; cheap things only."""
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
-        """After each held-out picture of an evaluation."""
+        """After each held-out image of an evaluation."""
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """After an evaluation."""
@@ -113,7 +119,7 @@ class Callback:
         """After the last step; also when the run was stopped."""
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
-        """After ``on_end``, when it was measured what a completed run required."""
+        """After ``on_end``, once the requirements of a completed run were measured."""
 
     def close(self) -> None:
         """Release files and the screen, whatever happened."""

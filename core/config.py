@@ -16,6 +16,7 @@ from gsfw.core.ranges import check_ranges, number
 if TYPE_CHECKING:
     import torch
 
+    from gsfw.core.callback import Callback
     from gsfw.core.capabilities import Capabilities, Needs
     from gsfw.core.datamanager import DataManager, DataRequest, Views
     from gsfw.core.loop.optimizer import OptimizerSettings
@@ -78,6 +79,11 @@ def replace_at(config: Config, key: str, value: object) -> Config:
 class SlotConfig:
     """Settings of one choice (a strategy, a rasterizer, ...)."""
 
+    renamed: ClassVar[Mapping[str, str]] = {}
+    """Settings that have a new name: old name -> new name, so that old files and runs open.
+
+    Groups may be renamed too; an empty new name is that of a setting that has no effect any more.
+    """
     recommended: ClassVar[Mapping[str, Any]] = {}
     """Settings of the run, by dotted key, that go with this choice; what the user gives wins."""
 
@@ -180,6 +186,23 @@ class DataManagerConfig(SlotConfig, ABC):
 
 
 @dataclass
+class CallbackConfig(ABC):
+    """Settings of a callback, which are typed as ``callbacks.NAME.KEY=VALUE``."""
+
+    enabled: bool = True
+    """Whether it watches the run."""
+
+    @abstractmethod
+    def build(self) -> Callback:
+        """The callback of one run, before its first step."""
+
+
+@dataclass
+class CallbackConfigs:
+    """The settings of every callback; settings derive from it, with a field for each installed."""
+
+
+@dataclass
 class OptimConfig:
     """How parameters are moved; the learning rates are those of Kerbl et al. 2023."""
 
@@ -226,6 +249,8 @@ class MethodConfig(ABC):
     ``sampler``) is chosen by name among what is registered; ``None`` means ``auto``.
     """
 
+    renamed: ClassVar[Mapping[str, str]] = {}
+    """Settings that have a new name, as in ``SlotConfig``."""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"default": {}}
     """Settings by dotted key, for ``preset=NAME``; each builds on the one named "default"."""
 
@@ -285,6 +310,7 @@ class MethodConfig(ABC):
     strategy: StrategyConfig | None = None
     datamanager: DataManagerConfig | None = None
     sampler: SamplerConfig | None = None
+    callbacks: CallbackConfigs = field(default_factory=CallbackConfigs)
 
     @abstractmethod
     def build(self) -> Method:

@@ -1,7 +1,9 @@
-"""Metrics: how close a rendered picture is to the photo."""
+"""Metrics: how close a rendered image is to the photo."""
 
 from __future__ import annotations
 
+import logging
+import math
 from abc import ABC, abstractmethod
 
 import torch
@@ -10,6 +12,8 @@ from torch import Tensor
 
 from gsfw.core.maths.ssim import masked_mean
 from gsfw.core.operators import Operators
+
+logger = logging.getLogger("gsfw.run")
 
 PSNR_MAX = 100.0
 """Reported for pictures that are equal, in dB, so that means stay finite."""
@@ -29,8 +33,6 @@ def psnr(
 class Metric(ABC):
     """A figure for one picture."""
 
-    higher_is_better: bool = True
-
     def __init__(self, operators: Operators | None = None) -> None:
         """Measure with the operators of the run's device; ``None`` for plain torch."""
         self.operators = operators or Operators()
@@ -43,6 +45,31 @@ class Metric(ABC):
         valid: Bool[Tensor, "h w 1"] | None,
     ) -> float:
         """Compare one picture over its valid pixels."""
+
+
+class CautiousMetric(Metric):
+    """A metric of a third party: NaN where it fails, which is logged once."""
+
+    def __init__(self, metric: Metric, name: str) -> None:
+        super().__init__(getattr(metric, "operators", None))
+        self._metric, self._name = metric, name
+        self._has_failed = False
+
+    def __call__(self, rendered: Tensor, target: Tensor, valid: Tensor | None) -> float:
+        """Compare one image."""
+        try:
+            return float(self._metric(rendered, target, valid))
+        except Exception as error:
+            if not self._has_failed:
+                logger.warning(
+                    "%s failed; its figures are NaN: %s: %s",
+                    self._name,
+                    type(error).__name__,
+                    error,
+                    exc_info=True,
+                )
+            self._has_failed = True
+            return math.nan
 
 
 class Psnr(Metric):

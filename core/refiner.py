@@ -45,6 +45,19 @@ class GrowthLimits:
         """The smaller of ``max_rows`` and a refiner's own limit; 0 for no limit."""
         return own if self.max_rows is None else min(self.max_rows, own or self.max_rows)
 
+    def room(self, rows: int, wanted: int, own: int = 0) -> int:
+        """Number of rows that may be added now.
+
+        Args:
+            rows: rows there are.
+            wanted: rows that a refiner would add.
+            own: the refiner's own limit of rows; 0 for none.
+        """
+        if self.hold or not self.may_grow:
+            return 0
+        most = self.most_rows(own)
+        return min(wanted, max(most - rows, 0)) if most > 0 else wanted
+
 
 @dataclass(frozen=True)
 class RefineContext:

@@ -10,8 +10,8 @@ from typing import Any
 
 from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
-from gsfw.plugins.specs import Spec
 
 BUILT_IN_SCENE = "synthetic"
 """The data manager that needs no file."""
@@ -33,37 +33,6 @@ class Choice:
         return f"chosen automatically: {self.reason}"
 
 
-def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot holds
-    """Import what a spec names.
-
-    Raises:
-        ConfigError: the import fails; names the package at fault.
-    """
-    try:
-        return spec.load()
-    except Exception as error:
-        raise ConfigError(
-            f"{slot} {spec.name!r} ({spec.distribution} {spec.version}) cannot be loaded: "
-            f"{type(error).__name__}: {error}",
-            "Install what is missing, or choose another one; see gsfw plugins.",
-        ) from error
-
-
-def load_all(slot: str, registry: Registry) -> dict[str, Any]:
-    """Import everything of a slot, by name; what a third party broke is skipped, and remembered.
-
-    Raises:
-        ConfigError: a part of gsfw itself cannot be imported.
-    """
-    loaded: dict[str, Any] = {}
-    for name, spec in registry.slot(slot).items():
-        try:
-            loaded[name] = load(slot, spec)
-        except ConfigError as error:
-            registry.skip(slot, spec, error)
-    return loaded
-
-
 def choose_datamanager(data: str, registry: Registry) -> Choice:
     """The data manager whose format ``data`` is in.
 
@@ -75,7 +44,7 @@ def choose_datamanager(data: str, registry: Registry) -> Choice:
     path = Path(data)
     with _readable(path):
         _check_exists(path)
-        detections = _detect(path, registry)
+        detections = ask_all("datamanager", registry, lambda kind: kind.detect(path))
     recognised = [name for name, seen in detections.items() if seen.recognised]
     if not recognised:
         with _readable(path):
@@ -96,18 +65,6 @@ def _readable(path: Path) -> Iterator[None]:
             f"data={path}: {error.filename or path} cannot be read: {error.strerror or error}.",
             "Give a folder that you may read, or have its permissions changed.",
         ) from error
-
-
-def _detect(path: Path, registry: Registry) -> dict[str, Detection]:
-    """What each data manager sees in ``path``; one of a third party that fails sees nothing."""
-    specs = registry.slot("datamanager")
-    detections: dict[str, Detection] = {}
-    for name, kind in load_all("datamanager", registry).items():
-        try:
-            detections[name] = kind.detect(path)
-        except Exception as error:
-            registry.skip("datamanager", specs[name], error)
-    return detections
 
 
 def _check_exists(path: Path) -> None:

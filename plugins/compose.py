@@ -46,8 +46,9 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
-from gsfw.plugins.automatic import load_all, rasterizer_capabilities
+from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.devices import find_device, unused_gpu
+from gsfw.plugins.loading import ask_all, check_built, load, make_metrics
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 
@@ -105,7 +106,12 @@ class Composition:
     def notes(self) -> tuple[str, ...]:
         """What the user should know before it starts."""
         config = self.settings.config
-        notes = (*self.parts.data.notes(), *self.parts.method.notes(self.scene), *self.missed)
+        notes = (
+            *self.settings.notes,
+            *self.parts.data.notes(),
+            *self.parts.method.notes(self.scene),
+            *self.missed,
+        )
         if config.resolution_schedule == AUTO:
             notes += (self.resolution.note(config.resolution_steps),)
         if config.random_background and not self.scene.has_alpha:
@@ -230,7 +236,9 @@ def compose(
     check(settings, registry)
     device = settings_device(settings)
     method = settings.config.build()
+    check_built("method", settings.method, method)
     data = open_data(settings) if data is None else data
+    check_built("datamanager", settings.choices["datamanager"], data)
     scene = data.scene
     views = data.views(Split.TRAIN)
     if len(views) == 0:
@@ -250,6 +258,12 @@ def compose(
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
     parts = _parts(settings.config, registry, method, data, corrections, device)
+    check_built("method", settings.method, parts.model)
+    for slot in ("sampler", "rasterizer"):
+        check_built(slot, settings.choices[slot], getattr(parts, slot))
+    for refiner in parts.refiners:
+        check_built("strategy", settings.choices["strategy"], refiner)
+        check_built("method", settings.method, refiner)
     missed = _missed(settings, registry, device)
     plan = training_plan(settings, scene, device)
     plan = replace(plan, settings=method.render_settings(plan.settings, None))
@@ -285,7 +299,7 @@ def _parts(
         data=data,
         rasterizer=config.rasterizer.build(device),
         operators=operators,
-        metrics={name: kind(operators) for name, kind in load_all("metric", registry).items()},
+        metrics=make_metrics(registry, operators),
         generator=torch.Generator(device=device).manual_seed(config.seed + 1),
         device=device,
         corrections=corrections,
@@ -342,12 +356,10 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
 
 def choose_operators(registry: Registry, device: torch.device) -> Operators:
     """The set of operators that serves ``device`` most willingly."""
-    willing: list[tuple[int, str, type[Operators]]] = []
-    for name, kind in load_all("operators", registry).items():
-        preference = kind.preference(device)
-        if preference is not None:
-            willing.append((preference, name, kind))
-    return max(willing, key=lambda item: item[:2])[2]()
+    willing = ask_all("operators", registry, lambda kind: (kind.preference(device), kind))
+    able = {name: found for name, found in willing.items() if found[0] is not None}
+    kind: type[Operators] = able[max(able, key=lambda name: (able[name][0], name))][1]
+    return kind()
 
 
 def find_importer(path: Path, registry: Registry) -> Importer:
@@ -360,13 +372,14 @@ def find_importer(path: Path, registry: Registry) -> Importer:
         raise DataError(
             f"{path}: there is no such file.", f"init is a splat file, or {', '.join(INIT_WORDS)}."
         )
-    importers: dict[str, type[Importer]] = load_all("importer", registry)
-    for kind in importers.values():
-        if kind.recognises(path):
-            return kind()
+    recognised = ask_all("importer", registry, lambda kind: kind.recognises(path))
+    for name, is_its_own in recognised.items():
+        if is_its_own:
+            importer: Importer = load("importer", registry.find("importer", name))()
+            return importer
     raise DataError(
         f"{path} is not a splat file that can be read here.",
-        f"Formats that can be read: {', '.join(importers) or 'none'}.",
+        f"Formats that can be read: {', '.join(recognised) or 'none'}.",
     )
 
 

@@ -109,12 +109,15 @@ def read_config(path: Path, everything: bool = False) -> Layer:
     values = dict(
         _flattened({key: document[key] for key in document if key not in (*HEADER, GIVEN)})
     )
+    found = document.get("plugins")
+    packages = tuple(map(str, found)) if isinstance(found, list) else ()
     if GIVEN not in document:
-        return Layer(where, values)
+        return Layer(where, values, packages=packages)
     given = _given(where, document[GIVEN], values)
     if everything:
-        return Layer(where, values, given)
-    return Layer(where, {key: value for key, value in values.items() if key in given})
+        return Layer(where, values, given, packages=packages)
+    values = {key: value for key, value in values.items() if key in given}
+    return Layer(where, values, packages=packages)
 
 
 def _given(where: str, found: object, values: Mapping[str, Any]) -> frozenset[str]:

@@ -1,9 +1,10 @@
-"""Discovery: the built-in plugins, then every installed one; a broken one is skipped."""
+"""Discovery: the built-in plugins, then every installed one; a broken one harms no other."""
 
 from __future__ import annotations
 
 import difflib
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib import import_module, metadata
@@ -11,7 +12,6 @@ from types import ModuleType
 
 import pluggy
 
-from gsfw.core.errors import ConfigError
 from gsfw.plugins import hooks
 from gsfw.plugins.specs import PROJECT, Spec
 
@@ -30,28 +30,49 @@ BUILTIN = (
 
 HOOKS = tuple(sorted(name for name in vars(hooks) if name.startswith(f"{PROJECT}_")))
 
+_UNKNOWN_FIELD = re.compile(r"Spec\.__init__\(\) got an unexpected keyword argument '(\w+)'")
+
+
+@dataclass(frozen=True)
+class PluginSource:
+    """A plugin: where registrations come from."""
+
+    name: str
+    """Of its entry point."""
+    distribution: str
+    version: str
+    package: str = ""
+    """Top-level module of the entry point; empty where there is none."""
+
+    def __str__(self) -> str:
+        return f"{self.distribution} {self.version}".strip()
+
 
 @dataclass(frozen=True)
 class BrokenPlugin:
-    """A third-party plugin that did not load."""
+    """A plugin of a third party, or one part of it, that is left out."""
 
-    name: str
-    distribution: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"plugin {self.name!r} ({self.distribution}) is skipped: {self.reason}"
-
-
-class PluginError(ConfigError):
-    """Plugins contradict each other, or one implements a hook that does not exist."""
-
-
-@dataclass(frozen=True)
-class _Source:
     name: str
     distribution: str
     version: str
+    reason: str
+    """A phrase without a period."""
+    advice: str
+    """The remedy, a sentence."""
+    kind: str = "plugin"
+    """plugin, or the slot of the part."""
+
+    def __str__(self) -> str:
+        package = f"{self.distribution} {self.version}".strip()
+        return f"{self.kind} {self.name!r} ({package}) is skipped: {self.reason}. {self.advice}"
+
+
+def other_version(distribution: str) -> str:
+    """The remedy where a package and gsfw do not fit together."""
+    return (
+        f"This is {PROJECT} {metadata.version(PROJECT)}: install the version of {distribution} "
+        f"that was made for it, or uninstall {distribution}."
+    )
 
 
 class Discovery:
@@ -61,80 +82,146 @@ class Discovery:
         self.broken: list[BrokenPlugin] = []
         self._manager = pluggy.PluginManager(PROJECT)
         self._manager.add_hookspecs(hooks)
-        self._sources: dict[str, _Source] = {}
+        self._sources: dict[str, PluginSource] = {}
 
     def load_builtin(self) -> None:
         """Register gsfw's own plugins."""
+        version = metadata.version(PROJECT)
         for name in BUILTIN:
-            self.add(import_module(name), _Source(name, PROJECT, metadata.version(PROJECT)))
+            self.add(import_module(name), PluginSource(name, PROJECT, version, PROJECT))
 
     def load_installed(self) -> None:
-        """Register every plugin of the entry-point group ``gsfw``.
+        """Register every plugin of the entry-point group ``gsfw``, by distribution and name.
 
         ``GSFW_DISABLE_PLUGINS=1`` skips them all; ``GSFW_PLUGINS=a,b`` loads only these.
         """
         if os.environ.get("GSFW_DISABLE_PLUGINS") == "1":
             return
         only = os.environ.get("GSFW_PLUGINS")
+        found = []
         for entry in metadata.entry_points(group=PROJECT):
-            if only is not None and entry.name not in only.split(","):
-                continue
             distribution = entry.dist.name if entry.dist else "unknown distribution"
             version = entry.dist.version if entry.dist else ""
+            package = entry.value.partition(":")[0].partition(".")[0]
+            found.append((PluginSource(entry.name, distribution, version, package), entry))
+        for source, entry in sorted(found, key=lambda item: (item[0].distribution, item[0].name)):
+            if only is not None and entry.name not in only.split(","):
+                continue
             try:
-                self.add(entry.load(), _Source(entry.name, distribution, version))
-            except PluginError:
-                raise
-            except Exception as error:
-                reason = f"{type(error).__name__}: {error}"
-                self.broken.append(BrokenPlugin(entry.name, distribution, reason))
+                self.add(entry.load(), source)
+            except (Exception, SystemExit) as error:
+                advice = f"Install what it needs, or uninstall {source.distribution}."
+                self._skip(source, f"{type(error).__name__}: {error}", advice)
 
-    def add(self, plugin: ModuleType | object, source: _Source) -> None:
-        """Register one plugin.
-
-        Raises:
-            PluginError: it implements a hook that does not exist.
-        """
+    def add(self, plugin: ModuleType | object, source: PluginSource) -> None:
+        """Register one plugin; hooks that do not exist are ignored, and named in ``broken``."""
+        self._manager.register(plugin, _key(source))
+        self._sources[_key(source)] = source
         for name in dir(plugin):
             is_hook = getattr(getattr(plugin, name, None), f"{PROJECT}_impl", None) is not None
             if is_hook and name not in HOOKS:
                 near = difflib.get_close_matches(name, HOOKS, 1)
-                hint = (
-                    f" Did you mean {near[0]!r}?"
-                    if near
-                    else f" The hooks are: {', '.join(HOOKS)}."
-                )
-                raise PluginError(
-                    f"plugin {source.name!r} ({source.distribution}): "
-                    f"there is no hook {name!r}.{hint}"
-                )
-        self._sources[source.name] = source
-        self._manager.register(plugin, source.name)
+                hint = f", did you mean {near[0]!r}?" if near else ""
+                reason = f"there is no hook {name!r}{hint}".rstrip("?")
+                self._skip(source, reason)
 
     def skip(self, broken: BrokenPlugin) -> None:
-        """Remember a plugin that is left out, once."""
+        """Remember, once, that a plugin or a part of one is left out."""
         if broken not in self.broken:
             self.broken.append(broken)
 
+    def _skip(self, source: PluginSource, reason: str, advice: str = "") -> None:
+        """Leave a plugin of a third party out.
+
+        Raises:
+            TypeError: it is gsfw's own; that is a bug.
+        """
+        if source.distribution == PROJECT:
+            raise TypeError(f"{source.name}: {reason}")
+        name, version = source.distribution, source.version
+        advice = advice or other_version(name)
+        self.skip(BrokenPlugin(source.name, name, version, reason, advice))
+
+    def remove(self, name: str) -> None:
+        """Forget the plugins of this name, if there are any."""
+        for key, source in list(self._sources.items()):
+            if source.name == name:
+                del self._sources[key]
+                self._manager.unregister(name=key)
+
     def specs(self, hook: str) -> Iterator[Spec]:
-        """Everything registered through ``hook``; a plugin that fails to answer is skipped."""
-        for implementation in getattr(self._manager.hook, hook).get_hookimpls():
-            source = self._sources[implementation.plugin_name]
+        """Everything registered through ``hook``, built-in plugins first, then by distribution.
+
+        A plugin that fails to answer is skipped.
+        """
+        implementations = {
+            implementation.plugin_name: implementation
+            for implementation in getattr(self._manager.hook, hook).get_hookimpls()
+        }
+        for key, source in self._sources.items():
+            if key not in implementations:
+                continue
             try:
-                found = implementation.function()
+                found = implementations[key].function()
                 problem = _problem(found)
-            except Exception as error:
-                problem = f"raised {type(error).__name__}: {error}"
+            except (Exception, SystemExit) as error:
+                if source.distribution == PROJECT:
+                    raise
+                problem = _raised(error)
             if problem:
-                self.skip(BrokenPlugin(source.name, source.distribution, f"{hook} {problem}"))
+                self._skip(source, f"{hook} {problem}")
                 continue
             for spec in found:
                 yield replace(spec, distribution=source.distribution, version=source.version)
+
+    def third_parties(self) -> list[str]:
+        """The packages of all plugins that were registered, except gsfw: "gsfw-dots 0.3"."""
+        sources = self._sources.values()
+        return sorted({str(source) for source in sources if source.distribution != PROJECT})
+
+    def owner(self, module: str) -> PluginSource | None:
+        """The third-party plugin whose code a module is; ``None`` for any other module."""
+        package = module.partition(".")[0]
+        for source in self._sources.values():
+            if source.distribution != PROJECT and package in self._packages(source):
+                return source
+        return None
+
+    def _packages(self, source: PluginSource) -> set[str]:
+        """Top-level modules of a plugin: that of its entry point, and those of its targets."""
+        targets = {
+            spec.target.partition(".")[0].partition(":")[0]
+            for hook in HOOKS
+            for spec in self.specs(hook)
+            if (spec.distribution, spec.version) == (source.distribution, source.version)
+        }
+        return ({source.package} | targets) - {"", PROJECT}
+
+
+def _key(source: PluginSource) -> str:
+    """Unique: two distributions may have entry points of the same name."""
+    return f"{source.distribution}:{source.name}"
+
+
+def _raised(error: BaseException) -> str:
+    unknown = _UNKNOWN_FIELD.search(str(error))
+    if unknown:
+        return f"registers a Spec with the field {unknown[1]!r}, which this version does not have"
+    return f"raised {type(error).__name__}: {error}"
 
 
 def _problem(found: object) -> str:
     """What is wrong with the answer of a hook; nothing if it is a list of specs."""
     if not isinstance(found, list | tuple):
         return f"returned {type(found).__name__}, expected a list of Spec"
-    others = [type(item).__name__ for item in found if not isinstance(item, Spec)]
-    return f"returned a list with {others[0]}, expected a list of Spec" if others else ""
+    for item in found:
+        if not isinstance(item, Spec):
+            return f"returned a list with {type(item).__name__}, expected a list of Spec"
+        texts = (item.name, item.description, item.target, item.paper)
+        if not all(isinstance(text, str) for text in texts):
+            return f"registers {item.name!r} with a field that is no text"
+        if not re.fullmatch(r"[\w.+-]+", item.name):
+            return f"registers the name {item.name!r}, which cannot be typed as a value"
+        if not re.fullmatch(r"[\w.]+:[\w.]+", item.target):
+            return f"registers {item.name!r} with the target {item.target!r}, no 'module:Name'"
+    return ""

@@ -52,7 +52,11 @@ def gsfw_metrics() -> list[Spec]:  # type: ignore[empty-body]
 
 @hookspec
 def gsfw_callbacks() -> list[Spec]:  # type: ignore[empty-body]
-    """Watchers of a run, all on; the target is a ``gsfw.core.callback.Callback``, called bare."""
+    """Watchers of a run; the target derives from ``gsfw.core.config.CallbackConfig``.
+
+    A ``gsfw.core.callback.Callback`` that is made without arguments will do where there are no
+    settings.
+    """
 
 
 @hookspec

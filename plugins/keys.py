@@ -6,7 +6,7 @@ import ast
 import difflib
 import inspect
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_type_hints
 
@@ -45,6 +45,33 @@ def keys(config: object, prefix: str = "") -> Iterator[Key]:
             yield Key(prefix + item.name, hints[item.name], value, kind)
     for name, value in nested:
         yield from keys(value, f"{prefix}{name}.")
+
+
+def renamed_keys(config: object, prefix: str = "") -> dict[str, str]:
+    """Old names of settings and groups of a configuration, dotted, and the names they have now.
+
+    Each configuration class declares them in ``renamed``; an empty name is of a setting that is
+    gone.
+    """
+    declared: Mapping[str, str] = getattr(config, "renamed", {})
+    found = {prefix + old: prefix + new if new else "" for old, new in declared.items()}
+    for item in fields(config):  # type: ignore[arg-type]
+        value = getattr(config, item.name)
+        if is_dataclass(value):
+            found |= renamed_keys(value, f"{prefix}{item.name}.")
+    return found
+
+
+def current_key(key: str, renamed: Mapping[str, str]) -> str:
+    """The name that a setting has now; empty where it is gone."""
+    seen: set[str] = set()
+    while key and key not in seen:
+        seen.add(key)
+        for old, new in renamed.items():
+            if key == old or key.startswith(f"{old}."):
+                key = new + key[len(old) :] if new else ""
+                break
+    return key
 
 
 def field_help(kind: type[Any]) -> dict[str, str]:

@@ -30,8 +30,8 @@ from gsfw.plugins.restore import Restored
 from gsfw.plugins.settings import Layer, resolve
 from gsfw.plugins.stored_capture import StoredCapture
 
-LOCAL = (*PLACES, "out", "device")
-"""Settings that mean something on one machine only; a stored model leaves them out."""
+LOCAL = (*PLACES, "out", "device", "callbacks")
+"""Settings and groups that mean something on one machine only; a stored model has none of them."""
 STAND_INS = 64
 """Points that a model is built on: enough for methods that look for neighbours."""
 SAME_FRAME = 1e-5
@@ -52,7 +52,11 @@ def stored_model(restored: Restored) -> StoredModel:
         method=settings.method.name,
         distribution=settings.method.distribution,
         distribution_version=settings.method.version,
-        settings={key: value for key, value in settings.flat().items() if key not in LOCAL},
+        settings={
+            key: value
+            for key, value in settings.flat().items()
+            if key.partition(".")[0] not in LOCAL
+        },
         step=restored.step,
         rows=parts.model.num_rows,
         scene=replace(scene, points=none, point_colors=none, point_times=None),
@@ -110,7 +114,9 @@ def rebuild(
         if key.partition(".")[0] not in (*LOCAL, "rasterizer")
         and (with_data or key.partition(".")[0] not in SLOT_KEYS)
     }
-    layers = [Layer(f"model file {path}", values), *([changed] if changed else [])]
+    packages = (f"{stored.distribution} {stored.distribution_version}",)
+    layers = [Layer(f"model file {path}", values, packages=packages)]
+    layers += [changed] if changed else []
     settings = resolve(registry, layers)
     if with_data:
         composition = compose(settings, registry, restoring=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.discovery import BrokenPlugin, Discovery, PluginError
+from gsfw.plugins.discovery import BrokenPlugin, Discovery, PluginSource, other_version
 from gsfw.plugins.specs import PROJECT, Spec
 
 SLOTS = MappingProxyType(
@@ -28,6 +28,21 @@ SLOTS = MappingProxyType(
     }
 )
 """Slot name -> the hook that fills it."""
+
+
+class PartError(ConfigError):
+    """A registered part cannot be used: it does not import, or breaks its contract."""
+
+    def __init__(self, slot: str, spec: Spec, reason: str, advice: str) -> None:
+        super().__init__(
+            f"{slot} {spec.name!r} ({package(spec)}) cannot be used: {reason}.", advice
+        )
+        self.reason = reason
+
+
+def package(spec: Spec) -> str:
+    """Who brings a part: "gsfw-dots 0.3"."""
+    return f"{spec.distribution} {spec.version}".strip()
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:
@@ -54,22 +69,25 @@ class Registry:
     def slot(self, slot: str) -> Mapping[str, Spec]:
         """Everything that fits into a slot, by name.
 
-        Raises:
-            PluginError: two plugins chose the same name; both distributions are named.
+        Of several with one name, the built-in one is taken, or that of the first distribution by
+        name; the others are left out, and named in ``broken``.
         """
         found: dict[str, Spec] = {}
         for spec in self._discovery.specs(SLOTS[slot]):
-            if spec.name in found:
-                raise PluginError(
-                    f"{slot} {spec.name!r} is registered by both {found[spec.name].distribution!r} "
-                    f"and {spec.distribution!r}.",
-                    "Uninstall one of them, or load only some with GSFW_PLUGINS=name,name.",
-                )
-            found[spec.name] = spec
+            first = found.setdefault(spec.name, spec)
+            if first is not spec:
+                taken = f"this name is taken by {package(first)}"
+                advice = "Uninstall one of the two, or load only some with GSFW_PLUGINS=name,name."
+                self._leave_out(slot, spec, taken, advice)
         return dict(sorted(found.items()))
 
-    def find(self, slot: str, name: str) -> Spec:
+    def find(self, slot: str, name: str, packages: Sequence[str] = ()) -> Spec:
         """The spec with this name.
+
+        Args:
+            slot: such as "method".
+            name: as it is typed, or as a run has it.
+            packages: that the plugins of this run came with, "gsfw-dots 0.3".
 
         Raises:
             ConfigError: there is none; suggests the nearest, and lists what is installed.
@@ -77,6 +95,14 @@ class Registry:
         specs = self.slot(slot)
         if name in specs:
             return specs[name]
+        missing = [package for package in packages if package not in self.third_parties()]
+        if missing:
+            raise ConfigError(
+                f"no {slot} {name!r} is installed here. The run was made with "
+                f"{', '.join(missing)}.",
+                f"Install it, if you trust it: pip install "
+                f"{' '.join(package.replace(' ', '==') for package in missing)}",
+            )
         broken = "".join(f"\nnote: {plugin}" for plugin in self.broken)
         raise ConfigError(
             f"no {slot} {name!r}.{did_you_mean(name, specs)}",
@@ -96,9 +122,23 @@ class Registry:
         """
         if spec.distribution == PROJECT:
             raise error
-        cause = error.__cause__ or error
-        reason = f"its {slot} failed with {type(cause).__name__}: {cause}"
-        self._discovery.skip(BrokenPlugin(spec.name, spec.distribution, reason))
+        if isinstance(error, PartError):
+            self._leave_out(slot, spec, error.reason, error.advice)
+        else:
+            reason = f"it failed with {type(error).__name__}: {error}"
+            self._leave_out(slot, spec, reason, other_version(spec.distribution))
+
+    def _leave_out(self, slot: str, spec: Spec, reason: str, advice: str) -> None:
+        distribution, version = spec.distribution, spec.version
+        self._discovery.skip(BrokenPlugin(spec.name, distribution, version, reason, advice, slot))
+
+    def third_parties(self) -> list[str]:
+        """The packages that have brought plugins: "gsfw-dots 0.3"."""
+        return self._discovery.third_parties()
+
+    def owner(self, module: str) -> PluginSource | None:
+        """The third-party plugin whose code a module is; ``None`` for any other module."""
+        return self._discovery.owner(module)
 
 
 @lru_cache(maxsize=1)

@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Any
 
-from gsfw.core.config import (
-    AUTO,
-    MethodConfig,
-    Rescaled,
-    SlotConfig,
-    replace_at,
-    step_settings,
-)
+from gsfw.core.config import AUTO, MethodConfig
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.automatic import (
-    Choice,
-    choose_datamanager,
-    choose_device,
-    choose_profile,
-    load,
-    load_all,
-)
-from gsfw.plugins.keys import SLOT_KEYS, Key, keys, suggest_key
-from gsfw.plugins.registry import Registry, did_you_mean
+from gsfw.plugins.keys import SLOT_KEYS, current_key, keys
+from gsfw.plugins.loading import load
+from gsfw.plugins.registry import Registry
 from gsfw.plugins.specs import Spec
-from gsfw.plugins.values import as_text, describe, parse, plain
+from gsfw.plugins.values import as_text, plain
 
 COMMAND_LINE = "command line"
 METHOD_DEFAULT = "method default"
@@ -34,16 +21,23 @@ METHOD_DEFAULT = "method default"
 CHOICE_KEYS = ("method", "preset", *SLOT_KEYS)
 """Keys that choose by name; all others are fields of a configuration."""
 
-DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
-"""What ``auto`` means where nothing has to be found out."""
 
-OWN_LAYERS = 4
-"""Layers below those that are given: two presets and two recommendations."""
+class Rank(IntEnum):
+    """The order in which layers win: later ones over earlier ones."""
+
+    DEFAULT_PRESET = 0
+    PRESET = 1
+    DATAMANAGER = 2
+    """Recommended by the data manager."""
+    STRATEGY = 3
+    """Recommended by the strategy."""
+    GIVEN = 4
+    """Files and the command line, in the order in which they were given."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Values from one place; later layers win."""
+    """Values from one place; those of higher rank win, and of one rank the later ones."""
 
     source: str
     """Such as "command line", "preset fast", "config file a.yaml"."""
@@ -51,10 +45,34 @@ class Layer:
     """By dotted key: text as it is typed, or plain data."""
     given: frozenset[str] | None = None
     """Keys that someone chose, where the layer holds every value of a run; ``None`` for all."""
+    rank: Rank = Rank.GIVEN
+    packages: tuple[str, ...] = ()
+    """The packages whose plugins the values are for: "gsfw-dots 0.3"."""
 
     def gives(self, key: str) -> bool:
         """Whether someone chose the value of ``key``."""
         return key in (self.values if self.given is None else self.given)
+
+    def with_current_names(self, renamed: Mapping[str, str]) -> Layer:
+        """The layer with settings under the names that they have now.
+
+        Raises:
+            ConfigError: a setting is there under its old and its new name.
+        """
+        names = {key: current_key(key, renamed) for key in self.values}
+        if all(old == new for old, new in names.items()):
+            return self
+        values: dict[str, Any] = {}
+        for old, new in names.items():
+            if old != new and new in self.values:
+                raise ConfigError(
+                    f"{where(self.source)}{old} was renamed to {new}, and both are given.",
+                    f"Leave out {old}.",
+                )
+            if new:
+                values[new] = self.values[old]
+        given = None if self.given is None else frozenset(names[key] for key in self.given)
+        return replace(self, values=values, given=given)
 
 
 @dataclass(frozen=True)
@@ -72,6 +90,8 @@ class Settings:
     """Keys that someone chose: the others follow from these."""
     preset: str = ""
     """The preset that was chosen, if any."""
+    notes: tuple[str, ...] = ()
+    """Facts about the values that were given, for people: settings that have new names."""
 
     def flat(self) -> dict[str, Any]:
         """Every setting as plain data by dotted key, the choices first."""
@@ -90,18 +110,20 @@ def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
         ConfigError: a key or name is unknown, or a value has the wrong type; says where.
         DataError: the data set is missing or of no known format.
     """
-    name, _ = _last(layers, "method")
+    name, _ = last(layers, "method")
     if name is None:
         installed = ", ".join(registry.slot("method"))
         raise ConfigError(
             "no method is chosen.", f"Add method=NAME; installed: {installed or 'none'}."
         )
-    spec = registry.find("method", name)
     _check_names(registry, layers)
+    spec = registry.find("method", name)
     kind: type[MethodConfig] = load("method", spec)
-    resolution = _Resolution(registry, spec, kind(), layers)
-    resolution.choose("datamanager", recommendations=2)
-    resolution.choose("strategy", recommendations=3)
+    from gsfw.plugins.resolving import Resolving
+
+    resolution = Resolving(registry, spec, kind(), layers)
+    resolution.choose("datamanager", Rank.DATAMANAGER)
+    resolution.choose("strategy", Rank.STRATEGY)
     resolution.choose("sampler")
     resolution.apply_values()
     resolution.choose_rasterizer()
@@ -111,13 +133,14 @@ def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
 
 def _check_names(registry: Registry, layers: Sequence[Layer]) -> None:
     """Refuse unknown choices before anything heavy is imported."""
-    for slot in SLOT_KEYS:
-        name, _ = _last(layers, slot)
-        if name not in (None, AUTO):
-            registry.find(slot, str(name))
+    for slot in ("method", *SLOT_KEYS):
+        named = [layer for layer in layers if slot in layer.values]
+        name = as_text(named[-1].values[slot]) if named else AUTO
+        if name != AUTO:
+            registry.find(slot, name, named[-1].packages)
 
 
-def _last(layers: Sequence[Layer], key: str) -> tuple[str | None, str]:
+def last(layers: Sequence[Layer], key: str) -> tuple[str | None, str]:
     """The value of ``key`` that wins, as text, and its source."""
     for layer in reversed(layers):
         if key in layer.values:
@@ -125,210 +148,6 @@ def _last(layers: Sequence[Layer], key: str) -> tuple[str | None, str]:
     return None, METHOD_DEFAULT
 
 
-class _Resolution:
-    """Settings while they are being resolved."""
-
-    def __init__(
-        self, registry: Registry, method: Spec, config: MethodConfig, layers: Sequence[Layer]
-    ) -> None:
-        self._registry, self._method, self._config = registry, method, config
-        self._given_layers = layers
-        self._layers = [*_presets(method, config, layers), *layers]
-        self._choices: dict[str, Spec] = {}
-        self._rescaled: set[str] = set()
-        self._sources: dict[str, str] = {"method": _last(layers, "method")[1]}
-        self._defaults = {slot: self._default_name(slot) for slot in SLOT_KEYS}
-
-    def _default_name(self, slot: str) -> str:
-        """Name of the method's own choice for a slot."""
-        part = getattr(self._config, slot)
-        if part is None:
-            return AUTO
-        target = f"{type(part).__module__}:{type(part).__qualname__}"
-        for name, spec in self._registry.slot(slot).items():
-            if spec.target == target:
-                return name
-        raise ConfigError(
-            f"method {self._method.name!r} has {target} as its {slot}, which is not registered.",
-            f"Its package ({self._method.distribution}) has to register it through a hook.",
-        )
-
-    def choose(self, slot: str, recommendations: int | None = None) -> None:
-        """Fill a slot; what the choice recommends becomes the layer at that position."""
-        name, source = _last(self._layers, slot)
-        name = name or self._defaults[slot]
-        if name == AUTO or (slot == "datamanager" and self._has_other_data()):
-            choice = self._automatic(slot)
-            name, source = choice.name, choice.source
-        part = self._fill(slot, name, source)
-        if recommendations is not None:
-            layer = Layer(f"recommended by {slot} {name}", part.recommended)
-            self._layers.insert(recommendations, layer)
-
-    def _has_other_data(self) -> bool:
-        """Whether the layer that names the data manager does so for data that was replaced."""
-        with_data = [layer for layer in self._layers if "data" in layer.values]
-        named = [layer for layer in self._layers if "datamanager" in layer.values]
-        return bool(named) and named[-1] in with_data[:-1]
-
-    def _automatic(self, slot: str) -> Choice:
-        if slot == "datamanager":
-            data, _ = _last(self._layers, "data")
-            return choose_datamanager(self._config.data if data is None else data, self._registry)
-        return Choice(DEFAULT_CHOICES[slot], "the usual one")
-
-    def _fill(self, slot: str, name: str, source: str) -> SlotConfig:
-        spec = self._registry.find(slot, name)
-        if name != self._defaults[slot]:
-            self._config = replace(self._config, **{slot: load(slot, spec)()})
-        self._choices[slot], self._sources[slot] = spec, source
-        part: SlotConfig = getattr(self._config, slot)
-        return part
-
-    def apply_values(self, only: str = "") -> None:
-        """Set every given value, except those of the rasterizer, which is chosen by the others."""
-        known = {key.name: key for key in keys(self._config)}
-        for layer, key, value in self._given():
-            if key in CHOICE_KEYS or key.startswith("rasterizer.") != (only == "rasterizer"):
-                continue
-            if key not in known:
-                raise self._unknown(key, layer.source, known)
-            self._set(known[key], value, layer.source)
-
-    def _given(self) -> Iterator[tuple[Layer, str, object]]:
-        """Every value, but for those of a choice that was then replaced by another.
-
-        A preset's ``strategy.*`` is for the method's own strategy, a file's for the one the file
-        names; what names none is for the strategy that is used.
-        """
-        final = {slot: spec.name for slot, spec in self._choices.items()}
-        usual = {slot: name for slot, name in self._defaults.items() if name != AUTO}
-        for position, layer in enumerate(self._layers):
-            if position < OWN_LAYERS:
-                in_force = {**final, **DEFAULT_CHOICES, **usual}
-            elif position == OWN_LAYERS:
-                in_force = dict(final)
-            for slot in SLOT_KEYS:
-                if slot in layer.values:
-                    name = as_text(layer.values[slot])
-                    in_force[slot] = final.get(slot, name) if name == AUTO else name
-            for key, value in layer.values.items():
-                slot = key.partition(".")[0]
-                if "." not in key or in_force.get(slot) == final.get(slot):
-                    yield layer, key, value
-
-    def _set(self, key: Key, value: object, source: str) -> None:
-        self._rescaled.discard(key.name)
-        if isinstance(value, Rescaled):
-            value = value.steps
-            self._rescaled.add(key.name)
-        try:
-            parsed = parse(key.kind, value)
-        except ValueError:
-            raise ConfigError(
-                f"{_where(source)}{key.name}={as_text(value)}: "
-                f"expected {describe(key.kind)}, found {as_text(value)!r}.",
-                f"{key.name}: {key.help}" if key.help else "",
-            ) from None
-        self._config = replace_at(self._config, key.name, parsed)
-        self._sources[key.name] = source
-
-    def _unknown(self, key: str, source: str, known: Mapping[str, Key]) -> ConfigError:
-        slot, _, setting = key.partition(".")
-        hint = suggest_key(key, [*known, *CHOICE_KEYS])
-        if slot in SLOT_KEYS:
-            others = [
-                name
-                for name, kind in load_all(slot, self._registry).items()
-                if any(item.name == setting for item in keys(kind()))
-            ]
-            if others:
-                hint = (
-                    f" It belongs to {slot} {' and '.join(others)}, "
-                    f"but {slot}={self._choices[slot].name}."
-                )
-        return ConfigError(
-            f"{_where(source)}unknown key {key!r}.{hint}",
-            f"All keys: gsfw train method={self._method.name} --help",
-        )
-
-    def choose_rasterizer(self) -> None:
-        """Choose device, rasterizer and profile by what the other parts need, then set its values.
-
-        Raises:
-            ConfigError: as for every other value.
-        """
-        name, source = _last(self._layers, "rasterizer")
-        name = name or self._defaults["rasterizer"]
-        config = self._config
-        needs = {"method": config.needs()}
-        for part in (config.strategy, config.datamanager):
-            assert part is not None
-            needs[type(part).__name__] = part.needs()
-        device, rasterizer = choose_device(config.device, name, self._registry, needs)
-        if device is not None:
-            self._config = replace(self._config, device=device.name)
-            self._sources["device"] = device.source
-        if rasterizer is not None:
-            name, source = rasterizer.name, rasterizer.source
-        self._fill("rasterizer", name, source)
-        if config.profile == AUTO:
-            profile = choose_profile(name, self._registry)
-            self._config = replace(self._config, profile=profile.name)
-            self._sources["profile"] = profile.source
-        self.apply_values(only="rasterizer")
-
-    def rescale(self, default_steps: int) -> None:
-        """Stretch every schedule that is still the method's or a preset's to the run's length."""
-        config = self._config
-        if not config.rescale or config.steps == default_steps:
-            return
-        ratio = config.steps / default_steps
-        for key, (value, floor) in step_settings(config).items():
-            if (key not in self._sources or key in self._rescaled) and value > 0:
-                steps = max(round(value * ratio), min(floor, value))
-                self._config = replace_at(self._config, key, steps)
-                source = self._sources.get(key, METHOD_DEFAULT)
-                self._sources[key] = f"{source} x {ratio:.3g} (steps={config.steps})"
-
-    def settings(self) -> Settings:
-        """The result."""
-        choices = {slot: self._choices[slot] for slot in SLOT_KEYS}
-        sources = {
-            key: self._sources.get(key, METHOD_DEFAULT)
-            for key in ["method", *SLOT_KEYS, *(key.name for key in keys(self._config))]
-        }
-        preset, _ = _last(self._given_layers, "preset")
-        given = self._given_keys(sources)
-        return Settings(self._method, self._config, choices, sources, given, preset or "")
-
-    def _given_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
-        """Keys whose value someone chose, and the choices that these values are meant for."""
-        layers = {layer.source: layer for layer in self._given_layers}
-        given = {
-            key for key, source in sources.items() if source in layers and layers[source].gives(key)
-        }
-        given |= {key.partition(".")[0] for key in given} & {*SLOT_KEYS}
-        if "datamanager" in given:  # It was chosen for this data, and is not for any other.
-            given.add("data")
-        return tuple(key for key in sources if key in given)
-
-
-def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:
-    """The preset named "default", if the method has it, and the chosen one: the same without."""
-    name, source = _last(layers, "preset")
-    if name is not None and name not in config.presets:
-        raise ConfigError(
-            f"{_where(source)}method {method.name!r} has no preset {name!r}."
-            f"{did_you_mean(name, config.presets)}",
-            f"Presets: {', '.join(config.presets) or 'none'}.",
-        )
-    return [
-        Layer(f"preset {key}", config.presets.get(key, {}))
-        for key in ("default", name or "default")
-    ]
-
-
-def _where(source: str) -> str:
+def where(source: str) -> str:
     """The beginning of a message about a value; what was just typed needs no place."""
     return "" if source == COMMAND_LINE else f"{source}: "

@@ -132,9 +132,9 @@ class MarkovChainMonteCarlo(Refiner):
         counts: dict[str, int] = {}
         if self._rounds.due(context.done) and not context.limits.hold:
             counts["relocated"] = self._relocate(table, model, context.generator)
-            if context.limits.may_grow:
-                limit = context.limits.most_rows(config.cap_max)
-                counts["added"] = self._grow(table, model, context.generator, limit)
+            wanted = math.ceil(len(table) * (1.0 + config.growth)) - len(table)
+            number = context.limits.room(len(table), wanted, config.cap_max)
+            counts["added"] = self._grow(table, model, context.generator, number)
             self._seen = None
         if context.done >= config.refine_stop:
             self._seen = None
@@ -159,11 +159,9 @@ class MarkovChainMonteCarlo(Refiner):
         return num_dead
 
     def _grow(
-        self, table: SplatTable, model: DensifiableModel, generator: torch.Generator, limit: int
+        self, table: SplatTable, model: DensifiableModel, generator: torch.Generator, number: int
     ) -> int:
-        """Add copies of rows drawn by opacity, up to the limit."""
-        wanted = math.ceil(len(table) * (1.0 + self._config.growth))
-        number = min(wanted, limit) - len(table)
+        """Add copies of rows drawn by opacity."""
         opacities = model.opacities()
         if number <= 0 or not bool(opacities.sum() > 0):
             return 0

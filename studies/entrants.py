@@ -14,8 +14,9 @@ from gsfw.core.numerics import DEFAULT, PROFILES
 from gsfw.core.ranges import check_ranges
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings, Validation
-from gsfw.plugins.automatic import choose_device, load, rasterizer_capabilities
+from gsfw.plugins.automatic import choose_device, rasterizer_capabilities
 from gsfw.plugins.keys import keys, suggest_key
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.values import describe, parse
 

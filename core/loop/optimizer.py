@@ -172,10 +172,6 @@ class Optimizer:
         """Stop moving these columns or groups."""
         self._frozen.update(names)
 
-    def unfreeze(self, names: Iterable[str]) -> None:
-        """Move them again."""
-        self._frozen.difference_update(names)
-
     def state_dict(self) -> dict[str, Any]:
         """Tensors and plain data."""
         moments = {

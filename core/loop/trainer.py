@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
@@ -21,6 +22,7 @@ from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
 
 
@@ -39,7 +41,7 @@ class Trainer:
         self.control = Control()
         self.step = 0
         self.train_seconds = 0.0
-        self.callbacks = callbacks
+        self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
@@ -64,8 +66,7 @@ class Trainer:
             try:
                 if self._checkpointed != self.step:  # Also proves that the folder can hold one.
                     self._checkpoint()
-                for callback in self.callbacks:
-                    callback.on_start(self.info, self.control)
+                self.callbacks.on_start(self.info, self.control)
                 self._stopwatch.restart()
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
@@ -74,8 +75,7 @@ class Trainer:
                     afterwards()
                 return summary
             finally:
-                for callback in self.callbacks:
-                    callback.close()
+                self.callbacks.close()
 
     def _one_step(self) -> None:
         """One optimizer step, and the refinement, reports and checkpoints that follow it."""
@@ -156,8 +156,7 @@ class Trainer:
 
     def _follow_up(self, rendered: list[RenderedBatch]) -> None:
         plan, step = self.plan, self.step
-        for callback in self.callbacks:
-            callback.on_tick(step, self.control)
+        self.callbacks.on_tick(step, self.control)
         if step % plan.log_every == 0 or step in (1, plan.steps):
             self._report(rendered)
         if step % min(plan.log_every, plan.max_skipped) == 0:
@@ -195,8 +194,7 @@ class Trainer:
             refined=dict(self._refined),
         )
         self._refined.clear()
-        for callback in self.callbacks:
-            callback.on_step(report, self.control)
+        self.callbacks.on_step(report, self.control)
 
     def _check_skipped(self) -> None:
         """Stop when too many steps in a row were not finite; reads the flag late, now and then."""
@@ -214,11 +212,6 @@ class Trainer:
     def _evaluate(self) -> Evaluation:
         self._catch_up()
         parts = self.parts
-
-        def on_view(view: EvaluatedView) -> None:
-            for callback in self.callbacks:
-                callback.on_view(self.step, view)
-
         settings = self.plan.settings
         evaluation = evaluate(
             parts.model,
@@ -227,11 +220,10 @@ class Trainer:
             parts.metrics,
             settings,
             parts.device,
-            on_view=on_view,
+            on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,
         )
-        for callback in self.callbacks:
-            callback.on_evaluation(self.step, evaluation, self.control)
+        self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
     def _finish(self) -> dict[str, Any]:
@@ -256,8 +248,7 @@ class Trainer:
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
         }
-        for callback in self.callbacks:
-            callback.on_end(self.step, summary)
+        self.callbacks.on_end(self.step, summary)
         return summary
 
     # State.
@@ -267,8 +258,7 @@ class Trainer:
         path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.step
         self.control.checkpoint_requested = False
-        for callback in self.callbacks:
-            callback.on_checkpoint(self.step, path)
+        self.callbacks.on_checkpoint(self.step, path)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that a step depends on: tensors and plain data."""

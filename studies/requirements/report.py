@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 
 from gsfw.core.loop.trainer import Trainer
 from gsfw.studies.requirements.measure import measure
@@ -18,9 +17,8 @@ class RequirementsReport:
     ``line`` is a summary for the end of the run; empty when nothing was measured.
     """
 
-    def __init__(self, trainer: Trainer, warn: Callable[[str], None]) -> None:
-        """Take the trainer of the run; ``warn`` shows a message where measuring fails."""
-        self._trainer, self._warn = trainer, warn
+    def __init__(self, trainer: Trainer) -> None:
+        self._trainer = trainer
         self.line = ""
 
     def make(self) -> None:
@@ -31,13 +29,10 @@ class RequirementsReport:
         try:
             found = measure(trainer.parts, trainer.plan, trainer.step, trainer.info.settings)
             image = plot(found)
-            for callback in trainer.callbacks:
-                callback.on_requirements(found, image)
+            trainer.callbacks.on_requirements(found, image)
         except Exception as error:  # The run is finished: all that matters of it is written.
-            logger.exception("what the run required could not be reported")
-            self._warn(
-                f"what the run required could not be reported: {type(error).__name__}: {error}"
-            )
+            kind = type(error).__name__
+            logger.warning("no report of requirements: %s: %s", kind, error, exc_info=True)
             return
         file = trainer.folder.requirements_plot.name
         self.line = f"requirements: {found.headline}: {file}"

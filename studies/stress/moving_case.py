@@ -19,7 +19,7 @@ from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
-from gsfw.plugins.automatic import load
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 from gsfw.studies.stress.case import Section, random_splats
 

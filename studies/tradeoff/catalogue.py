@@ -10,7 +10,7 @@ import torch
 from gsfw.core.capabilities import Feature
 from gsfw.core.numerics import NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
-from gsfw.plugins.automatic import load
+from gsfw.plugins.loading import load
 from gsfw.studies.tradeoff.contribution import Kept, most_useful
 from gsfw.studies.tradeoff.edits import (
     TYPES,

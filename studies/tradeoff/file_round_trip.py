@@ -16,7 +16,7 @@ from gsfw.core.maths.frame import transform_splats
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.model_file import read_model_file
-from gsfw.plugins.automatic import load, load_all
+from gsfw.plugins.loading import load, load_all
 from gsfw.plugins.rebuild import load_state, stored_model
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored

@@ -83,7 +83,7 @@ def test_a_resumed_run_does_not_repeat_lines(tmp_path):
 
 
 def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
-    play(TensorBoard(), tmp_path)
+    play(TensorBoard(4), tmp_path)
     events = EventAccumulator(str(tmp_path / "tb"), size_guidance={"images": 0})
     events.Reload()
     tags = events.Tags()
@@ -108,7 +108,7 @@ def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
 
 
 def test_the_log_is_for_people_and_lets_go_of_its_file(tmp_path):
-    play(Log(), tmp_path)
+    play(Log(10), tmp_path)
     text = RunFolder(tmp_path).log.read_text()
     assert "3dgs on toy started at step 0 of 20" in text
     assert "note: a note" in text
@@ -117,7 +117,7 @@ def test_the_log_is_for_people_and_lets_go_of_its_file(tmp_path):
 
 
 def test_progress_is_plain_lines_on_standard_error_without_a_terminal(tmp_path, capsys):
-    play(Progress(), tmp_path)
+    play(Progress(10.0), tmp_path)
     out, err = capsys.readouterr()
     assert out == ""
     lines = err.splitlines()
@@ -127,7 +127,7 @@ def test_progress_is_plain_lines_on_standard_error_without_a_terminal(tmp_path, 
 
 
 def test_progress_says_how_small_pictures_are_while_they_are(tmp_path, capsys):
-    progress, control = Progress(), Control()
+    progress, control = Progress(10.0), Control()
     progress.on_start(info(tmp_path), control)
     progress.on_step(report(20, resolution=0.3535), control)
     progress.close()
@@ -166,7 +166,7 @@ def test_an_evaluation_over_time_leaves_a_plot_and_says_which_step_it_is_of(tmp_
 
 
 def test_lists_of_the_summary_are_left_out_of_the_log(tmp_path):
-    play(Log(), tmp_path, summary={**SUMMARY, "over_time": [{"psnr": 30.0}]})
+    play(Log(10), tmp_path, summary={**SUMMARY, "over_time": [{"psnr": 30.0}]})
     said = RunFolder(tmp_path).log.read_text()
     assert "ended at step 20" in said
     assert "over_time" not in said
@@ -203,7 +203,7 @@ def test_results_keep_what_a_run_required_as_figures_and_as_a_picture(tmp_path):
 
 
 def test_tensorboard_shows_what_a_run_required(tmp_path):
-    told_requirements(TensorBoard(), tmp_path)
+    told_requirements(TensorBoard(4), tmp_path)
     events = EventAccumulator(str(tmp_path / "tb"))
     events.Reload()
     floats = {
@@ -221,5 +221,5 @@ def test_tensorboard_shows_what_a_run_required(tmp_path):
 
 
 def test_the_log_has_what_a_run_required_in_a_line(tmp_path):
-    told_requirements(Log(), tmp_path)
+    told_requirements(Log(10), tmp_path)
     assert "requirements: 48 floats each for colour" in RunFolder(tmp_path).log.read_text()

@@ -8,7 +8,7 @@ from support.moving_scene import DriftingPlugin
 
 from gsfw.commands.main import main
 from gsfw.formats.ply import PlyExporter, PlyImporter
-from gsfw.plugins.discovery import _Source
+from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.registry import installed
 
 MOVING = (
@@ -22,11 +22,11 @@ MOVING = (
 def run(tmp_path_factory):
     """A run of a method whose splats drift by 0.3 to the right."""
     discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), _Source("drifting", "tests", "1.0"))
+    discovery.add(DriftingPlugin(), PluginSource("drifting", "tests", "1.0"))
     out = tmp_path_factory.mktemp("runs") / "moving"
     assert main(["train", "method=drifting", *MOVING, f"out={out}"]) == 0
     yield out
-    discovery._manager.unregister(name="drifting")
+    discovery.remove("drifting")
 
 
 def listed(folder):

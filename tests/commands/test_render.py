@@ -8,7 +8,7 @@ from PIL import Image
 from support.moving_scene import DriftingPlugin
 
 from gsfw.commands.main import main
-from gsfw.plugins.discovery import _Source
+from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.registry import installed
 
 MOVING_SCENE = (
@@ -22,11 +22,11 @@ MOVING_SCENE = (
 def moving_run(tmp_path_factory):
     """A run of a method whose splats drift, on the built-in scene that moves."""
     discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), _Source("drifting", "tests", "1.0"))
+    discovery.add(DriftingPlugin(), PluginSource("drifting", "tests", "1.0"))
     out = tmp_path_factory.mktemp("runs") / "moving"
     assert main(["train", "method=drifting", *MOVING_SCENE, f"out={out}"]) == 0
     yield out
-    discovery._manager.unregister(name="drifting")
+    discovery.remove("drifting")
 
 
 @pytest.fixture(scope="module")

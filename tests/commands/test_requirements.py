@@ -108,10 +108,7 @@ def test_a_failure_to_measure_loses_nothing(tmp_path, capsys, monkeypatch):
     folder = RunFolder(tmp_path / "run")
     assert main(["train", *SMALL, f"out={folder.path}"]) == 0
     said = capsys.readouterr()
-    assert (
-        "warning: what the run required could not be reported: RuntimeError: no paper left\n"
-        in said.err
-    )
+    assert "warning: no report of requirements: RuntimeError: no paper left\n" in said.err
     assert "done: 4 steps" in said.out
     assert "requirements:" not in said.out
     assert folder.splats.is_file()

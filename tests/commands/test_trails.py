@@ -12,7 +12,7 @@ from gsfw.commands.main import main
 from gsfw.commands.trails import Trails, make_trails, spread
 from gsfw.core.cameras import Cameras
 from gsfw.core.temporal_metrics.tracks import Tracks
-from gsfw.plugins.discovery import _Source
+from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
@@ -114,11 +114,11 @@ SCENE = (
 def moving_run(tmp_path_factory):
     """A run of a method whose splats drift, on the built-in scene that moves."""
     discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), _Source("drifting", "tests", "1.0"))
+    discovery.add(DriftingPlugin(), PluginSource("drifting", "tests", "1.0"))
     out = tmp_path_factory.mktemp("runs") / "moving"
     assert main(["train", "method=drifting", *SCENE, f"out={out}"]) == 0
     yield out
-    discovery._manager.unregister(name="drifting")
+    discovery.remove("drifting")
 
 
 def test_tracks_are_drawn_where_time_passes(moving_run, tmp_path):

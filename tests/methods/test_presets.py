@@ -2,7 +2,7 @@
 
 import pytest
 
-from gsfw.plugins.automatic import load
+from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
 

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 import torch
-from support.fake_parts import Base, FakePlugin, fake_registry, registry_of
+from support.fake_parts import Base, FakePlugin, Source, fake_registry, registry_of
 
 from gsfw.core.capabilities import Capabilities, Feature
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.plugins.automatic import choose_datamanager, load_all, rasterizer_capabilities
+from gsfw.plugins.automatic import choose_datamanager, rasterizer_capabilities
 from gsfw.plugins.devices import unused_gpu
+from gsfw.plugins.loading import load_all
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 from gsfw.plugins.specs import Spec, hookimpl
 
@@ -203,8 +204,8 @@ def test_a_rasterizer_that_cannot_be_imported_is_unavailable_and_harms_nobody():
     registry = registry_of(FakePlugin(), Broken())
     assert settings(registry).choices["rasterizer"].name == "fast"
     assert rasterizer_capabilities(registry)["lost"].unavailable == (
-        "rasterizer 'lost' (pkg1 1.0) cannot be loaded: "
-        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'"
+        "rasterizer 'lost' (pkg1 1.0) cannot be used: "
+        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'."
     )
 
 
@@ -232,14 +233,16 @@ class Lost:
 
     @hookimpl
     def gsfw_rasterizers(self):
-        return [Spec("odd", "", f"{__name__}:Odd")]
+        return [Spec("odd", "", f"{__name__}:OddRasterizer")]
 
 
-class Odd:
+class Odd(Source):
     @classmethod
     def detect(cls, path):
         raise IndexError("no picture")
 
+
+class OddRasterizer(Base):
     def capabilities(self):
         raise RuntimeError("no driver")
 
@@ -249,8 +252,9 @@ def test_a_third_partys_part_that_does_not_import_is_left_out_and_told_once():
     assert "lost" not in load_all("metric", registry)
     assert "lost" not in load_all("metric", registry)
     assert [str(item) for item in registry.broken] == [
-        "plugin 'lost' (pkg1) is skipped: its metric failed with "
-        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'"
+        "metric 'lost' (pkg1 1.0) is skipped: "
+        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'. "
+        "Install what pkg1 1.0 needs, or choose another metric; see gsfw plugins."
     ]
 
 
@@ -258,7 +262,7 @@ def test_a_part_of_gsfw_itself_that_does_not_import_is_an_error(monkeypatch):
     registry = registry_of()
     own = {"psnr": Spec("psnr", "", "no_such_module_of_gsfw:Psnr", version="1.0")}
     monkeypatch.setattr(registry, "slot", lambda _: own)
-    with pytest.raises(ConfigError, match=r"^metric 'psnr' \(gsfw 1\.0\) cannot be loaded"):
+    with pytest.raises(ConfigError, match=r"^metric 'psnr' \(gsfw 1\.0\) cannot be used"):
         load_all("metric", registry)
 
 
@@ -271,8 +275,8 @@ def test_a_third_partys_data_manager_or_rasterizer_that_fails_harms_nobody(tmp_p
         "fast",
     )
     assert [(item.name, item.reason) for item in registry.broken][1:] == [
-        ("odd", "its datamanager failed with IndexError: no picture"),
-        ("odd", "its rasterizer failed with RuntimeError: no driver"),
+        ("odd", "it failed with IndexError: no picture"),
+        ("odd", "it failed with RuntimeError: no driver"),
     ]
 
 

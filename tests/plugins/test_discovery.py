@@ -1,9 +1,9 @@
 """Tests of gsfw.plugins.discovery."""
 
 import pytest
-from support.fake_parts import registry_of
+from support.fake_parts import FakePlugin, registry_of
 
-from gsfw.plugins.discovery import BUILTIN, Discovery, PluginError
+from gsfw.plugins.discovery import BUILTIN, Discovery, PluginSource, other_version
 from gsfw.plugins.specs import Spec, hookimpl
 
 
@@ -13,16 +13,17 @@ class Failing:
         raise RuntimeError("no network")
 
 
-class Misspelt:
-    @hookimpl
-    def gsfw_strategy(self):
-        return []
-
-
 class Strange:
     @hookimpl
     def gsfw_zzz(self):
         return []
+
+
+def unchecked(name: str, description: object) -> Spec:
+    """A spec as a package makes it that is not checked for its types."""
+    spec = Spec(name, "", "b:C")
+    object.__setattr__(spec, "description", description)
+    return spec
 
 
 def test_the_built_in_plugins_are_loaded_by_the_public_hooks(monkeypatch):
@@ -39,18 +40,56 @@ def test_a_plugin_that_fails_to_answer_is_skipped_and_told_once():
     assert registry.slot("strategy") == {}
     assert registry.slot("strategy") == {}
     assert [str(item) for item in registry.broken] == [
-        "plugin 'plugin0' (pkg0) is skipped: gsfw_strategies raised RuntimeError: no network"
+        "plugin 'plugin0' (pkg0 1.0) is skipped: gsfw_strategies raised RuntimeError: no network. "
+        + other_version("pkg0")
     ]
 
 
-def test_an_unknown_hook_suggests_the_right_one():
-    with pytest.raises(PluginError) as caught:
-        registry_of(Misspelt())
-    assert str(caught.value) == (
-        "plugin 'plugin0' (pkg0): there is no hook 'gsfw_strategy'. Did you mean 'gsfw_strategies'?"
-    )
-    with pytest.raises(PluginError, match=r"there is no hook 'gsfw_zzz'\. The hooks are: gsfw_"):
-        registry_of(Strange())
+def test_an_unknown_hook_is_named_and_the_other_hooks_of_the_plugin_work():
+    class Newer(FakePlugin):
+        @hookimpl
+        def gsfw_strategy(self):
+            return []
+
+    registry = registry_of(Newer(), Strange())
+    assert list(registry.slot("strategy")) == ["adc", "mcmc"]
+    assert [(item.name, item.reason) for item in registry.broken] == [
+        ("plugin0", "there is no hook 'gsfw_strategy', did you mean 'gsfw_strategies'"),
+        ("plugin1", "there is no hook 'gsfw_zzz'"),
+    ]
+    assert "install the version of pkg0 that was made for it" in registry.broken[0].advice
+
+
+def test_a_field_of_spec_that_a_newer_gsfw_has_is_named_without_a_type_error():
+    class Newer:
+        @hookimpl
+        def gsfw_methods(self):
+            return [Spec("future", "", "future:Config", api_version=3)]
+
+    registry = registry_of(Newer(), FakePlugin())
+    assert list(registry.slot("method")) == ["demo", "moving"]
+    assert [item.reason for item in registry.broken] == [
+        "gsfw_methods registers a Spec with the field 'api_version', which this version does not "
+        "have"
+    ]
+
+
+def test_plugins_of_two_distributions_may_have_one_name():
+    discovery = Discovery()
+    for distribution in ("b", "a"):
+        discovery.add(FakePlugin(), PluginSource("same", distribution, "1.0"))
+    assert {spec.distribution for spec in discovery.specs("gsfw_samplers")} == {"a", "b"}
+    discovery.remove("same")
+    assert list(discovery.specs("gsfw_samplers")) == []
+
+
+def test_code_belongs_to_the_plugin_whose_module_it_is():
+    discovery = Discovery()
+    discovery.load_builtin()
+    discovery.add(FakePlugin(), PluginSource("fake", "gsfw-fake", "1.0", "fake_entry"))
+    assert str(discovery.owner("support.fake_parts")) == "gsfw-fake 1.0"
+    assert str(discovery.owner("fake_entry.parts.deep")) == "gsfw-fake 1.0"
+    assert discovery.owner("gsfw.core.config") is discovery.owner("torch.nn") is None
 
 
 def test_specs_carry_the_distribution_that_brings_them():
@@ -69,6 +108,9 @@ def test_specs_carry_the_distribution_that_brings_them():
         (None, "returned NoneType, expected a list of Spec"),
         (Spec("a", "", "b:C"), "returned Spec, expected a list of Spec"),
         (["adc"], "returned a list with str, expected a list of Spec"),
+        ([unchecked("a", 3)], "registers 'a' with a field that is no text"),
+        ([Spec("a b", "", "b:C")], "registers the name 'a b', which cannot be typed as a value"),
+        ([Spec("a", "", "b.C")], "registers 'a' with the target 'b.C', no 'module:Name'"),
     ],
 )
 def test_a_hook_that_returns_no_specs_is_skipped_and_told_once(answer, said):

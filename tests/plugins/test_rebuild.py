@@ -15,7 +15,7 @@ from gsfw.core.loop.evaluation import draw
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.formats.model_file import ModelFileExporter, read_model_file
 from gsfw.plugins.compose import compose
-from gsfw.plugins.discovery import _Source
+from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.rebuild import rebuild, stored_model
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
@@ -150,10 +150,9 @@ def test_columns_say_where_they_lie(tmp_path):
 def drifting():
     """A method of another package."""
     discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), _Source("drifting", "drifting-plugin", "1.5"))
+    discovery.add(DriftingPlugin(), PluginSource("drifting", "drifting-plugin", "1.5"))
     yield
-    if discovery._manager.has_plugin("drifting"):
-        discovery._manager.unregister(name="drifting")
+    discovery.remove("drifting")
 
 
 def test_a_method_of_a_third_party_comes_back_by_the_same_path(drifting, tmp_path):
@@ -167,7 +166,7 @@ def test_a_method_of_a_third_party_comes_back_by_the_same_path(drifting, tmp_pat
 def test_a_method_that_is_not_installed_is_named_with_its_package(drifting, tmp_path):
     path = tmp_path / "model.gsfw"
     ModelFileExporter().write(path, stored_model(trained({"method": "drifting"}, tmp_path)))
-    installed()._discovery._manager.unregister(name="drifting")
+    installed()._discovery.remove("drifting")
     with pytest.raises(DataError) as caught:
         rebuild(read_model_file(path), path, installed())
     assert caught.value.message == (

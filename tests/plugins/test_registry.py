@@ -4,8 +4,8 @@ import pytest
 from support.fake_parts import FakePlugin, fake_registry, registry_of
 
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.discovery import PluginError
-from gsfw.plugins.registry import did_you_mean
+from gsfw.plugins.discovery import Discovery, PluginSource
+from gsfw.plugins.registry import Registry, did_you_mean
 from gsfw.plugins.specs import Spec, hookimpl
 
 
@@ -25,12 +25,30 @@ def test_an_unknown_name_suggests_the_nearest_and_lists_all():
     assert str(caught.value) == "no strategy 'mcm'. Did you mean 'mcmc'?\nInstalled: adc, mcmc."
 
 
-def test_a_name_that_two_packages_chose_is_an_error_that_names_both():
-    with pytest.raises(PluginError) as caught:
-        registry_of(FakePlugin(), Twin()).slot("strategy")
+def test_of_two_packages_with_one_name_the_first_is_taken_and_both_are_named():
+    registry = registry_of(FakePlugin(), Twin())
+    assert registry.slot("strategy")["adc"].distribution == "pkg0"
+    assert [str(item) for item in registry.broken] == [
+        "strategy 'adc' (pkg1 1.0) is skipped: this name is taken by pkg0 1.0. Uninstall one of "
+        "the two, or load only some with GSFW_PLUGINS=name,name."
+    ]
+
+
+def test_the_built_in_part_wins_over_a_package_that_takes_its_name():
+    discovery = Discovery()
+    discovery.load_builtin()
+    discovery.add(Twin(), PluginSource("twin", "a-twin", "2.0"))
+    registry = Registry(discovery)
+    assert registry.find("strategy", "adc").distribution == "gsfw"
+    assert [item.distribution for item in registry.broken] == ["a-twin"]
+
+
+def test_a_name_that_a_run_had_from_a_package_says_which_and_how_to_install_it():
+    with pytest.raises(ConfigError) as caught:
+        fake_registry().find("strategy", "revising", ("gsfw-revising 0.3", "pkg0 1.0"))
     assert str(caught.value) == (
-        "strategy 'adc' is registered by both 'pkg0' and 'pkg1'.\n"
-        "Uninstall one of them, or load only some with GSFW_PLUGINS=name,name."
+        "no strategy 'revising' is installed here. The run was made with gsfw-revising 0.3.\n"
+        "Install it, if you trust it: pip install gsfw-revising==0.3"
     )
 
 

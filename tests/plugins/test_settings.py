@@ -215,9 +215,9 @@ def test_a_plugin_whose_code_cannot_be_imported_is_named():
 
     said = refusal(method="lost", registry=registry_of(FakePlugin(), Broken()))
     assert said == (
-        "method 'lost' (pkg1 1.0) cannot be loaded: "
-        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'\n"
-        "Install what is missing, or choose another one; see gsfw plugins."
+        "method 'lost' (pkg1 1.0) cannot be used: "
+        "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'.\n"
+        "Install what pkg1 1.0 needs, or choose another method; see gsfw plugins."
     )
 
 

@@ -44,7 +44,7 @@ PARTS = '''
 from dataclasses import dataclass
 
 from gsfw.core.config import StrategyConfig
-from gsfw.core.strategy import DensityStrategy
+from gsfw.core.refiner import Refiner
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.rasterizers.reference.config import ReferenceConfig
 
@@ -60,17 +60,19 @@ class Still(StrategyConfig):
     patience: int = 3
     """Steps it waits before doing nothing."""
 
-    def build(self, scene):
-        return StillStrategy(self.patience)
+    def refiners(self, scene):
+        return (StillRefiner(self.patience),)
 
-class StillStrategy(DensityStrategy):
+class StillRefiner(Refiner):
+    name = "still"
+
     def __init__(self, patience):
         self.left = patience
 
     def observe(self, context, statistics, model):
         self.left -= 1
 
-    def refine(self, step, table, model, generator):
+    def refine(self, context):
         return {}
 
     def state_dict(self):

@@ -15,7 +15,7 @@ from gsfw.core.config import (
     StrategyConfig,
     steps_field,
 )
-from gsfw.plugins.discovery import Discovery, _Source
+from gsfw.plugins.discovery import Discovery, PluginSource
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.specs import Spec, hookimpl
 
@@ -165,7 +165,7 @@ def registry_of(*plugins: object) -> Registry:
     """A registry of these plugins and nothing else; each is of the package pkgN 1.0."""
     discovery = Discovery()
     for number, plugin in enumerate(plugins):
-        discovery.add(plugin, _Source(f"plugin{number}", f"pkg{number}", "1.0"))
+        discovery.add(plugin, PluginSource(f"plugin{number}", f"pkg{number}", "1.0"))
     return Registry(discovery)
 
 

@@ -9,7 +9,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from gsfw.core.operators import AdamMoments, AdamSettings, Operators
 from gsfw.kernels.cuda import operators as module
 from gsfw.kernels.cuda.operators import CudaOperators
-from gsfw.plugins.automatic import load_all
+from gsfw.plugins.loading import load_all
 from gsfw.plugins.registry import installed
 
 

@@ -1,0 +1,49 @@
+"""Method 3dgs with a trained column more: each Gaussian has a label that is rendered and fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.column import Column
+from gsfw.core.learning_rate import LearningRate
+from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
+from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
+from gsfw.methods.gaussians3d.model import StaticGaussians
+from gsfw.plugins.specs import Spec, hookimpl
+
+
+@hookimpl
+def gsfw_methods() -> list[Spec]:
+    return [Spec("3dgs-bright", "3dgs that learns brightness", f"{__name__}:BrightConfig")]
+
+
+@dataclass
+class BrightConfig(StaticGaussiansConfig):
+    def needs(self) -> Needs:
+        return super().needs() | Needs(features=frozenset({Feature.EXTRA}), extra_channels=1)
+
+    def build(self):
+        return Bright(self)
+
+
+class BrightGaussians(StaticGaussians):
+    def splats(self, time=None, cameras=None):
+        return replace(super().splats(time, cameras), extra=self.extra["brightness"].values)
+
+
+class Bright(StaticGaussiansMethod):
+    model_class = BrightGaussians
+
+    def extra_columns(self, scene, count):
+        brightness = scene.point_colors.new_zeros(count, 1)
+        return {"brightness": Column(brightness, LearningRate(0.01))}
+
+    def losses(self, context):
+        wanted = context.target.mean(dim=-1, keepdim=True)
+        error = (context.rendered.extra - wanted).abs().mean()
+        return {**super().losses(context), "brightness": 0.1 * error}
+
+    def view_metrics(self, batch, rendered):
+        wanted = batch.images.mean(dim=-1, keepdim=True)
+        return {"brightness_error": float((rendered.extra - wanted).abs().mean())}

@@ -1,0 +1,154 @@
+"""Loading: from a registered name to its class, checked, with the package at fault named."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, make_dataclass
+from functools import lru_cache
+from keyword import iskeyword
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from gsfw.core.config import CallbackConfig, CallbackConfigs
+from gsfw.plugins.conformance import problem_of, signature_problem
+from gsfw.plugins.discovery import other_version
+from gsfw.plugins.registry import SLOTS, PartError, Registry, package
+from gsfw.plugins.specs import PROJECT, Spec
+
+if TYPE_CHECKING:
+    from gsfw.core.callback import Callback
+    from gsfw.core.metrics import Metric
+    from gsfw.core.operators import Operators
+
+Answer = TypeVar("Answer")
+
+
+def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot holds
+    """Import what a spec names, and check that it is what the slot holds.
+
+    Raises:
+        PartError: the import fails, or the target breaks the slot's contract; names the package.
+    """
+    try:
+        target = spec.load()
+    except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__}: {error}"
+        advice = f"Install what {package(spec)} needs, or choose another {slot}; see gsfw plugins."
+        raise PartError(slot, spec, reason, advice) from error
+    if spec.distribution != PROJECT:
+        problem = problem_of(slot, target)
+        if problem:
+            raise PartError(slot, spec, problem, other_version(spec.distribution))
+    return target
+
+
+def load_all(slot: str, registry: Registry) -> dict[str, Any]:
+    """Import everything of a slot, by name; what a third party broke is skipped, and remembered.
+
+    Raises:
+        ConfigError: a part of gsfw itself cannot be imported.
+    """
+    return ask_all(slot, registry, lambda target: target)
+
+
+def ask_all(slot: str, registry: Registry, question: Callable[[Any], Answer]) -> dict[str, Answer]:
+    """The answers of all parts of a slot, by name.
+
+    A part of a third party that cannot be loaded, or fails to answer, is skipped and remembered.
+
+    Raises:
+        Exception: a part of gsfw itself fails.
+    """
+    answers: dict[str, Answer] = {}
+    for name, spec in registry.slot(slot).items():
+        try:
+            answers[name] = question(load(slot, spec))
+        except Exception as error:
+            registry.skip(slot, spec, error)
+    return answers
+
+
+def callback_configs(registry: Registry) -> CallbackConfigs:
+    """The default settings of every callback, each in a field of its name."""
+    kinds = {
+        field_name(name): kind if issubclass(kind, CallbackConfig) else _without_settings(kind)
+        for name, kind in load_all("callback", registry).items()
+    }
+    return _configs_class(tuple(kinds.items()))()
+
+
+def make_callbacks(configs: CallbackConfigs, registry: Registry) -> list[Callback]:
+    """Every callback that is enabled; one of a third party that cannot be built is skipped."""
+    made: list[Callback] = []
+    for name, spec in registry.slot("callback").items():
+        config = getattr(configs, field_name(name), None)
+        if config is None or not config.enabled:
+            continue
+        try:
+            callback = config.build()
+            check_built("callback", spec, callback)
+        except Exception as error:
+            registry.skip("callback", spec, error)
+            continue
+        callback.origin = f"callback {name!r} ({package(spec)})"
+        made.append(callback)
+    return made
+
+
+def field_name(name: str) -> str:
+    """The name of a callback as a part of keys: letters, digits and underscores."""
+    word = re.sub(r"\W", "_", name)
+    return word if word.isidentifier() and not iskeyword(word) else f"callback_{word}"
+
+
+@lru_cache  # So that equal settings are of one class.
+def _configs_class(kinds: tuple[tuple[str, type[CallbackConfig]], ...]) -> type[CallbackConfigs]:
+    members = [(name, kind, field(default_factory=kind)) for name, kind in kinds]
+    return make_dataclass("Callbacks", members, bases=(CallbackConfigs,))
+
+
+@lru_cache
+def _without_settings(kind: type[Callback]) -> type[CallbackConfig]:
+    @dataclass
+    class Bare(CallbackConfig):
+        def build(self) -> Callback:
+            return kind()
+
+    return Bare
+
+
+def load_third_parties(registry: Registry) -> None:
+    """Load everything that third parties bring, so that ``registry.broken`` names all faults."""
+    for slot in SLOTS:
+        for spec in registry.slot(slot).values():
+            if spec.distribution != PROJECT:
+                try:
+                    load(slot, spec)
+                except PartError as error:
+                    registry.skip(slot, spec, error)
+
+
+def check_built(slot: str, spec: Spec, part: object) -> None:
+    """Check that what the configuration of a third party has built takes the calls of gsfw.
+
+    Raises:
+        PartError: it is abstract, or a method takes other arguments.
+    """
+    if spec.distribution != PROJECT:
+        problem = signature_problem(type(part))
+        if problem:
+            raise PartError(slot, spec, problem, other_version(spec.distribution))
+
+
+def make_metrics(registry: Registry, operators: Operators) -> dict[str, Metric]:
+    """Every metric by name; those of third parties are NaN where they fail."""
+    from gsfw.core.metrics import CautiousMetric
+
+    specs = registry.slot("metric")
+    made: dict[str, Metric] = ask_all("metric", registry, lambda kind: kind(operators))
+    return {
+        name: metric
+        if specs[name].distribution == PROJECT
+        else CautiousMetric(metric, f"metric {name!r} ({package(specs[name])})")
+        for name, metric in made.items()
+    }

@@ -1,0 +1,265 @@
+"""Resolving: from layers of values to the settings of a run, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from gsfw.core.config import (
+    AUTO,
+    MethodConfig,
+    Rescaled,
+    SlotConfig,
+    replace_at,
+    step_settings,
+)
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.automatic import Choice, choose_datamanager, choose_device, choose_profile
+from gsfw.plugins.keys import SLOT_KEYS, Key, current_key, keys, renamed_keys, suggest_key
+from gsfw.plugins.loading import callback_configs, load, load_all
+from gsfw.plugins.registry import Registry, did_you_mean
+from gsfw.plugins.settings import (
+    CHOICE_KEYS,
+    COMMAND_LINE,
+    METHOD_DEFAULT,
+    Layer,
+    Rank,
+    Settings,
+    last,
+    where,
+)
+from gsfw.plugins.specs import Spec
+from gsfw.plugins.values import as_text, describe, parse
+
+DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
+"""What ``auto`` means where nothing has to be found out."""
+
+
+class Resolving:
+    """Settings while they are being resolved."""
+
+    def __init__(
+        self, registry: Registry, method: Spec, config: MethodConfig, layers: Sequence[Layer]
+    ) -> None:
+        self._registry, self._method = registry, method
+        self._config = replace(config, callbacks=callback_configs(registry))
+        self._layers = [*_presets(method, config, layers), *layers]
+        self._notes: list[str] = []
+        self._use_current_names()
+        self._choices: dict[str, Spec] = {}
+        self._rescaled: set[str] = set()
+        self._sources: dict[str, str] = {"method": last(layers, "method")[1]}
+        self._defaults = {slot: self._default_name(slot) for slot in SLOT_KEYS}
+
+    def _default_name(self, slot: str) -> str:
+        """Name of the method's own choice for a slot."""
+        part = getattr(self._config, slot)
+        if part is None:
+            return AUTO
+        target = f"{type(part).__module__}:{type(part).__qualname__}"
+        for name, spec in self._registry.slot(slot).items():
+            if spec.target == target:
+                return name
+        raise ConfigError(
+            f"method {self._method.name!r} has {target} as its {slot}, which is not registered.",
+            f"Its package ({self._method.distribution}) has to register it through a hook.",
+        )
+
+    def _use_current_names(self) -> None:
+        """Let values have the names that the parts chosen so far declare for them."""
+        renamed = renamed_keys(self._config)
+        for layer in self._layers:
+            if layer.source == COMMAND_LINE:
+                for key in layer.values:
+                    new = current_key(key, renamed)
+                    if new != key:
+                        change = f"was renamed to {new}" if new else "has no effect any more"
+                        self._notes.append(f"{key} {change}.")
+        self._layers = [layer.with_current_names(renamed) for layer in self._layers]
+
+    def choose(self, slot: str, recommended: Rank | None = None) -> None:
+        """Fill a slot; the recommendations of the choice become a layer of that rank."""
+        name, source = last(self._layers, slot)
+        name = name or self._defaults[slot]
+        if name == AUTO or (slot == "datamanager" and self._has_other_data()):
+            choice = self._automatic(slot)
+            name, source = choice.name, choice.source
+        part = self._fill(slot, name, source)
+        if recommended is not None:
+            source = f"recommended by {slot} {name}"
+            self._layers.append(Layer(source, part.recommended, rank=recommended))
+            self._layers.sort(key=lambda layer: layer.rank)
+
+    def _has_other_data(self) -> bool:
+        """Whether the layer that names the data manager does so for data that was replaced."""
+        with_data = [layer for layer in self._layers if "data" in layer.values]
+        named = [layer for layer in self._layers if "datamanager" in layer.values]
+        return bool(named) and named[-1] in with_data[:-1]
+
+    def _automatic(self, slot: str) -> Choice:
+        if slot == "datamanager":
+            data, _ = last(self._layers, "data")
+            return choose_datamanager(self._config.data if data is None else data, self._registry)
+        return Choice(DEFAULT_CHOICES[slot], "the usual one")
+
+    def _fill(self, slot: str, name: str, source: str) -> SlotConfig:
+        spec = self._registry.find(slot, name)
+        if name != self._defaults[slot]:
+            self._config = replace(self._config, **{slot: load(slot, spec)()})
+        self._choices[slot], self._sources[slot] = spec, source
+        part: SlotConfig = getattr(self._config, slot)
+        return part
+
+    def apply_values(self, only: str = "") -> None:
+        """Set every given value, except those of the rasterizer, which is chosen by the others."""
+        self._use_current_names()
+        known = {key.name: key for key in keys(self._config)}
+        for layer, key, value in self._given():
+            if key in CHOICE_KEYS or key.startswith("rasterizer.") != (only == "rasterizer"):
+                continue
+            if key in known:
+                self._set(known[key], value, layer.source)
+            elif layer.source == COMMAND_LINE or not self._is_of_another_callback(key):
+                raise self._unknown(key, layer.source, known)
+
+    def _is_of_another_callback(self, key: str) -> bool:
+        """Whether a setting is one of a callback that is not installed; it changes no result."""
+        group, _, rest = key.partition(".")
+        return group == "callbacks" and not hasattr(self._config.callbacks, rest.split(".")[0])
+
+    def _given(self) -> Iterator[tuple[Layer, str, object]]:
+        """Every value, but for those of a choice that was then replaced by another.
+
+        A preset's ``strategy.*`` is for the method's own strategy, a file's for the one the file
+        names; what names none is for the strategy that is used.
+        """
+        final = {slot: spec.name for slot, spec in self._choices.items()}
+        usual = {slot: name for slot, name in self._defaults.items() if name != AUTO}
+        given = dict(final)
+        for layer in self._layers:
+            own = layer.rank < Rank.GIVEN
+            in_force = {**final, **DEFAULT_CHOICES, **usual} if own else given
+            for slot in SLOT_KEYS:
+                if slot in layer.values:
+                    name = as_text(layer.values[slot])
+                    in_force[slot] = final.get(slot, name) if name == AUTO else name
+            for key, value in layer.values.items():
+                slot = key.partition(".")[0]
+                if "." not in key or in_force.get(slot) == final.get(slot):
+                    yield layer, key, value
+
+    def _set(self, key: Key, value: object, source: str) -> None:
+        self._rescaled.discard(key.name)
+        if isinstance(value, Rescaled):
+            value = value.steps
+            self._rescaled.add(key.name)
+        try:
+            parsed = parse(key.kind, value)
+        except ValueError:
+            raise ConfigError(
+                f"{where(source)}{key.name}={as_text(value)}: "
+                f"expected {describe(key.kind)}, found {as_text(value)!r}.",
+                f"{key.name}: {key.help}" if key.help else "",
+            ) from None
+        self._config = replace_at(self._config, key.name, parsed)
+        self._sources[key.name] = source
+
+    def _unknown(self, key: str, source: str, known: Mapping[str, Key]) -> ConfigError:
+        slot, _, setting = key.partition(".")
+        hint = suggest_key(key, [*known, *CHOICE_KEYS])
+        if slot in SLOT_KEYS:
+            others = [
+                name
+                for name, kind in load_all(slot, self._registry).items()
+                if any(item.name == setting for item in keys(kind()))
+            ]
+            if others:
+                hint = (
+                    f" It belongs to {slot} {' and '.join(others)}, "
+                    f"but {slot}={self._choices[slot].name}."
+                )
+        return ConfigError(
+            f"{where(source)}unknown key {key!r}.{hint}",
+            f"All keys: gsfw train method={self._method.name} --help",
+        )
+
+    def choose_rasterizer(self) -> None:
+        """Choose device, rasterizer and profile by what the other parts need, then set its values.
+
+        Raises:
+            ConfigError: as for every other value.
+        """
+        name, source = last(self._layers, "rasterizer")
+        name = name or self._defaults["rasterizer"]
+        config = self._config
+        needs = {"method": config.needs()}
+        for part in (config.strategy, config.datamanager):
+            assert part is not None
+            needs[type(part).__name__] = part.needs()
+        device, rasterizer = choose_device(config.device, name, self._registry, needs)
+        if device is not None:
+            self._config = replace(self._config, device=device.name)
+            self._sources["device"] = device.source
+        if rasterizer is not None:
+            name, source = rasterizer.name, rasterizer.source
+        self._fill("rasterizer", name, source)
+        if config.profile == AUTO:
+            profile = choose_profile(name, self._registry)
+            self._config = replace(self._config, profile=profile.name)
+            self._sources["profile"] = profile.source
+        self.apply_values(only="rasterizer")
+
+    def rescale(self, default_steps: int) -> None:
+        """Stretch every schedule that is still the method's or a preset's to the run's length."""
+        config = self._config
+        if not config.rescale or config.steps == default_steps:
+            return
+        ratio = config.steps / default_steps
+        for key, (value, floor) in step_settings(config).items():
+            if (key not in self._sources or key in self._rescaled) and value > 0:
+                steps = max(round(value * ratio), min(floor, value))
+                self._config = replace_at(self._config, key, steps)
+                source = self._sources.get(key, METHOD_DEFAULT)
+                self._sources[key] = f"{source} x {ratio:.3g} (steps={config.steps})"
+
+    def settings(self) -> Settings:
+        """The result."""
+        choices = {slot: self._choices[slot] for slot in SLOT_KEYS}
+        sources = {
+            key: self._sources.get(key, METHOD_DEFAULT)
+            for key in ["method", *SLOT_KEYS, *(key.name for key in keys(self._config))]
+        }
+        preset, _ = last(self._given_layers, "preset")
+        given = self._given_keys(sources)
+        notes = tuple(dict.fromkeys(self._notes))
+        return Settings(self._method, self._config, choices, sources, given, preset or "", notes)
+
+    @property
+    def _given_layers(self) -> list[Layer]:
+        return [layer for layer in self._layers if layer.rank is Rank.GIVEN]
+
+    def _given_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
+        """Keys whose value someone chose, and the choices that these values are meant for."""
+        layers = {layer.source: layer for layer in self._given_layers}
+        given = {
+            key for key, source in sources.items() if source in layers and layers[source].gives(key)
+        }
+        given |= {key.partition(".")[0] for key in given} & {*SLOT_KEYS}
+        if "datamanager" in given:  # It was chosen for this data, and is not for any other.
+            given.add("data")
+        return tuple(key for key in sources if key in given)
+
+
+def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:
+    """The preset named "default", if the method has it, and the chosen one: the same without."""
+    name, source = last(layers, "preset")
+    if name is not None and name not in config.presets:
+        raise ConfigError(
+            f"{where(source)}method {method.name!r} has no preset {name!r}."
+            f"{did_you_mean(name, config.presets)}",
+            f"Presets: {', '.join(config.presets) or 'none'}.",
+        )
+    return [
+        Layer(f"preset {key}", config.presets.get(key, {}), rank=rank)
+        for rank, key in ((Rank.DEFAULT_PRESET, "default"), (Rank.PRESET, name or "default"))
+    ]
