@@ -1,4 +1,4 @@
-"""The verb ``doctor``: what works on this machine, what does not, why, and what to do."""
+"""The verb ``doctor``: checks of this machine, with the reason and the remedy of each fault."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gsfw.core.capabilities import Capabilities
 
 LIBRARIES = ("numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
-"""What training imports sooner or later."""
+"""Libraries that training imports."""
 
 
 @dataclass(kw_only=True)
@@ -37,7 +37,7 @@ class DoctorOptions(Options):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at."""
+    """The result of one check."""
 
     what: str
     status: str
@@ -46,7 +46,7 @@ class Finding:
 
 
 def run(tokens: list[str]) -> int:
-    """Look at everything."""
+    """Run all checks."""
     options = read("doctor", DoctorOptions, tokens)
     console = Console(options.json)
     findings = [*_versions(), *_libraries(), _native(), _cuda()]
@@ -135,9 +135,8 @@ def _abilities(able: Capabilities) -> str:
 def _plugins(registry: Registry) -> Iterator[Finding]:
     load_third_parties(registry)  # Only loading shows which of them fail.
     for item in registry.broken:
-        package = f"{item.distribution} {item.version}".strip()
-        details = f"{package}: {item.reason}. {item.advice}"
-        yield Finding(f"{item.kind} {item.name}", "missing", details)
+        what = f"{item.kind} {item.name} of {item.distribution} {item.version}"
+        yield Finding(what, "missing", f"{item.reason}. {item.advice}")
 
 
 def _write_access() -> Finding:

@@ -50,7 +50,7 @@ class PluginSource:
 
 @dataclass(frozen=True)
 class BrokenPlugin:
-    """A plugin of a third party, or one part of it, that is left out."""
+    """A plugin of a third party that is left out, as a whole or in part."""
 
     name: str
     distribution: str
@@ -120,10 +120,9 @@ class Discovery:
         for name in dir(plugin):
             is_hook = getattr(getattr(plugin, name, None), f"{PROJECT}_impl", None) is not None
             if is_hook and name not in HOOKS:
-                near = difflib.get_close_matches(name, HOOKS, 1)
-                hint = f", did you mean {near[0]!r}?" if near else ""
-                reason = f"there is no hook {name!r}{hint}".rstrip("?")
-                self._skip(source, reason)
+                near = difflib.get_close_matches(name, HOOKS, 1, cutoff=0.8)
+                hint = f" (did you mean {near[0]!r}?)" if near else ""
+                self._skip(source, f"its hook {name!r} does not exist{hint}, the others are used")
 
     def skip(self, broken: BrokenPlugin) -> None:
         """Remember, once, that a plugin or a part of one is left out."""

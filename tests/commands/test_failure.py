@@ -1,6 +1,7 @@
 """Tests of gsfw.commands.failure."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,9 @@ from gsfw.commands.console import Console
 from gsfw.commands.failure import RecordedError, report, tracebacks_in
 from gsfw.core.errors import ConfigError, TrainingError
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.plugins.discovery import PluginSource
+from gsfw.plugins.registry import installed
+from gsfw.plugins.specs import Spec, hookimpl
 
 
 def test_a_users_mistake_is_its_message_and_advice(capsys):
@@ -30,16 +34,14 @@ def test_an_unexpected_error_is_one_sentence_and_a_file(capsys, tmp_path, monkey
     (path,) = tmp_path.iterdir()
     assert capsys.readouterr().err == (
         "error: gsfw failed unexpectedly: ZeroDivisionError: by zero\n"
-        f"The traceback is in {path}; --debug shows it here. This is a bug of gsfw or of a "
-        "plugin.\n"
+        f"The traceback is in {path}; --debug shows it here. This is a bug of gsfw.\n"
     )
     assert "ZeroDivisionError: by zero" in path.read_text()
 
 
 def test_the_traceback_of_a_run_is_in_its_log(capsys, tmp_path):
     folder = RunFolder(tmp_path)
-    folder.write_checkpoint(1, {})
-    with pytest.raises(RecordedError) as caught, tracebacks_in(folder):
+    with pytest.raises(RecordedError) as caught, tracebacks_in(folder, lambda: True):
         raise ZeroDivisionError("by zero")
     assert "ZeroDivisionError: by zero" in folder.log.read_text()
     assert report(caught.value, Console(), debug=True) == 1
@@ -49,12 +51,53 @@ def test_the_traceback_of_a_run_is_in_its_log(capsys, tmp_path):
     assert "Traceback (most recent call last)" in said
 
 
+class Failing:
+    @hookimpl
+    def gsfw_samplers(self):
+        return [Spec("failing", "", f"{__name__}:Failing")]
+
+    def observe(self):
+        raise KeyError("losses")
+
+
+@pytest.fixture
+def failing_plugin():
+    discovery = installed()._discovery
+    discovery.add(Failing(), PluginSource("failing", "gsfw-failing", "0.3"))
+    yield
+    discovery.remove("failing")
+
+
+def test_an_error_in_the_code_of_a_plugin_names_the_code_and_its_package(
+    capsys, tmp_path, monkeypatch, failing_plugin
+):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(KeyError) as caught:
+        Failing().observe()
+    report(caught.value, Console(), debug=False)
+    said = capsys.readouterr().err
+    assert re.match(
+        r"error: (Failing\.)?observe of gsfw-failing 0\.3 \(test_failure\.py, line \d+\) failed "
+        r"unexpectedly: KeyError: 'losses'\n",
+        said,
+    )
+    assert "This is a bug of gsfw-failing, or it was made for another gsfw." in said
+
+
+def test_an_error_after_a_plugin_has_answered_names_the_plugins(
+    capsys, tmp_path, monkeypatch, failing_plugin
+):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    report(ZeroDivisionError("by zero"), Console(), debug=False)
+    assert "a bug of gsfw or of a plugin: gsfw-failing 0.3." in capsys.readouterr().err
+
+
 def test_a_run_that_will_be_removed_keeps_no_log(tmp_path):
-    with pytest.raises(ZeroDivisionError), tracebacks_in(RunFolder(tmp_path)):
+    with pytest.raises(ZeroDivisionError), tracebacks_in(RunFolder(tmp_path), lambda: False):
         raise ZeroDivisionError
     assert list(Path(tmp_path).iterdir()) == []
 
 
 def test_a_users_mistake_is_not_logged(tmp_path):
-    with pytest.raises(ConfigError), tracebacks_in(RunFolder(tmp_path)):
+    with pytest.raises(ConfigError), tracebacks_in(RunFolder(tmp_path), lambda: False):
         raise ConfigError("seed=x: wrong.")

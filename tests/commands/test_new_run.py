@@ -75,17 +75,18 @@ def test_a_place_one_may_not_look_into_is_named(tmp_path, monkeypatch):
         default_folder("scene", "3dgs")
 
 
-def start_and_fail(path, checkpoint: int | None) -> None:
-    with new_run_folder(path) as folder:
-        folder.config.write_text("seed: 1\n")
+def start_and_fail(path, checkpoint: int | None, steps: int) -> None:
+    with new_run_folder(path) as run:
+        run.folder.config.write_text("seed: 1\n")
         if checkpoint is not None:
-            folder.write_checkpoint(checkpoint, {})
+            run.folder.write_checkpoint(checkpoint, {})
+        run.steps_done = lambda: steps
         raise RuntimeError
 
 
-def failing_run(path, checkpoint: int | None = None) -> None:
+def failing_run(path, checkpoint: int | None = None, steps: int = 0) -> None:
     with pytest.raises(RuntimeError):
-        start_and_fail(path, checkpoint)
+        start_and_fail(path, checkpoint, steps)
 
 
 def test_a_run_that_fails_before_its_first_checkpoint_leaves_nothing(tmp_path):
@@ -106,6 +107,7 @@ def test_folders_that_were_there_stay(tmp_path):
     assert sorted(path.name for path in (tmp_path / "a").iterdir()) == ["empty", "other"]
 
 
-def test_a_run_with_a_checkpoint_stays_to_be_resumed(tmp_path):
-    failing_run(tmp_path / "run", checkpoint=1)
+@pytest.mark.parametrize("checkpoint", [0, 1])
+def test_a_run_that_has_trained_stays(tmp_path, checkpoint):
+    failing_run(tmp_path / "run", checkpoint, steps=1)
     assert (tmp_path / "run" / "config.yaml").is_file()

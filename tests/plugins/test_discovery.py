@@ -54,8 +54,12 @@ def test_an_unknown_hook_is_named_and_the_other_hooks_of_the_plugin_work():
     registry = registry_of(Newer(), Strange())
     assert list(registry.slot("strategy")) == ["adc", "mcmc"]
     assert [(item.name, item.reason) for item in registry.broken] == [
-        ("plugin0", "there is no hook 'gsfw_strategy', did you mean 'gsfw_strategies'"),
-        ("plugin1", "there is no hook 'gsfw_zzz'"),
+        (
+            "plugin0",
+            "its hook 'gsfw_strategy' does not exist (did you mean 'gsfw_strategies'?), the others "
+            "are used",
+        ),
+        ("plugin1", "its hook 'gsfw_zzz' does not exist, the others are used"),
     ]
     assert "install the version of pkg0 that was made for it" in registry.broken[0].advice
 
