@@ -233,8 +233,8 @@ def _tell_sizing(
             )
     elif options.budget.minutes is not None:
         console.say(
-            f"steps and downscale are as given: what fits into {options.budget.minutes:g} minutes "
-            "is trained"
+            "steps and downscale are as given: runs that fit into "
+            f"{options.budget.minutes:g} minutes are trained"
         )
 
 

@@ -1,4 +1,4 @@
-"""Entrants: the rasterizers that bench and stress measure, by name or by what runs here."""
+"""Entrants: the rasterizers that bench and stress measure, by their names, or all that run here."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def choose_on_device(
         names: as for ``entrant_of``; auto for the fastest that fits.
         device: auto, cpu, cuda or cuda:0.
         registry: everything installed.
-        needs: capabilities that each has to have, by what needs them.
+        needs: required capabilities, by the name of their user.
 
     Raises:
         ConfigError: a rasterizer is not installed, does not fit, or has no such setting.

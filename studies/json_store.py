@@ -137,7 +137,7 @@ def _read(path: Path, found: Any, name: str, kind: type[T], advice: str) -> Iter
 
 
 def _mistakes(place: str, value: object, hint: Any) -> Iterator[tuple[str, object, str]]:  # noqa: ANN401 - annotations
-    """Place and value of what has another type than its annotation, and the expected type."""
+    """Place, value and expected type of values that do not fit their annotation."""
     if hint is Any:
         return
     options = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)

@@ -44,7 +44,7 @@ class PlannedRun:
         """The settings that have to equal those of a stored result.
 
         A setting that gsfw did not have yet when the result was made counts only where the study
-        gives it another value: its default is taken to mean what was done before.
+        gives it another value: its default should mean the earlier behaviour.
 
         Args:
             stored: settings of the result.
@@ -104,7 +104,7 @@ def plan_runs(
 
     Args:
         cells: of the study.
-        registry: what is installed.
+        registry: everything installed.
         root: where relative data paths begin.
         folder: of the study.
 

@@ -95,7 +95,7 @@ class GpuTimings(Timings):
 
 
 def timings_on(device: torch.device) -> Timings:
-    """The clocks for what runs on ``device``."""
+    """The clocks of a device."""
     return GpuTimings(device) if device.type == "cuda" else Timings()
 
 

@@ -95,5 +95,5 @@ def _not_measured(worth: Worth) -> tuple[str, ...]:
     if worth.split is Split.TRAIN:
         found.append("No view is held out: PSNR is that of views the model was trained on.")
     if not worth.least_useful:
-        found.append("The rasterizer does not measure what each Gaussian contributes.")
+        found.append("The rasterizer does not measure the contribution of each Gaussian.")
     return tuple(found)

@@ -1,7 +1,7 @@
 """Worth: PSNR that parts of a finished model gain, measured by rendering without them.
 
-Nothing is trained anew: a model that is trained without something from the start makes up for a
-part of it, so that what is measured here is rather too much than too little.
+Nothing is trained anew: a model that is trained without a part from the start makes up for some of
+it, so that these gains are rather too large than too small.
 """
 
 from __future__ import annotations

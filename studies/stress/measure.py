@@ -1,4 +1,4 @@
-"""Measure: what a backend makes of a case, held against the reference in float64."""
+"""Measure: the result of a backend for a case, compared with the reference in float64."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _compared(
 
 
 def _repeated(result: CaseResult, entrant: Entrant, same: Sequence[bool]) -> CaseResult:
-    """Hold a backend to what it says of its repeatability."""
+    """Compare a backend with its claim of determinism."""
     if not same:
         return result
     result = replace(result, deterministic=all(same))

@@ -50,7 +50,7 @@ def measure_moving(
     """Evaluate a model at every time of a case; nothing is raised.
 
     Args:
-        case: what is made extreme.
+        case: the extreme.
         method: whose model it is.
         model: in float32; it is left as it is.
         dtype: of the model that is looked at.
@@ -78,7 +78,7 @@ def _wobbled(model: PrimitiveModel) -> PrimitiveModel:
     for parameter in wobbled.parameters():
         noise = torch.rand(parameter.shape, generator=generator, dtype=torch.float64)
         # What is zero throughout stands for something of size 1 that does not deviate, as rotations
-        # do that leave time alone: rounding in what is worked out from it is of that size.
+        # do that leave time alone: the rounding of values computed from it is of that size.
         size = parameter if bool(parameter.any()) else torch.ones_like(parameter)
         parameter.add_(WOBBLE * (2.0 * noise - 1.0) * size)
     return wobbled

@@ -48,7 +48,7 @@ class FinishedModel:
 
         Args:
             restored: the run.
-            registry: what is installed.
+            registry: everything installed.
             name: of the run, for messages.
             views: most held-out views that are used, spread evenly.
             is_model_file: whether it was read from a file of the whole model.

@@ -81,8 +81,8 @@ class Storage:
     def without_time(self, rows: Int[Tensor, " m"]) -> Storage:
         """The storage without the time parameters of these rows.
 
-        A model that has no column for that moves its rows by what they share, which goes with the
-        last of them.
+        A model without such columns moves its rows by shared parameters, which go with the last
+        moving row.
         """
         left = {name: self.rows[name].index_fill(0, rows, 0) for name in self.temporal}
         everything = len(rows) == len(next(iter(self.rows.values())))
