@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
     import torch
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.studies.bench.rounds import Bench
     from gsfw.studies.bench.workload import Workload
     from gsfw.studies.entrants import Entrant
@@ -70,7 +70,7 @@ def run(arguments: list[str]) -> int:
     options = read("bench", BenchOptions, arguments)
     check(options)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.core.capabilities import Feature, Needs
     from gsfw.core.render_settings import RenderSettings
     from gsfw.plugins.registry import installed

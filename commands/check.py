@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import FLAGS, Options, parse, read, word
+from gsfw.commands.interface.arguments import FLAGS, Options, parse, read, word
 from gsfw.core.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
 
-OWN = ("pictures", "out", *FLAGS)
+OWN = ("images", "out", *FLAGS)
 """Keys of this verb; all others are those of ``gsfw train``."""
 ALL = "all"
 REFUSED = 1
@@ -30,39 +32,38 @@ class CheckOptions(Options):
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw check path/to/capture",
-        "gsfw check data=path/to/capture downscale=2 pictures=all out=capture.png",
+        "gsfw check data=path/to/capture downscale=2 images=all out=capture.png",
         "gsfw check path/to/capture json=true",
     )
 
     what: str = word("DATA", default="")
     """The data set, also as data=PATH."""
-    pictures: str = ""
-    """How many pictures are decoded and looked at: a number, or all; empty: 50, of videos 16."""
+    images: str = ""
+    """Number of images to decode, or all. Empty: 50, or 16 of videos."""
     out: str = "check.png"
     """Where the contact sheet goes; none: nowhere."""
 
 
 def run(tokens: list[str]) -> int:
-    """Look at a data set, and say what was found."""
+    """SampledImage at a data set, and say what was found."""
     arguments = parse(tokens)
     own = [f"{key}={text}" for key, text in arguments.pairs if key in OWN]
     options = read("check", CheckOptions, [*own, *arguments.words])
-    pictures = _pictures(options.pictures)
+    images = _images(options.images)
     given = [(key, text) for key, text in arguments.pairs if key not in OWN]
     settings, given_values = _settings(options, given)
 
-    from gsfw.commands.check_report import tell
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
-    document = _check(options, settings, given_values, pictures)
-    tell(console, document)
+    document = _check(options, settings, given_values, images)
+    _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
 
 
-def _pictures(text: str) -> int | None:
-    """How many to decode; 0: all; ``None``: the usual number.
+def _images(text: str) -> int | None:
+    """Number of images to decode; 0: all; ``None``: the default number.
 
     Raises:
         ConfigError: it is none of these.
@@ -71,7 +72,7 @@ def _pictures(text: str) -> int | None:
         return 0 if text else None
     if text.isdecimal() and int(text) > 0:
         return int(text)
-    raise ConfigError(f"pictures={text}: expected a number of at least 1, or {ALL}.")
+    raise ConfigError(f"images={text}: expected a number of at least 1, or {ALL}.")
 
 
 def _settings(
@@ -83,7 +84,7 @@ def _settings(
         ConfigError: no data set is named, or two are, or a setting is wrong.
         DataError: the data set is not there, or of no known format.
     """
-    from gsfw.commands.arguments import Arguments, layers
+    from gsfw.commands.interface.arguments import Arguments, layers
     from gsfw.plugins.automatic import BUILT_IN_SCENE
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import resolve
@@ -113,53 +114,53 @@ def _check(
     options: CheckOptions,
     settings: Settings,
     given: Mapping[str, str],
-    pictures: int | None,
+    images: int | None,
 ) -> dict[str, Any]:
-    """Open the data set, look at it, and draw the sheet; the document.
+    """Open the data set, examine it, and draw the sheet; the document.
 
-    What keeps a data set from being opened is a finding: it will not train.
+    A data set that cannot be opened has a document as well: it will not train.
     """
-    from gsfw.commands.check_report import describe
-    from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, write_contact_sheet
+    from gsfw.plugins.compose import open_data
+    from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
     from gsfw.preparation.check.examination import Examination
-    from gsfw.preparation.check.plan import Plan
-    from gsfw.preparation.check.tile import tiles_of
+    from gsfw.preparation.check.report import report, report_unreadable
     from gsfw.preparation.finding import Verdict
 
     settings.config.check()
     path, reader = settings.config.data, settings.choices["datamanager"].name
     head = {"kind": "check", "path": path, "format": reader}
     try:
-        examined = Examination.of(settings, pictures)
+        with closing(open_data(settings)) as data:
+            examined = Examination.of(data, settings.config, images)
     except DataError as error:
-        return {**head, **_unreadable(error)}
+        return {**head, **report_unreadable(error), "next": "", "sheet": ""}
     survey, findings = examined.survey, examined.findings
-    verdict = Verdict.of(findings)
     if options.out != "none":
         tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
+        verdict = Verdict.of(findings)
         write_contact_sheet(Path(options.out), survey.scene.name, verdict, survey, tiles)
-    plan = Plan.of(survey, findings, settings.config, given.get("method", ""))
-    return {
-        **head,
-        "verdict": verdict.value,
-        **describe(survey, plan),
-        "notes": list(examined.notes),
-        "findings": [finding.document() for finding in findings],
-        "next": plan.command(given),
-        "sheet": "" if options.out == "none" else options.out,
-    }
+    plan = examined.plan(given.get("method", ""))
+    sheet = "" if options.out == "none" else options.out
+    return {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
 
 
-def _unreadable(error: DataError) -> dict[str, Any]:
-    """The document of a data set that is recognised, and cannot be opened."""
-    from gsfw.preparation.finding import Finding, Verdict, Weight
+def _show(console: Console, document: Mapping[str, Any]) -> None:
+    """Print the document for people: a table, the findings, the verdict, the next command."""
+    from gsfw.preparation.check.report import finding_lines, sample_line, table_rows
 
-    finding = Finding(
-        kind="cannot be read",
-        weight=Weight.STOP,
-        found=error.message,
-        why="Training ends with this error.",
-        advice=error.advice or "See gsfw info, and docs/data.md for what a format needs.",
-    )
-    verdict = Verdict.of([finding]).value
-    return {"verdict": verdict, "findings": [finding.document()], "next": "", "sheet": ""}
+    title = f"{document['path'] or 'the built-in scene'}: {document['format']}"
+    if "views_train" in document:
+        console.table(["", ""], table_rows(document), title)
+        console.say(sample_line(document))
+        if document["view_dependence"]:
+            console.say(document["view_dependence"]["advice"])
+    else:
+        console.say(title)
+    for note in document.get("notes", ()):
+        console.say(f"note: {note}")
+    for line in finding_lines(document):
+        console.say(line)
+    if document["sheet"]:
+        console.say(f"cameras, points and images: {document['sheet']}")
+    if document["next"] and document["verdict"] != "will not train":
+        console.say(f"next: {document['next']}")

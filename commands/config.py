@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gsfw.commands.arguments import HelpRequested, parse
-from gsfw.commands.console import Console
+from gsfw.commands.interface.arguments import HelpRequested, parse
+from gsfw.commands.interface.console import Console
 from gsfw.commands.train import read_settings
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import installed

@@ -12,8 +12,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from gsfw.commands.arguments import Options, read
-from gsfw.commands.console import Console
+from gsfw.commands.interface.arguments import Options, read
+from gsfw.commands.interface.console import Console
 from gsfw.plugins.loading import load_third_parties
 from gsfw.plugins.registry import Registry, installed
 from gsfw.plugins.specs import PROJECT

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.arguments import read
-from gsfw.commands.run_options import RunOptions
+from gsfw.commands.interface.arguments import RunOptions, read
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.core.datamanager import Split
     from gsfw.core.loop.evaluation import Evaluation
     from gsfw.core.loop.run_folder import RunFolder
@@ -36,9 +35,8 @@ def run(arguments: list[str]) -> int:
     """Evaluate, print a table, and write eval/step_N.json."""
     options = read("eval", EvalOptions, arguments)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.open_run import open_run
-    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.datamanager import Split
     from gsfw.core.errors import DataError
     from gsfw.core.loop.determinism import deterministic
@@ -81,7 +79,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _protocol(restored: Restored, split: Split) -> dict[str, Any]:
-    """How the figures are measured; an earlier checkpoint is not called the last."""
+    """The measurement protocol; it names the step of an earlier checkpoint."""
     protocol = restored.composition.protocol(split)
     steps = restored.composition.plan.steps
     if restored.step < steps:

@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import read
-from gsfw.commands.run_options import RunOptions
+from gsfw.commands.interface.arguments import RunOptions, read
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
-    from gsfw.commands.run_argument import RunArgument
-    from gsfw.core.exchange import Exporter, ModelExporter, TrackExporter
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import RunArgument
+    from gsfw.core.exchange import Exporter, Holds
     from gsfw.core.splats import Splats
+    from gsfw.plugins.compose import Composition
     from gsfw.plugins.restore import Restored
     from gsfw.plugins.snapshot import Snapshot
 
+ALL = "all"
 TOO_COARSE = 0.1
 """Rounding of positions, relative to the median splat, above which a note says so."""
 
@@ -56,30 +57,21 @@ class ExportOptions(RunOptions):
 
 
 def run(arguments: list[str]) -> int:
-    """Write the file, or the files, and say what is in them."""
+    """Write the file or the files, and say what they hold."""
     options = read("export", ExportOptions, arguments)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.open_run import open_run
-    from gsfw.commands.run_argument import find_run
-    from gsfw.core.exchange import ModelExporter, TrackExporter
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.plugins.loading import load
     from gsfw.plugins.registry import installed
 
     _check(options)
     registry = installed()
-    exporter = load("exporter", registry.find("exporter", options.format))()
+    exporter: Exporter = load("exporter", registry.find("exporter", options.format))()
     console, found = Console(options.json), find_run(options.run)
-    _check_cut(options, exporter)
+    _check_fit(options, exporter.holds)
     restored = open_run(found, registry, options.changed(), options.step)
-    if isinstance(exporter, ModelExporter):
-        document = _export_model(restored, options, exporter, found, console)
-    elif isinstance(exporter, TrackExporter):
-        document = _export_tracks(restored, options, exporter, found, console)
-    elif options.times:
-        document = _export_sequence(restored, options, exporter, found, console)
-    else:
-        document = _export_splats(restored, options, exporter, found, console)
+    document = _Export(options, exporter, found, restored, console).write()
     document |= _corrections(restored, document["written"], found, console)
     about = {"run": found.name, "step": restored.step, "format": options.format}
     console.result({**about, **document})
@@ -87,7 +79,11 @@ def run(arguments: list[str]) -> int:
 
 
 def _check(options: ExportOptions) -> None:
-    """Refuse times that contradict each other, before anything is loaded."""
+    """Check the options by themselves, before anything is loaded.
+
+    Raises:
+        ConfigError: a number is out of range, or two options contradict each other.
+    """
     from gsfw.core.errors import ConfigError
 
     if not 0 <= options.time <= 1:
@@ -97,150 +93,183 @@ def _check(options: ExportOptions) -> None:
             f"time={options.time:g} and times={options.times} are both given.",
             "Give time for one file, or times for a sequence.",
         )
-
-
-def _check_cut(options: ExportOptions, exporter: object) -> None:
-    """Refuse to cut down what is not one set of splats.
-
-    Raises:
-        ConfigError: a number is out of range, or the format holds something else.
-    """
-    from gsfw.core.errors import ConfigError
-    from gsfw.core.exchange import Exporter
-
     if not 0 < options.keep <= 1:
         raise ConfigError(f"keep={options.keep:g}: expected a part above 0, and at most 1.")
     if options.sh_degree is not None and options.sh_degree < 0:
         raise ConfigError(f"sh_degree={options.sh_degree}: expected 0 or more.")
-    if (options.keep < 1 or options.sh_degree is not None) and (
-        options.times or not isinstance(exporter, Exporter)
-    ):
+
+
+def _check_fit(options: ExportOptions, holds: Holds) -> None:
+    """Check that the options make sense for the content of the format.
+
+    Raises:
+        ConfigError: one does not.
+    """
+    from gsfw.core.errors import ConfigError
+    from gsfw.core.exchange import Holds
+
+    is_cut = options.keep < 1 or options.sh_degree is not None
+    if is_cut and (options.times or holds is not Holds.SPLATS):
         what = f"times={options.times}" if options.times else f"format={options.format}"
         raise ConfigError(
             f"{what}: keep and sh_degree cut down one set of splats.",
             "Give them with format=ply, and without times.",
         )
-
-
-def _name(restored: Restored, options: ExportOptions, found: RunArgument) -> str:
-    """What files are called that are given no name."""
-    if found.model_file is not None:
-        return found.model_file.stem
-    last = found.checkpoint is None and options.step is None
-    return "splats" if last else f"splats_{restored.step:09d}"
-
-
-def _export_splats(
-    restored: Restored,
-    options: ExportOptions,
-    exporter: Exporter,
-    found: RunArgument,
-    console: Console,
-) -> dict[str, Any]:
-    """The model at one time, as one file; what is in it."""
-    taken = _take(restored, options)
-    path = _place(options, found.folder.path, _name(restored, options, found), exporter.suffix)
-    with _what_it_holds(path, options.format):
-        exporter.write(path, taken.content)
-    splats, notes = taken.content.splats, _notes(taken)
-    for note in notes:
-        console.warn(note)
-    size = path.stat().st_size
-    console.say(f"{len(splats):,} splats after {restored.step} steps, {size / 1e6:.1f} MB: {path}")
-    return {
-        "written": str(path),
-        "num_gaussians": len(splats),
-        "num_dropped": taken.num_dropped,
-        "bytes": size,
-        "notes": notes,
-    }
-
-
-def _export_sequence(
-    restored: Restored,
-    options: ExportOptions,
-    exporter: Exporter,
-    found: RunArgument,
-    console: Console,
-) -> dict[str, Any]:
-    """The model at many times, as one file each; what is in them."""
-    from gsfw.commands.export_sequence import SplatSequence, parse_times
-    from gsfw.commands.progress import with_progress
-
-    times = parse_times(options.times, restored.composition)
-    name = _name(restored, options, found)
-    folder = Path(options.out) if options.out else found.folder.path / name
-    sequence = SplatSequence(restored, exporter, times, folder)
-    with _what_it_holds(folder, options.format):
-        files = with_progress(sequence.write(), len(times), "splats")
-    size = sum(path.stat().st_size for path in files)
-    console.say(
-        f"{len(files)} files after {restored.step} steps, {size / 1e6:.1f} MB: {folder}\n"
-        f"when each of them is: {sequence.index}"
-    )
-    return {"written": [str(path) for path in files], "index": str(sequence.index), "bytes": size}
-
-
-def _export_model(
-    restored: Restored,
-    options: ExportOptions,
-    exporter: ModelExporter,
-    found: RunArgument,
-    console: Console,
-) -> dict[str, Any]:
-    """The model at all times, as one file; what is in it."""
-    from gsfw.core.errors import ConfigError
-    from gsfw.plugins.rebuild import stored_model
-
-    if options.times or options.time:
+    if holds is Holds.MODEL and (options.times or options.time):
         raise ConfigError(
             f"format={options.format} holds the model at all times: leave out time and times.",
             "For what it looks like at one of them: format=ply time=0.5",
         )
-    if found.model_file is not None:
-        raise ConfigError(f"{found.name} is a model file already.", "Copy it.")
-    name = _name(restored, options, found).replace("splats", "model")
-    path = _place(options, found.folder.path, name, exporter.suffix)
-    with _what_it_holds(path, options.format):
-        model = stored_model(restored)
-        exporter.write(path, model)
-    size = path.stat().st_size
-    console.say(
-        f"method {model.method} with {model.rows:,} Gaussians after {model.step} steps, "
-        f"{size / 1e6:.1f} MB: {path}"
-    )
-    return {"written": str(path), "num_gaussians": model.rows, "bytes": size}
 
 
-def _export_tracks(
-    restored: Restored,
-    options: ExportOptions,
-    exporter: TrackExporter,
-    found: RunArgument,
-    console: Console,
-) -> dict[str, Any]:
-    """The paths of all Gaussians, as one file; what is in it."""
-    from gsfw.commands.export_sequence import parse_times
-    from gsfw.commands.export_tracks import take_tracks
+def parse_times(text: str, composition: Composition) -> tuple[float, ...]:
+    """The times that ``times=TEXT`` means, in [0, 1].
 
-    content = take_tracks(restored, parse_times(options.times or "all", restored.composition))
-    name = _name(restored, options, found).replace("splats", "tracks")
-    path = _place(options, found.folder.path, name, exporter.suffix)
-    exporter.write(path, content)
-    times, rows = content.tracks.opacities.shape
-    size = path.stat().st_size
-    console.say(
-        f"paths of {rows:,} Gaussians at {times} times after {restored.step} steps, "
-        f"{size / 1e6:.1f} MB: {path}"
-    )
-    return {"written": str(path), "num_gaussians": rows, "num_times": times, "bytes": size}
+    Raises:
+        ConfigError: it is neither a number nor ``all``, or nothing moves.
+    """
+    from gsfw.core.errors import ConfigError
+    from gsfw.plugins.run_source import data_times, is_dynamic
+
+    count = int(text) if text.isascii() and text.isdigit() else 0
+    if text != ALL and count < 1:
+        raise ConfigError(f"times={text}: expected a whole number of at least 1, or {ALL}.")
+    if count == 1:
+        return (0.0,)
+    if not is_dynamic(composition):
+        scene, method = composition.scene, composition.settings.method.name
+        why = f"method {method} is static" if scene.is_dynamic else f"{scene.name} has no times"
+        raise ConfigError(
+            f"times={text}: {why}, so all files would be the same.", "Leave times out for one file."
+        )
+    if text == ALL:
+        return data_times(composition)
+    return tuple(index / (count - 1) for index in range(count))
+
+
+@dataclass(frozen=True)
+class _Export:
+    """One call of the verb."""
+
+    options: ExportOptions
+    exporter: Exporter
+    found: RunArgument
+    restored: Restored
+    console: Console
+
+    def write(self) -> dict[str, Any]:
+        """Write whatever the format holds; the document."""
+        from gsfw.core.exchange import Holds
+
+        if self.exporter.holds is Holds.MODEL:
+            return self._model()
+        if self.exporter.holds is Holds.TRACKS:
+            return self._tracks()
+        return self._sequence() if self.options.times else self._splats()
+
+    def _splats(self) -> dict[str, Any]:
+        """The model at one time, as one file."""
+        from gsfw.plugins.run_source import RunSource
+        from gsfw.studies.tradeoff.cut import cut
+
+        options = self.options
+        edit = cut(self.restored, options.keep, options.sh_degree)
+        taken = RunSource(self.restored, options.time, edit=edit).snapshot()
+        path = self._path("splats")
+        with _readable_value_errors(path, options.format):
+            self.exporter.write(path, taken.content)
+        splats, notes = taken.content.splats, _notes(taken)
+        for note in notes:
+            self.console.warn(note)
+        size = self._say(f"{len(splats):,} splats", path)
+        return {
+            "written": str(path),
+            "num_gaussians": len(splats),
+            "num_dropped": taken.num_dropped,
+            "bytes": size,
+            "notes": notes,
+        }
+
+    def _sequence(self) -> dict[str, Any]:
+        """The model at many times, as one file each."""
+        from gsfw.commands.interface.progress import with_progress
+        from gsfw.formats.splat_sequence import SplatSequence
+        from gsfw.plugins.run_source import RunSource
+
+        composition, step = self.restored.composition, self.restored.step
+        times = parse_times(self.options.times, composition)
+        out = self.options.out
+        folder = Path(out) if out else self.found.folder.path / self._name("splats")
+        source = RunSource(self.restored)
+        sequence = SplatSequence(self.exporter, times, composition.scene.time_range, folder)
+        about = {"method": composition.settings.method.name, "step": step}
+        with _readable_value_errors(folder, self.options.format):
+            written = sequence.write(lambda time: source.at(time).splat_file(), about)
+            files = with_progress(written, len(times), "splats")
+        size = sum(path.stat().st_size for path in files)
+        self.console.say(
+            f"{len(files)} files after {step} steps, {size / 1e6:.1f} MB: {folder}\n"
+            f"when each of them is: {sequence.index}"
+        )
+        written_files = [str(path) for path in files]
+        return {"written": written_files, "index": str(sequence.index), "bytes": size}
+
+    def _model(self) -> dict[str, Any]:
+        """The model at all times, as one file."""
+        from gsfw.core.errors import ConfigError
+        from gsfw.plugins.run_source import RunSource
+
+        if self.found.model_file is not None:
+            raise ConfigError(f"{self.found.name} is a model file already.", "Copy it.")
+        path = self._path("model")
+        with _readable_value_errors(path, self.options.format):
+            model = RunSource(self.restored).stored_model()
+            self.exporter.write(path, model)
+        size = self._say(f"method {model.method} with {model.rows:,} Gaussians", path)
+        return {"written": str(path), "num_gaussians": model.rows, "bytes": size}
+
+    def _tracks(self) -> dict[str, Any]:
+        """The paths of all Gaussians, as one file."""
+        from gsfw.plugins.run_source import RunSource
+
+        times = parse_times(self.options.times or ALL, self.restored.composition)
+        content = RunSource(self.restored, times=times).track_file()
+        path = self._path("tracks")
+        with _readable_value_errors(path, self.options.format):
+            self.exporter.write(path, content)
+        rows = content.tracks.opacities.shape[1]
+        size = self._say(f"paths of {rows:,} Gaussians at {len(times)} times", path)
+        return {
+            "written": str(path),
+            "num_gaussians": rows,
+            "num_times": len(times),
+            "bytes": size,
+        }
+
+    def _name(self, content: str) -> str:
+        """Name of a file without suffix where the user gave none."""
+        if self.found.model_file is not None:
+            return self.found.model_file.stem
+        last = self.found.checkpoint is None and self.options.step is None
+        return content if last else f"{content}_{self.restored.step:09d}"
+
+    def _path(self, content: str) -> Path:
+        """The file to write."""
+        out = Path(self.options.out) if self.options.out else self.found.folder.path
+        return out / f"{self._name(content)}{self.exporter.suffix}" if out.is_dir() else out
+
+    def _say(self, content: str, path: Path) -> int:
+        """Say what was written where; its size in bytes."""
+        size = path.stat().st_size
+        self.console.say(f"{content} after {self.restored.step} steps, {size / 1e6:.1f} MB: {path}")
+        return size
 
 
 def _corrections(
     restored: Restored, written: str | list[str], found: RunArgument, console: Console
 ) -> dict[str, Any]:
-    """Beside a file outside the run: what was learnt of the capture, which a run has already."""
-    from gsfw.commands.corrections import write_corrections
+    """Write learnt exposures and cameras beside a file outside the run, which has them already."""
+    from gsfw.formats.corrections import write_corrections
 
     first = written if isinstance(written, str) else written[0]
     folder = Path(first).absolute().parent
@@ -252,15 +281,9 @@ def _corrections(
     return {"corrections": [str(path) for path in paths]} if paths else {}
 
 
-def _place(options: ExportOptions, folder: Path, name: str, suffix: str) -> Path:
-    """The file to write."""
-    out = Path(options.out) if options.out else folder
-    return out / f"{name}{suffix}" if out.is_dir() else out
-
-
 @contextmanager
-def _what_it_holds(path: Path, form: str) -> Iterator[None]:
-    """Tell the user what a format cannot hold.
+def _readable_value_errors(path: Path, form: str) -> Iterator[None]:
+    """Turn an exporter's ValueError into a message for the user.
 
     Raises:
         DataError: in place of the exporter's ValueError.
@@ -275,27 +298,14 @@ def _what_it_holds(path: Path, form: str) -> Iterator[None]:
         raise DataError(f"{path}: format {form} cannot hold this model: {error}.") from error
 
 
-def _take(restored: Restored, options: ExportOptions) -> Snapshot:
-    """The model as it is at a time, without what is not asked for."""
-    import torch
-
-    from gsfw.commands.export_cut import cut
-    from gsfw.plugins.snapshot import snapshot
-
-    parts, settings = restored.composition.parts, restored.composition.plan.settings
-    instant = torch.tensor(options.time, device=parts.device)
-    edit = cut(restored, options.keep, options.sh_degree)
-    return snapshot(parts.model, parts.data.scene, settings.antialias, instant, edit)
-
-
 def _notes(taken: Snapshot) -> list[str]:
-    """What the user should know of the file, in sentences."""
+    """Warnings about the file, in sentences."""
     left_out = [f"{taken.num_dropped} splats were left out: they are not finite."]
     return left_out * bool(taken.num_dropped) + _rounding_note(taken.content.splats)
 
 
 def _rounding_note(splats: Splats) -> list[str]:
-    """What float32 does to coordinates far from the origin of the world."""
+    """The warning about coordinates far from the origin, where float32 is coarse."""
     import numpy as np
 
     if not len(splats) or splats.scales is None:

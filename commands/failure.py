@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.core.errors import UserError
 from gsfw.plugins.registry import installed
 

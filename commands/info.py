@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, read, word
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ def run(arguments: list[str]) -> int:
     """Find out what it is, and describe it."""
     options = read("info", InfoOptions, arguments)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
@@ -55,14 +57,13 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
         ConfigError: nothing was named, or two things.
         DataError: it is nothing that is known here, or it is damaged.
     """
-    from gsfw.commands.data_info import describe_data
-    from gsfw.commands.model_info import describe_model
-    from gsfw.commands.run_argument import LATEST, MODEL_SUFFIX, find_run
-    from gsfw.commands.run_info import describe_run
-    from gsfw.commands.splat_info import describe_splats
+    from gsfw.commands.interface.runs import LATEST, MODEL_SUFFIX, find_run
     from gsfw.core.errors import ConfigError
     from gsfw.core.loop.run_folder import RunFolder
+    from gsfw.formats.description import describe_model, describe_splats
     from gsfw.plugins.automatic import BUILT_IN_SCENE
+    from gsfw.plugins.loading import load
+    from gsfw.plugins.run_description import describe_run
 
     what, data = options.what, options.data
     if what and data:
@@ -73,15 +74,54 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
             "Give a splat file, a run, latest, or a data set; see gsfw info --help.",
         )
     if what == LATEST or what.endswith(".pt") or (what and RunFolder(Path(what)).config.is_file()):
-        return describe_run(find_run(what))
+        return describe_run(find_run(what).folder)
     if what.endswith(MODEL_SUFFIX) and Path(what).is_file():
         return describe_model(Path(what))
     if Path(what).is_file() and options.format == AUTO:
         importer = _importer(Path(what), registry)
         if importer:
-            return describe_splats(Path(what), importer, registry)
+            content = load("importer", registry.slot("importer")[importer])().read(Path(what))
+            return describe_splats(Path(what), importer, content)
         _check_known(what, registry)
-    return describe_data(what or data, options.format, options.downscale, registry)
+    return _describe_data(what or data, options, registry)
+
+
+def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[str, Any]:
+    """The document of a data set; reads cameras and points, and the headers of its images.
+
+    Raises:
+        ConfigError: there is no such format, or ``downscale`` is below 1.
+        DataError: it cannot be used; says where and why.
+    """
+    from gsfw.core.config import DataManagerConfig
+    from gsfw.core.datamanager import DataRequest
+    from gsfw.core.errors import ConfigError
+    from gsfw.datamanagers.description import describe_data, fitting_downscale
+    from gsfw.plugins.automatic import Choice, choose_datamanager
+    from gsfw.plugins.loading import load
+
+    form, downscale = options.format, options.downscale
+    if downscale < 1:
+        raise ConfigError(f"downscale={downscale:g}: expected a factor of at least 1.")
+    is_given = form != AUTO
+    choice = Choice(form, "it was asked for") if is_given else choose_datamanager(data, registry)
+    kind: type[DataManagerConfig] = load("datamanager", registry.find("datamanager", choice.name))
+    request = DataRequest(Path(data) if data else None, downscale=downscale)
+    with closing(kind().build(request)) as manager:
+        fitting = fitting_downscale(manager, downscale)
+        words = ["gsfw", "train", "method=3dgs"]
+        words += [f"data={data}"] if data else []
+        words += [f"datamanager={form}"] if is_given else []
+        words += [f"downscale={fitting:g}"] if fitting > 1 else []
+        return {
+            "kind": "data set",
+            "path": data,
+            "format": choice.name,
+            "why": choice.reason,
+            **describe_data(manager),
+            "notes": list(manager.notes()),
+            "next": shlex.join(words),
+        }
 
 
 def _importer(path: Path, registry: Registry) -> str | None:

@@ -8,11 +8,11 @@ import warnings
 from collections.abc import Callable, Sequence
 from importlib import metadata
 
-from gsfw.commands.arguments import HelpRequested, parse
-from gsfw.commands.console import Console, LoggedWarnings
 from gsfw.commands.failure import INTERRUPTED, report
-from gsfw.commands.help import main_help
-from gsfw.commands.interrupt import leave_on_signal
+from gsfw.commands.interface.arguments import HelpRequested, parse
+from gsfw.commands.interface.console import Console, LoggedWarnings
+from gsfw.commands.interface.help import main_help
+from gsfw.commands.interface.interrupt import leave_on_signal
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry, did_you_mean, installed

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from gsfw.commands.run_argument import RUNS
+from gsfw.commands.interface.runs import RUNS
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.core.loop.run_folder import RunFolder

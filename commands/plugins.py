@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
-from gsfw.commands.arguments import Options, read
-from gsfw.commands.console import Console
+from gsfw.commands.interface.arguments import Options, read
+from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.loading import load_third_parties
 from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed

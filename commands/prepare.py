@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.arguments import Options, read, words
-from gsfw.commands.interrupt import interrupted_once
+from gsfw.commands.interface.arguments import Options, read, words
+from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
+    from gsfw.preparation.check.examination import Examination
     from gsfw.preparation.preparation import PreparationRule
-    from gsfw.preparation.workplace import Workplace
+    from gsfw.preparation.workspace import Workspace
 
 PREPARED = Path("prepared")
 """Where results go that nobody gave a place."""
+ROWS_SHOWN = 20
+"""Largest number of unused files that are listed."""
 STOPPING = "stopping, which may take some seconds; the same command will go on from here"
 REFUSED = 1
 """Exit code of a capture that will not train."""
@@ -41,45 +46,45 @@ class PrepareOptions(Options):
     )
 
     inputs: tuple[str, ...] = words("INPUT...")
-    """Folders of pictures, pictures, videos; or one data set that has cameras already."""
+    """Folders of images, images, videos; or one data set that has cameras already."""
     out: str = ""
     """The folder of the result: new, or one of an earlier gsfw prepare. Empty: prepared/INPUT."""
     frames: int = 150
-    """How many sharp, well-spaced frames are taken from videos, from all together."""
+    """Number of sharp, well-spaced frames to take from all videos together."""
     poses: Literal["auto", "compute", "keep"] = "auto"
     """Compute cameras, keep those of a data set that has them, or auto: keep them if it has."""
-    cameras: Literal["auto", "one", "per-folder", "per-picture"] = "auto"
-    """Which pictures share a camera: auto goes by EXIF, size and folder."""
+    cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
+    """Which images share a camera: auto goes by EXIF, size and folder."""
     camera_model: str = "auto"
     """COLMAP's camera model, such as SIMPLE_RADIAL, OPENCV or OPENCV_FISHEYE."""
     focal: float | None = None
-    """Focal length in pixels of the pictures, as a first guess; none: from EXIF, or a usual one."""
+    """Focal length in pixels of the images, as a first guess; none: from EXIF, or a usual one."""
     feature_size: int | None = None
-    """Longest side in pixels of the pictures that features are found in; none: by the machine."""
+    """Longest side in pixels of the images that features are found in; none: by the machine."""
     features: int | None = None
-    """Most features of a picture; none: by the machine and the number of pictures."""
+    """Most features of an image; none: by the machine and the number of images."""
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
-    """Which pictures are compared: all with all, neighbours in time, or those that look alike."""
+    """Which images are compared: all with all, neighbours in time, or those that look alike."""
     exhaustive_up_to: int = 200
     """Photos up to which auto compares all with all."""
     overlap: int = 10
     """Neighbours in time that sequential compares with each frame."""
     vocabulary: str = ""
-    """A COLMAP vocabulary tree for retrieval. Empty: made from the pictures themselves."""
+    """A COLMAP vocabulary tree for retrieval. Empty: made from the images themselves."""
     mapper: Literal["incremental", "global"] = "incremental"
     """Place cameras one after the other (COLMAP) or all at once (GLOMAP)."""
     refine_focal: bool = True
     """Compute focal lengths, or keep the first guess."""
     refine_principal_point: bool = False
-    """Compute principal points, or keep the middle of the picture."""
+    """Compute principal points, or keep the middle of the image."""
     lens: Literal["pinhole", "keep"] = "pinhole"
-    """Undistort pictures to PINHOLE cameras, or keep files and lenses."""
+    """Undistort images to PINHOLE cameras, or keep files and lenses."""
     jpeg_quality: int = 95
-    """Of JPEG files that are written anew."""
+    """Quality of JPEG files that are encoded anew."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
-    """Of a data set with cameras: colmap, transforms, or auto: transforms where it has times."""
+    """Layout of a converted data set: colmap, transforms, or auto (transforms with times)."""
     jobs: int = 0
-    """Cores to use; 0: all. With 1 the same pictures give the same bits, with more nearly so."""
+    """Cores to use; 0: all. With 1 the same images give the same bits, with more nearly so."""
     again: bool = False
     """Begin anew, and forget what an earlier run of the command has finished."""
 
@@ -91,15 +96,14 @@ def run(tokens: list[str]) -> int:
     _check_colmap()
     place, rule = _place(options, inputs), _rule(options)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.prepare_report import tell
+    from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
     for path in inputs:
         _check_exists(path)
     with interrupted_once(STOPPING), place.claimed(inputs):
         document = _document(console, options, inputs, place, rule)
-    tell(console, document)
+    _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
 
@@ -108,10 +112,10 @@ def _document(
     console: Console,
     options: PrepareOptions,
     inputs: tuple[Path, ...],
-    place: Workplace,
+    place: Workspace,
     rule: PreparationRule,
 ) -> dict[str, Any]:
-    """What came of it, once everything is written."""
+    """Prepare or convert the inputs; the document."""
     if options.again:
         place.remove(place.journal)
     source = _data_set(options, inputs)
@@ -140,7 +144,7 @@ def _check_colmap() -> None:
     Raises:
         UnavailableError: it cannot.
     """
-    from gsfw.preparation.native_signals import load_colmap
+    from gsfw.preparation.native import load_colmap
 
     try:
         load_colmap()
@@ -164,14 +168,14 @@ def _check_exists(path: Path) -> None:
         raise DataError(f"{path}: there is no such file or folder.", what_is_missing(path))
 
 
-def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workplace:
-    from gsfw.preparation.workplace import Workplace
+def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workspace:
+    from gsfw.preparation.workspace import Workspace
 
-    return Workplace(Path(options.out) if options.out else PREPARED / inputs[0].resolve().stem)
+    return Workspace(Path(options.out) if options.out else PREPARED / inputs[0].resolve().stem)
 
 
 def _rule(options: PrepareOptions) -> PreparationRule:
-    """What was chosen for all stages.
+    """The rules of all stages.
 
     Raises:
         ConfigError: a value makes no sense.
@@ -180,7 +184,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
     from gsfw.preparation.preparation import PreparationRule
-    from gsfw.preparation.writing.output_rule import OutputRule
+    from gsfw.preparation.writing.image_output import OutputRule
 
     if options.jobs < 0:
         raise ConfigError(f"jobs={options.jobs}: expected 0 (all cores) or more.")
@@ -239,7 +243,7 @@ def _data_set(options: PrepareOptions, inputs: tuple[Path, ...]) -> Settings | N
 
 def _settings(data: Path, *more: tuple[str, str]) -> Settings:
     """Those that ``gsfw train data=...`` would begin with, and more of them."""
-    from gsfw.commands.arguments import Arguments, layers
+    from gsfw.commands.interface.arguments import Arguments, layers
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import resolve
 
@@ -248,50 +252,73 @@ def _settings(data: Path, *more: tuple[str, str]) -> Settings:
 
 
 def _prepare(
-    console: Console, inputs: tuple[Path, ...], place: Workplace, rule: PreparationRule
+    console: Console, inputs: tuple[Path, ...], place: Workspace, rule: PreparationRule
 ) -> dict[str, Any]:
     """Compute cameras; the document."""
-    from gsfw.commands.prepare_report import document_of_preparation
-    from gsfw.commands.stage_bars import StageBars
-    from gsfw.preparation.native_log import log_into
+    from gsfw.commands.interface.progress import StageBars
+    from gsfw.preparation.native import log_into
     from gsfw.preparation.preparation import Preparation
+    from gsfw.preparation.report import document_of_preparation
 
     log_into(place.log)
     prepared = Preparation(inputs, place, rule, StageBars(console)).run()
-    settings = _settings(place.path) if prepared.written else None
-    return document_of_preparation(inputs, place, prepared, settings)
+    examined = _examine(place.path) if prepared.written else None
+    return document_of_preparation(inputs, place, prepared, examined)
 
 
 def _convert(
     console: Console,
     source: Settings,
-    place: Workplace,
+    place: Workspace,
     options: PrepareOptions,
     rule: PreparationRule,
 ) -> dict[str, Any]:
     """Keep the cameras of a data set; the document."""
-    from gsfw.commands.prepare_report import document_of_conversion
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.datamanagers.capture import Capture
     from gsfw.plugins.compose import open_data
+    from gsfw.preparation.report import document_of_conversion
     from gsfw.preparation.writing.conversion import ConversionRule, convert
 
     name = source.choices["datamanager"].name
     console.say(
         f"{source.config.data} has cameras already ({name}): they are kept; poses=compute makes "
-        "new ones from its pictures"
+        "new ones from its images"
     )
-    data = open_data(source)
-    try:
+    with closing(open_data(source)) as data:
         if not isinstance(data, Capture):
             raise DataError(
-                f"{source.config.data}: data manager {name} gives no pictures as files.",
-                "Only formats whose pictures are files or videos can be converted.",
+                f"{source.config.data}: data manager {name} gives no images as files.",
+                "Only formats whose images are files or videos can be converted.",
             )
         # No stage of an earlier preparation is finished any more once its data set is gone.
         place.remove(place.journal, place.images, place.sparse)
         rules = ConversionRule(options.layout, rule.output)
         converted = convert(data.recording, place.path, rules, StageBars(console), rule.jobs)
-    finally:
-        data.close()
-    return document_of_conversion(source, place, converted, _settings(place.path))
+    return document_of_conversion(source.config.data, name, place, converted, _examine(place.path))
+
+
+def _examine(data: Path) -> Examination:
+    """The check of the written data set."""
+    from gsfw.plugins.compose import open_data
+    from gsfw.preparation.check.examination import Examination
+
+    settings = _settings(data)
+    with closing(open_data(settings)) as opened:
+        return Examination.of(opened, settings.config)
+
+
+def _show(console: Console, document: Mapping[str, Any]) -> None:
+    """Print the document for people."""
+    from gsfw.preparation.report import result_lines, unused_rows
+
+    console.say()
+    for sentence in document.get("figures", ()):
+        console.say(sentence)
+    rows = unused_rows(document)
+    if rows:
+        console.table(["not used", "reason", ""], rows[:ROWS_SHOWN])
+    if len(rows) > ROWS_SHOWN:
+        console.say(f"and {len(rows) - ROWS_SHOWN} more: {Path(document['out']) / 'prepare.json'}")
+    for line in result_lines(document):
+        console.say(line)

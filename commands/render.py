@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.arguments import read
-from gsfw.commands.run_options import RunOptions
+from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
     from gsfw.plugins.restore import Restored
-
-VideoFormat = Literal["auto", "mp4", "webp", "none"]
 
 MOST_FPS = 1000
 """A WebP counts in milliseconds."""
@@ -31,7 +29,7 @@ class RenderOptions(RunOptions):
     )
 
     what: Literal["all", "views", "orbit", "time", "orbit-time"] = "all"
-    """What to draw: views (held out, beside their photos), orbit (around the scene at one time),
+    """Content: views (held out, beside their photos), orbit (around the scene at one time),
     time (from one camera, from first to last time), orbit-time (both at once), or all. A model
     file has no photos: views then needs data=PATH."""
     out: str = ""
@@ -49,9 +47,9 @@ class RenderOptions(RunOptions):
     tracks: bool = False
     """Draw the paths of some Gaussians over the last frames, in what=time and orbit-time."""
     tracks_count: int = 150
-    """How many paths there are, of Gaussians that are well spread."""
+    """Number of paths, of well-spread Gaussians."""
     tracks_frames: int = 12
-    """How many frames each path reaches back."""
+    """Number of frames that each path reaches back."""
     video: VideoFormat = "auto"
     """Films beside the frames: mp4 (pip install 'gsfw[video]'), webp, none, or auto: mp4 if its
     encoder is installed, else webp."""
@@ -62,35 +60,37 @@ def run(arguments: list[str]) -> int:
     options = read("render", RenderOptions, arguments)
     _check(options)
 
-    from gsfw.commands import render_path
-    from gsfw.commands.console import Console
-    from gsfw.commands.film import choose_format, write_film
-    from gsfw.commands.open_run import open_run
-    from gsfw.commands.progress import with_progress
-    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.progress import with_progress
+    from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
+    from gsfw.rendering.film import choose_format, write_film
+    from gsfw.rendering.paths import FilmRule, frames, paths, trails
 
     chosen = choose_format(options.video)
     console = Console(options.json)
     found = find_run(options.run)
     restored = open_run(found, installed(), options.changed())
     composition = restored.composition
-    paths = render_path.paths(composition, options)
+    rule = FilmRule(options.frames, options.scale, options.time, options.camera)
+    asked = paths(composition, options.what, rule)
     out = Path(options.out) if options.out else found.folder.path / "renders"
     written: list[Path] = []
     with deterministic(composition.parts.device):
-        if options.what == "views" or (
-            options.what == "all" and composition.parts.data.has_pictures
-        ):
+        if options.what == "views" or (options.what == "all" and composition.parts.data.has_images):
             written += with_progress(
                 _views(restored, out / "views"), _count_views(restored), "views"
             )
-        for path in paths:
-            trails = render_path.trails(path, composition, options)
-            pictures = render_path.frames(path, composition, out / path.name, trails)
-            frames = with_progress(pictures, options.frames, path.name)
-            written += [*frames, *write_film(out / path.name, frames, options.fps, chosen)]
+        for path in asked:
+            lines = (
+                trails(path, composition, options.tracks_count, options.tracks_frames)
+                if options.tracks
+                else None
+            )
+            rendered = frames(path, composition, out / path.name, lines)
+            files = with_progress(rendered, options.frames, path.name)
+            written += [*files, *write_film(out / path.name, files, options.fps, chosen)]
     console.say(f"{len(written)} pictures and films in {out}")
     console.result({"run": found.name, "written": [str(path) for path in written]})
     return 0
@@ -129,9 +129,9 @@ def _views(restored: Restored, folder: Path) -> Iterator[Path]:
     """Every held-out view, the photo at the left and the render at the right."""
     import torch
 
-    from gsfw.commands.film import write_picture
     from gsfw.core.datamanager import Split
     from gsfw.core.loop.evaluation import draw
+    from gsfw.rendering.film import write_picture
 
     parts, settings = restored.composition.parts, restored.composition.plan.settings
     assert settings.background is not None

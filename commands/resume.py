@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, parse
-from gsfw.commands.console import Console
+from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, parse
+from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import did_you_mean, installed
 
@@ -50,7 +50,7 @@ def run(tokens: list[str]) -> int:
     changed = _changed(arguments)
     console = Console(arguments.flag("json"))
 
-    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.interface.runs import find_run
     from gsfw.commands.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.config_file import write_config

@@ -8,10 +8,10 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.arguments import Options, read
+from gsfw.commands.interface.arguments import Options, read
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.registry import Registry
     from gsfw.studies.stress.plane import PlaneErrors
     from gsfw.studies.stress.result import CaseResult
@@ -56,7 +56,7 @@ def run(arguments: list[str]) -> int:
     """Measure, and print the results."""
     options = read("stress", StressOptions, arguments)
 
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.core.capabilities import Needs
     from gsfw.plugins.registry import installed
     from gsfw.studies.entrants import choose_all
@@ -106,7 +106,7 @@ def _methods(names: Sequence[str], registry: Registry) -> list[str]:
 
 def _measured(console: Console, plan: StressPlan, registry: Registry) -> list[CaseResult]:
     """Run all cases, with a progress bar."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.stress.runner import run as measure_all
 
     results: list[CaseResult] = []
@@ -119,7 +119,7 @@ def _measured(console: Console, plan: StressPlan, registry: Registry) -> list[Ca
 
 def _planes(console: Console, plan: StressPlan, registry: Registry, out: str) -> list[PlaneErrors]:
     """Measure errors over planes and write the heat map; nothing where no file is wanted."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.stress.heat_map import write_heat_map
     from gsfw.studies.stress.plane import PLANES, PlaneOracle, plane_errors
     from gsfw.studies.stress.runner import reference

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import Options, read, word
+from gsfw.commands.interface.arguments import Options, read, word
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.core.callback import Control
     from gsfw.studies.comparison import SceneTable
     from gsfw.studies.planned_run import PlannedRun
@@ -69,8 +69,8 @@ def run(arguments: list[str]) -> int:
     options = read("study", StudyOptions, arguments)
     _check(options)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.run_argument import RUNS
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import RUNS
     from gsfw.core.files.folder_lock import only_one
     from gsfw.studies.report import RESULTS
     from gsfw.studies.result import ResultStore
@@ -142,7 +142,7 @@ def _make(
 ) -> int:
     """Make the runs, and write the report at any end."""
     from gsfw.commands.failure import INTERRUPTED
-    from gsfw.commands.interrupt import stop_on_signal
+    from gsfw.commands.interface.interrupt import stop_on_signal
     from gsfw.core.callback import Control
     from gsfw.studies.report import documents
     from gsfw.studies.runner import Runner, RunnerSettings

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, parse
+from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, parse
 
 if TYPE_CHECKING:
     from gsfw.studies.tradeoff.recommendation import Wish
@@ -89,7 +89,7 @@ def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> Non
 
 def _help() -> str:
     """Both forms, one after the other."""
-    from gsfw.commands.help import options_help
+    from gsfw.commands.interface.help import options_help
     from gsfw.commands.tradeoff_model import ModelOptions
     from gsfw.commands.tradeoff_training import TrainingOptions
 

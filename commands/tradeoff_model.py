@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.arguments import read
-from gsfw.commands.run_options import RunOptions
+from gsfw.commands.interface.arguments import RunOptions, read
 from gsfw.commands.tradeoff import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
     from gsfw.studies.tradeoff.record import RecordStore
     from gsfw.studies.tradeoff.runner import Runner
@@ -60,9 +59,8 @@ def run(arguments: list[str]) -> int:
     options = read("tradeoff", ModelOptions, arguments)
     check_numbers({"views": (options.views, 1), "repeats": (options.repeats, 1)}, options.budget)
 
-    from gsfw.commands.console import Console
-    from gsfw.commands.open_run import open_run
-    from gsfw.commands.run_argument import find_run
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
     from gsfw.studies.tradeoff.catalogue import catalogue
@@ -135,7 +133,7 @@ def _tell_beginning(
 
 def _measure(console: Console, runner: Runner, repeats: int) -> None:
     """Measure the missing variants and times, with progress bars."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
 
     bars = StageBars(console)
     if runner.missing:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.commands.arguments import Arguments, Options, layers, read
+from gsfw.commands.interface.arguments import Arguments, Options, layers, read
 from gsfw.commands.tradeoff import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
-    from gsfw.commands.console import Console
+    from gsfw.commands.interface.console import Console
     from gsfw.core.callback import Control
     from gsfw.plugins.registry import Registry
     from gsfw.studies.runner import Ended
@@ -69,10 +69,10 @@ def run(arguments: Arguments) -> int:
     options, given = _split(arguments)
     _check(options)
 
-    from gsfw.commands.console import Console
     from gsfw.commands.failure import INTERRUPTED
-    from gsfw.commands.interrupt import stop_on_signal
-    from gsfw.commands.run_argument import RUNS
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.interrupt import stop_on_signal
+    from gsfw.commands.interface.runs import RUNS
     from gsfw.core.callback import Control
     from gsfw.core.errors import OutputError
     from gsfw.core.files.folder_lock import only_one
@@ -172,7 +172,7 @@ def _make(
     console: Console, experiment: Experiment, options: TrainingOptions, control: Control
 ) -> None:
     """Choose length and size, and train; after a stop the same command goes on."""
-    from gsfw.commands.stage_bars import StageBars
+    from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.tradeoff.training.trainer import Stopped
 
     _tell_beginning(console, experiment)

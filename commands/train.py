@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsfw.commands.arguments import FLAGS, Arguments, HelpRequested, layers, parse
-from gsfw.commands.console import Console
+from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, layers, parse
+from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import Registry, installed
 
@@ -68,7 +68,7 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
             raise HelpRequested("\n".join([_usage(verb), *_methods(verb, registry)]))
         raise ConfigError("no method is chosen.", "\n".join(_methods(verb, registry)))
     if wanted:
-        from gsfw.commands.help import settings_help
+        from gsfw.commands.interface.help import settings_help
 
         chosen = {
             key: text for layer in given for key, text in layer.values.items() if key in CHOICE_KEYS

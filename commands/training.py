@@ -8,15 +8,15 @@ from typing import Any
 
 import torch
 
-from gsfw.commands.console import Console
-from gsfw.commands.corrections import write_corrections
 from gsfw.commands.failure import INTERRUPTED, tracebacks_in
-from gsfw.commands.interrupt import stop_on_signal
+from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.interrupt import stop_on_signal
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
+from gsfw.formats.corrections import write_corrections
 from gsfw.kernels.cpu.native_module import keep_freed_memory
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load

@@ -1,14 +1,19 @@
-"""Batch: some pictures of one size and one time, with their cameras."""
+"""Batch: images of one size and one time, with their cameras and per-view maps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
+import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
+
+LEAST_KNOWN = 0.5
+"""A resampled pixel is known if at least this part of the area that it covers is."""
 
 
 class MaskMode(Enum):
@@ -20,24 +25,67 @@ class MaskMode(Enum):
     """They show the background."""
 
 
+class Resampling(Enum):
+    """How a per-view map is undistorted and resized, and which of its numbers mean "unknown"."""
+
+    MEAN = "mean"
+    """Linear interpolation, and area means of the known pixels: features, normals, confidence.
+    Numbers that are not finite are unknown."""
+    NEAREST = "nearest"
+    """The nearest pixel; numbers are never mixed: labels. What is not finite is unknown."""
+    DEPTH = "depth"
+    """Nearest pixel where a map is undistorted or enlarged, area means of the known pixels where
+    it shrinks. Lengths in scene units; numbers that are not finite and positive are unknown."""
+
+    def known(self, values: Float[Tensor, "*size d"]) -> Bool[Tensor, "*size 1"]:
+        """True where all channels of a pixel are known."""
+        known = values.isfinite()
+        if self is Resampling.DEPTH:
+            known &= values > 0
+        return known.all(dim=-1, keepdim=True)
+
+
+@dataclass(frozen=True)
+class ViewMap:
+    """Measurements for each pixel of a batch's images, such as depths, features or labels."""
+
+    values: Float[Tensor, "c h w d"]
+    """0 where unknown. Depth is measured along the camera's axis (z), in scene units."""
+    known: Bool[Tensor, "c h w 1"]
+    """False where nothing was measured, and outside masks."""
+    rule: Resampling = Resampling.MEAN
+
+    @staticmethod
+    def of(values: Float[Tensor, "c h w d"], rule: Resampling = Resampling.MEAN) -> ViewMap:
+        """A map of raw numbers, some of which may be unknown by ``rule``."""
+        known = rule.known(values)
+        return ViewMap(torch.where(known, values, 0.0), known, rule)
+
+    def mean(self, error: Float[Tensor, "c h w k"]) -> Float[Tensor, ""]:
+        """The mean of a per-pixel error over the known pixels, for losses; 0 where there are none.
+
+        ``error`` has to be finite everywhere.
+        """
+        weights = self.known.to(error.dtype)
+        return (error * weights).sum() / (weights.sum() * error.shape[-1]).clamp(min=1)
+
+
 @dataclass(frozen=True)
 class Batch:
-    """``c`` pictures of one size and one time."""
+    """``c`` images of one size and one time."""
 
     images: Float[Tensor, "c h w 3"]
     """Colours as stored, in [0, 1]; straight (not multiplied by alpha)."""
     cameras: Cameras
     views: tuple[int, ...]
-    """Index of each picture within its split."""
+    """Index of each image within its split."""
     alpha: Float[Tensor, "c h w 1"] | None = None
     """Coverage in [0, 1]; ``None`` when the images are opaque."""
     mask: Bool[Tensor, "c h w 1"] | None = None
     """True where a pixel is valid; ``None`` when all are."""
     mask_mode: MaskMode = MaskMode.IGNORE
-    weight: float = 1.0
-    """Factor of this batch's loss (importance sampling); 1 when views are drawn uniformly."""
-    depth: Float[Tensor, "c h w 1"] | None = None
-    """Measured depth in scene units, 0 where unknown; ``None`` when there is none."""
+    maps: Mapping[str, ViewMap] = field(default_factory=dict)
+    """Per-view maps by name, at the size of the images; ``Views.maps`` names the same ones."""
 
     @property
     def time(self) -> Float[Tensor, ""] | None:
@@ -51,7 +99,7 @@ class Batch:
 
     @property
     def coverage(self) -> Float[Tensor, "c h w 1"] | None:
-        """What part of a pixel is not background, in [0, 1]; ``None`` when all of all pixels is."""
+        """The part of each pixel that is not background, in [0, 1]; ``None`` when all of it is."""
         coverage = self.alpha
         if self.mask is not None and self.mask_mode is MaskMode.EMPTY:
             inside = self.mask.to(self.images.dtype)
@@ -59,7 +107,7 @@ class Batch:
         return coverage
 
     def target(self, background: Float[Tensor, " 3"]) -> Float[Tensor, "c h w 3"]:
-        """The pictures over a background colour: what a render should look like."""
+        """The images over a background colour: the target of a render."""
         coverage = self.coverage
         if coverage is None:
             return self.images

@@ -1,4 +1,4 @@
-"""Cameras: where a picture was taken from, and when."""
+"""Cameras: where images were taken from, and when."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class CameraModel(Enum):
 class Cameras:
     """``c`` cameras of one image size and one model.
 
-    Axes are OpenCV's (x right, y down, z forward). Pixels are measured so that the centre of the
+    Lenses have no distortion: data managers undistort images. Axes are OpenCV's (x right, y down,
+    z forward). Pixels are measured so that the centre of the
     first one is (0.5, 0.5).
     """
 
@@ -34,14 +35,10 @@ class Cameras:
     width: int
     height: int
     model: CameraModel = CameraModel.PINHOLE
-    distortion: Float[Tensor, "c m"] | None = None
-    """Coefficients of the model's distortion; ``None`` for none."""
     time: Float[Tensor, " c"] | None = None
     """Capture time in [0, 1] over the whole data set; ``None`` for a static capture."""
-    image_index: Int[Tensor, " c"] | None = None
-    """Which image of the data set (exposure correction); ``None`` when it is not from one."""
     camera_index: Int[Tensor, " c"] | None = None
-    """Which physical camera took it; ``None`` when unknown."""
+    """Number of the physical camera that took the image; ``None`` when unknown."""
 
     def __len__(self) -> int:
         return self.world_to_camera.shape[0]

@@ -1,13 +1,18 @@
-"""What a rasterizer can do, and what a run needs of it."""
+"""Capabilities of rasterizers, and the needs of a run that they are checked against."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import reduce
+from operator import or_
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.errors import ConfigError
+
+DEPTH_CHANNELS = 2
+"""Channels of an expected depth image: the sum of weighted depths, and the sum of weights."""
 
 
 class Feature(Enum):
@@ -15,7 +20,6 @@ class Feature(Enum):
 
     GRADIENT = "gradient"
     POSE_GRADIENT = "pose gradient"
-    DISTORTION = "lens distortion"
     SH = "spherical harmonics"
     RAGGED_SH = "ragged spherical harmonics"
     COVARIANCES = "covariance form"
@@ -25,11 +29,12 @@ class Feature(Enum):
     SCREEN_GRADIENT = "screen gradient"
     ABSGRAD = "absgrad"
     CONTRIBUTION = "contribution"
+    WEIGHTED_CONTRIBUTION = "contribution weighted by pixels"
     FLOAT64 = "float64"
 
 
 class Determinism(Enum):
-    """Whether drawing the same thing twice gives the same bits."""
+    """Whether rendering the same inputs twice gives the same bits."""
 
     BITWISE = "bitwise"
     NONE = "none"
@@ -42,41 +47,53 @@ class Needs:
     camera_models: frozenset[CameraModel] = frozenset()
     features: frozenset[Feature] = frozenset()
     channels: int = 3
+    """Colour channels."""
     profile: str = ""
-    """Name of the numerics profile to draw with; empty for any."""
+    """Name of the numerics profile to render with; empty for any."""
+    extra_channels: int = 0
+    """Channels of ``Splats.extra`` that this component adds."""
     densifiable: bool = False
     """Whether the model has to be a ``DensifiableModel``; checked when it is built."""
 
     def __or__(self, other: Needs) -> Needs:
-        """Both needs at once."""
+        """Both needs at once: the larger number of colour channels, the sum of the extra ones."""
         return Needs(
             self.camera_models | other.camera_models,
             self.features | other.features,
             max(self.channels, other.channels),
             self.profile or other.profile,
+            self.extra_channels + other.extra_channels,
             self.densifiable or other.densifiable,
         )
+
+    def channel_count(self) -> tuple[int, str]:
+        """Channels rendered in one pass, and their description, such as "9 channels (6 extra)"."""
+        depth = DEPTH_CHANNELS if Feature.DEPTH in self.features else 0
+        parts = {"extra": self.extra_channels, "for depth": depth}
+        total = self.channels + self.extra_channels + depth
+        besides = ", ".join(f"{count} {name}" for name, count in parts.items() if count)
+        return total, f"{total} channels" + (f" ({besides})" if besides else "")
 
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What one rasterizer supports on this machine."""
+    """Abilities of one rasterizer on this machine."""
 
     devices: frozenset[str] = frozenset()
     """Device types it runs on ("cpu", "cuda"), or would if it could run here."""
     camera_models: frozenset[CameraModel] = frozenset()
     features: frozenset[Feature] = frozenset()
     max_channels: int | None = None
-    """Most colour channels it draws; ``None`` for no limit."""
+    """Most channels in one pass, colour, extra and depth together; ``None`` for no limit."""
     profile: str = ""
-    """Name of the only numerics profile it draws with; empty when it draws with any."""
+    """Name of the only numerics profile it renders with; empty when it renders with any."""
     determinism: Determinism = Determinism.NONE
     preference: int = 0
     """``rasterizer=auto`` takes the highest one that fits; the torch reference has 0."""
     unavailable: str = ""
-    """Why it cannot run here, and what to do; empty when it can."""
+    """The cause why it cannot run here and the remedy; empty when it can run."""
     details: Mapping[str, str] = field(default_factory=dict)
-    """What `gsfw doctor` shows besides, such as the instruction set."""
+    """Further lines of `gsfw doctor`, such as the instruction set."""
 
     def lacking(self, needs: Needs, device: str) -> list[str]:
         """Name each need that is not met; empty when all are."""
@@ -85,24 +102,35 @@ class Capabilities:
         missing = [] if device in self.devices else [f"device {device!r}"]
         models = sorted(model.value for model in needs.camera_models - self.camera_models)
         missing += [f"camera model {model!r}" for model in models]
-        features = sorted(feature.value for feature in needs.features - self.features)
+        wanted = needs.features | ({Feature.EXTRA} if needs.extra_channels else set())
+        features = sorted(feature.value for feature in wanted - self.features)
         missing += [f"feature {feature!r}" for feature in features]
-        if self.max_channels is not None and needs.channels > self.max_channels:
-            missing.append(f"{needs.channels} channels (at most {self.max_channels})")
+        count, channels = needs.channel_count()
+        if self.max_channels is not None and count > self.max_channels:
+            missing.append(f"{channels}, of which it renders at most {self.max_channels} at once")
         if needs.profile and self.profile not in ("", needs.profile):
-            missing.append(f"numerics {needs.profile!r} (it draws only with {self.profile!r})")
+            missing.append(f"numerics {needs.profile!r} (it renders only with {self.profile!r})")
         return missing
+
+
+def _mismatches(able: Capabilities, needs_by: Mapping[str, Needs], device: str) -> list[str]:
+    """Name each component and each of its needs that is not met; empty when all are."""
+    found = [
+        f"{who} needs {need}"
+        for who, needs in needs_by.items()
+        for need in able.lacking(needs, device)
+    ]
+    if not found:  # Channels add up: each component alone may fit, and all of them not.
+        together = able.lacking(reduce(or_, needs_by.values(), Needs()), device)
+        found = [f"all components together need {need}" for need in together]
+    return found
 
 
 def fitting(
     needs_by: Mapping[str, Needs], capabilities: Mapping[str, Capabilities], device: str
 ) -> list[str]:
     """Names of the rasterizers that meet every need, the preferred one first."""
-    names = [
-        name
-        for name, able in capabilities.items()
-        if not any(able.lacking(needs, device) for needs in [Needs(), *needs_by.values()])
-    ]
+    names = [name for name, able in capabilities.items() if not _mismatches(able, needs_by, device)]
     return sorted(names, key=lambda name: (-capabilities[name].preference, name))
 
 
@@ -128,10 +156,6 @@ def check_fit(
             f"rasterizer {name!r} does not run on device {device!r} (it runs on: {runs_on}).",
             advice,
         )
-    lines = [
-        f"  {who} needs {need}"
-        for who, needs in needs_by.items()
-        for need in able.lacking(needs, device)
-    ]
-    if lines:
-        raise ConfigError("\n".join([f"rasterizer {name!r} does not fit:", *lines]), advice)
+    found = _mismatches(able, needs_by, device)
+    if found:
+        raise ConfigError("\n  ".join([f"rasterizer {name!r} does not fit:", *found]), advice)

@@ -44,3 +44,7 @@ class StepContext:
     render: Callable[[Cameras, Float[Tensor, ""] | None], RenderOutput]
     """Renders other cameras at a time with this step's settings and background: pseudo views for
     losses. Decoded, and attached to the graph; without statistics."""
+    contributions: Callable[[Float[Tensor, "c h w 1"]], Float[Tensor, "c m"]]
+    """Sums a weight per pixel, such as the error, over the contributions of each rendered splat
+    (``Rasterizer.contributions``). To be called before the optimizer step, which moves the splats:
+    in ``losses``, ``regularizers`` or ``before_backward``."""

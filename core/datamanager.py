@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import ClassVar
@@ -27,14 +27,17 @@ class Split(Enum):
 
 @dataclass(frozen=True)
 class Views:
-    """The views of one split, without their pictures."""
+    """The views of one split, without their images."""
 
     names: tuple[str, ...]
     """Image names, for messages and result files; unique within the split."""
     cameras: tuple[Cameras, ...]
     """One camera (c = 1) per view: sizes and models may differ between views."""
     origin: str = ""
-    """How the views came into this split ("every 8th by name"); empty when nobody said."""
+    """How the views came into this split ("every 8th by name"); empty when unknown."""
+    maps: Mapping[str, int] = field(default_factory=dict)
+    """Number of channels of each per-view map, by name; every batch has these maps. A method that
+    needs one checks it before training."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -59,7 +62,7 @@ class Views:
 
 @dataclass(frozen=True)
 class DataRequest:
-    """What a run asks of its data, whatever its format."""
+    """The run's settings that concern data of any format."""
 
     path: Path | None
     """The ``data`` key; ``None`` for data that needs no file."""
@@ -70,41 +73,48 @@ class DataRequest:
     eval_names: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_megabytes: int = 2048
-    """Memory that decoded images (uint8) may take."""
+    """Memory that decoded images (uint8) and per-view maps may take."""
     gpu_cache_megabytes: int = 0
-    """Memory of the GPU that decoded images (uint8) may stay in; 0 where none is used."""
+    """GPU memory that decoded images and per-view maps may stay in; 0 where no GPU is used."""
 
 
 class DataManager(ABC):
-    """Where images, cameras, points and times come from."""
+    """The source of images, cameras, points and times.
 
-    has_pictures: ClassVar[bool] = True
-    """Whether there is anything to ``load``; a model file brings cameras alone."""
+    Per-view maps: a data manager names them with their channels in ``Views.maps``, and puts a
+    ``ViewMap`` for each into every ``Batch.maps``, undistorted and at the size of the images; the
+    resolution schedule shrinks them by their rule. Formats that are read through
+    ``datamanagers.capture.Capture`` only list files (``Frame.maps``); ``WrappedDataManager`` adds
+    maps to any other data manager.
+    """
+
+    has_images: ClassVar[bool] = True
+    """False if there is nothing to ``load``: a model file holds cameras alone."""
 
     @property
     @abstractmethod
     def scene(self) -> Scene:
-        """What is known of the capture before training."""
+        """Everything known of the capture before training."""
 
     @abstractmethod
     def views(self, split: Split) -> Views:
-        """The views of a split, without decoding a picture."""
+        """The views of a split; decodes no image."""
 
     @abstractmethod
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
         """Decode views into batches, one for each of ``views(split).groups(indices)``.
 
         Raises:
-            DataError: a picture does not decode or contradicts its camera.
+            DataError: an image or a map does not decode or contradicts its camera.
         """
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
-        """Where something moves in a view's picture, on the CPU; evaluation looks at it apart.
+        """True where something moves in a view's image, on the CPU, for evaluation.
 
         ``None`` when the data set does not say.
 
         Raises:
-            DataError: the mask does not decode or does not fit its picture.
+            DataError: the mask does not decode or does not fit its image.
         """
         return None
 
@@ -112,8 +122,51 @@ class DataManager(ABC):
         """Start decoding views that will probably be asked for next; may do nothing."""
 
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of this data: how it was recognised, what was skipped."""
+        """Notes for the user: how the data was recognised, what was skipped."""
         return ()
 
     def close(self) -> None:  # noqa: B027
         """Stop background work and free the cache."""
+
+
+class WrappedDataManager(DataManager):
+    """Another data manager, all of whose members it forwards; a subclass changes some of them.
+
+    To add a per-view map, override ``views`` (``replace(views, maps={**views.maps, NAME: d})``)
+    and ``load`` (``replace(batch, maps={**batch.maps, NAME: ViewMap.of(values, rule)})``).
+    """
+
+    def __init__(self, given: DataManager) -> None:
+        """Forward to ``given``."""
+        self.given = given
+        """The data manager that is wrapped."""
+        self.has_images = given.has_images  # type: ignore[misc]
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the wrapped data manager."""
+        return self.given.scene
+
+    def views(self, split: Split) -> Views:
+        """The views of the wrapped data manager."""
+        return self.given.views(split)
+
+    def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
+        """The batches of the wrapped data manager."""
+        return self.given.load(split, indices, device)
+
+    def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
+        """The moving mask of the wrapped data manager."""
+        return self.given.moving_mask(split, index)
+
+    def prefetch(self, split: Split, indices: Sequence[int]) -> None:
+        """Start decoding in the wrapped data manager."""
+        self.given.prefetch(split, indices)
+
+    def notes(self) -> tuple[str, ...]:
+        """The notes of the wrapped data manager."""
+        return self.given.notes()
+
+    def close(self) -> None:
+        """Close the wrapped data manager."""
+        self.given.close()

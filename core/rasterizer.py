@@ -1,207 +1,99 @@
-"""Rasterizer: draws splats."""
+"""Rasterizer: the contract of every rendering backend."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Capabilities
-from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, degree_of
+from gsfw.core.input_checks import check_form, check_values
 from gsfw.core.render_output import RenderOutput
-from gsfw.core.render_settings import RenderSettings, Validation
-from gsfw.core.splats import Sh, Splats
-
-ANY = -1
-"""In an expected shape: whatever is found."""
+from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
+from gsfw.core.splats import Splats
 
 
 @dataclass(frozen=True)
 class StageTime:
-    """What one stage of a picture took, over all threads and by the clock on the wall."""
+    """Duration of one stage of rendering: summed over all threads, and by the wall clock."""
 
     cpu_ms: float
     wall_ms: float
 
 
 class Rasterizer(ABC):
-    """Draws splats. A backend writes ``capabilities`` and ``_draw``; callers call ``render``."""
+    """Renders splats. A backend implements ``capabilities`` and ``_render``."""
 
     @classmethod
     @abstractmethod
     def capabilities(cls) -> Capabilities:
-        """What it can do on this machine; answers without building anything."""
+        """The abilities of this backend on this machine; found without building anything."""
 
     @final
     def render(
         self, splats: Splats, cameras: Cameras, settings: RenderSettings | None = None
     ) -> RenderOutput:
-        """Draw ``splats`` from each camera.
+        """Render ``splats`` from each camera.
 
         Raises:
-            ValueError: an input has the wrong form, device or dtype, or (with full validation)
-                holds values that cannot be drawn; the message names the field, and the first row.
+            ValueError: an input has a wrong shape, device or dtype, or (with full validation) holds
+                values that cannot be rendered; the message names the field and the first row.
         """
         settings = settings or RenderSettings()
         check_form(splats, cameras, settings)
         if settings.validation is Validation.FULL:
             check_values(splats, cameras, settings)
-        return self._draw(splats, cameras, settings)
+        return self._render(splats, cameras, settings)
+
+    @final
+    @torch.no_grad()
+    def contributions(
+        self,
+        splats: Splats,
+        cameras: Cameras,
+        weights: Float[Tensor, "c h w 1"] | None = None,
+        settings: RenderSettings | None = None,
+    ) -> Float[Tensor, "c n"]:
+        """Sum ``weights`` times alpha times transmittance over the pixels of each splat.
+
+        It takes one forward pass without colours, so ``weights`` may depend on a rendered image,
+        such as an error image (Rota Bulo et al. 2024, equation 7). Weights that are known before
+        rendering cost no second pass in ``RenderSettings.contribution_weights``.
+
+        Args:
+            splats: the splats, whose colours and extra channels are ignored.
+            cameras: one per image of ``weights``.
+            weights: any finite numbers, which may be negative; ``None`` for ones.
+            settings: those that ``render`` was given; only its background, depth and statistics
+                are ignored.
+
+        Raises:
+            ValueError: an input has a wrong shape, device or dtype, or (with full validation) holds
+                values that are not finite or out of range.
+        """
+        # Three channels are no slower than one: every backend compiles them for images.
+        splats = replace(splats, colors=splats.means.new_zeros(len(splats), 3), extra=None)
+        settings = replace(
+            settings or RenderSettings(),
+            background=None,
+            depth=Depth.NONE,
+            statistics=frozenset({Statistic.CONTRIBUTION}),
+            contribution_weights=weights,
+        )
+        sums = self.render(splats, cameras, settings).statistics.contribution
+        assert sums is not None, "it was asked for"
+        return sums
 
     def stage_times(self) -> Mapping[str, StageTime]:
-        """The stages of the latest picture, and of its backward pass; empty when not measured."""
+        """Stages of the latest ``render`` and its backward pass; empty where not measured."""
         return {}
 
     @abstractmethod
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
-        """Draw checked inputs."""
-
-
-def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> None:
-    """Check shapes, dtypes and devices, without looking at a value.
-
-    Raises:
-        ValueError: naming the field, what was expected and what was found.
-    """
-    has_axes = splats.quats is not None and splats.scales is not None
-    if has_axes == (splats.covariances is not None) or (splats.quats is None) != (
-        splats.scales is None
-    ):
-        raise ValueError("splats: give either quats and scales, or covariances")
-    if cameras.width < 1 or cameras.height < 1:
-        raise ValueError(f"cameras: image size {cameras.width}x{cameras.height} has no pixel")
-    if len(cameras) == 0:
-        raise ValueError("cameras: expected at least one, found none")
-    _check_shapes(splats, cameras)
-    named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
-    named |= {"cameras.world_to_camera": cameras.world_to_camera}
-    named |= {"cameras.intrinsics": cameras.intrinsics}
-    if settings.background is not None:
-        named["settings.background"] = settings.background
-        if len(settings.background) != splats.channels:
-            raise ValueError(
-                f"settings.background: expected {splats.channels} channels, "
-                f"found {len(settings.background)}"
-            )
-    for name, tensor in named.items():
-        if tensor.dtype != splats.means.dtype or not tensor.dtype.is_floating_point:
-            raise ValueError(f"{name}: expected {splats.means.dtype}, found {tensor.dtype}")
-        if tensor.device != splats.means.device:
-            raise ValueError(
-                f"{name}: expected device {splats.means.device}, found {tensor.device}"
-            )
-
-
-def _check_shapes(splats: Splats, cameras: Cameras) -> None:
-    n, c = len(splats), len(cameras)
-    expected = {
-        "means": (n, 3),
-        "opacities": (n,),
-        "colors": (n, ANY),
-        "rest": (n, ANY, 3),
-        "quats": (n, 4),
-        "scales": (n, 3),
-        "covariances": (n, 3, 3),
-        "extra": (n, ANY),
-    }
-    colors = splats.colors
-    if isinstance(colors, Sh):
-        expected["colors"] = (n, ANY, 3)
-        if colors.offsets is not None:
-            expected["rest"] = (ANY, 3)
-            _check_shape("splats.colors.offsets", colors.offsets, (n + 1,))
-        if not 0 <= colors.degree <= MAX_DEGREE:
-            raise ValueError(f"splats.colors: expected degree 0 to 4, found {colors.degree}")
-    for name, tensor in splats.tensors().items():
-        _check_shape(f"splats.{name}", tensor, expected[name])
-    if isinstance(colors, Sh):
-        _check_parts(colors)
-        _check_type_of_offsets(colors, splats.means.device)
-    _check_shape("cameras.world_to_camera", cameras.world_to_camera, (c, 4, 4))
-    _check_shape("cameras.intrinsics", cameras.intrinsics, (c, 3, 3))
-
-
-def _check_parts(colors: Sh) -> None:
-    if colors.offsets is not None and colors.rest is None:
-        raise ValueError("splats.colors: expected rest beside offsets, found None")
-    if colors.offsets is None:
-        degree_of(colors.width)
-    if colors.rest is not None and colors.coefficients.shape[1] != 1:
-        raise ValueError(
-            "splats.colors: expected one constant coefficient beside rest, "
-            f"found {colors.coefficients.shape[1]}"
-        )
-
-
-def _check_type_of_offsets(colors: Sh, device: torch.device) -> None:
-    offsets = colors.offsets
-    if offsets is None:
-        return
-    name = "splats.colors.offsets"
-    if offsets.dtype != torch.int64:
-        raise ValueError(f"{name}: expected torch.int64, found {offsets.dtype}")
-    if offsets.device != device:
-        raise ValueError(f"{name}: expected device {device}, found {offsets.device}")
-
-
-def _check_shape(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
-    fits = tensor.dim() == len(expected) and all(
-        size in (ANY, found) for size, found in zip(expected, tensor.shape, strict=True)
-    )
-    if not fits:
-        wanted = ", ".join("any" if size == ANY else str(size) for size in expected)
-        raise ValueError(f"{name}: expected shape [{wanted}], found {list(tensor.shape)}")
-
-
-def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> None:
-    """Check that every value can be drawn.
-
-    Raises:
-        ValueError: naming the field, how many rows are wrong, and the first of them.
-    """
-    named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
-    named["cameras.world_to_camera"] = cameras.world_to_camera
-    named["cameras.intrinsics"] = cameras.intrinsics
-    if settings.background is not None:
-        named["settings.background"] = settings.background
-    for name, tensor in named.items():
-        _refuse(name, ~tensor.isfinite(), "finite values", tensor)
-    if splats.scales is not None:
-        _refuse("splats.scales", splats.scales < 0, "scales >= 0", splats.scales)
-    if isinstance(splats.colors, Sh):
-        _check_values_of_offsets(splats.colors)
-    opacities = splats.opacities
-    _refuse("splats.opacities", (opacities < 0) | (opacities > 1), "values in [0, 1]", opacities)
-    focal = torch.stack([cameras.intrinsics[:, 0, 0], cameras.intrinsics[:, 1, 1]], dim=1)
-    _refuse("cameras.intrinsics", focal <= 0, "focal lengths > 0", focal)
-    skew = cameras.intrinsics[:, 0, 1]
-    _refuse("cameras.intrinsics", skew != 0, "no skew", skew)
-
-
-def _check_values_of_offsets(colors: Sh) -> None:
-    if colors.offsets is None or colors.rest is None:
-        return
-    name, lengths = "splats.colors.offsets", colors.offsets.diff()
-    _refuse(name, lengths < 0, "row lengths >= 0", lengths)
-    ends, expected = colors.offsets[[0, -1]].tolist(), [0, len(colors.rest)]
-    if ends != expected:
-        raise ValueError(
-            f"{name}: expected {expected[0]} first and the {expected[1]} rows of rest last, "
-            f"found {ends[0]} and {ends[1]}"
-        )
-
-
-def _refuse(name: str, wrong: Tensor, expected: str, values: Tensor) -> None:
-    rows = wrong.flatten(1).any(1) if wrong.dim() > 1 else wrong
-    count = int(rows.sum())
-    if count:
-        first = int(rows.nonzero()[0])
-        raise ValueError(
-            f"{name}: expected {expected}; {count} of {len(rows)} rows are not, "
-            f"the first is row {first}: {values[first].detach().flatten().tolist()[:16]}"
-        )
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+        """Render inputs whose form, and with full validation whose values, are checked."""

@@ -1,4 +1,4 @@
-"""RenderOutput: what a rasterizer returns."""
+"""RenderOutput: the images and statistics that a rasterizer returns."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gsfw.core.render_settings import Statistic
 
 @dataclass(frozen=True)
 class RenderStatistics:
-    """Per camera and splat, in the order of the splats drawn (``Splats.rows`` leads to the model).
+    """Values per camera and splat, in the order of the splats (``Splats.rows`` maps to the model).
 
-    The tensors of the gradient statistics exist, full of zeros, from the forward pass on; backward
-    fills them in place. Strategies read these, and nothing reads intermediate tensors' ``.grad``.
+    The forward pass returns the gradient statistics as zeros; backward fills them in place.
+    Density strategies read these tensors, never the ``.grad`` of intermediate ones.
     """
 
     visible: Bool[Tensor, "c n"]
-    """Whether any pixel can receive the splat: in front, in the image, opaque enough."""
+    """True where the splat can reach a pixel: in front, in the image, opaque enough."""
     radii: Float[Tensor, "c n"]
     """Half of the larger side of the splat's exact bounding box, in pixels; 0 where invisible."""
     screen_gradient: Float[Tensor, "c n"] | None = None
@@ -28,13 +28,14 @@ class RenderStatistics:
     absgrad: Float[Tensor, "c n"] | None = None
     """The same with each pixel's absolute gradient summed instead (Ye et al. 2024, AbsGS)."""
     contribution: Float[Tensor, "c n"] | None = None
-    """Sum over pixels of alpha times transmittance; written by the forward pass."""
+    """Sum over pixels of alpha times transmittance, each times the pixel's weight in
+    ``RenderSettings.contribution_weights``; written by the forward pass."""
 
     @staticmethod
     def zeros(
         means: Float[Tensor, "n 3"], cameras: int, wanted: frozenset[Statistic]
     ) -> RenderStatistics:
-        """Nothing seen yet, with room for what is wanted."""
+        """Zeros, with tensors for the ``wanted`` statistics."""
         shape = (cameras, len(means))
 
         def room(statistic: Statistic) -> Tensor | None:
@@ -49,7 +50,7 @@ class RenderStatistics:
         )
 
     def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
-        """The same, or nothing seen where the step was not ``finite``; no synchronisation."""
+        """The same, or zeros if ``finite`` is false; no synchronisation."""
 
         def gate(values: Tensor | None) -> Tensor | None:
             return None if values is None else torch.where(finite, values, 0.0)
@@ -65,12 +66,12 @@ class RenderStatistics:
 
 @dataclass(frozen=True)
 class RenderOutput:
-    """``c`` pictures of ``h`` by ``w`` pixels with ``d`` channels."""
+    """``c`` images of ``h`` by ``w`` pixels with ``d`` channels."""
 
     color: Float[Tensor, "c h w d"]
     """Background included; not clamped."""
     alpha: Float[Tensor, "c h w 1"]
-    """1 - remaining transmittance; 0 where nothing is drawn."""
+    """1 - remaining transmittance; 0 where no splat is."""
     statistics: RenderStatistics
     depth: Float[Tensor, "c h w 1"] | None = None
     """In scene units; ``None`` when not asked for."""

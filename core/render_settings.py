@@ -1,4 +1,4 @@
-"""RenderSettings: how to draw, and what to return besides the colours."""
+"""RenderSettings: the conventions of a render, and the outputs besides colour."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from gsfw.core.numerics import DEFAULT, FAR, NEAR, NumericsProfile
 
 
 class Depth(Enum):
-    """Which depth image to draw."""
+    """Kind of depth image."""
 
     NONE = "none"
     EXPECTED = "expected"
-    """Sum of weight times view depth, divided by the sum of weights; 0 where nothing is drawn."""
+    """Sum of weight times view depth, divided by the sum of weights; 0 where no splat is."""
     ACCUMULATED = "accumulated"
     """Sum of weight times view depth."""
 
 
 class Statistic(Enum):
-    """A per-splat quantity measured on the way; see ``RenderStatistics``."""
+    """A per-splat quantity that is measured during rendering; see ``RenderStatistics``."""
 
     SCREEN_GRADIENT = "screen gradient"
     ABSGRAD = "absgrad"
@@ -31,12 +31,12 @@ class Statistic(Enum):
 
 
 class Validation(Enum):
-    """How much is checked before drawing."""
+    """Amount of input checks before rendering."""
 
     FULL = "full"
-    """Every tensor finite and in range, besides what CHEAP checks."""
+    """CHEAP, and every tensor is finite and in range."""
     CHEAP = "cheap"
-    """Shapes, dtypes and devices: no look at the values, no synchronisation."""
+    """Shapes, dtypes and devices, but no values; no synchronisation."""
 
 
 STATISTIC_FEATURES = {
@@ -48,27 +48,32 @@ STATISTIC_FEATURES = {
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How to draw, and what to return besides the colours."""
+    """The conventions of a render, and the outputs besides colour."""
 
     background: Float[Tensor, " d"] | None = None
     """Colour behind everything, one value per channel; ``None`` for zeros."""
     near: float = NEAR
-    """Splats whose view depth is below this are not drawn; scene units."""
+    """Splats with a smaller view depth are left out; scene units."""
     far: float = FAR
-    """Splats whose view depth is above this are not drawn; scene units."""
+    """Splats with a larger view depth are left out; scene units."""
     antialias: bool = False
-    """Scale opacity by how much the dilation widens a splat (Mip-Splatting, Yu et al. 2024)."""
+    """Reduce opacities by the area that dilation adds (Mip-Splatting, Yu et al. 2024)."""
     depth: Depth = Depth.NONE
     statistics: frozenset[Statistic] = field(default_factory=frozenset)
-    """What to measure; the gradient ones are written when ``backward`` runs."""
+    """Statistics to measure; the backward pass writes the gradient ones."""
+    contribution_weights: Float[Tensor, "c h w 1"] | None = None
+    """Weight of each pixel in ``Statistic.CONTRIBUTION``, such as a mask or an error image; any
+    finite number, without gradient. ``None`` for ones."""
     profile: NumericsProfile = DEFAULT
     validation: Validation = Validation.FULL
 
     def needs(self) -> Needs:
-        """What these settings ask of a rasterizer."""
+        """The needs of these settings on a rasterizer."""
         features = {STATISTIC_FEATURES[statistic] for statistic in self.statistics}
         if self.antialias:
             features.add(Feature.ANTIALIAS)
         if self.depth is not Depth.NONE:
             features.add(Feature.DEPTH)
+        if self.contribution_weights is not None:
+            features.add(Feature.WEIGHTED_CONTRIBUTION)
         return Needs(features=frozenset(features))

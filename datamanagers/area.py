@@ -1,16 +1,16 @@
-"""Area filter: each pixel of a smaller picture is the mean of the area that it covers."""
+"""Area filter: each pixel of a smaller image is the mean of the area that it covers."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32, Shaped, UInt8
 from scipy.sparse import csr_matrix
 
 
 def shrink(
     pixels: UInt8[np.ndarray, "h w d"], width: int, height: int
 ) -> UInt8[np.ndarray, "h2 w2 d"]:
-    """A picture at a smaller size; with alpha (d = 4) colours are averaged by their coverage."""
+    """An image at a smaller size; with alpha (d = 4) colours are averaged by their coverage."""
     if pixels.shape[:2] == (height, width):
         return pixels
     return to_pixels(shrink_values(to_values(pixels), width, height))
@@ -45,7 +45,7 @@ def shrink_mask(
 def shrink_values(
     values: Float32[np.ndarray, "h w d"], width: int, height: int
 ) -> Float32[np.ndarray, "h2 w2 d"]:
-    """Means over the areas that the pixels of a smaller picture cover."""
+    """Means over the areas that the pixels of a smaller image cover."""
     if values.shape[:2] == (height, width):
         return values
     rows, columns, channels = values.shape
@@ -53,6 +53,19 @@ def shrink_values(
     values = values.reshape(height, columns, channels).transpose(1, 0, 2)
     values = _weights(columns, width) @ values.reshape(columns, height * channels)
     return values.reshape(width, height, channels).transpose(1, 0, 2)
+
+
+def pick_nearest(
+    values: Shaped[np.ndarray, "h w *d"], width: int, height: int
+) -> Shaped[np.ndarray, "h2 w2 *d"]:
+    """The values at another size, larger or smaller: each pixel gets the nearest one."""
+    if values.shape[:2] == (height, width):
+        return values
+    y, x = (
+        ((np.arange(new) + 0.5) * old / new).astype(np.int64)
+        for old, new in zip(values.shape[:2], (height, width), strict=True)
+    )
+    return values[y[:, None], x]
 
 
 def _weights(size: int, smaller: int) -> csr_matrix:

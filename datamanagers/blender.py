@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Recording,
-    data_folder,
-    missing_pictures,
+    missing_images,
     no_points,
     number_cameras,
 )
@@ -35,20 +33,11 @@ class BlenderConfig(CaptureConfig):
         recognised = SPLIT_FILES["train"] in found
         return Detection(recognised, SPLIT_FILES["train"], ", ".join(found), priority=20)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the files of the splits, check the pictures' headers.
-
-        Raises:
-            ConfigError: ``eval_split`` is neither test nor val, or another setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the files of the splits and the headers of the images."""
         if self.eval_split not in ("test", "val"):
             raise ConfigError(f"datamanager.eval_split={self.eval_split}: expected test or val.")
-        rule = self.lens_rule()
-        path = data_folder(request.path, "blender")
-        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
-
-    def _recording(self, folder: Path) -> Recording:
+        folder = _folder(path)
         files = {
             name: TransformsFile.read(folder / file)
             for name, file in SPLIT_FILES.items()
@@ -59,7 +48,7 @@ class BlenderConfig(CaptureConfig):
                 f"{folder} holds no {SPLIT_FILES['train']}.", "Give the folder that does."
             )
         held = files.get(self.eval_split)
-        # Without a split of its own the data set's pictures are held out by name, as any others.
+        # Without a split of its own the data set's images are held out by name, as any others.
         frames, missing = files["train"].frames(Split.TRAIN if held else None)
         notes = [f"{files['train'].path}: {len(frames) + len(missing)} frames"]
         if held:
@@ -68,7 +57,7 @@ class BlenderConfig(CaptureConfig):
             frames, missing = frames + held_frames, missing + held_missing
         else:
             notes.append(f"there is no {SPLIT_FILES[self.eval_split]}")
-        notes.extend(missing_pictures(missing, len(frames) + len(missing), folder))
+        notes.extend(missing_images(missing, len(frames) + len(missing), folder))
         points, colors = no_points()
         return Recording(
             name=folder.resolve().name,

@@ -3,7 +3,7 @@
 x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2), and likewise for y
 with p1 and p2 exchanged (OpenCV's order). COLMAP's largest model of this kind, FULL_OPENCV, ends at
 r^6 but divides by another such polynomial; where k4 is not 0 that quotient is fitted to the four
-terms, over what the picture shows.
+terms, over what the image shows.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.lens import Lens
 
 FIT_ERROR = 0.05
-"""Most pixels by which the fitted quotient may move a point of the picture.
+"""Most pixels by which the fitted quotient may move a point of the image.
 
 Usual lenses stay below 0.01 at focal lengths of 5000 pixels; estimates are good to some tenths.
 """
@@ -68,7 +68,7 @@ def _quotient(lens: Lens, radial: Radial) -> tuple[list[float], list[float]]:
     """Coefficients of r^2, r^4, r^6 over and under the line that come to the four terms."""
     radii = np.linspace(0.0, _reach(lens, radial), SAMPLES)
     best, error = np.zeros(6), math.inf
-    # More terms under the line are not always better: their zeros can fall into the picture.
+    # More terms under the line are not always better: their zeros can fall into the image.
     for terms in (1, 2, 3):
         found, moved = _fit(radii, _polynomial(radii, radial), terms)
         if moved < error:
@@ -77,7 +77,7 @@ def _quotient(lens: Lens, radial: Radial) -> tuple[list[float], list[float]]:
         raise DataError(
             f"{lens.source}: its four radial terms k1 to k4 = {list(radial)} cannot be written as "
             "one of COLMAP's models.",
-            "Estimate the cameras again without k4, or export undistorted pictures.",
+            "Estimate the cameras again without k4, or export undistorted images.",
         )
     return best[:3].tolist(), best[3:].tolist()
 
@@ -99,12 +99,12 @@ def _fit(
 
 
 def _reach(lens: Lens, radial: Radial) -> float:
-    """How far out, before distortion and at focal length 1, the picture's corners see."""
+    """How far out, before distortion and at focal length 1, the image's corners see."""
     corners = [(x, y) for x in (0, lens.width) for y in (0, lens.height)]
     needed = max(math.hypot((x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy) for x, y in corners)
     radii = np.tan(np.linspace(0.0, math.radians(85), SAMPLES))
     bent = radii * _polynomial(radii, radial)
-    # A lens that folds the picture over before it gets there is refused later, in words.
+    # A lens that folds the image over before it gets there is refused later, in words.
     ends = np.flatnonzero((bent >= needed) | (np.diff(bent, append=math.inf) <= 0))
     return float(radii[ends[0] if len(ends) else -1])
 

@@ -20,8 +20,9 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError, UnavailableError
+from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.poses import from_center, from_opencv, from_rotation_vector
+from gsfw.datamanagers.poses import from_center, from_opencv
 
 HALF = 0.5
 """From OpenCV's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
@@ -163,7 +164,7 @@ def _pose(entry: Mapping[str, Any], where: str) -> Float64[Tensor, "r 4"]:
     rotation = _array(entry, ROTATION_KEYS, ((3, 3), (3,), (3, 1), (1, 3)), where)
     translation = _array(entry, TRANSLATION_KEYS, ((3,), (3, 1), (1, 3)), where)
     if rotation.numel() == 3:
-        rotation = from_rotation_vector(rotation.flatten())
+        rotation = rotation_vector_matrices(rotation.view(1, 3))[0]
     return torch.cat([rotation, translation.reshape(3, 1)], dim=1)
 
 

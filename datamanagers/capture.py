@@ -17,21 +17,23 @@ from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.errors import DataError
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
+from gsfw.datamanagers.fitted_map import ImageFit
 from gsfw.datamanagers.frames import USUAL, Recording
 from gsfw.datamanagers.holdout import hold_out
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage, decode, fit_image, fit_mask, load_mask
 from gsfw.datamanagers.loader import Loader
 from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture, decode, fit_mask, fit_picture, load_mask
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.timeline import Timeline
 from gsfw.datamanagers.undistortion import LensRule, undistortion_notes
-from gsfw.datamanagers.video_pictures import VideoPictures
+from gsfw.datamanagers.video_images import VideoImages
+from gsfw.datamanagers.view_maps import MapFolder, ViewMaps
 from gsfw.datamanagers.warp import MapCache, Warp
 
 
 class Capture(DataManager):
-    """The frames of a recording in the scene frame, with their pictures decoded as needed."""
+    """The frames of a recording in the scene frame, with their images decoded as needed."""
 
     def __init__(
         self,
@@ -39,23 +41,28 @@ class Capture(DataManager):
         request: DataRequest,
         rule: LensRule = USUAL,
         masks: MaskRule = USUAL_MASKS,
+        maps: Sequence[MapFolder] = (),
     ) -> None:
-        """Fit the cameras to their pictures, hold frames out, find the scene frame.
+        """Fit the cameras to their images, hold frames out, find the scene frame.
 
         Args:
             recording: what the format's file says.
             request: what the run asks for.
-            rule: what becomes of pictures of distorted lenses.
+            rule: what becomes of images of distorted lenses.
             masks: which there are, and what they mean.
+            maps: folders of per-view maps, besides those that the frames have.
 
         Raises:
-            DataError: a picture contradicts its camera, a lens cannot be undistorted, some frames
-                have a time and some do not, a name is not unique, masks cannot be used, or nothing
-                is left to train on.
+            DataError: an image contradicts its camera, a lens cannot be undistorted, some frames
+                have a time and some do not, a name is not unique, masks or maps cannot be used, or
+                nothing is left to train on.
         """
+        for folder in maps:
+            recording = folder.add_to(recording)
         self.recording, self._rule, self._masks = recording, rule, masks
         frames = sorted(recording.frames, key=lambda frame: frame.name)
-        self._frames, mask_notes = find_masks(recording, frames, masks)
+        self._frames, self._mask_notes = find_masks(recording, frames, masks)
+        self._maps = ViewMaps(recording, self._frames)
         splits, how = hold_out(self._frames, request, recording.split_origin)
         self._members = _members(splits)
         self._check_members(recording)
@@ -71,18 +78,9 @@ class Capture(DataManager):
         trained = [cameras[i] for i in train]
         self._scene = self._make_scene(recording, trained, scene_from_world, extent, timeline)
         self._views = self._make_views(cameras, how)
-        self._sizes = [(camera.width, camera.height) for camera in cameras]
-        self._warps = self._make_warps()
+        self._fits = self._make_fits(cameras)
         self._videos = self._make_videos()
         self._loader = self._make_loader(request)
-        self._notes = (
-            *recording.notes,
-            *undistortion_notes([warp.undistortion for warp in self._warps if warp is not None]),
-            *mask_notes,
-            self._split_note(how),
-            *self._videos.notes(),
-            *self._loader.notes(),
-        )
 
     def _make_scene(
         self,
@@ -113,25 +111,31 @@ class Capture(DataManager):
                 names=tuple(self._frames[i].name for i in members),
                 cameras=tuple(cameras[i] for i in members),
                 origin=how,
+                maps=self._maps.channels,
             )
             for split, members in self._members.items()
         }
 
-    def _make_warps(self) -> list[Warp | None]:
-        """What undistorts each picture; ``None`` for those of pinholes."""
-        maps = MapCache()
-        undistortions = [frame.undistortion(self._rule) for frame in self._frames]
-        return [None if found is None else Warp(found, maps) for found in undistortions]
+    def _make_fits(self, cameras: Sequence[Cameras]) -> list[ImageFit]:
+        """How each image is undistorted and shrunk."""
+        maps, fits = MapCache(), []
+        for frame, camera in zip(self._frames, cameras, strict=True):
+            undistortion = frame.undistortion(self._rule)
+            warp = None if undistortion is None else Warp(undistortion, maps)
+            stored = (frame.header.width, frame.header.height)
+            fits.append(ImageFit(stored, (camera.width, camera.height), warp))
+        return fits
 
-    def _make_videos(self) -> VideoPictures:
+    def _make_videos(self) -> VideoImages:
         shots = {i: frame.shot for i, frame in enumerate(self._frames) if frame.shot is not None}
-        return VideoPictures(shots, {index: self._bytes(index) for index in shots}, self._fit)
+        sizes = {index: self._image_bytes(index) for index in shots}
+        return VideoImages(shots, sizes, self._fit)
 
     def _make_loader(self, request: DataRequest) -> Loader:
         order = [*self._members[Split.TRAIN], *self._members[Split.EVAL]]
-        cache = PictureCache(
+        cache = ImageCache(
             lambda number: self._decode(order[number]),
-            [self._bytes(index) for index in order],
+            [self._image_bytes(i) + self._maps.bytes(i, self._fits[i]) for i in order],
             request.cache_megabytes * 1_000_000,
         )
         return Loader(self._views, cache, request.gpu_cache_megabytes * 1_000_000)
@@ -162,13 +166,8 @@ class Capture(DataManager):
             camera,
             world_to_camera=scene_from_world.camera(camera.world_to_camera),
             time=None if time is None else torch.tensor([time], dtype=torch.float64),
-            image_index=torch.tensor([index]),
             camera_index=torch.tensor([frame.camera]),
         ).to(dtype=torch.float32)
-
-    def _split_note(self, how: str) -> str:
-        train, held = (len(self._members[split]) for split in (Split.TRAIN, Split.EVAL))
-        return f"{train} views to train on, {held} held out ({how})"
 
     @property
     def scene(self) -> Scene:
@@ -181,14 +180,25 @@ class Capture(DataManager):
 
     def notes(self) -> tuple[str, ...]:
         """How the data was read, what was left out, what is held out."""
-        return self._notes
+        train, held = (len(self._members[split]) for split in (Split.TRAIN, Split.EVAL))
+        how = self._views[Split.TRAIN].origin
+        warps = [fit.warp for fit in self._fits if fit.warp is not None]
+        return (
+            *self.recording.notes,
+            *undistortion_notes([warp.undistortion for warp in warps]),
+            *self._mask_notes,
+            *self._maps.notes(),
+            f"{train} views to train on, {held} held out ({how})",
+            *self._videos.notes(),
+            *self._loader.notes(),
+        )
 
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:
         """Start decoding views in threads, and sending them to a GPU."""
         self._loader.prefetch(split, indices)
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """Decode views into batches; the same pictures whatever was cached or decoded ahead."""
+        """Decode views into batches; the same images whatever was cached or decoded ahead."""
         return self._loader.load(split, indices, device)
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
@@ -198,41 +208,41 @@ class Capture(DataManager):
         if frame.moving is None:
             return None
         still = ~load_mask(frame.moving, frame.path, frame.header)
-        warp = self._warps[number]
+        fit = self._fits[number]
         # Where any of the pixels beneath moves, their mean does.
-        fitted = fit_mask(still, *self._sizes[number], warp)
+        fitted = fit_mask(still, *fit.final, fit.warp)
         assert fitted is not None
         return torch.from_numpy(~fitted)[..., None]
 
     def close(self) -> None:
-        """Stop decoding and free the pictures."""
+        """Stop decoding and free the images."""
         self._loader.close()
         self._videos.close()
 
-    def _decode(self, index: int) -> Picture:
+    def _decode(self, index: int) -> DecodedImage:
+        """An image with its per-view maps."""
         frame = self._frames[index]
         if frame.shot is not None:
-            return self._videos.get(index)
-        return self._fit(index, decode(frame.path, frame.header))
+            picture = self._videos.get(index)
+        else:
+            picture = self._fit(index, decode(frame.path, frame.header))
+        inside = self._masks.inside(frame, picture)
+        scale = self._scene.world_from_scene.inverse().scale
+        return replace(picture, maps=self._maps.load(index, self._fits[index], inside, scale))
 
-    def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> Picture:
-        """A decoded picture, masked, undistorted and shrunk."""
+    def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> DecodedImage:
+        """A decoded image, masked, undistorted and shrunk."""
         masks = self._masks
         pixels, valid = masks.apply(pixels, masks.load(self._frames[index]))
-        picture = fit_picture(pixels, valid, *self._sizes[index], self._warps[index])
-        frame = self._frames[index]
-        if frame.depth is None:
-            return picture
-        depths = frame.depth.load(frame.header, *self._sizes[index], self._warps[index])
-        scale = self._scene.world_from_scene.inverse().scale
-        return replace(picture, depth=np.float32(scale) * depths)
+        fit = self._fits[index]
+        return fit_image(pixels, valid, *fit.final, fit.warp)
 
-    def _bytes(self, index: int) -> int:
-        frame, warp, (width, height) = self._frames[index], self._warps[index], self._sizes[index]
-        blanks = warp is not None and warp.undistortion.has_blanks
+    def _image_bytes(self, index: int) -> int:
+        """Memory of a fitted image without its maps."""
+        frame, fit = self._frames[index], self._fits[index]
+        blanks = fit.warp is not None and fit.warp.undistortion.has_blanks
         masked = self._masks.gives_mask(frame) or blanks
-        depth = 0 if frame.depth is None else 4
-        return width * height * (3 + self._masks.gives_alpha(frame) + masked + depth)
+        return fit.final[0] * fit.final[1] * (3 + self._masks.gives_alpha(frame) + masked)
 
 
 def _members(splits: Sequence[Split]) -> dict[Split, list[int]]:

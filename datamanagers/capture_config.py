@@ -1,40 +1,92 @@
-"""CaptureConfig: the settings of every format whose pictures were taken by cameras."""
+"""CaptureConfig: the settings of every format whose images were taken by cameras."""
 
 from __future__ import annotations
 
-from abc import ABC
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import final
 
 from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO, DataManagerConfig
+from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.frames import Recording, data_path
 from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.undistortion import LensRule
+from gsfw.datamanagers.view_maps import MapFolder
 
 WIDEST = 160.0
-"""Degrees; at the border of such a pinhole picture a degree is 33 times as wide as inside."""
+"""Degrees; at the border of such a pinhole image a degree is 33 times as wide as inside."""
 
 
 @dataclass(kw_only=True)
 class CaptureConfig(DataManagerConfig, ABC):
-    """Settings of masks, and of distorted lenses; pictures of pinholes stay as they are."""
+    """Settings of masks, and of distorted lenses; images of pinholes stay as they are."""
 
     fisheye: str = "undistort"
-    """Pictures of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""
+    """Images of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""
     field_of_view: float = 120.0
-    """Most degrees, across and down, that a picture undistorted to a pinhole shows."""
+    """Most degrees, across and down, that an image undistorted to a pinhole shows."""
     blank_pixels: float = 0.0
-    """0: undistorted pictures are cut to what the lens saw; 1: all it saw, the rest masked."""
+    """0: undistorted images are cut to what the lens saw; 1: all it saw, the rest masked."""
     masks: str = AUTO
     """Masks, bright where pixels count: auto (as the data set names them, or PNG in masks/), none,
-    alpha (of the pictures), or a folder."""
+    alpha (of the images), or a folder."""
     mask_mode: str = MaskMode.IGNORE.value
     """What lies outside masks: ignore (it carries no loss), or empty (it shows the background)."""
     invert_masks: bool = False
     """Whether masks are dark where pixels count."""
+    maps: tuple[str, ...] = ()
+    """Per-view maps (features, labels, depth) for methods: NAME:FOLDER[:RULE[:UNIT]], several with
+    commas. RULE: mean, nearest or depth. Files (.npy [h, w, d], images) are named like the images.
+    """
+
+    @abstractmethod
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the data set's files and the headers of its images.
+
+        Args:
+            path: the ``data`` key; it exists.
+            downscale: factor that images will be shrunk by, for formats that store smaller ones
+                (see ``Recording.shrunk``).
+
+        Raises:
+            ConfigError: a setting of the format is out of range.
+            DataError: a file is missing or damaged.
+        """
+
+    @final
+    def build(self, request: DataRequest) -> Capture:
+        """Read the recording, and make of it what the run asks for.
+
+        Raises:
+            ConfigError: a setting is out of range.
+            DataError: the data cannot be used; says where and why.
+        """
+        rules = self.lens_rule(), self.mask_rule(), self.map_folders()
+        recording = self.recording(data_path(request.path), request.downscale)
+        remaining = max(1.0, request.downscale / recording.shrunk)
+        return Capture(recording, replace(request, downscale=remaining), *rules)
+
+    def map_folders(self) -> tuple[MapFolder, ...]:
+        """The folders of per-view maps.
+
+        Raises:
+            ConfigError: one is not written as it has to be, or a name is used twice.
+        """
+        folders = tuple(MapFolder.parse(text) for text in self.maps)
+        names = [folder.name for folder in folders]
+        if len(set(names)) < len(names):
+            raise ConfigError(
+                f"datamanager.maps={','.join(self.maps)}: a name is used twice.",
+                "Give every map a name of its own.",
+            )
+        return folders
 
     def lens_rule(self) -> LensRule:
-        """What becomes of pictures of distorted lenses.
+        """What becomes of images of distorted lenses.
 
         Raises:
             ConfigError: a setting is out of range.

@@ -1,4 +1,4 @@
-"""What to say of a path that is no data set: pictures without cameras, a video, a parent folder."""
+"""What to say of a path that is no data set: images without cameras, a video, a parent folder."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
-from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.images import EXTENSIONS
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 """Extensions of video files."""
@@ -23,7 +23,7 @@ def describe_unrecognised(path: Path) -> str:
         pictures = [item for item in files if item.suffix.lower() in EXTENSIONS]
         if pictures:
             where = "" if folder == path else f" in {folder.name}/"
-            return f"{len(pictures)} pictures{where}, but no cameras; {_reconstruct(folder)}"
+            return f"{len(pictures)} images{where}, but no cameras; {_reconstruct(folder)}"
         videos = [item for item in files if item.suffix.lower() in VIDEOS]
         if videos:
             return _video(videos[0])

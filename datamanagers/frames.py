@@ -1,32 +1,52 @@
-"""Frames: the pictures of a data set, each with its camera, as a format's file describes them."""
+"""Frames: the images of a data set, each with its camera, as a format's file describes them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
 import torch
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.depth_map import DepthMap
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import Header
-from gsfw.datamanagers.sightings import Sightings
+from gsfw.datamanagers.map_file import MapFile
 from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
 from gsfw.datamanagers.video import Shot
 
+
+@dataclass(frozen=True)
+class Sightings:
+    """``o`` pairs of a point and an image of a recording, each at most once."""
+
+    points: Int64[np.ndarray, " o"]
+    """Rows among the points; ascending."""
+    frames: Int64[np.ndarray, " o"]
+    """Rows among the frames."""
+    errors: Float64[np.ndarray, " p"]
+    """Of each point, the mean distance in pixels between where it was matched and where it is
+    projected; of images of the size that was reconstructed from."""
+
+    @staticmethod
+    def none() -> Sightings:
+        """Of a data set that has no points."""
+        nothing = np.zeros(0, np.int64)
+        return Sightings(nothing, nothing, np.zeros(0))
+
+
 USUAL = LensRule()
-"""What becomes of distorted pictures unless something else is asked for."""
+"""What becomes of distorted images unless something else is asked for."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture."""
+    """One image."""
 
     name: str
     """As the data set calls it; relative to its folder."""
@@ -42,19 +62,27 @@ class Frame:
     split: Split | None = None
     """The part the data set itself puts it in; ``None`` when it leaves that open."""
     mask: Path | None = None
-    """Picture that is bright where pixels are valid; ``None`` when all are."""
+    """DecodedImage that is bright where pixels are valid; ``None`` when all are."""
     moving: Path | None = None
-    """Picture that is bright where something moves; ``None`` when nobody said."""
+    """DecodedImage that is bright where something moves; ``None`` when nobody said."""
     shot: Shot | None = None
-    """Which picture of the video at ``path``; ``None`` where the path is that of a picture."""
-    depth: DepthMap | None = None
-    """Measured depths; ``None`` when there are none, or nobody asked for them."""
+    """Which image of the video at ``path``; ``None`` where the path is that of an image."""
+    maps: Mapping[str, MapFile] = field(default_factory=dict)
+    """Files of per-view maps by name, such as "depth". The framework undistorts, shrinks, masks
+    and caches them, and puts them into ``Batch.maps``. Every frame needs all maps that any frame
+    has, except those under the depth rule: where a frame has none, they are unknown."""
+
+    @property
+    def short_names(self) -> tuple[Path, ...]:
+        """The name, and without its first folder, as in images/a.jpg: for files named alike."""
+        name = Path(self.name)
+        return (name, Path(*name.parts[1:])) if len(name.parts) > 1 else (name,)
 
     def undistortion(self, rule: LensRule) -> Undistortion | None:
-        """How the picture is undistorted; ``None`` when its lens is a pinhole.
+        """How the image is undistorted; ``None`` when its lens is a pinhole.
 
         Raises:
-            DataError: the picture's size contradicts the camera, or the distortion is no lens's.
+            DataError: the image's size contradicts the camera, or the distortion is no lens's.
         """
         self._check_size()
         if self.lens.is_pinhole:
@@ -62,12 +90,12 @@ class Frame:
         return undistortion_of(self.lens.resized(self.header.width, self.header.height), rule)
 
     def camera_at(self, downscale: float, rule: LensRule = USUAL) -> Cameras:
-        """The camera of the undistorted picture shrunk by ``downscale``; float64.
+        """The camera of the undistorted image shrunk by ``downscale``; float64.
 
         It is in the world of the data.
 
         Raises:
-            DataError: the picture's size contradicts the camera, or the distortion is no lens's.
+            DataError: the image's size contradicts the camera, or the distortion is no lens's.
         """
         undistortion = self.undistortion(rule)
         lens = self.lens if undistortion is None else undistortion.target
@@ -86,22 +114,22 @@ class Frame:
     def _check_size(self) -> None:
         width, height = self.header.width, self.header.height
         factor = max(1, round(self.lens.width / width))
-        # Tools that shrink pictures round down, up or to the nearest: Mip-NeRF 360's images_4.
+        # Tools that shrink images round down, up or to the nearest: Mip-NeRF 360's images_4.
         slack = 1 if factor > 1 else 0
         differences = (self.lens.width / factor - width, self.lens.height / factor - height)
         if all(difference == 0 or abs(difference) < slack for difference in differences):
             return
-        advice = "Use the pictures that the cameras were computed from"
+        advice = "Use the images that the cameras were computed from"
         if (height, width) == (self.lens.width, self.lens.height):
             advice += (
                 "; these are turned by 90 degrees (gsfw always applies EXIF orientation, so remove "
-                "that tag if the cameras describe the picture as stored)"
+                "that tag if the cameras describe the image as stored)"
             )
         raise DataError(
             f"{self.path} is {self.header}, but {self.lens.source} describes "
             f"{self.lens.width}x{self.lens.height}.",
             f"{advice}. Smaller ones are fine where both sides are smaller by the same whole "
-            "number; downscale=N shrinks pictures and cameras together.",
+            "number; downscale=N shrinks images and cameras together.",
         )
 
 
@@ -125,11 +153,18 @@ class Recording:
     """Times of frames that are neither trained nor evaluated on."""
     point_times: Float64[Tensor, " p"] | None = None
     """When each point was seen, in the unit of the frames' times; ``None`` when nobody said."""
+    shrunk: int = 1
+    """The factor that the images were shrunk by before; ``downscale`` counts from full size."""
     split_origin: str = "the data set's own split"
     """How frames got their ``split``, where they have one."""
     sightings: Callable[[], Sightings] | None = None
     """Reads which frames show which point, which training has no use for; ``None`` when the format
     does not say."""
+
+    @property
+    def root(self) -> Path:
+        """The folder of the data set, which settings that name folders are relative to."""
+        return self.path if self.path.is_dir() else self.path.parent
 
     def read_sightings(self) -> Sightings:
         """Which frames show which point; none where the format does not say.
@@ -140,15 +175,15 @@ class Recording:
         return Sightings.none() if self.sightings is None else self.sightings()
 
 
-def data_folder(path: Path | None, format_name: str) -> Path:
-    """The data set's folder or file.
+def data_path(path: Path | None) -> Path:
+    """The data set's folder or file, which exists.
 
     Raises:
         DataError: none was given, or it is not there.
     """
     if path is None:
         raise DataError(
-            f"datamanager={format_name} reads files, and data is empty.",
+            "the chosen datamanager reads files, and data is empty.",
             "Give the data set: data=DIR.",
         )
     if not path.exists():
@@ -185,18 +220,18 @@ def no_points() -> tuple[Float64[Tensor, "0 3"], Float[Tensor, "0 3"]]:
     return torch.zeros(0, 3, dtype=torch.float64), torch.zeros(0, 3)
 
 
-def missing_pictures(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:
-    """The note on frames whose pictures are not on disk; none when all are there.
+def missing_images(missing: Sequence[str], total: int, looked_in: Path) -> tuple[str, ...]:
+    """The note on frames whose images are not on disk; none when all are there.
 
     Raises:
-        DataError: none of the pictures is there.
+        DataError: none of the images is there.
     """
     if not missing:
         return ()
     shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
     if len(missing) == total:
         raise DataError(
-            f"none of the {total} pictures is in {looked_in} (looked for {shown}).",
-            "Put the pictures there, or name their folder (datamanager.images=DIR).",
+            f"none of the {total} images is in {looked_in} (looked for {shown}).",
+            "Put the images there, or name their folder (datamanager.images=DIR).",
         )
-    return (f"{len(missing)} of {total} pictures are not on disk and are left out: {shown}",)
+    return (f"{len(missing)} of {total} images are not on disk and are left out: {shown}",)

@@ -1,4 +1,4 @@
-"""Lens: a camera of any of COLMAP's models, in pixels of the picture size that it describes.
+"""Lens: a camera of any of COLMAP's models, in pixels of the image size that it describes.
 
 What the models' formulas are is left to pycolmap, which is loaded only where a lens is distorted.
 See https://colmap.github.io/cameras.html.
@@ -96,7 +96,7 @@ class Lens:
         )
 
     def resized(self, width: int, height: int) -> Lens:
-        """The same lens, in pixels of a picture of another size."""
+        """The same lens, in pixels of an image of another size."""
         x, y = width / self.width, height / self.height
         return replace(
             self,

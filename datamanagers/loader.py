@@ -1,31 +1,37 @@
-"""Loader: batches of a data set's pictures, on any device."""
+"""Loader: batches of a data set's images, on any device."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
 import torch
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, UInt8
 from torch import Tensor
 
-from gsfw.core.batch import Batch
+from gsfw.core.batch import Batch, ViewMap
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split, Views
-from gsfw.datamanagers.device_pictures import DevicePictures, PlacedPicture, staying
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.upload import Upload, upload_to
+from gsfw.datamanagers.device_images import (
+    DeviceImages,
+    PlacedImage,
+    Upload,
+    staying,
+    upload_to,
+)
+from gsfw.datamanagers.fitted_map import enlarged
+from gsfw.datamanagers.image_cache import ImageCache
 
 
 class Loader:
-    """Puts pictures, cameras and masks together; on a GPU nothing here waits for it.
+    """Puts images, cameras and masks together; on a GPU nothing here waits for it.
 
-    Pictures cross to a GPU as 8-bit numbers, and become floating-point ones there.
+    Images cross to a GPU as 8-bit numbers, and become floating-point ones there.
     """
 
     def __init__(
         self,
         views: Mapping[Split, Views],
-        cache: PictureCache,
+        cache: ImageCache,
         gpu_budget: int = 0,
         way_to: Callable[[torch.device], Upload | None] = upload_to,
     ) -> None:
@@ -33,30 +39,30 @@ class Loader:
 
         Args:
             views: of every split.
-            cache: of all pictures, numbered as ``numbers`` has them.
-            gpu_budget: bytes of a GPU that pictures may stay in.
-            way_to: how pictures get to a device.
+            cache: of all images, numbered as ``numbers`` has them.
+            gpu_budget: bytes of a GPU that images may stay in.
+            way_to: how images get to a device.
         """
         self._views = views
         self._cache = cache
         self._budget = gpu_budget
         self._way_to = way_to
         self._kept = staying(cache.sizes, gpu_budget)
-        self._there: DevicePictures | None = None
+        self._there: DeviceImages | None = None
         self._cameras: dict[Split, list[Cameras]] = {}
         self._device = torch.device("cpu")
 
     def number(self, split: Split, index: int) -> int:
-        """The number of a view's picture: those that are trained on come first."""
+        """The number of a view's image: those that are trained on come first."""
         return index if split is Split.TRAIN else len(self._views[Split.TRAIN]) + index
 
     def notes(self) -> tuple[str, ...]:
-        """How many pictures stay on the GPU, where not all do."""
+        """How many images stay on the GPU, where not all do."""
         total = len(self._cache.sizes)
         if self._budget == 0 or len(self._kept) == total:
             return ()
         return (
-            f"{len(self._kept)} of {total} pictures stay on the GPU "
+            f"{len(self._kept)} of {total} images stay on the GPU "
             f"(gpu_cache_mb={self._budget // 1_000_000}), the others are copied to it for each use",
         )
 
@@ -70,10 +76,10 @@ class Loader:
             self._there.send(number, picture)
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """Batches; the same pictures whatever was cached, decoded or sent ahead.
+        """Batches; the same images whatever was cached, decoded or sent ahead.
 
         Raises:
-            DataError: a picture does not decode.
+            DataError: an image does not decode.
         """
         self._move_to(device)
         return [self._batch(split, group) for group in self._views[split].groups(indices)]
@@ -87,7 +93,7 @@ class Loader:
         upload = self._way_to(device)
         self._device = device
         self._there = (
-            None if upload is None else DevicePictures(self._cache.request, upload, self._kept)
+            None if upload is None else DeviceImages(self._cache.request, upload, self._kept)
         )
         # All of them at once: to copy the few of each step would let the host wait in each step.
         self._cameras = {
@@ -105,23 +111,23 @@ class Loader:
             views=group,
             alpha=pixels[..., 3:] if pixels.shape[3] == 4 else None,
             mask=_mask(pictures),
-            depth=_depth(pictures),
+            maps=_maps(pictures),
         )
 
-    def _picture(self, number: int) -> PlacedPicture:
+    def _picture(self, number: int) -> PlacedImage:
         if self._there is None:
-            return PlacedPicture.on_host(self._cache.get(number))
+            return PlacedImage.on_host(self._cache.get(number))
         return self._there.get(number)
 
     def close(self) -> None:
-        """Stop decoding and sending, and free the pictures."""
+        """Stop decoding and sending, and free the images."""
         self._cache.close()
         if self._there is not None:
             self._there.close()
 
 
-def _pixels(pictures: list[PlacedPicture]) -> UInt8[Tensor, "c h w d"]:
-    """Colours, and alpha where any picture has it: the others are opaque."""
+def _pixels(pictures: list[PlacedImage]) -> UInt8[Tensor, "c h w d"]:
+    """Colours, and alpha where any image has it: the others are opaque."""
     channels = max(picture.pixels.shape[2] for picture in pictures)
     return torch.stack([_with_channels(picture.pixels, channels) for picture in pictures])
 
@@ -132,21 +138,22 @@ def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tenso
     return torch.cat([pixels, torch.full_like(pixels[..., :1], 255)], dim=2)
 
 
-def _depth(pictures: list[PlacedPicture]) -> Float[Tensor, "c h w 1"] | None:
-    """Measured depth; where a picture has none, it is unknown."""
-    if all(picture.depth is None for picture in pictures):
-        return None
-    depths = [
-        torch.zeros_like(picture.pixels[..., 0], dtype=torch.float32)
-        if picture.depth is None
-        else picture.depth
-        for picture in pictures
-    ]
-    return torch.stack(depths)[..., None]
+def _maps(pictures: list[PlacedImage]) -> dict[str, ViewMap]:
+    """Per-view maps, enlarged to the size of the images where they are smaller."""
+    found = {}
+    for name, first in pictures[0].maps.items():
+        height, width = first.known.shape
+        known = torch.stack([picture.maps[name].known for picture in pictures])[..., None]
+        values = [
+            enlarged(picture.maps[name].values.float(), first.rule, width, height)
+            for picture in pictures
+        ]
+        found[name] = ViewMap(torch.stack(values) * known, known, first.rule)
+    return found
 
 
-def _mask(pictures: list[PlacedPicture]) -> Bool[Tensor, "c h w 1"] | None:
-    """Where pixels are valid; where a picture has no mask, all are."""
+def _mask(pictures: list[PlacedImage]) -> Bool[Tensor, "c h w 1"] | None:
+    """Where pixels are valid; where an image has no mask, all are."""
     if all(picture.mask is None for picture in pictures):
         return None
     masks = [

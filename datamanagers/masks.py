@@ -1,4 +1,4 @@
-"""Masks: files that say which pixels of a picture count, beside the pictures of any format."""
+"""Masks: files that say which pixels of an image count, beside the images of any format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Recording
-from gsfw.datamanagers.pictures import load_mask
+from gsfw.datamanagers.images import DecodedImage, load_mask
 
 FOLDER = "masks"
 """Where masks are looked for that nobody has named."""
@@ -37,10 +37,10 @@ class MaskRule:
     """Whether masks are bright where pixels do not count."""
 
     def load(self, frame: Frame) -> Bool[np.ndarray, "h w"] | None:
-        """True where a picture's pixels count, by its file; ``None`` when it has none.
+        """True where an image's pixels count, by its file; ``None`` when it has none.
 
         Raises:
-            DataError: the mask does not decode, or its size is not the picture's.
+            DataError: the mask does not decode, or its size is not the image's.
         """
         if frame.mask is None:
             return None
@@ -49,11 +49,11 @@ class MaskRule:
     def apply(
         self, pixels: UInt8[np.ndarray, "h w d"], inside: Bool[np.ndarray, "h w"] | None
     ) -> tuple[UInt8[np.ndarray, "h w e"], Bool[np.ndarray, "h w"] | None]:
-        """Colours and valid pixels of a decoded picture.
+        """Colours and valid pixels of a decoded image.
 
-        What lies outside an ``empty`` mask becomes transparent, as in a picture with alpha: so its
+        What lies outside an ``empty`` mask becomes transparent, as in an image with alpha: so its
         edges are mixed as colours are when it shrinks, and the blank borders of undistorted
-        pictures still carry no loss.
+        images still carry no loss.
         """
         if self.source == ALPHA and pixels.shape[2] == 4:
             inside = (pixels[..., 3] > HALF) ^ self.inverted
@@ -64,15 +64,23 @@ class MaskRule:
         covered = np.where(inside, alpha, 0).astype(np.uint8)
         return np.concatenate([pixels[..., :3], covered[..., None]], axis=2), None
 
+    def inside(self, frame: Frame, picture: DecodedImage) -> Bool[np.ndarray, "h w"] | None:
+        """True where a fitted image's pixels lie wholly inside its mask; ``None``: all do."""
+        masked = frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
+        if self.mode is MaskMode.IGNORE or not masked:
+            return picture.mask
+        whole = np.asarray(picture.pixels[..., 3] == 255)
+        return whole if picture.mask is None else whole & picture.mask
+
     def gives_alpha(self, frame: Frame) -> bool:
-        """Whether a loaded picture has alpha."""
+        """Whether a loaded image has alpha."""
         has_alpha, is_mask = frame.header.has_alpha, self.source == ALPHA
         if self.mode is MaskMode.EMPTY:
             return has_alpha or frame.mask is not None
         return has_alpha and not is_mask
 
     def gives_mask(self, frame: Frame) -> bool:
-        """Whether a loaded picture has pixels that may carry no loss."""
+        """Whether a loaded image has pixels that may carry no loss."""
         if self.mode is MaskMode.EMPTY:
             return False
         return frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
@@ -88,8 +96,8 @@ def find_masks(
     """The frames with their masks, and what the user should know of them.
 
     Raises:
-        DataError: the named folder is missing, holds no mask of any picture, a mask is damaged or
-            of another size than its picture, or every picture is masked out as a whole.
+        DataError: the named folder is missing, holds no mask of any image, a mask is damaged or
+            of another size than its image, or every image is masked out as a whole.
     """
     if rule.source == ALPHA:
         return _alpha_as_mask(recording, frames, rule)
@@ -109,11 +117,11 @@ def _alpha_as_mask(
     count = sum(frame.header.has_alpha for frame in frames)
     if not count:
         raise DataError(
-            f"datamanager.masks={ALPHA}: none of the {len(frames)} pictures of {recording.path} "
+            f"datamanager.masks={ALPHA}: none of the {len(frames)} images of {recording.path} "
             "has alpha.",
             "Give a folder of masks (datamanager.masks=DIR), or leave datamanager.masks out.",
         )
-    return bare, (f"alpha of {count} of {len(frames)} pictures is their mask: {_meaning(rule)}",)
+    return bare, (f"alpha of {count} of {len(frames)} images is their mask: {_meaning(rule)}",)
 
 
 def _with_mask(frame: Frame, recording: Recording, rule: MaskRule) -> Frame:
@@ -127,14 +135,9 @@ def _with_mask(frame: Frame, recording: Recording, rule: MaskRule) -> Frame:
     return replace(frame, mask=next(found, None))
 
 
-def _root(recording: Recording) -> Path:
-    """The folder of the data set."""
-    return recording.path if recording.path.is_dir() else recording.path.parent
-
-
 def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
-    """Where a frame's mask may be: the named folder, or masks beside the pictures' folder."""
-    root = _root(recording)
+    """Where a frame's mask may be: the named folder, or masks beside the images' folder."""
+    root = recording.root
     if rule.source != AUTO:
         return [root / rule.source]
     folders = [root / FOLDER]
@@ -145,20 +148,18 @@ def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
 
 
 def _names(frame: Frame) -> list[str]:
-    """What a mask may be called: NAME.jpg.png as COLMAP has it, NAME.png, or as the picture."""
-    name = Path(frame.name)
+    """What a mask may be called: NAME.jpg.png as COLMAP has it, NAME.png, or as the image."""
     names = []
-    # Formats whose names begin with the folder of the pictures (images/a.jpg) leave it out.
-    for own in (name, Path(*name.parts[1:])) if len(name.parts) > 1 else (name,):
+    for own in frame.short_names:
         names += [f"{own}.png", str(own.with_suffix(".png")), str(own)]
     return names
 
 
 def _none_found(recording: Recording, frames: Sequence[Frame], rule: MaskRule) -> tuple[str, ...]:
-    """A note on a folder of masks that belongs to no picture; an error where it was asked for."""
-    folder = _root(recording) / (FOLDER if rule.source == AUTO else rule.source)
+    """A note on a folder of masks that belongs to no image; an error where it was asked for."""
+    folder = recording.root / (FOLDER if rule.source == AUTO else rule.source)
     looked_for = " or ".join(_names(frames[0])[:2])
-    problem = f"{folder} holds no mask of any picture (looked for {looked_for} and so on)"
+    problem = f"{folder} holds no mask of any image (looked for {looked_for} and so on)"
     if rule.source == AUTO:
         return (f"{problem}: all pixels count",) if folder.is_dir() else ()
     if not folder.is_dir():
@@ -167,12 +168,12 @@ def _none_found(recording: Recording, frames: Sequence[Frame], rule: MaskRule) -
             "Give the folder of the masks, relative to the data set.",
         )
     raise DataError(
-        f"{problem}.", "Name masks as their pictures, with .png behind or instead of the extension."
+        f"{problem}.", "Name masks as their images, with .png behind or instead of the extension."
     )
 
 
 def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> tuple[str, ...]:
-    """How many pictures have masks, how much they leave, and which leave nothing.
+    """How many images have masks, how much they leave, and which leave nothing.
 
     Raises:
         DataError: no mask leaves anything, or one cannot be used.
@@ -181,13 +182,13 @@ def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> 
         parts = list(threads.map(lambda frame: _part_inside(frame, rule), masked))
     mean = 100 * sum(parts) / len(parts)
     notes = [
-        f"{len(masked)} of {len(frames)} pictures have masks, which keep {mean:.0f} % of their "
+        f"{len(masked)} of {len(frames)} images have masks, which keep {mean:.0f} % of their "
         f"pixels: {_meaning(rule)}"
     ]
     hidden = [frame for frame, part in zip(masked, parts, strict=True) if part == 0]
     if len(hidden) == len(frames):
         raise DataError(
-            f"the masks of all {len(frames)} pictures mask out every pixel, {hidden[0].mask} for "
+            f"the masks of all {len(frames)} images mask out every pixel, {hidden[0].mask} for "
             "one.",
             "Masks are bright where pixels count; if these are dark there, add "
             f"datamanager.invert_masks={'false' if rule.inverted else 'true'}.",
@@ -195,15 +196,15 @@ def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> 
     if hidden:
         names = ", ".join(frame.name for frame in hidden[:5])
         more = f" and {len(hidden) - 5} more" if len(hidden) > 5 else ""
-        notes.append(f"masks leave nothing of {len(hidden)} pictures: {names}{more}")
+        notes.append(f"masks leave nothing of {len(hidden)} images: {names}{more}")
     if len(masked) < len(frames):
         bare = [frame.name for frame in frames if frame.mask is None]
-        notes.append(f"no mask, so that all pixels count: {len(bare)} pictures, such as {bare[0]}")
+        notes.append(f"no mask, so that all pixels count: {len(bare)} images, such as {bare[0]}")
     return tuple(notes)
 
 
 def _part_inside(frame: Frame, rule: MaskRule) -> float:
-    """How much of a picture its mask keeps, from 0 to 1."""
+    """How much of an image its mask keeps, from 0 to 1."""
     inside = rule.load(frame)
     assert inside is not None
     return float(inside.mean())

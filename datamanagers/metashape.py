@@ -1,4 +1,4 @@
-"""The ``metashape`` format: the cameras XML of Agisoft Metashape, and the pictures it names.
+"""The ``metashape`` format: the cameras XML of Agisoft Metashape, and the images it names.
 
 Facts are those of the Metashape manual (appendix "Camera models") and of exported files. Cameras
 look along +z with x right and y down; their 4x4 transforms lead from the camera to the chunk, and
@@ -11,17 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out, only_file
 from gsfw.datamanagers.metashape_file import MetashapeCamera, MetashapeFile, is_metashape
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out, only_file
 
-LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with pictures beside it"
+LOOKED_FOR = "an XML file of Metashape's cameras with images/, or with images beside it"
 
 
 @dataclass
-class MetashapeConfig(PictureFolderConfig):
+class MetashapeConfig(ImageFolderConfig):
     """Settings of the ``metashape`` format."""
 
     @classmethod
@@ -32,27 +30,17 @@ class MetashapeConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"Metashape's {files[0].name}", priority=22)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file and its points, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "metashape")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file, its points and the headers of the images."""
         file = only_file(
             path,
             _files(path),
             "XML file of Metashape's cameras",
             "Give the file itself (File > Export > Export Cameras in Metashape).",
         )
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         chunk = MetashapeFile.read(file)
         root = file.absolute().parent
-        pictures = self.pictures(root)
+        pictures = self.image_folder(root)
         frames, missing = _frames(chunk.cameras, pictures, str(file))
         total = len(chunk.cameras)
         (points, colors), point_note = self.start_points(root)
@@ -68,7 +56,7 @@ class MetashapeConfig(PictureFolderConfig):
                 *left_out(chunk.disabled, "that are disabled in Metashape"),
                 *left_out(chunk.unaligned, "that Metashape did not align"),
                 *left_out(chunk.slaves, "of a rig's slave cameras, which are not read,"),
-                *missing_pictures(missing, total, pictures.path),
+                *missing_images(missing, total, pictures.path),
                 *point_note,
             ),
             up=chunk.up,
@@ -76,9 +64,9 @@ class MetashapeConfig(PictureFolderConfig):
 
 
 def _frames(
-    cameras: tuple[MetashapeCamera, ...], pictures: PictureFolder, source: str
+    cameras: tuple[MetashapeCamera, ...], pictures: ImageFolder, source: str
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the labels of those that are not."""
+    """The frames whose images are on disk, and the labels of those that are not."""
     numbers = {n: i for i, n in enumerate(sorted({camera.sensor for camera in cameras}))}
     frames, missing = [], []
     for camera in cameras:

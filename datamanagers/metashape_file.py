@@ -3,7 +3,7 @@
 The manual's frame camera is Brown's with u = w / 2 + cx + x' (f + b1) + y' b2 and
 v = h / 2 + cy + y' f, where the centre of the first pixel is at (0.5, 0.5), as in gsfw: nothing
 moves by half a pixel. Its P1 is OpenCV's p2, and its P2 OpenCV's p1. Its fisheye is the same on
-x' = x theta / r. The picture is the sensor: Metashape has no crop, resolution is that of the file.
+x' = x theta / r. The image is the sensor: Metashape has no crop, resolution is that of the file.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ HEAD_BYTES = 4096
 
 @dataclass(frozen=True)
 class MetashapeCamera:
-    """A camera with a pose; what the rest of the world calls a picture."""
+    """A camera with a pose; what the rest of the world calls an image."""
 
     label: str
     sensor: str

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 FISHEYES = ("fisheye", "equidistant_fisheye")
 """What Metashape calls r = theta."""
 SKEW = 0.1
-"""Most pixels that leaving b2 out may move a corner of the picture."""
+"""Most pixels that leaving b2 out may move a corner of the image."""
 
 
 def read_lens(sensor: Element, where: str) -> Lens:
@@ -31,8 +31,8 @@ def read_lens(sensor: Element, where: str) -> Lens:
     kind = sensor.get("type", "frame")
     if kind != "frame" and kind not in FISHEYES:
         raise DataError(
-            f"{where}: pictures of {kind} cameras cannot be trained on.",
-            "Expected frame or fisheye; cut panoramas into pictures of pinhole cameras first.",
+            f"{where}: images of {kind} cameras cannot be trained on.",
+            "Expected frame or fisheye; cut panoramas into images of pinhole cameras first.",
         )
     calibration = _calibration(sensor, where)
     resolution = calibration.find("resolution")
@@ -82,13 +82,13 @@ def _check_terms(values: dict[str, float], focal: float, height: int, where: str
         raise DataError(
             f"{where}: its skew b2 = {values['b2']:g} moves corners by {moved:.2g} pixels, which "
             "no camera here can do.",
-            "Optimize the cameras in Metashape without b2, or export undistorted pictures.",
+            "Optimize the cameras in Metashape without b2, or export undistorted images.",
         )
     if values["p3"] or values["p4"]:
         raise DataError(
             f"{where}: its tangential terms p3 = {values['p3']:g} and p4 = {values['p4']:g} cannot "
             "be used.",
-            "Optimize the cameras in Metashape without them, or export undistorted pictures.",
+            "Optimize the cameras in Metashape without them, or export undistorted images.",
         )
 
 

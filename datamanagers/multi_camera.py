@@ -19,7 +19,7 @@ NONE = "none"
 
 @dataclass
 class MultiCameraConfig(CaptureConfig, ABC):
-    """Settings of formats whose pictures are those of several cameras at common times."""
+    """Settings of formats whose images are those of several cameras at common times."""
 
     eval_cameras: tuple[str, ...] = ()
     """Cameras to hold out, by name. Empty: as papers do. none: none (see holdout_every)."""

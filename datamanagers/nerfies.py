@@ -1,7 +1,7 @@
 """The ``nerfies`` format: the data sets of Nerfies (Park et al. 2021) and HyperNeRF (2021).
 
 Facts about the layout are those of the authors' documentation: a camera has an orientation (world
-to camera, OpenCV axes), a position in the world, a focal length in pixels of the pictures at full
+to camera, OpenCV axes), a position in the world, a focal length in pixels of the images at full
 size, and radial distortion k1, k2, k3 and tangential p1, p2 with OpenCV's formulas. The centre and
 scale of scene.json are the authors' normalisation; gsfw finds its own, and keeps the world.
 """
@@ -18,14 +18,13 @@ import numpy as np
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.json_file import mapping
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import from_center
 
@@ -46,23 +45,14 @@ class NerfiesConfig(CaptureConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"{' and '.join(FILES)} with camera/", priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the files, check the headers of the pictures that ``downscale`` asks for.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        folder = data_folder(request.path, "nerfies")
-        shrunk, pictures = _picture_folder(folder, request.downscale)
-        # What the folder's pictures were shrunk by is not done again.
-        request = replace(request, downscale=max(1.0, request.downscale / shrunk))
-        return Capture(_recording(folder, pictures, shrunk), request, rule, self.mask_rule())
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the cameras and the headers of the images that fit ``downscale``."""
+        shrunk, pictures = _image_folder(path, downscale)
+        return _recording(path, pictures, shrunk)
 
 
-def _picture_folder(folder: Path, downscale: float) -> tuple[int, Path]:
-    """By what the pictures were shrunk, and where they are: rgb/1x, rgb/2x, ...
+def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
+    """By what the images were shrunk, and where they are: rgb/1x, rgb/2x, ...
 
     The smallest that are not smaller than asked for; else the largest that there are.
     """
@@ -73,7 +63,7 @@ def _picture_folder(folder: Path, downscale: float) -> tuple[int, Path]:
     }
     if not found:
         raise DataError(
-            f"{folder} holds no pictures: there is no rgb/1x, rgb/2x, ...",
+            f"{folder} holds no images: there is no rgb/1x, rgb/2x, ...",
             "Copy the folder rgb, too.",
         )
     shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
@@ -101,16 +91,17 @@ def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
         frame = _frame(folder / "camera" / f"{name}.json", name, picture)
         camera = _whole(metadata[name], ("camera_id",), f"{folder / 'metadata.json'}: {name}", 0)
         frames.append(replace(frame, split=split, time=float(times[name]), camera=camera))
-    missing_note = missing_pictures(missing, len(splits), pictures)
+    missing_note = missing_images(missing, len(splits), pictures)
     (points, colors), point_note = _points(folder / "points.npy")
     return Recording(
         name=folder.resolve().name,
         path=folder,
+        shrunk=shrunk,
         frames=tuple(frames),
         points=points,
         point_colors=colors,
         notes=(
-            f"{folder / 'dataset.json'}: {len(splits)} frames, pictures of {pictures}"
+            f"{folder / 'dataset.json'}: {len(splits)} frames, images of {pictures}"
             f" (1/{shrunk} of full size)",
             *split_notes,
             *missing_note,

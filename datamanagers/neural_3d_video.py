@@ -1,4 +1,4 @@
-"""The ``neural-3d-video`` format: poses_bounds.npy, and a video or folder of pictures per camera.
+"""The ``neural-3d-video`` format: poses_bounds.npy, and a video or folder of images per camera.
 
 The layout of Li et al. 2022 (Neural 3D Video Synthesis from Multi-view Video); poses are those of
 LLFF, see ``llff_poses``.
@@ -10,15 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.footage import Footage, common_length, common_rate, find_footage
-from gsfw.datamanagers.frames import Recording, data_folder, no_points
-from gsfw.datamanagers.llff_poses import FILE, read_rows, row_camera
+from gsfw.datamanagers.camera_sequence import (
+    CameraSequence,
+    StandingCamera,
+    common_length,
+    common_rate,
+    find_sequences,
+    frames_of,
+)
+from gsfw.datamanagers.frames import Recording, no_points
+from gsfw.datamanagers.llff import FILE, read_rows, row_camera
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, read_ply
-from gsfw.datamanagers.standing_cameras import StandingCamera, frames_of
 
 LOOKED_FOR = f"{FILE} with cam*.mp4, or with folders cam*"
 POINT_FILES = (
@@ -29,7 +33,7 @@ POINT_FILES = (
 )
 """Where tools that prepare these recordings put their points."""
 USUAL_RATE = 30.0
-"""Pictures per second of the recordings of Li et al."""
+"""Images per second of the recordings of Li et al."""
 
 
 @dataclass
@@ -43,41 +47,32 @@ class Neural3DVideoConfig(MultiCameraConfig):
     def detect(cls, path: Path) -> Detection:
         """A folder with poses_bounds.npy and a video or folder for each camera."""
         folder = _folder(path)
-        cameras = find_footage(folder, "cam") if (folder / FILE).is_file() else {}
+        cameras = find_sequences(folder, "cam") if (folder / FILE).is_file() else {}
         if not cameras:
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"{FILE} and {', '.join(cameras)}", priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the poses and the headers of videos and pictures.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "neural-3d-video")
-        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
-
-    def _recording(self, folder: Path) -> Recording:
-        found = find_footage(folder, "cam")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the poses and the headers of videos and images."""
+        folder = _folder(path)
+        found = find_sequences(folder, "cam")
         table = read_rows(folder / FILE)
         if len(found) != len(table):
             raise DataError(
                 f"{folder / FILE} has {len(table)} cameras, but there are {len(found)} videos or "
-                f"folders of pictures: {', '.join(found) or 'none'}.",
+                f"folders of images: {', '.join(found) or 'none'}.",
                 "Expected one for each row, in the order of their names (cam00, cam01, ...).",
             )
         cameras = [
             StandingCamera(
                 *row_camera(row, f"{folder / FILE}: row {number} ({name})"),
-                Footage.read(name, path),
+                CameraSequence.read(name, path),
             )
             for number, (row, (name, path)) in enumerate(zip(table, found.items(), strict=True))
         ]
-        footages = [camera.footage for camera in cameras]
-        rate, source = common_rate(footages, self.fps, USUAL_RATE)
-        count, length_note = common_length(footages)
+        sequences = [camera.sequence for camera in cameras]
+        rate, source = common_rate(sequences, self.fps, USUAL_RATE)
+        count, length_note = common_length(sequences)
         chosen = self.chosen_times(count, str(folder))
         frames, lens_notes = frames_of(cameras, chosen, rate)
         names = list(found)

@@ -17,20 +17,18 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens, fisheye_lens
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, left_out
 from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, left_out
 from gsfw.datamanagers.point_file import Points
 from gsfw.datamanagers.poses import from_center
 
 FILES = ("sfm_data.json", "sfm_data_expanded.json", "robust.json")
 """What OpenMVG's programs call their files."""
-LOOKED_FOR = f"{FILES[0]} of OpenMVG with its pictures"
+LOOKED_FOR = f"{FILES[0]} of OpenMVG with its images"
 HALF = 0.5
 """From OpenMVG's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
 DISTORTIONS = {"disto_k1": 1, "disto_k3": 3, "disto_t2": 5, "fisheye": 4}
@@ -40,7 +38,7 @@ NAME_ID = 0x7FFFFFFF
 
 
 @dataclass
-class OpenMvgConfig(PictureFolderConfig):
+class OpenMvgConfig(ImageFolderConfig):
     """Settings of the ``openmvg`` format."""
 
     @classmethod
@@ -51,15 +49,8 @@ class OpenMvgConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR, _binary(path))
         return Detection(True, LOOKED_FOR, file.name, priority=24)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "openmvg")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file and the headers of the images."""
         file = _file(path)
         if file is None:
             found = _binary(path)
@@ -67,12 +58,9 @@ class OpenMvgConfig(PictureFolderConfig):
                 f"{path} holds no {FILES[0]}" + (f"; found {found}." if found else "."),
                 "Give the folder that does, or the file.",
             )
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         content = mapping(read_json(file), str(file))
         root = file.absolute().parent
-        pictures = self._pictures_of(content, root)
+        pictures = self._images_of(content, root)
         views = [view for _, view in _entries(content, "views", file)]
         poses = {key: entry for key, entry in _entries(content, "extrinsics", file)}
         placed = [view for view in views if view.get("id_pose") in poses]
@@ -93,20 +81,20 @@ class OpenMvgConfig(PictureFolderConfig):
             notes=(
                 f"{file}: {len(views)} views, {len(points)} points",
                 *left_out(without, "without a pose"),
-                *missing_pictures(missing, len(placed), pictures.path),
+                *missing_images(missing, len(placed), pictures.path),
                 *point_note,
             ),
             up="-y",
         )
 
-    def _pictures_of(self, content: Mapping[str, Any], root: Path) -> PictureFolder:
-        """Where the file says its pictures are, if they are there; else beside the file."""
+    def _images_of(self, content: Mapping[str, Any], root: Path) -> ImageFolder:
+        """Where the file says its images are, if they are there; else beside the file."""
         stated = content.get("root_path")
         if not self.images and isinstance(stated, str) and stated:
             for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
                 if folder.is_dir():
-                    return PictureFolder(folder)
-        return self.pictures(root)
+                    return ImageFolder(folder)
+        return self.image_folder(root)
 
 
 def _file(path: Path) -> Path | None:
@@ -159,7 +147,7 @@ def _lenses(content: Mapping[str, Any], file: Path) -> dict[Any, Lens]:
         kind = names.setdefault(identifier, str(entry.get("polymorphic_name", "?")))
         if "focal_length" not in entry:
             raise DataError(
-                f"{where}: pictures of {kind} cameras cannot be trained on.",
+                f"{where}: images of {kind} cameras cannot be trained on.",
                 "Expected a pinhole (with radial or Brown distortion) or a fisheye.",
             )
         lenses[key] = _lens(entry, kind, where)
@@ -192,10 +180,10 @@ def _frames(
     views: list[Mapping[str, Any]],
     poses: Mapping[Any, Mapping[str, Any]],
     lenses: Mapping[Any, Lens],
-    pictures: PictureFolder,
+    pictures: ImageFolder,
     file: Path,
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the names of those that are not."""
+    """The frames whose images are on disk, and the names of those that are not."""
     frames, missing = [], []
     numbers_of = {key: camera for camera, key in enumerate(lenses)}
     for view in views:

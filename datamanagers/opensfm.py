@@ -1,7 +1,7 @@
 """The ``opensfm`` format: reconstruction.json of OpenSfM and OpenDroneMap.
 
 Shots have a world-to-camera rotation (axis times angle, radians) and translation, OpenCV axes. The
-world is metres to the east, north and up of reference_lla. Positions in a picture are offsets from
+world is metres to the east, north and up of reference_lla. Positions in an image are offsets from
 its centre in parts of its longer side, and so are focal lengths and principal points
 (opensfm.org/docs/geometry.html); distortion is that of OpenCV, in its order of p1 and p2
 (opensfm/src/geometry/camera_distortions_functions.h).
@@ -10,7 +10,7 @@ its centre in parts of its longer side, and so are focal lengths and principal p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +19,81 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
-from gsfw.datamanagers.json_file import mapping, numbers, read_json
+from gsfw.core.maths.rotations import rotation_vector_matrices
+from gsfw.datamanagers.brown import brown_lens, fisheye_lens
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig
+from gsfw.datamanagers.images import Header, read_header
+from gsfw.datamanagers.json_file import mapping, number, numbers, read_json
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.opensfm_lens import read_lens
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig
-from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.point_file import Points, check_points
-from gsfw.datamanagers.poses import from_opencv, from_rotation_vector
+from gsfw.datamanagers.poses import from_opencv
+
+BROWN = ("perspective", "brown", "radial", "simple_radial")
+FISHEYE = ("fisheye", "fisheye_opencv")
+LONG_FISHEYE = ("fisheye62", "fisheye624")
+"""Fisheyes with six radial terms, and tangential ones that no model of COLMAP has like this."""
+FURTHER = ("p1", "p2", "s0", "s1", "s2", "s3")
+
+
+def read_lens(entry: Any, header: Header, where: str) -> Lens:  # noqa: ANN401
+    """The lens of a camera, in pixels of the size that the file says; else of the image's.
+
+    Raises:
+        DataError: it is of a kind that cannot be used, or its numbers are not those of a camera.
+    """
+    camera = mapping(entry, where)
+    kind = camera.get("projection_type", "perspective")
+    if kind not in (*BROWN, *FISHEYE, *LONG_FISHEYE):
+        raise DataError(
+            f"{where}: images of {kind} cameras cannot be trained on.",
+            f"Expected one of {', '.join((*BROWN, *FISHEYE, *LONG_FISHEYE))}.",
+        )
+    pinhole = _pinhole(camera, header, where)
+    k1, k2, k3, k4, k5, k6 = (number(camera, f"k{i}", where, 0.0) for i in range(1, 7))
+    further = [number(camera, key, where, 0.0) for key in FURTHER]
+    if kind in BROWN:
+        return brown_lens(pinhole, (k1, k2, k3, 0.0), (further[0], further[1]))
+    if kind in FISHEYE:
+        return fisheye_lens(pinhole, (k1, k2, k3, k4), (0.0, 0.0))
+    if any(further):
+        raise DataError(
+            f"{where}: the tangential and thin prism terms of {kind} cannot be used.",
+            "Estimate the cameras as fisheye_opencv, or export undistorted images.",
+        )
+    distortion = (k1, k2, k3, k4, k5, k6, *(0.0,) * 6)
+    return replace(pinhole, model="RAD_TAN_THIN_PRISM_FISHEYE", distortion=distortion)
+
+
+def _pinhole(camera: Mapping[str, Any], header: Header, where: str) -> Lens:
+    width = round(number(camera, "width", where, float(header.width)))
+    height = round(number(camera, "height", where, float(header.height)))
+    longer = max(width, height)
+    if "focal" in camera:
+        focal_x = focal_y = number(camera, "focal", where)
+    else:
+        focal_x = number(camera, "focal_x", where)
+        focal_y = number(camera, "focal_y", where, focal_x)
+    lens = Lens(
+        fx=focal_x * longer,
+        fy=focal_y * longer,
+        cx=width / 2 + number(camera, "c_x", where, 0.0) * longer,
+        cy=height / 2 + number(camera, "c_y", where, 0.0) * longer,
+        width=width,
+        height=height,
+        source=where,
+    )
+    lens.check()
+    return lens
+
 
 FILE = "reconstruction.json"
 LOOKED_FOR = f"{FILE} or opensfm/{FILE} with images/"
 
 
 @dataclass
-class OpenSfmConfig(PictureFolderConfig):
+class OpenSfmConfig(ImageFolderConfig):
     """Settings of the ``opensfm`` format."""
 
     @classmethod
@@ -47,24 +104,14 @@ class OpenSfmConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, file.name, priority=24)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "opensfm")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file and the headers of the images."""
         file = _file(path)
         if not file.is_file():
             raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         content, others = _largest(file)
         root = _root(file)
-        pictures = self.pictures(root)
+        pictures = self.image_folder(root)
         frames, missing = _frames(content, pictures, file)
         total = len(content["shots"])
         (points, colors), point_note = self.start_points(root, _points(content, file))
@@ -77,7 +124,7 @@ class OpenSfmConfig(PictureFolderConfig):
             notes=(
                 f"{file}: {total} shots, {len(points)} points",
                 *others,
-                *missing_pictures(missing, total, pictures.path),
+                *missing_images(missing, total, pictures.path),
                 *point_note,
                 *_reference(content),
             ),
@@ -107,9 +154,9 @@ def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
             f"{file} is no list of reconstructions.",
             'Expected [{"cameras": ..., "shots": ..., "points": ...}].',
         )
-    for number, entry in enumerate(content):
+    for index, entry in enumerate(content):
         for key in ("cameras", "shots"):
-            mapping(mapping(entry, f"{file}: {number}").get(key), f"{file}: {key} of {number}")
+            mapping(mapping(entry, f"{file}: {index}").get(key), f"{file}: {key} of {index}")
     best = max(content, key=lambda entry: len(entry["shots"]))
     if not best["shots"]:
         raise DataError(f"{file} holds no shots: OpenSfM has placed no camera.")
@@ -123,9 +170,9 @@ def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
 
 
 def _frames(
-    content: Mapping[str, Any], pictures: PictureFolder, file: Path
+    content: Mapping[str, Any], pictures: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the names of those that are not."""
+    """The frames whose images are on disk, and the names of those that are not."""
     cameras: dict[str, tuple[int, Lens]] = {}
     frames, missing = [], []
     for name, entry in content["shots"].items():
@@ -151,7 +198,7 @@ def _frames(
 
 
 def _same_shape(lens: Lens, width: int, height: int) -> bool:
-    """Whether a picture is that of a lens at another size, rounded to whole pixels."""
+    """Whether an image is that of a lens at another size, rounded to whole pixels."""
     scale = width / lens.width
     return abs(scale * lens.height - height) <= max(1.0, scale)
 
@@ -159,7 +206,9 @@ def _same_shape(lens: Lens, width: int, height: int) -> bool:
 def _pose(shot: Mapping[str, Any], where: str) -> Float64[Tensor, "4 4"]:
     vector = numbers(shot.get("rotation"), 3, f"{where}: rotation")
     translation = numbers(shot.get("translation"), 3, f"{where}: translation")
-    return from_opencv(torch.cat([from_rotation_vector(vector), translation[:, None]], 1), where)
+    return from_opencv(
+        torch.cat([rotation_vector_matrices(vector[None])[0], translation[:, None]], 1), where
+    )
 
 
 def _points(content: Mapping[str, Any], file: Path) -> Points:

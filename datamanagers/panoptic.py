@@ -1,7 +1,7 @@
 """The ``panoptic`` format: train_meta.json and test_meta.json of Dynamic 3D Gaussians.
 
 The layout of Luiten et al. 2024: for each time lists over cameras of intrinsics k, world-to-camera
-matrices w2c, picture names fn under ims/ and camera numbers cam_id; seg/ marks what moves, and
+matrices w2c, image names fn under ims/ and camera numbers cam_id; seg/ marks what moves, and
 init_pt_cld.npz holds a point cloud.
 """
 
@@ -17,13 +17,12 @@ import numpy as np
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures, no_points
+from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
-from gsfw.datamanagers.pictures import read_header
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import from_opencv
 
@@ -31,7 +30,7 @@ FILES = {Split.TRAIN: "train_meta.json", Split.EVAL: "test_meta.json"}
 POINTS = "init_pt_cld.npz"
 LISTS = ("k", "w2c", "fn", "cam_id")
 USUAL_RATE = 30.0
-"""Pictures per second of the sequences of CMU Panoptic that Luiten et al. use."""
+"""Images per second of the sequences of CMU Panoptic that Luiten et al. use."""
 
 
 @dataclass
@@ -45,18 +44,9 @@ class PanopticConfig(MultiCameraConfig):
         recognised = FILES[Split.TRAIN] in found
         return Detection(recognised, FILES[Split.TRAIN], ", ".join(found), priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read both files, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "panoptic")
-        return Capture(self._recording(_folder(path)), request, rule, self.mask_rule())
-
-    def _recording(self, folder: Path) -> Recording:
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read both files and the headers of the images."""
+        folder = _folder(path)
         files = {
             split: _MetaFile.read(folder / name)
             for split, name in FILES.items()
@@ -77,7 +67,7 @@ class PanopticConfig(MultiCameraConfig):
         for split, file in files.items():
             there, lacking = file.frames(chosen, rate, names, split if len(files) > 1 else None)
             frames, missing = frames + there, missing + lacking
-        missing_note = missing_pictures(missing, len(frames) + len(missing), folder / "ims")
+        missing_note = missing_images(missing, len(frames) + len(missing), folder / "ims")
         origin = f"the data set's own split, {FILES[Split.EVAL]}"
         if self.eval_cameras:
             frames, origin = hold_out_cameras(frames, names, self.eval_cameras)
@@ -153,7 +143,7 @@ class _MetaFile:
     def frames(
         self, times: range, rate: float, names: list[str], split: Split | None
     ) -> tuple[list[Frame], list[str]]:
-        """The frames whose pictures are on disk, and the names of those that are not.
+        """The frames whose images are on disk, and the names of those that are not.
 
         Raises:
             DataError: a camera cannot be used; it is named.
@@ -192,7 +182,7 @@ class _MetaFile:
         if not right_shapes:
             raise DataError(
                 f"{where}: its camera cannot be read.",
-                "Expected w and h, and for each picture k (3x3) and w2c (4x4).",
+                "Expected w and h, and for each image k (3x3) and w2c (4x4).",
             )
         lens = Lens(
             fx=float(k[0, 0]),

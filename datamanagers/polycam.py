@@ -16,20 +16,17 @@ from typing import Any
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
     Recording,
-    data_folder,
-    missing_pictures,
+    missing_images,
     no_points,
 )
+from gsfw.datamanagers.images import EXTENSIONS, read_header
 from gsfw.datamanagers.json_file import mapping, number, read_json
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, read_header
 from gsfw.datamanagers.poses import from_opengl
 
 LOOKED_FOR = "keyframes/ with images/ and cameras/ (Polycam's raw data)"
@@ -42,10 +39,10 @@ class PolycamConfig(CaptureConfig):
     """Settings of the ``polycam`` format."""
 
     corrected: bool = True
-    """Whether the poses that Polycam optimised are preferred, with the pictures that go with them.
+    """Whether the poses that Polycam optimised are preferred, with the images that go with them.
     """
     min_blur_score: float = 0.0
-    """Pictures that Polycam scores lower are left out; sharp ones have high scores."""
+    """Images that Polycam scores lower are left out; sharp ones have high scores."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:
@@ -55,18 +52,8 @@ class PolycamConfig(CaptureConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"Polycam's {cameras.relative_to(path)}/", priority=40)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the cameras, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "polycam")
-        return Capture(self._recording(path), request, rule, self.mask_rule())
-
-    def _recording(self, path: Path) -> Recording:
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the cameras and the headers of the images."""
         keyframes = _keyframes(path)
         folder = _cameras(keyframes, self.corrected)
         files = sorted(folder.glob("*.json")) if folder.is_dir() else []
@@ -79,13 +66,13 @@ class PolycamConfig(CaptureConfig):
         frames, missing, blurred = self._frames(files, pictures)
         if not frames and blurred:
             raise DataError(
-                f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} pictures score "
+                f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} images score "
                 "lower.",
                 "Ask for less.",
             )
         root = keyframes.absolute().parent
         points, colors = no_points()
-        low = f"{blurred} pictures score below {self.min_blur_score:g} and are left out"
+        low = f"{blurred} images score below {self.min_blur_score:g} and are left out"
         return Recording(
             name=root.name,
             path=path,
@@ -95,14 +82,14 @@ class PolycamConfig(CaptureConfig):
             notes=(
                 f"{folder}: {len(files)} cameras",
                 *((low,) if blurred else ()),
-                *missing_pictures(missing, len(files), pictures),
-                *_unused(keyframes),
+                *missing_images(missing, len(files), pictures),
+                *_unused(keyframes, self.maps),
             ),
             up="y",
         )
 
     def _frames(self, files: list[Path], pictures: Path) -> tuple[list[Frame], list[str], int]:
-        """The frames, the names of missing pictures, and how many are too blurred."""
+        """The frames, the names of missing images, and how many are too blurred."""
         frames, missing, blurred = [], [], 0
         cameras: dict[Lens, int] = {}
         for file in files:
@@ -136,19 +123,23 @@ def _keyframes(path: Path) -> Path:
 
 
 def _cameras(keyframes: Path, corrected: bool) -> Path:
-    """The folder of the cameras; corrected ones count only with their pictures."""
+    """The folder of the cameras; corrected ones count only with their images."""
     names = ("corrected_cameras", "corrected_images")
     if corrected and all((keyframes / name).is_dir() for name in names):
         return keyframes / names[0]
     return keyframes / "cameras"
 
 
-def _unused(keyframes: Path) -> tuple[str, ...]:
+def _unused(keyframes: Path, maps: tuple[str, ...]) -> tuple[str, ...]:
     """What is there and is not used."""
     items = (
-        (keyframes / "depth", "keyframes/depth (measured depth)"),
+        (keyframes / "depth", "keyframes/depth (datamanager.maps=depth:keyframes/depth loads it)"),
         (keyframes / "confidence", "keyframes/confidence"),
         (keyframes.parent / "mesh_info.json", "mesh_info.json (where Polycam's mesh lies)"),
     )
-    found = [name for item, name in items if item.exists()]
+    found = [
+        name
+        for item, name in items
+        if item.exists() and not any(f"keyframes/{item.name}" in text for text in maps)
+    ]
     return (f"not used: {', '.join(found)}",) if found else ()

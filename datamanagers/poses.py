@@ -10,6 +10,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.errors import DataError
+from gsfw.core.maths.rotations import unit_matrices
 
 RIGID = 1e-3
 """How far R^T R may be from the identity: files hold rounded numbers."""
@@ -59,30 +60,6 @@ def from_center(
     return from_opencv(placed, where)
 
 
-def quaternion_of(rotation: Float64[Tensor, "3 3"]) -> tuple[float, ...]:
-    """The unit quaternion wxyz of a rotation, with w not negative (Bar-Itzhack 2000)."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
-    symmetric = torch.tensor(
-        [
-            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
-            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
-            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
-            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
-        ],
-        dtype=torch.float64,
-    )
-    largest = torch.linalg.eigh(symmetric).eigenvectors[:, -1]
-    return tuple((-largest if largest[0] < 0 else largest).tolist())
-
-
-def from_rotation_vector(vector: Float64[Tensor, " 3"]) -> Float64[Tensor, "3 3"]:
-    """The rotation about an axis by the vector's length, in radians (Rodrigues' formula)."""
-    x, y, z = vector.tolist()
-    turn = torch.tensor([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=torch.float64)
-    rotation: Float64[Tensor, "3 3"] = torch.linalg.matrix_exp(turn)
-    return rotation
-
-
 def _pose(
     matrix: Float64[Tensor, "r 4"], what: str, advice: str
 ) -> tuple[Float64[Tensor, "3 3"], Float64[Tensor, " 3"]]:
@@ -119,15 +96,8 @@ def from_quaternion(
             f"translation {list(translation)}).",
             "Remove this image from the model, or compute it again.",
         )
-    w, x, y, z = (value / norm for value in wxyz)
-    rotation = torch.tensor(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ],
-        dtype=torch.float64,
-    )
+    unit = torch.tensor([[value / norm for value in wxyz]], dtype=torch.float64)
+    rotation = unit_matrices(unit)[0]
     return _rigid(rotation, torch.tensor(translation, dtype=torch.float64))
 
 

@@ -5,7 +5,7 @@ RealityScan 2, yaw, f_35mm, px_norm and py_norm); those after f may be missing. 
 world, z up; angles are in degrees: heading clockwise from north (y), pitch 0 looks straight down
 and 90 at the horizon. The camera-to-world rotation, for OpenGL axes, is Rz(-heading) Rx(pitch)
 Ry(roll), as nerfstudio's importer has it. f is in millimetres on 36 mm, px and py are offsets from
-the picture's centre; the longer side of the picture is 36 mm, and 1. The distortion is Brown's with
+the image's centre; the longer side of the image is 36 mm, and 1. The distortion is Brown's with
 t1 on r^2 + 2 x^2, so that t1 is OpenCV's p2: RealityScan's own template in OpenCV's order
 (calibration.xml) writes k1, k2, t2, t1, k3, k4.
 """
@@ -24,29 +24,27 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.brown import brown_lens
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
+from gsfw.datamanagers.image_folder import ImageFolder, ImageFolderConfig, only_file
+from gsfw.datamanagers.images import Header, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.picture_folder import PictureFolder, PictureFolderConfig, only_file
-from gsfw.datamanagers.pictures import Header, read_header
 from gsfw.datamanagers.poses import from_opengl
 
 NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 OPTIONAL = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 NEW_NAMES = {"yaw": "heading", "f_35mm": "f", "px_norm": "px", "py_norm": "py"}
 """What RealityScan 2 calls columns."""
-LOOKED_FOR = "a CSV of RealityCapture's internal/external camera parameters with its pictures"
+LOOKED_FOR = "a CSV of RealityCapture's internal/external camera parameters with its images"
 FILM = 36.0
-"""Millimetres of the longer side of a 35 mm picture."""
+"""Millimetres of the longer side of a 35 mm image."""
 HEAD_BYTES = 4096
 """Of a file that is asked whether it is RealityCapture's."""
 
 
 @dataclass
-class RealityCaptureConfig(PictureFolderConfig):
+class RealityCaptureConfig(ImageFolderConfig):
     """Settings of the ``reality-capture`` format."""
 
     @classmethod
@@ -57,15 +55,8 @@ class RealityCaptureConfig(PictureFolderConfig):
             return Detection(False, LOOKED_FOR)
         return Detection(True, LOOKED_FOR, f"RealityCapture's {files[0].name}", priority=22)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file and its points, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "reality-capture")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file, its points and the headers of the images."""
         file = only_file(
             path,
             _files(path),
@@ -73,11 +64,8 @@ class RealityCaptureConfig(PictureFolderConfig):
             "Give the file itself (Alignment > Export > Registration > Internal/External "
             "camera parameters).",
         )
-        return Capture(self._recording(file), request, rule, self.mask_rule())
-
-    def _recording(self, file: Path) -> Recording:
         root = file.absolute().parent
-        pictures = self.pictures(root)
+        pictures = self.image_folder(root)
         rows = list(_rows(file))
         if not rows:
             raise DataError(f"{file} holds no cameras.", "Export the registration again.")
@@ -91,7 +79,7 @@ class RealityCaptureConfig(PictureFolderConfig):
             point_colors=colors,
             notes=(
                 f"{file}: {len(rows)} cameras",
-                *missing_pictures(missing, len(rows), pictures.path),
+                *missing_images(missing, len(rows), pictures.path),
                 *point_note,
             ),
             up="z",
@@ -140,9 +128,9 @@ def _rows(file: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
 
 
 def _frames(
-    rows: list[tuple[int, Mapping[str, str]]], pictures: PictureFolder, file: Path
+    rows: list[tuple[int, Mapping[str, str]]], pictures: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
-    """The frames whose pictures are on disk, and the names of those that are not."""
+    """The frames whose images are on disk, and the names of those that are not."""
     frames, missing = [], []
     cameras: dict[Lens, int] = {}
     for number, row in rows:

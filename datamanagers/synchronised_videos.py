@@ -6,22 +6,26 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.calibration import CalibratedCamera, read_calibration
-from gsfw.datamanagers.capture import Capture
-from gsfw.datamanagers.footage import Footage, common_length, common_rate, find_footage
-from gsfw.datamanagers.frames import Recording, data_folder, no_points
+from gsfw.datamanagers.camera_sequence import (
+    CameraSequence,
+    StandingCamera,
+    common_length,
+    common_rate,
+    find_sequences,
+    frames_of,
+)
+from gsfw.datamanagers.frames import Recording, no_points
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, read_ply
-from gsfw.datamanagers.standing_cameras import StandingCamera, frames_of
 from gsfw.datamanagers.video import is_video
 
 PATTERNS = ("cameras*.json", "*calib*.json", "*calib*.toml", "*.qca.txt")
 """Names of calibration files, in any case; where there are several, the first of them is read."""
 LOOKED_FOR = f"{', '.join(PATTERNS[:-1])} or {PATTERNS[-1]} with videos there or in a folder there"
 USUAL_RATE = 30.0
-"""Pictures per second of folders of pictures, which do not say."""
+"""Images per second of folders of images, which do not say."""
 ENOUGH_TO_HOLD_OUT = 3
 """Of fewer cameras none is held out: one alone does not show a shape."""
 
@@ -44,35 +48,25 @@ class SynchronisedVideosConfig(MultiCameraConfig):
         folder = _video_folder(path) if calibrations else None
         if folder is None:
             return Detection(False, LOOKED_FOR)
-        videos = ", ".join(item.name for item in find_footage(folder).values())
+        videos = ", ".join(item.name for item in find_sequences(folder).values())
         return Detection(True, LOOKED_FOR, f"{calibrations[0].name} and {videos}", priority=15)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the calibration and the headers of the videos.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a file is damaged, or the videos do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "synchronised-videos")
-        return Capture(self._recording(path), request, rule, self.mask_rule())
-
-    def _recording(self, folder: Path) -> Recording:
-        file = self._calibration_file(folder)
-        cameras, left_out = self._cameras(read_calibration(file), folder, file)
-        footages = [camera.footage for camera in cameras]
-        names = [item.camera for item in footages]
-        rate, source = common_rate(footages, self.fps, USUAL_RATE)
-        count, length_note = common_length(footages)
-        chosen = self.chosen_times(count, str(folder))
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the calibration and the headers of the videos."""
+        file = self._calibration_file(path)
+        cameras, left_out = self._cameras(read_calibration(file), path, file)
+        sequences = [camera.sequence for camera in cameras]
+        names = [item.camera for item in sequences]
+        rate, source = common_rate(sequences, self.fps, USUAL_RATE)
+        count, length_note = common_length(sequences)
+        chosen = self.chosen_times(count, str(path))
         frames, lens_notes = frames_of(cameras, chosen, rate)
         usual = names[:1] if len(names) >= ENOUGH_TO_HOLD_OUT else ()
         frames, origin = hold_out_cameras(frames, names, self.eval_cameras, usual)
-        (points, colors), point_note = self._points(folder)
+        (points, colors), point_note = self._points(path)
         return Recording(
-            name=folder.resolve().name,
-            path=folder,
+            name=path.resolve().name,
+            path=path,
             frames=tuple(frames),
             points=points,
             point_colors=colors,
@@ -106,14 +100,14 @@ class SynchronisedVideosConfig(MultiCameraConfig):
     def _cameras(
         self, calibrated: list[CalibratedCamera], folder: Path, file: Path
     ) -> tuple[list[StandingCamera], tuple[str, ...]]:
-        """The cameras that have footage, and notes on what is left out."""
+        """The cameras that have a video or images, and notes on what is left out."""
         where = folder / self.videos if self.videos else _video_folder(folder)
-        found = find_footage(where) if where is not None else {}
+        found = find_sequences(where) if where is not None else {}
         known = {camera.name: camera for camera in calibrated}
         both = [name for name in known if name in found]
         if not both:
             raise DataError(
-                f"no video or folder of pictures in {where or folder} has the name of a camera: "
+                f"no video or folder of images in {where or folder} has the name of a camera: "
                 f"{file.name} has {', '.join(known)}, the videos are "
                 f"{', '.join(path.name for path in found.values()) or 'none'}.",
                 "Give videos the names of their cameras, or name their folder: "
@@ -128,7 +122,9 @@ class SynchronisedVideosConfig(MultiCameraConfig):
                 notes.append(f"left out because {what}: {', '.join(names)}")
         cameras = [
             StandingCamera(
-                known[name].lens, known[name].world_to_camera, Footage.read(name, found[name])
+                known[name].lens,
+                known[name].world_to_camera,
+                CameraSequence.read(name, found[name]),
             )
             for name in both
         ]

@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest, Split
+from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.frames import (
     Frame,
     Recording,
-    data_folder,
-    missing_pictures,
+    missing_images,
     no_points,
     number_cameras,
 )
@@ -39,20 +37,12 @@ class TransformsConfig(CaptureConfig):
             return Detection(False, FILE)
         return Detection(True, FILE, file.name, priority=10)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the file and its points, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the file is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        path = data_folder(request.path, "transforms")
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the file, its points and the headers of the images."""
         file = _file(path)
         if not file.is_file():
             raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
-        content = replace(TransformsFile.read(file), with_depth=self.depth)
-        return Capture(_recording(content), request, rule, self.mask_rule())
+        return _recording(replace(TransformsFile.read(file), with_depth=self.depth))
 
 
 def _file(path: Path) -> Path:
@@ -63,7 +53,7 @@ def _file(path: Path) -> Path:
 def _recording(file: TransformsFile) -> Recording:
     listed, missing = file.frames()
     folder = file.path.absolute().parent
-    missing_note = missing_pictures(missing, len(listed) + len(missing), folder)
+    missing_note = missing_images(missing, len(listed) + len(missing), folder)
     frames, split_note = _own_split(file, listed)
     (points, colors), point_note = _points(file)
     return Recording(

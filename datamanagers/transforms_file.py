@@ -14,12 +14,13 @@ from typing import Any
 
 import torch
 
+from gsfw.core.batch import Resampling
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.depth_map import DepthMap
 from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.images import EXTENSIONS, Header, read_header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import EXTENSIONS, Header, read_header
+from gsfw.datamanagers.map_file import DEPTH, MILLIMETRE, MapFile
 from gsfw.datamanagers.poses import from_opengl
 from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
 
@@ -31,8 +32,6 @@ CAMERA_KEY = "camera_index"
 """Which camera took a frame, counted from 0; ours."""
 MOST_CAMERAS = 1_000_000
 """A number beyond is none of a camera."""
-MILLIMETRE = 1e-3
-"""In metres: the unit of depth maps where the file does not say (nerfstudio's default)."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class TransformsFile:
         return TransformsFile(path, content)
 
     def frames(self, split: Split | None = None) -> tuple[list[Frame], list[str]]:
-        """The frames whose pictures are on disk, and the names of those that are not.
+        """The frames whose images are on disk, and the names of those that are not.
 
         Raises:
             DataError: a frame cannot be used; it is named.
@@ -93,17 +92,15 @@ class TransformsFile:
         return all(CAMERA_KEY in entry for entry in self.content["frames"])
 
     def times(self) -> tuple[float, ...]:
-        """The times of all frames, whether or not their pictures are on disk."""
+        """The times of all frames, whether or not their images are on disk."""
         times = [number(entry, "time", str(self.path)) for entry in self.content["frames"]]
         return tuple(time for time in times if time is not None)
 
     def depth_note(self) -> tuple[str, ...]:
-        """The note on depth maps; none when the file names none."""
+        """The note on depth maps that are not loaded; none when the file names none."""
         count = sum(bool(entry.get(DEPTH_KEY)) for entry in self.content["frames"])
-        if count == 0:
+        if count == 0 or self.with_depth:
             return ()
-        if self.with_depth:
-            return (f"{count} frames have depth maps",)
         return (f"{count} frames have depth maps: not used (datamanager.depth=true loads them)",)
 
     def names(self, key: str) -> frozenset[str]:
@@ -138,20 +135,20 @@ class TransformsFile:
             moving=self._named(
                 entry, "motion_mask_path", "let evaluation find what moves itself", where
             ),
-            depth=self._depth(entry, where),
+            maps=self._maps(entry, where),
         )
 
-    def _depth(self, entry: Mapping[str, Any], where: str) -> DepthMap | None:
+    def _maps(self, entry: Mapping[str, Any], where: str) -> dict[str, MapFile]:
         """The depth map that a frame names, which nerfstudio takes to be in millimetres."""
         if not self.with_depth:
-            return None
+            return {}
         path = self._named(entry, DEPTH_KEY, "train without it", where, "depth map")
         if path is None:
-            return None
+            return {}
         unit = number({**self.content, **entry}, "depth_unit_scale_factor", where)
         if unit is not None and unit <= 0:
             raise DataError(f"{where}: depth_unit_scale_factor is {unit:g}; expected more than 0.")
-        return DepthMap(path, MILLIMETRE if unit is None else unit)
+        return {DEPTH: MapFile(path, Resampling.DEPTH, MILLIMETRE if unit is None else unit)}
 
     def _named(
         self, entry: Mapping[str, Any], key: str, without: str, where: str, noun: str = "mask"

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
-from gsfw.datamanagers.pictures import Header
 
 FOCAL_KEYS = ("fl_x", "fl_y", "camera_angle_x", "camera_angle_y")
 DISTORTION_KEYS = sorted({name for names in COEFFICIENTS.values() for name in names})
@@ -30,7 +30,7 @@ def read_lens(
     Args:
         settings: of the frame, and of the file where the frame does not have them.
         focal: the settings that focal lengths are taken from.
-        header: of the frame's picture.
+        header: of the frame's image.
         where: the frame, for messages.
         source: the file, for messages.
 

@@ -24,6 +24,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.transforms_file import CAMERA_KEY, DEPTH_KEY
 
 FILE, POINTS_FILE = "transforms.json", "points.ply"
@@ -50,7 +51,7 @@ def write_transforms(recording: Recording, folder: Path) -> int:
         Bytes written.
 
     Raises:
-        DataError: a file is not in ``folder``, or a frame is a picture of a video.
+        DataError: a file is not in ``folder``, or a frame is an image of a video.
         OutputError: a file cannot be written.
     """
     content: dict[str, Any] = {}
@@ -74,7 +75,7 @@ def write_transforms(recording: Recording, folder: Path) -> int:
 
 
 def _lens(frame: Frame) -> dict[str, Any]:
-    """The settings of a frame's lens, in pixels of its picture."""
+    """The settings of a frame's lens, in pixels of its image."""
     lens: Lens = frame.lens.resized(frame.header.width, frame.header.height)
     lens.check()
     model = NERFSTUDIO_MODELS.get(lens.model, lens.model)
@@ -105,8 +106,8 @@ def _splits(frames: Sequence[Frame], folder: Path) -> dict[str, list[str]]:
 def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
     if frame.shot is not None:
         raise DataError(
-            f"{frame.name} is a picture of the video {frame.path}, which a {FILE} cannot name.",
-            f"Cut the video into pictures first (ffmpeg -i {frame.path.name} images/%06d.png).",
+            f"{frame.name} is an image of the video {frame.path}, which a {FILE} cannot name.",
+            f"Cut the video into images first (ffmpeg -i {frame.path.name} images/%06d.png).",
         )
     entry: dict[str, Any] = {
         "file_path": _inside(frame.path, folder),
@@ -119,9 +120,9 @@ def _frame(frame: Frame, folder: Path) -> dict[str, Any]:
         entry["mask_path"] = _inside(frame.mask, folder)
     if frame.moving is not None:
         entry["motion_mask_path"] = _inside(frame.moving, folder)
-    if frame.depth is not None:
-        entry[DEPTH_KEY] = _inside(frame.depth.path, folder)
-        entry["depth_unit_scale_factor"] = frame.depth.unit
+    if (depth := frame.maps.get(DEPTH)) is not None:
+        entry[DEPTH_KEY] = _inside(depth.path, folder)
+        entry["depth_unit_scale_factor"] = depth.unit
     return entry
 
 

@@ -1,6 +1,6 @@
 """Undistortion: the undistorted camera that stands for a distorted one, and where pixels come from.
 
-The undistorted camera keeps the focal lengths and the orientation. Its picture is a rectangle in
+The undistorted camera keeps the focal lengths and the orientation. Its image is a rectangle in
 what the distorted one shows, as COLMAP's undistorter chooses it (src/colmap/image/undistortion.cc);
 we choose each of its sides by itself, where COLMAP moves opposite sides by the worse of the two.
 """
@@ -26,21 +26,21 @@ KEPT_SLOPE = math.tan(KEPT_ANGLE)
 DIRECTIONS, ANGLE_STEP = 64, math.radians(0.25)
 """Rays along which a lens is tested for folding over."""
 LARGEST, SMALLEST = 2.0, 0.2
-"""Width and height of an undistorted picture as parts of the distorted one's (COLMAP's limits)."""
+"""Width and height of an undistorted image as parts of the distorted one's (COLMAP's limits)."""
 SAMPLES = 64
-"""Pixels per side of the grid on which the lost part of a picture is measured."""
+"""Pixels per side of the grid on which the lost part of an image is measured."""
 
 
 @dataclass(frozen=True)
 class LensRule:
-    """What becomes of pictures of distorted lenses."""
+    """What becomes of images of distorted lenses."""
 
     keep_fisheye: bool = False
-    """Whether pictures of fisheye lenses become those of an ideal fisheye, not of a pinhole."""
+    """Whether images of fisheye lenses become those of an ideal fisheye, not of a pinhole."""
     blank_pixels: float = 0.0
     """0: no pixel that the lens did not see; 1: all that it saw. Between: sides move in between."""
     field_of_view: float = 120.0
-    """Most degrees that a pinhole picture shows, across and down."""
+    """Most degrees that a pinhole image shows, across and down."""
 
 
 @dataclass(frozen=True)
@@ -51,34 +51,34 @@ class Undistortion:
     target: Lens
     """A PINHOLE, or the FISHEYE that rasterizers draw."""
     has_blanks: bool
-    """Whether some pixels of the undistorted picture show what the lens did not see."""
+    """Whether some pixels of the undistorted image show what the lens did not see."""
     lost: float
-    """Part of the distorted picture that the undistorted one does not show, in [0, 1]."""
+    """Part of the distorted image that the undistorted one does not show, in [0, 1]."""
 
     def look(
         self, pixels: Float64[np.ndarray, "m 2"]
     ) -> tuple[Float64[np.ndarray, "m 2"], Bool[np.ndarray, " m"]]:
-        """Where pixels of the undistorted picture come from, and whether the lens saw that."""
+        """Where pixels of the undistorted image come from, and whether the lens saw that."""
         slopes = self.target.unproject(pixels)
         found = self.source.project(slopes)
         if not self.has_blanks:
             return found, np.ones(len(found), dtype=bool)
         size = np.linalg.norm(slopes, axis=1)
-        # Outside what a lens sees its model may lead back into the picture.
+        # Outside what a lens sees its model may lead back into the image.
         there = np.linalg.norm(self.source.unproject(found) - slopes, axis=1) < 1e-4 * (1 + size**2)
         return found, there & _within(found, self.source) & (size < KEPT_SLOPE)
 
 
 @lru_cache(maxsize=4096)
 def undistortion_of(lens: Lens, rule: LensRule) -> Undistortion:
-    """How pictures of a distorted lens are undistorted.
+    """How images of a distorted lens are undistorted.
 
     Args:
-        lens: in pixels of the stored picture.
+        lens: in pixels of the stored image.
         rule: what is asked for.
 
     Raises:
-        DataError: the distortion folds the picture over, or next to nothing of it would be left.
+        DataError: the distortion folds the image over, or next to nothing of it would be left.
     """
     _check_folds(lens)
     target = _target(lens, rule)
@@ -122,16 +122,16 @@ def _side(
     focal: float,
     size: int,
 ) -> tuple[float, int]:
-    """The principal point and the size of the undistorted picture along one axis, in pixels.
+    """The principal point and the size of the undistorted image along one axis, in pixels.
 
     Args:
-        low: where the first border of the distorted picture lies, at unit focal length; nan where
+        low: where the first border of the distorted image lies, at unit focal length; nan where
             it is out of reach.
         high: where its last border lies.
-        limit: how far from the axis the undistorted picture may reach.
+        limit: how far from the axis the undistorted image may reach.
         blank: ``LensRule.blank_pixels``.
-        focal: of both pictures, in pixels.
-        size: of the distorted picture, in pixels.
+        focal: of both images, in pixels.
+        size: of the distorted image, in pixels.
     """
     low = np.nan_to_num(low, nan=-limit).clip(-limit, limit)
     high = np.nan_to_num(high, nan=limit).clip(-limit, limit)
@@ -145,7 +145,7 @@ def _side(
 
 
 def _border(lens: Lens) -> tuple[Float64[np.ndarray, "m 2"], ...]:
-    """Points along the left, right, top and bottom border of a lens's picture, with its corners."""
+    """Points along the left, right, top and bottom border of a lens's image, with its corners."""
     y = np.concatenate([[0.0], np.arange(lens.height) + 0.5, [lens.height]])
     x = np.concatenate([[0.0], np.arange(lens.width) + 0.5, [lens.width]])
     return (
@@ -157,13 +157,13 @@ def _border(lens: Lens) -> tuple[Float64[np.ndarray, "m 2"], ...]:
 
 
 def _within(pixels: Float64[np.ndarray, "m 2"], lens: Lens) -> Bool[np.ndarray, " m"]:
-    """Whether points lie in the picture of a lens; false for nan."""
+    """Whether points lie in the image of a lens; false for nan."""
     x, y = pixels[:, 0], pixels[:, 1]
     return (x >= 0) & (x <= lens.width) & (y >= 0) & (y <= lens.height)
 
 
 def _check_folds(lens: Lens) -> None:
-    """Check that rays further from the axis fall further out, as long as they are in the picture.
+    """Check that rays further from the axis fall further out, as long as they are in the image.
 
     Raises:
         DataError: they do not; says how far out it ends.
@@ -176,7 +176,7 @@ def _check_folds(lens: Lens) -> None:
     inside = _within(pixels.reshape(-1, 2), lens).reshape(DIRECTIONS, len(slopes))
     outward = (np.diff(pixels, axis=1) * ways[:, None]).sum(axis=2) > 0
     left = inside[:, :-1] & ~inside[:, 1:]
-    # What happens after a ray has left the picture shows nowhere.
+    # What happens after a ray has left the image shows nowhere.
     before = np.cumsum(left, axis=1) == 0
     folded = before & ~outward & inside[:, :-1]
     if not folded.any():
@@ -186,7 +186,7 @@ def _check_folds(lens: Lens) -> None:
     corners = [(x, y) for x in (0, lens.width) for y in (0, lens.height)]
     needed = max(math.hypot(x - lens.cx, y - lens.cy) for x, y in corners)
     raise DataError(
-        f"{lens.source}: its distortion, {lens}, folds the picture over: no ray falls further than "
+        f"{lens.source}: its distortion, {lens}, folds the image over: no ray falls further than "
         f"about {reach:.0f} pixels from the principal point, but the corners are {needed:.0f} "
         "pixels from it.",
         "Estimate the cameras again with a model that fits the lens (OPENCV_FISHEYE for very wide "
@@ -195,7 +195,7 @@ def _check_folds(lens: Lens) -> None:
 
 
 def undistortion_notes(undistortions: Sequence[Undistortion]) -> tuple[str, ...]:
-    """What became of the pictures of each model, given that of every picture."""
+    """What became of the images of each model, given that of every image."""
     by_model: dict[tuple[str, str], list[Undistortion]] = {}
     for each in undistortions:
         by_model.setdefault((each.source.model, each.target.model), []).append(each)
@@ -209,9 +209,9 @@ def _note(source: str, target: str, found: list[Undistortion]) -> str:
     shown += f" and {len(sizes) - 3} more" if len(sizes) > 3 else ""
     lenses = len(set(found))
     note = (
-        f"{_counted(len(found), 'picture', 'pictures')} of {_counted(lenses, 'lens', 'lenses')} "
+        f"{_counted(len(found), 'image', 'images')} of {_counted(lenses, 'lens', 'lenses')} "
         f"undistorted from {source} to {target} ({shown} pixels), for training, evaluation and "
-        f"export; up to {100 * lost:.1f} % of a picture fall outside"
+        f"export; up to {100 * lost:.1f} % of an image fall outside"
     )
     if any(each.has_blanks for each in found):
         note += ", and pixels that no lens saw are masked out"

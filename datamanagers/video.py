@@ -1,6 +1,6 @@
-"""Video files: what their packets tell without decoding, and their pictures in order.
+"""Video files: what their packets tell without decoding, and their images in order.
 
-Decoding begins at key frames only, so pictures come in segments: from one key frame to the next.
+Decoding begins at key frames only, so images come in segments: from one key frame to the next.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from jaxtyping import UInt8
 
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.detection import VIDEOS
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 
 UNEVEN = 0.5
-"""An interval that differs from the median by more than this part of it: a picture is missing."""
+"""An interval that differs from the median by more than this part of it: an image is missing."""
 
 MISSING = 5.0
-"""So many pictures' time without pictures at a video's end: they are missing."""
+"""So many images' time without images at a video's end: they are missing."""
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom edge in pixels; the right and bottom ones are just outside."""
@@ -38,21 +38,21 @@ class Video:
 
     path: Path
     header: Header
-    """Of its pictures as they are shown: turned as the file asks for, and cropped to ``box``."""
+    """Of its images as they are shown: turned as the file asks for, and cropped to ``box``."""
     stamps: tuple[int, ...]
-    """When each picture is shown, ascending, in units of ``unit``."""
+    """When each image is shown, ascending, in units of ``unit``."""
     unit: float
     """Seconds."""
     keys: tuple[int, ...]
-    """Numbers of the pictures that decoding can begin at; the first is 0."""
+    """Numbers of the images that decoding can begin at; the first is 0."""
     turns: int = 0
-    """Quarter turns, counter-clockwise, that make a picture upright."""
+    """Quarter turns, counter-clockwise, that make an image upright."""
     box: Box | None = None
-    """The part of the upright pictures that is used; ``None`` for all."""
+    """The part of the upright images that is used; ``None`` for all."""
 
     @staticmethod
     def read(path: Path) -> Video:
-        """Go through the packets, and decode the first picture only.
+        """Go through the packets, and decode the first image only.
 
         Raises:
             DataError: it is no video, or it is cut off or damaged, as far as packets tell.
@@ -73,8 +73,8 @@ class Video:
         with _opened(path) as (container, stream):
             first = next(video._decoded(container, stream), None)
             if first is None:
-                raise DataError(f"{path}: none of its {len(order)} pictures decodes.", ADVICE)
-            # FFmpeg gives the counter-clockwise angle by which the picture is to be turned.
+                raise DataError(f"{path}: none of its {len(order)} images decodes.", ADVICE)
+            # FFmpeg gives the counter-clockwise angle by which the image is to be turned.
             turns = round(first[1].rotation / 90) % 4
             width, height = first[1].width, first[1].height
         if turns % 2:
@@ -86,16 +86,16 @@ class Video:
 
     @cached_property
     def times(self) -> tuple[float, ...]:
-        """Seconds from the first picture to each."""
+        """Seconds from the first image to each."""
         return tuple((stamp - self.stamps[0]) * self.unit for stamp in self.stamps)
 
     @property
     def rate(self) -> float:
-        """Pictures per second, over the whole video; 0 for a single picture."""
+        """Images per second, over the whole video; 0 for a single image."""
         return (len(self) - 1) / self.times[-1] if len(self) > 1 else 0.0
 
     def check_even(self) -> None:
-        """Check that pictures follow each other at one rate, so that their number tells the time.
+        """Check that images follow each other at one rate, so that their number tells the time.
 
         Raises:
             DataError: they do not; says where.
@@ -107,25 +107,25 @@ class Video:
         worst = int(np.abs(intervals - usual).argmax())
         if abs(intervals[worst] - usual) > UNEVEN * usual:
             raise DataError(
-                f"{self.path}: the frame rate varies: picture {worst + 1} comes "
+                f"{self.path}: the frame rate varies: image {worst + 1} comes "
                 f"{1000 * intervals[worst]:.1f} ms after the one before, where "
                 f"{1000 * usual:.1f} ms are usual.",
-                "Cameras are matched by picture numbers, which needs one constant rate. Write the "
+                "Cameras are matched by image numbers, which needs one constant rate. Write the "
                 f"video anew: ffmpeg -i {self.path.name} -vf fps={1 / usual:.5g} NEW.mp4.",
             )
 
     def cropped(self, box: Box) -> Video:
-        """The same video with a part of each picture only."""
+        """The same video with a part of each image only."""
         left, top, right, bottom = box
         return replace(self, box=box, header=Header(right - left, bottom - top, has_alpha=False))
 
     def segment(self, number: int) -> range:
-        """The numbers of the pictures that are decoded together with this one."""
+        """The numbers of the images that are decoded together with this one."""
         after = bisect_right(self.keys, number)
         return range(self.keys[after - 1], (*self.keys, len(self))[after])
 
-    def pictures(self, numbers: Sequence[int]) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
-        """Decode pictures, upright and cropped; in order, each with its number.
+    def images(self, numbers: Sequence[int]) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
+        """Decode images, upright and cropped; in order, each with its number.
 
         Args:
             numbers: ascending; what lies between them is decoded, too, but goes no further.
@@ -139,7 +139,7 @@ class Video:
     def greys(
         self, numbers: Sequence[int], longest: int
     ) -> Iterator[tuple[int, UInt8[np.ndarray, "h w"]]]:
-        """Decode pictures as ``pictures`` does, but grey and small, which takes less time.
+        """Decode images as ``images`` does, but grey and small, which takes less time.
 
         Args:
             numbers: ascending.
@@ -158,16 +158,16 @@ class Video:
             small = frame.reformat(width, height, "gray", interpolation="AREA")
             yield number, self._upright(small.to_ndarray(), box)
 
-    def picture(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Decode one picture, and those between the key frame before and it.
+    def image(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Decode one image, and those between the key frame before and it.
 
         Raises:
             DataError: it does not decode.
         """
-        return next(self.pictures([number]))[1]
+        return next(self.images([number]))[1]
 
     def _frames(self, numbers: Sequence[int]) -> Iterator[tuple[int, Any]]:
-        """Pictures as FFmpeg has them, in order, each with its number.
+        """Images as FFmpeg has them, in order, each with its number.
 
         Raises:
             DataError: one of them, or of those between, does not decode.
@@ -189,10 +189,10 @@ class Video:
                 if number == last:
                     return
                 expected += 1
-        raise DataError(f"{self.path}: picture {expected} of {len(self)} does not decode.", ADVICE)
+        raise DataError(f"{self.path}: image {expected} of {len(self)} does not decode.", ADVICE)
 
     def _decoded(self, container: Any, stream: Any) -> Iterator[tuple[int, Any]]:  # noqa: ANN401
-        """Pictures from wherever the container stands, as FFmpeg has them, with their numbers."""
+        """Images from wherever the container stands, as FFmpeg has them, with their numbers."""
         import av
 
         numbers = {stamp: number for number, stamp in enumerate(self.stamps)}
@@ -204,14 +204,14 @@ class Video:
                     continue
                 if frame.is_corrupt:
                     raise DataError(
-                        f"{self.path}: picture {number} of {len(self)} "
+                        f"{self.path}: image {number} of {len(self)} "
                         f"(at {self.times[number]:.3f} s) is damaged.",
                         ADVICE,
                     )
                 latest = number
                 yield number, frame
         except (av.FFmpegError, OSError) as error:
-            after = f"after picture {latest}" if latest >= 0 else "its first picture"
+            after = f"after image {latest}" if latest >= 0 else "its first image"
             raise DataError(
                 f"{self.path}: {after} of {len(self)}, the video does not decode: {_text(error)}",
                 ADVICE,
@@ -229,7 +229,7 @@ class Video:
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture of a video."""
+    """One image of a video."""
 
     video: Video
     number: int
@@ -253,7 +253,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         raise UnavailableError(
             f"{path} is a video, and PyAV, which decodes videos, is not installed.",
             "Install it with: pip install 'gsfw[video]' (or: pip install av). Or cut the video "
-            "into pictures.",
+            "into images.",
         ) from None
     try:
         # What comes before a colon in a relative path would be a protocol to FFmpeg.
@@ -273,7 +273,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[int]]:  # noqa: ANN401
-    """Time stamps of all pictures, and of the key frames among them."""
+    """Time stamps of all images, and of the key frames among them."""
     import av
 
     stamps, keys, corrupt = [], [], 0
@@ -285,7 +285,7 @@ def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[i
             stamp = packet.dts if packet.pts is None else packet.pts
             if stamp is None:
                 raise DataError(
-                    f"{path}: its pictures have no time stamps.",
+                    f"{path}: its images have no time stamps.",
                     "Put it into a container that has them: ffmpeg -i OLD -c copy NEW.mp4.",
                 )
             stamps.append(stamp)
@@ -299,11 +299,11 @@ def _packets(path: Path, container: Any, stream: Any) -> tuple[list[int], list[i
     if corrupt or len(stamps) < announced:
         there = len(stamps) - corrupt
         raise DataError(
-            f"{path} is cut off: its header announces {announced} pictures, {there} are there.",
+            f"{path} is cut off: its header announces {announced} images, {there} are there.",
             "Copy the video again.",
         )
     if not stamps:
-        raise DataError(f"{path}: the video holds no pictures.", "Record or copy it again.")
+        raise DataError(f"{path}: the video holds no images.", "Record or copy it again.")
     _check_length(path, stream, stamps)
     return stamps, keys
 
@@ -321,16 +321,16 @@ def _check_length(path: Path, stream: Any, stamps: list[int]) -> None:  # noqa: 
     first, last = min(stamps) * float(stream.time_base), max(stamps) * float(stream.time_base)
     if announced - last > MISSING * (last - first) / (len(stamps) - 1):
         raise DataError(
-            f"{path} is cut off: its header announces {announced:.2f} s, and its last picture is "
+            f"{path} is cut off: its header announces {announced:.2f} s, and its last image is "
             f"at {last:.2f} s.",
             "Copy the video again.",
         )
 
 
 def _count_stored(path: Path) -> int:
-    """How many pictures an MP4 or MOV file holds, with those that its edit list leaves out.
+    """How many images an MP4 or MOV file holds, with those that its edit list leaves out.
 
-    Editors trim videos by such a list, and leave the pictures and their announced number as is.
+    Editors trim videos by such a list, and leave the images and their announced number as is.
     """
     import av
 

@@ -38,7 +38,7 @@ NPY = re.compile(
 bytes, type and shape. Parsing it as numpy does would mean to evaluate literals of Python."""
 PREFIX = 10
 DATE = (1980, 1, 1, 0, 0, 0)
-"""Of every entry, so that the same content makes the same bytes."""
+"""Date of every entry, so that the same content makes the same bytes."""
 ENCRYPTED = 0x1
 
 MALFORMED = (
@@ -51,14 +51,14 @@ MALFORMED = (
     RuntimeError,
     NotImplementedError,
 )
-"""What zipfile, numpy and json raise on files that are not what they seem."""
+"""Errors of zipfile, numpy and json on malformed files."""
 
 COPY_AGAIN = "It may have been cut short or changed in copying; get it again."
 
 
 @dataclass(frozen=True)
 class ArrayArchive:
-    """What such a file holds."""
+    """Content of such a file."""
 
     header: Mapping[str, Any]
     """Plain data."""

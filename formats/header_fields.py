@@ -21,7 +21,7 @@ class HeaderFields:
     """One object of a header."""
 
     path: Path
-    """Of the file, for messages."""
+    """Path of the file, for messages."""
     where: str
     """Which object: "scene", "cameras[3]"; empty for the header itself."""
     values: Mapping[str, Any]
@@ -87,7 +87,7 @@ class HeaderFields:
         return array
 
     def is_null(self, name: str) -> bool:
-        """Whether there is nothing under this name."""
+        """True if there is nothing under this name."""
         return self._find(name) is None
 
     def fields(self, name: str) -> HeaderFields:

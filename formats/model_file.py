@@ -15,26 +15,27 @@ import torch
 from torch import Tensor
 
 from gsfw.core.errors import DataError
-from gsfw.core.exchange import ModelExporter
+from gsfw.core.exchange import Exporter, ExportSource, Holds, StoredModel
 from gsfw.core.loop.run_folder import check_finite
-from gsfw.core.stored_model import StoredModel
 from gsfw.formats.array_archive import ArrayArchive, read_archive, write_archive
 from gsfw.formats.header_fields import BROKEN
 from gsfw.formats.model_header import STATE, read_header, write_header
 
 
-class ModelFileExporter(ModelExporter):
+class ModelFileExporter(Exporter):
     """Writes a model file."""
 
     suffix = ".gsfw"
+    holds = Holds.MODEL
 
-    def write(self, path: Path, model: StoredModel) -> None:
+    def write(self, path: Path, source: ExportSource) -> None:
         """Write the file, whole or not at all.
 
         Raises:
             OutputError: it cannot be written.
             ValueError: the model has state of a type that numpy lacks, or that is not finite.
         """
+        model = source.stored_model()
         arrays: dict[str, np.ndarray] = {}
         for name, tensor in model.state.items():
             if tensor.dtype == torch.bfloat16 or tensor.is_complex():

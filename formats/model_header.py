@@ -13,16 +13,16 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split, Views
 from gsfw.core.errors import DataError
+from gsfw.core.exchange import StoredColumn, StoredModel
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.numerics import PROFILES
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.core.stored_model import StoredColumn, StoredModel
 from gsfw.formats.header_fields import BROKEN, HeaderFields
 
 FORMAT = "gsfw model"
 VERSION = 1
-"""Of the layout; raised when an older gsfw could not read a newer file."""
+"""Version of the layout; raised when an older gsfw could not read a newer file."""
 STATE = "state/"
 """Folder of the arrays of the model's state."""
 
@@ -96,9 +96,7 @@ def _camera_document(split: Split, name: str, camera: Cameras) -> dict[str, Any]
         "model": camera.model.value,
         "world_to_camera": first(camera.world_to_camera),
         "intrinsics": first(camera.intrinsics),
-        "distortion": first(camera.distortion),
         "time": first(camera.time),
-        "image_index": first(camera.image_index),
         "camera_index": first(camera.camera_index),
     }
 
@@ -147,7 +145,7 @@ def _check_version(fields: HeaderFields) -> None:
 
 
 def _settings(fields: HeaderFields) -> dict[str, Any]:
-    """What may stand for a setting: text, a number, true, false, nothing, or a list of these."""
+    """The settings: each is text, a number, true, false, nothing, or a list of these."""
     simple = str | int | float | bool | None
     for name, value in fields.values.items():
         if not all(
@@ -247,8 +245,6 @@ def _camera(fields: HeaderFields) -> Cameras:
         width=fields.count("width", least=1),
         height=fields.count("height", least=1),
         model=CameraModel(model),
-        distortion=None if fields.is_null("distortion") else tensor("distortion", -1),
         time=None if fields.is_null("time") else tensor("time"),
-        image_index=index("image_index"),
         camera_index=index("camera_index"),
     )

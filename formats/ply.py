@@ -23,7 +23,7 @@ from plyfile import PlyData, PlyElement, PlyListProperty, PlyParseError
 from torch import Tensor
 
 from gsfw.core.errors import DataError
-from gsfw.core.exchange import Exporter, Importer, SplatFile
+from gsfw.core.exchange import Exporter, ExportSource, Importer, SplatFile
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.splats import Sh, Splats
 
@@ -44,7 +44,7 @@ SCALES, QUATS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "
 REQUIRED = (*MEANS, *DC, "opacity", *SCALES, *QUATS)
 
 MALFORMED = (PlyParseError, ValueError, KeyError, IndexError, OverflowError, MemoryError)
-"""What plyfile raises on files that are no PLY inside."""
+"""Errors of plyfile on malformed files."""
 
 
 class PlyExporter(Exporter):
@@ -52,13 +52,14 @@ class PlyExporter(Exporter):
 
     suffix = ".ply"
 
-    def write(self, path: Path, content: SplatFile) -> None:
+    def write(self, path: Path, source: ExportSource) -> None:
         """Write the file, whole or not at all; bands above the active SH degree are left out.
 
         Raises:
             OutputError: it cannot be written.
             ValueError: a value is not finite, or out of range; names the field and the row.
         """
+        content = source.splat_file()
         names, table = _table(content.splats)
         rows = np.ascontiguousarray(table, dtype="<f4").view([(name, "<f4") for name in names])
         vertex = PlyElement.describe(rows[:, 0], "vertex")
@@ -165,7 +166,7 @@ _COPY = "It may have been cut short or changed in copying; get it again."
 
 @dataclass(frozen=True)
 class _Header:
-    """What a file says of itself before its data."""
+    """The header of a file."""
 
     encoding: str
     comments: tuple[str, ...]
@@ -231,7 +232,7 @@ def _header(parsed: PlyData, counts: Sequence[int], data_bytes: int) -> _Header:
 
 
 def _least_bytes(element: PlyElement, text: bool) -> int:
-    """Of a row: a number in a text takes a digit and a blank, a list at least its count."""
+    """Least size of a row: a number in a text has a digit and a blank, a list its count."""
     if text:
         return 2 * len(element.properties)
     return sum(
@@ -338,6 +339,6 @@ class _Columns:
 
 
 def _in_words(error: Exception) -> str:
-    """What a parser says, without its line breaks and full stop."""
+    """The message of a parser, without its line breaks and full stop."""
     text = " ".join(str(error).split()).rstrip(".")
     return text or type(error).__name__

@@ -20,21 +20,23 @@ from pathlib import Path
 
 import numpy as np
 
-from gsfw.core.exchange import TrackExporter, TrackFile
+from gsfw.core.exchange import Exporter, ExportSource, Holds
 from gsfw.core.files.atomic import write_atomically
 
 
-class TracksExporter(TrackExporter):
+class TracksExporter(Exporter):
     """Writes ``.npz``."""
 
     suffix = ".npz"
+    holds = Holds.TRACKS
 
-    def write(self, path: Path, content: TrackFile) -> None:
+    def write(self, path: Path, source: ExportSource) -> None:
         """Write the file, whole or not at all.
 
         Raises:
             OutputError: it cannot be written.
         """
+        content = source.track_file()
         tracks, origin = content.tracks, content.origin
         buffer = io.BytesIO()
         np.savez(

@@ -247,11 +247,7 @@ def compose(
             "Hold out fewer images (holdout_every=0 holds out none).",
         )
     cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
-    distorted = any(camera.distortion is not None for camera in cameras)
-    needs = Needs(
-        camera_models=frozenset(camera.model for camera in cameras),
-        features=frozenset({Feature.DISTORTION} if distorted else ()),
-    )
+    needs = Needs(camera_models=frozenset(camera.model for camera in cameras))
     _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
     method.check_scene(scene)
     corrections = make_corrections(settings.config, data).to(device)

@@ -17,10 +17,10 @@ from torch import Tensor
 from gsfw.core.column import Column, Layout
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
+from gsfw.core.exchange import StoredColumn, StoredModel
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.scene import Scene
-from gsfw.core.stored_model import StoredColumn, StoredModel
 from gsfw.plugins.automatic import BUILT_IN_SCENE
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import PLACES

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.exchange import SplatFile
-from gsfw.core.maths.frame import transform_splats
-from gsfw.core.maths.principal_axes import with_axes
+from gsfw.core.maths.frame import transform_splats, with_axes
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats

@@ -15,7 +15,7 @@ from gsfw.core.scene import Scene
 class StoredCapture(DataManager):
     """Cameras without pictures: enough to draw a model, not to compare it with anything."""
 
-    has_pictures = False
+    has_images = False
 
     def __init__(
         self, scene: Scene, views: Mapping[Split, Views], source: str, has_data: bool = True

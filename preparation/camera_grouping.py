@@ -1,4 +1,4 @@
-"""Camera grouping: which pictures share a camera, its model, and a first guess of its focal length.
+"""Camera grouping: which images share a camera, its model, and a first guess of its focal length.
 
 See https://colmap.github.io/cameras.html for the models.
 """
@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.lens import COEFFICIENTS
-from gsfw.preparation.camera_group import CameraGroup
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.image_set import ImageSet, SourceImage
 
-ONE, PER_FOLDER, PER_PICTURE = "one", "per-folder", "per-picture"
+ONE, PER_FOLDER, PER_IMAGE = "one", "per-folder", "per-image"
 """Who shares a camera, besides ``auto``."""
 
 FEW = 20
-"""Groups of fewer pictures get the simpler model. COLMAP's documentation advises OPENCV where
-pictures share a camera and SIMPLE_RADIAL where each has its own; the number is our judgement, as
-few pictures have few points in their corners, which the further coefficients are about.
+"""Groups of fewer images get the simpler model. COLMAP's documentation advises OPENCV where
+images share a camera and SIMPLE_RADIAL where each has its own; the number is our judgement, as
+few images have few points in their corners, which the further coefficients are about.
 Measured on the fox photos, distorted by a known lens, the mean error of the lens in pixels was
 2.0 (SIMPLE_RADIAL) and 2.4 (OPENCV) with 10 photos, 0.5 and 0.1 to 0.8 in two runs with 24, and
 0.5 and 0.4 with all 50: no large difference either way."""
@@ -30,15 +29,15 @@ Measured on the fox photos, distorted by a known lens, the mean error of the len
 MODEL_OF_FEW, MODEL_OF_MANY = "SIMPLE_RADIAL", "OPENCV"
 
 USUAL_FOCAL = 1.2
-"""Longer edges of the picture; COLMAP's default (``default_focal_length_factor``)."""
+"""Longer edges of the image; COLMAP's default (``default_focal_length_factor``)."""
 
 
 @dataclass(frozen=True)
 class CameraRule:
-    """What the user says of the cameras."""
+    """The user's choices about cameras."""
 
     cameras: str = AUTO
-    """Which pictures share one: auto (by EXIF and size), one, per-folder or per-picture."""
+    """Which images share one: auto (by EXIF and size), one, per-folder or per-image."""
     model: str = AUTO
     """One of COLMAP's camera models, or auto: never one for fisheye lenses."""
     focal: float | None = None
@@ -50,7 +49,7 @@ class CameraRule:
         Raises:
             ConfigError: one is not allowed.
         """
-        kinds = (AUTO, ONE, PER_FOLDER, PER_PICTURE)
+        kinds = (AUTO, ONE, PER_FOLDER, PER_IMAGE)
         if self.cameras not in kinds:
             raise ConfigError(f"cameras={self.cameras}: expected one of {', '.join(kinds)}.")
         if self.model != AUTO and self.model.upper() not in COEFFICIENTS:
@@ -62,49 +61,49 @@ class CameraRule:
             raise ConfigError(f"focal={self.focal:g}: expected a positive number of pixels.")
 
 
-def group_cameras(pictures: PictureSet, rule: CameraRule) -> tuple[CameraGroup, ...]:
+def group_cameras(images: ImageSet, rule: CameraRule) -> tuple[CameraGroup, ...]:
     """The cameras, numbered from 1 in the order in which they come in the set.
 
     Raises:
-        ConfigError: the rule is not allowed, or makes pictures of several sizes share a camera.
+        ConfigError: the rule is not allowed, or makes images of several sizes share a camera.
     """
     rule.check()
-    members: dict[Hashable, list[SourcePicture]] = {}
-    for picture in pictures.pictures:
-        members.setdefault(_camera(picture, rule.cameras), []).append(picture)
+    members: dict[Hashable, list[SourceImage]] = {}
+    for image in images.images:
+        members.setdefault(_camera(image, rule.cameras), []).append(image)
     for shared in members.values():
         _check_one_size(shared, rule)
     return tuple(_group(number, found, rule) for number, found in enumerate(members.values(), 1))
 
 
-def _camera(picture: SourcePicture, cameras: str) -> Hashable:
-    """Equal for pictures that share a camera."""
+def _camera(image: SourceImage, cameras: str) -> Hashable:
+    """Equal for images that share a camera."""
     if cameras == ONE:
         return ""
     if cameras == PER_FOLDER:
-        return picture.group
-    if cameras == PER_PICTURE:
-        return picture.name
+        return image.group
+    if cameras == PER_IMAGE:
+        return image.name
     # Upright and sideways photos of one phone come from one sensor, but a model describes upright
-    # pictures: its width, height and principal point are others once the picture is turned.
-    size = picture.header.width, picture.header.height
+    # images: its width, height and principal point are others once the image is turned.
+    size = image.header.width, image.header.height
     # A rig of several cameras without EXIF has a folder for each.
-    return size, picture.exif.camera if picture.exif.names_camera else picture.group
+    return size, image.exif.camera if image.exif.names_camera else image.group
 
 
-def _check_one_size(shared: Sequence[SourcePicture], rule: CameraRule) -> None:
+def _check_one_size(shared: Sequence[SourceImage], rule: CameraRule) -> None:
     names: dict[str, list[str]] = {}
-    for picture in shared:
-        size = f"{picture.header.width}x{picture.header.height}"
-        names.setdefault(size, []).append(picture.name)
+    for image in shared:
+        size = f"{image.header.width}x{image.header.height}"
+        names.setdefault(size, []).append(image.name)
     if len(names) == 1:
         return
     sizes = ", ".join(f"{size} ({_counted(found)})" for size, found in names.items())
     which = f" in {shared[0].group}" if rule.cameras == PER_FOLDER and shared[0].group else ""
     raise ConfigError(
-        f"cameras={rule.cameras}: the pictures{which} have several sizes: {sizes}.",
+        f"cameras={rule.cameras}: the images{which} have several sizes: {sizes}.",
         "One camera has one size, and upright and sideways photos count as two. Use cameras=auto, "
-        "or bring the pictures to one size.",
+        "or bring the images to one size.",
     )
 
 
@@ -112,12 +111,12 @@ def _counted(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
-def _group(number: int, pictures: Sequence[SourcePicture], rule: CameraRule) -> CameraGroup:
-    header = pictures[0].header
+def _group(number: int, images: Sequence[SourceImage], rule: CameraRule) -> CameraGroup:
+    header = images[0].header
     model = rule.model.upper()
     if rule.model == AUTO:
-        model = MODEL_OF_FEW if len(pictures) < FEW else MODEL_OF_MANY
-    focal, origin = _first_focal(pictures, rule)
+        model = MODEL_OF_FEW if len(images) < FEW else MODEL_OF_MANY
+    focal, origin = _first_focal(images, rule)
     return CameraGroup(
         number=number,
         model=model,
@@ -125,17 +124,36 @@ def _group(number: int, pictures: Sequence[SourcePicture], rule: CameraRule) -> 
         height=header.height,
         focal=focal,
         focal_origin=origin,
-        pictures=tuple(picture.name for picture in pictures),
+        images=tuple(image.name for image in images),
     )
 
 
-def _first_focal(pictures: Sequence[SourcePicture], rule: CameraRule) -> tuple[float, str]:
+def _first_focal(images: Sequence[SourceImage], rule: CameraRule) -> tuple[float, str]:
     """Where optimisation starts, in pixels, and who says so."""
     if rule.focal is not None:
         return rule.focal, "given"
-    width, height = pictures[0].header.width, pictures[0].header.height
-    told = [picture.exif.focal_pixels(width, height) for picture in pictures]
+    width, height = images[0].header.width, images[0].header.height
+    told = [image.exif.focal_pixels(width, height) for image in images]
     known = [focal for focal in told if focal is not None]
     if known:
         return statistics.median(known), "EXIF"
     return USUAL_FOCAL * max(width, height), ""
+
+
+@dataclass(frozen=True)
+class CameraGroup:
+    """One camera before calibration."""
+
+    number: int
+    """Counted from 1; COLMAP's camera id."""
+    model: str
+    """One of COLMAP's camera models, such as SIMPLE_RADIAL."""
+    width: int
+    """Pixels of the upright images."""
+    height: int
+    focal: float
+    """First guess, in pixels."""
+    focal_origin: str
+    """Where the guess comes from: "EXIF", "given", or "" for a usual one."""
+    images: tuple[str, ...]
+    """Names, in the order of the set."""

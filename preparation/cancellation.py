@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Event, Thread
@@ -56,3 +58,19 @@ def cancellable(work: Callable[[CancellationToken], T]) -> T:
     if failures:
         raise failures[0]
     return results[0]
+
+
+def end_with_parent() -> None:
+    """End this process when its parent has ended, also by force.
+
+    By itself a process of a pool would wait for work for ever, since it holds both ends of the
+    queue that it is given work by.
+    """
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=watch, daemon=True).start()

@@ -13,7 +13,7 @@ from typing import Any
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
-from gsfw.datamanagers.pictures import FORMATS
+from gsfw.datamanagers.images import FORMATS
 
 FILM_DIAGONAL = 43.27
 """Millimetres. CIPA DCG-001 defines the 35 mm equivalent by diagonals of 36x24 mm film and of the
@@ -26,7 +26,7 @@ INCH = 2
 """The unit where none is given."""
 
 PLAUSIBLE = (0.1, 50.0)
-"""Focal lengths beyond, in longer edges of the picture, are taken for nonsense: they would be a
+"""Focal lengths beyond, in longer edges of the image, are taken for nonsense: they would be a
 view of 157 degrees, or a lens of 1,800 mm on film."""
 
 DATE = re.compile(r"[12]\d{3}:\d\d:\d\d \d\d:\d\d:\d\d")
@@ -48,9 +48,9 @@ class Exif:
     taken: str = ""
     """When, as "YYYY:MM:DD HH:MM:SS"."""
     pixels_per_mm: float | None = None
-    """Pixels to a millimetre of the sensor, in the picture as the camera wrote it."""
+    """Pixels to a millimetre of the sensor, in the image as the camera wrote it."""
     longer_edge: int | None = None
-    """Pixels, of the picture as the camera wrote it; the file's own differs once resized."""
+    """Pixels, of the image as the camera wrote it; the file's own differs once resized."""
 
     @property
     def camera(self) -> tuple[str, str, str, float | None, float | None]:
@@ -62,16 +62,16 @@ class Exif:
 
     @property
     def names_camera(self) -> bool:
-        """Whether it says anything at all about the camera."""
+        """True if it says anything at all about the camera."""
         return any(self.camera)
 
     def focal_pixels(self, width: int, height: int) -> float | None:
-        """Focal length in pixels of a picture of this size; ``None`` where nothing says it.
+        """Focal length in pixels of an image of this size; ``None`` where nothing says it.
 
-        The picture may have been resized, but not cropped: Exif does not tell that.
+        The image may have been resized, but not cropped: Exif does not tell that.
 
         Args:
-            width: pixels of the picture as it is now; upright or not does not matter.
+            width: pixels of the image as it is now; upright or not does not matter.
             height: likewise.
         """
         longer = max(width, height)
@@ -87,7 +87,7 @@ class Exif:
 
 
 def read_exif(path: Path) -> Exif:
-    """What a picture file says; what is missing or damaged is empty, and nothing is raised."""
+    """What an image file says; what is missing or damaged is empty, and nothing is raised."""
     with warnings.catch_warnings():
         # Pillow warns of damaged Exif, which is as good as none.
         warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""COLMAP's database: pictures, their cameras and features, one picture at a time."""
+"""COLMAP's database: images, their cameras and features, one image at a time."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gsfw.core.files.atomic import readable_write_errors
-from gsfw.preparation.camera_group import CameraGroup
-from gsfw.preparation.disk_room import check_room
-from gsfw.preparation.native_errors import readable_native_errors
-from gsfw.preparation.picture_set import PictureSet
-from gsfw.preparation.sift import PictureFeatures
+from gsfw.preparation.camera_grouping import CameraGroup
+from gsfw.preparation.disk import check_room
+from gsfw.preparation.image_set import ImageSet
+from gsfw.preparation.native import readable_native_errors
+from gsfw.preparation.sift import ImageFeatures
 
 
-def picture_numbers(pictures: PictureSet) -> dict[str, int]:
+def image_numbers(images: ImageSet) -> dict[str, int]:
     """COLMAP's image ids by name: positions in the set, counted from 1."""
-    return {picture.name: number for number, picture in enumerate(pictures.pictures, 1)}
+    return {image.name: number for number, image in enumerate(images.images, 1)}
 
 
 class FeatureDatabase:
     """A database that features are written into; open while it is used as a context."""
 
-    def __init__(self, path: Path, pictures: PictureSet, groups: Sequence[CameraGroup]) -> None:
+    def __init__(self, path: Path, images: ImageSet, groups: Sequence[CameraGroup]) -> None:
         """Open it, or make it.
 
         Raises:
@@ -36,9 +36,9 @@ class FeatureDatabase:
         check_room(path)
         with readable_native_errors("open the features", path):
             self._database = pycolmap.Database.open(path)
-        self._numbers = picture_numbers(pictures)
+        self._numbers = image_numbers(images)
         self._groups: Mapping[str, CameraGroup] = {
-            name: group for group in groups for name in group.pictures
+            name: group for group in groups for name in group.images
         }
 
     def __enter__(self) -> FeatureDatabase:
@@ -48,14 +48,14 @@ class FeatureDatabase:
         self._database.close()
 
     def has(self, name: str) -> bool:
-        """Whether a picture and its features are there."""
+        """True if an image and its features are there."""
         number = self._numbers[name]
         return bool(
             self._database.exists_image(number) and self._database.exists_descriptors(number)
         )
 
-    def write(self, features: PictureFeatures) -> None:
-        """Write a picture and its features, and its camera where it is the first of it.
+    def write(self, features: ImageFeatures) -> None:
+        """Write an image and its features, and its camera where it is the first of it.
 
         All of it or, if the process ends in between, nothing.
 

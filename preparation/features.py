@@ -1,6 +1,6 @@
-"""Features of all pictures: how many on what size, by several processes, into COLMAP's database.
+"""Features of all images: how many on what size, by several processes, into COLMAP's database.
 
-What is finished stays finished: a line of ``features.jsonl`` beside the database for each picture.
+What is finished stays finished: a line of ``features.jsonl`` beside the database for each image.
 """
 
 from __future__ import annotations
@@ -21,21 +21,22 @@ from typing import Any
 from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text
-from gsfw.datamanagers.picture_quality import MEASURED_SIDE, PictureQuality
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.blur import ImageBlur
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
-from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.image_quality import MEASURED_SIDE, ImageQuality
+from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.progress import Progress
-from gsfw.preparation.sift import PictureFeatures, PictureTask, find_features, start_worker
+from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features, start_worker
 
 SIZES = ((1600, 4000), (1000, 2000))
 """Longest side and most features: for as long as it takes at most ``LONG``, else the last."""
 LONG = 3600.0
 """Seconds for features and matches, beyond which less is looked for."""
 LEAST_SIZE, LEAST_COUNT = 64, 50
-"""Below, no picture of anything has enough features to be matched."""
+"""Below, no image of anything has enough features to be matched."""
 MOST_SIZE, MOST_COUNT = 100_000, 32_768
-"""Beyond, there are no pictures; and COLMAP matches no more features (``max_num_matches``)."""
+"""Beyond, there are no images; and COLMAP matches no more features (``max_num_matches``)."""
 FILE_SECONDS = 0.05
 """Of one core, to decode a million pixels and shrink them."""
 MEGAPIXEL_SECONDS = 1.2
@@ -43,27 +44,27 @@ MEGAPIXEL_SECONDS = 1.2
 PAIR_SECONDS = 0.094
 """Of one core, to match 4000 features with 4000; goes with the square."""
 EXHAUSTIVE = 200
-"""Pictures up to which all pairs are counted in the estimate."""
+"""Images up to which all pairs are counted in the estimate."""
 NEIGHBORS = 30
-"""Pairs for each picture that are counted beyond."""
+"""Pairs for each image that are counted beyond."""
 WORKER_SECONDS = 2.0
 """For a process to start: work that takes less than twice that is done in this one."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FeatureReport:
-    """What is known of a picture after its features were looked for."""
+    """What is known of an image after its features were looked for."""
 
     count: int
     """Features."""
-    quality: PictureQuality
+    quality: ImageQuality
     blur_direction: float | None
     """Along which fine detail is missing most, in degrees from the x towards the y axis;
-    ``None`` for a picture without features."""
+    ``None`` for an image without features."""
     blur_ratio: float
     """Fine detail along it, in parts of that across; 1 where there is no direction."""
     failure: str = ""
-    """Why the picture could not be decoded (it is not in the database); else empty."""
+    """Why the image could not be decoded (it is not in the database); else empty."""
 
     @staticmethod
     def of(document: Mapping[str, Any]) -> FeatureReport:
@@ -73,16 +74,21 @@ class FeatureReport:
             KeyError: there is something missing.
             TypeError: it is no such data.
         """
-        quality = PictureQuality(**document["quality"])
+        quality = ImageQuality(**document["quality"])
         return FeatureReport(**{**document, "quality": quality})
+
+    @property
+    def blur(self) -> ImageBlur:
+        """The measurements that tell whether the image is blurred."""
+        return ImageBlur(self.quality, self.blur_direction, self.blur_ratio)
 
 
 @dataclasses.dataclass(frozen=True)
 class FeatureSettings:
-    """How much is looked for in each picture."""
+    """How much is looked for in each image."""
 
     max_size: int = 1600
-    """Longest side in pixels; larger pictures are shrunk for it."""
+    """Longest side in pixels; larger images are shrunk for it."""
     count: int = 4000
     """Most features; those of the largest scale are kept."""
     jobs: int = 1
@@ -90,12 +96,12 @@ class FeatureSettings:
 
     @staticmethod
     def for_machine(
-        pictures: PictureSet, cores: int, size: int | None, count: int | None
+        images: ImageSet, cores: int, size: int | None, count: int | None
     ) -> tuple[FeatureSettings, str]:
         """Settings for a set and a machine, and the sentence that states them.
 
         Args:
-            pictures: all of them.
+            images: all of them.
             cores: of the machine.
             size: longest side, if the user chose it.
             count: most features, if the user chose it.
@@ -104,27 +110,27 @@ class FeatureSettings:
             ConfigError: as of ``check_wanted``.
         """
         check_wanted(size, count)
-        jobs = max(1, min(cores, len(pictures.pictures)))
+        jobs = max(1, min(cores, len(images.images)))
         choices = [
             FeatureSettings(size or usual_size, count or usual_count, jobs)
             for usual_size, usual_count in SIZES
         ]
         chosen = next(
-            (one for one in choices if sum(one.seconds(pictures, cores)) <= LONG), choices[-1]
+            (one for one in choices if sum(one.seconds(images, cores)) <= LONG), choices[-1]
         )
-        finding, matching = chosen.seconds(pictures, cores)
+        finding, matching = chosen.seconds(images, cores)
         return chosen, (
-            f"features: at most {chosen.count} in {_each(len(pictures.pictures))}, on up to "
+            f"features: at most {chosen.count} in {_each(len(images.images))}, on up to "
             f"{chosen.max_size} pixels, with {cores} core{'s' if cores > 1 else ''}: about "
             f"{_duration(finding)}, then about {_duration(matching)} for matching."
         )
 
-    def seconds(self, pictures: PictureSet, cores: int) -> tuple[float, float]:
+    def seconds(self, images: ImageSet, cores: int) -> tuple[float, float]:
         """About how long finding and matching take."""
-        number = len(pictures.pictures)
+        number = len(images.images)
         finding = 0.0
-        for picture in pictures.pictures:
-            width, height = picture.header.width, picture.header.height
+        for image in images.images:
+            width, height = image.header.width, image.header.height
             scale = min(1.0, self.max_size / max(width, height))
             pixels = width * height / 1e6
             finding += pixels * (FILE_SECONDS + scale**2 * MEGAPIXEL_SECONDS)
@@ -134,7 +140,7 @@ class FeatureSettings:
 
 
 def _each(number: int) -> str:
-    return "the only picture" if number == 1 else f"each of {number} pictures"
+    return "the only image" if number == 1 else f"each of {number} images"
 
 
 def _duration(seconds: float) -> str:
@@ -161,19 +167,19 @@ def check_wanted(size: int | None, count: int | None) -> None:
 
 def extract_features(
     database: Path,
-    pictures: PictureSet,
+    images: ImageSet,
     groups: Sequence[CameraGroup],
     settings: FeatureSettings,
     progress: Progress,
 ) -> dict[str, FeatureReport]:
-    """Find the features of all pictures that the database does not have yet.
+    """Find the features of all images that the database does not have yet.
 
     Args:
         database: COLMAP's file; made where there is none.
-        pictures: all of them.
-        groups: each picture is in one.
+        images: all of them.
+        groups: each image is in one.
         settings: those of the earlier calls on the same database.
-        progress: is told how many pictures are done.
+        progress: is told how many images are done.
 
     Returns:
         By name, in the order of the set. The database has all but those with a ``failure``.
@@ -184,22 +190,22 @@ def extract_features(
         UnavailableError: a process was ended from outside.
     """
     log = database.with_name("features.jsonl")
-    total = len(pictures.pictures)
+    total = len(images.images)
     with (
-        FeatureDatabase(database, pictures, groups) as store,
+        FeatureDatabase(database, images, groups) as store,
         progress.stage("features", total) as advance,
     ):
         reports = {
             name: report
             for name, report in _read_log(log).items()
-            if name in pictures.by_name and (report.failure or store.has(name))
+            if name in images.by_name and (report.failure or store.has(name))
         }
         # Written anew, as its last line may be half a line.
         write_atomically(log, "".join(map(_line, reports.items())).encode())
         advance(len(reports))
-        tasks = [task for task in _tasks(pictures, settings) if task.name not in reports]
+        tasks = [task for task in _tasks(images, settings) if task.name not in reports]
         # Closed at once, and not when the last reference to it goes: it holds processes.
-        with closing(_find_all(tasks, settings, pictures)) as results:
+        with closing(_find_all(tasks, settings, images)) as results:
             for found in results:
                 if not found.failure and not store.has(found.name):
                     store.write(found)
@@ -207,23 +213,23 @@ def extract_features(
                 with readable_write_errors(log), log.open("a", encoding="utf-8") as file:
                     file.write(_line((found.name, reports[found.name])))
                 advance(len(reports))
-    return {picture.name: reports[picture.name] for picture in pictures.pictures}
+    return {image.name: reports[image.name] for image in images.images}
 
 
-def _tasks(pictures: PictureSet, settings: FeatureSettings) -> list[PictureTask]:
-    longest = [max(p.header.width, p.header.height) for p in pictures.pictures]
+def _tasks(images: ImageSet, settings: FeatureSettings) -> list[ImageTask]:
+    longest = [max(p.header.width, p.header.height) for p in images.images]
     measured = min([MEASURED_SIDE, *longest])
     return [
-        PictureTask(one.name, one.path, one.header, settings.max_size, settings.count, measured)
-        for one in pictures.pictures
+        ImageTask(one.name, one.path, one.header, settings.max_size, settings.count, measured)
+        for one in images.images
     ]
 
 
 def _find_all(
-    tasks: Sequence[PictureTask], settings: FeatureSettings, pictures: PictureSet
-) -> Generator[PictureFeatures, None, None]:
-    alone = dataclasses.replace(settings, jobs=1).seconds(pictures, 1)[0]
-    here = alone * len(tasks) / max(1, len(pictures.pictures))
+    tasks: Sequence[ImageTask], settings: FeatureSettings, images: ImageSet
+) -> Generator[ImageFeatures, None, None]:
+    alone = dataclasses.replace(settings, jobs=1).seconds(images, 1)[0]
+    here = alone * len(tasks) / max(1, len(images.images))
     if settings.jobs == 1 or here < 2 * WORKER_SECONDS:
         yield from map(find_features, tasks)
         return
@@ -256,7 +262,7 @@ def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
                 f"one of {jobs} processes that look for features was ended from outside, most "
                 "likely because memory ran out.",
                 "Run the same command again with fewer processes (jobs=1): it goes on with the "
-                "pictures that are not done. If that does not help, look on smaller pictures "
+                "images that are not done. If that does not help, look on smaller images "
                 "(feature_size=1000).",
             ) from error
         raise
@@ -276,7 +282,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _report(found: PictureFeatures) -> FeatureReport:
+def _report(found: ImageFeatures) -> FeatureReport:
     direction, ratio = found.blur
     count = len(found.keypoints)
     return FeatureReport(count, found.quality, direction if count else None, ratio, found.failure)

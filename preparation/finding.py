@@ -45,8 +45,8 @@ class Finding:
     found: str
     why: str
     advice: str
-    pictures: tuple[str, ...] = ()
-    """Names of the pictures it is about, the worst first; empty where it is about all."""
+    images: tuple[str, ...] = ()
+    """Names of the images it is about, the worst first; empty where it is about all."""
 
     def document(self) -> dict[str, Any]:
         """Plain data."""
@@ -56,7 +56,7 @@ class Finding:
             "found": self.found,
             "why": self.why,
             "advice": self.advice,
-            "pictures": list(self.pictures),
+            "images": list(self.images),
         }
 
 
@@ -67,7 +67,7 @@ def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 SHOWN = 5
-"""So many names are listed in a sentence."""
+"""Largest number of names in a sentence."""
 
 
 def listed(names: tuple[str, ...]) -> str:

@@ -30,7 +30,7 @@ RAW = ForeignFormat(
     "Develop all of them with the same settings, and uncropped, to JPEG, PNG or TIFF: with the "
     "camera's own program, or darktable-cli IN OUT.jpg for each.",
 )
-OTHER_PICTURE = "Convert them to PNG: ffmpeg -i IN OUT.png for each."
+OTHER_IMAGE = "Convert them to PNG: ffmpeg -i IN OUT.png for each."
 OTHER_VIDEO = "Convert them to MP4: ffmpeg -i IN OUT.mp4 for each."
 
 RAW_EXTENSIONS = (
@@ -46,7 +46,7 @@ BY_EXTENSION = {
     ".avif": AVIF,
     **dict.fromkeys(RAW_EXTENSIONS, RAW),
     **{
-        f".{name.lower()}": ForeignFormat(name, OTHER_PICTURE)
+        f".{name.lower()}": ForeignFormat(name, OTHER_IMAGE)
         for name in ("GIF", "JP2", "JXL", "PSD", "EXR", "HDR", "TGA", "PPM", "PGM")
     },
     **{
@@ -59,14 +59,14 @@ BRANDS = {
     **dict.fromkeys((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"), HEIC),
     **dict.fromkeys((b"avif", b"avis"), AVIF),
 }
-"""Of ISO/IEC 23008-12 and AVIF: phones also send such files under the name of a JPEG."""
+"""Brands of ISO/IEC 23008-12 and AVIF: phones also send such files under the name of a JPEG."""
 
 HEAD = 12
-"""So many bytes of a file's beginning tell its brand."""
+"""Number of bytes at a file's beginning that contain its brand."""
 
 
 def foreign_format(extension: str, head: bytes) -> ForeignFormat | None:
-    """What a file that gsfw cannot read is, by its beginning or else its lower-case extension."""
+    """The unsupported format of a file, by its first bytes or else its lower-case extension."""
     if head[4:8] == b"ftyp" and head[8:12] in BRANDS:
         return BRANDS[head[8:12]]
     return BY_EXTENSION.get(extension)

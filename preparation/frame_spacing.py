@@ -1,4 +1,4 @@
-"""Spacing: which pictures of a moving camera to take, sharp ones at equal changes of the view."""
+"""Spacing: which images of a moving camera to take, sharp ones at equal changes of the view."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 NEAREST = 0.005
-"""Least change of the view between two chosen pictures, of the longer side: 10 pixels of a
-picture of 1920, and a degree or two of the way around an object."""
+"""Least change of the view between two chosen images, of the longer side: 10 pixels of a
+image of 1920, and a degree or two of the way around an object."""
 LONGEST = 4.0
-"""No two chosen pictures follow each other at more than so many times the average interval, where
+"""No two chosen images follow each other at more than so many times the average interval, where
 the view changes enough in it: a camera that comes nearer changes its view slowly."""
 OFF_CENTER = 0.5
-"""Part of its worth that a picture loses at the edge of its window: a picture twice as sharp is
+"""Part of its worth that an image loses at the edge of its window: an image twice as sharp is
 taken from there, a slightly sharper one is not."""
 HALVINGS = 24
-"""Of the range in which the width of windows is looked for."""
+"""Number of halvings of the range in which the width of windows is searched."""
 
 
 def spaced(
@@ -27,9 +27,9 @@ def spaced(
     usable: Bool[np.ndarray, " n"],
     count: int,
 ) -> Int[np.ndarray, " chosen"]:
-    """Indices of at most ``count`` pictures, ascending; fewer where the view changes too little.
+    """Indices of at most ``count`` images, ascending; fewer where the view changes too little.
 
-    The path of the view is cut into windows of equal length, and the sharpest picture is taken
+    The path of the view is cut into windows of equal length, and the sharpest image is taken
     from each; the length is the one that gives as many as are asked for.
 
     Args:
@@ -58,7 +58,7 @@ def spaced(
 
 
 class _Path:
-    """The pictures that may be taken, along the path of the view."""
+    """The images that may be taken, along the path of the view."""
 
     def __init__(
         self,
@@ -72,11 +72,11 @@ class _Path:
         self._longest = LONGEST * float(times[-1] - times[0]) / count
 
     def choose(self, width: float) -> list[int]:
-        """The best picture of each window, none too near to the one before."""
+        """The best image of each window, none too near to the one before."""
         chosen: list[int] = []
         start, edge = 0, self._positions[0]
         while start < len(self._positions):
-            # Windows lie at multiples of their width, so that rounding to pictures adds up to none.
+            # Windows lie at multiples of their width, so that rounding to images adds up to none.
             edge += width * ((self._positions[start] - edge) // width)
             end = max(start + 1, int(np.searchsorted(self._positions, edge + width)))
             if (late := self._late(start)) < end:
@@ -91,7 +91,7 @@ class _Path:
         return chosen
 
     def _late(self, start: int) -> int:
-        """The picture at which a window that begins with ``start`` has lasted long enough."""
+        """The image at which a window that begins with ``start`` has lasted long enough."""
         return int(
             max(
                 np.searchsorted(self._positions, self._positions[start] + 2 * NEAREST),
@@ -101,7 +101,7 @@ class _Path:
         )
 
     def _worth(self, start: int, end: int) -> Float[np.ndarray, " window"]:
-        """Of the pictures of a window: sharpness, and less towards its edges."""
+        """Weights of the images of a window: sharpness, reduced towards its edges."""
         positions = self._positions[start:end]
         middle, half = (positions[0] + positions[-1]) / 2, (positions[-1] - positions[0]) / 2
         off = (positions - middle) / half if half > 0 else np.zeros_like(positions)

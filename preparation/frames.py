@@ -1,18 +1,18 @@
-"""Frames: sharp, well-spaced pictures of videos, as files that the other stages work on."""
+"""Frames: sharp, well-spaced images of videos, as files that the other stages work on."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.video import Video
 from gsfw.preparation.exif import Exif
+from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.input_files import writable
 from gsfw.preparation.journal import Journal, identity_of
-from gsfw.preparation.picture_set import SourcePicture
 from gsfw.preparation.progress import Progress
-from gsfw.preparation.workplace import Workplace
+from gsfw.preparation.workspace import Workspace
 
 FEWEST = 3
 """Frames of a video, however short it is beside the others."""
@@ -21,17 +21,17 @@ FEWEST = 3
 def frames_of_videos(
     paths: Sequence[Path],
     count: int,
-    photos: Sequence[SourcePicture],
-    place: Workplace,
+    photos: Sequence[SourceImage],
+    place: Workspace,
     journal: Journal,
     progress: Progress,
-) -> tuple[SourcePicture, ...]:
+) -> tuple[SourceImage, ...]:
     """Take frames from videos, from each as many as it is long.
 
     Args:
         paths: of the videos.
         count: how many frames from all of them together.
-        photos: pictures beside the videos, whose names and cameras are others.
+        photos: images beside the videos, whose names and cameras are others.
         place: where they are put.
         journal: knows which videos are done.
         progress: is told of each video.
@@ -44,13 +44,13 @@ def frames_of_videos(
     videos = [Video.read(path) for path in paths]
     seconds = [max(video.times[-1], 1e-3) for video in videos]
     names = _names(paths, {photo.name.split("/")[0] for photo in photos})
-    taken: list[SourcePicture] = []
+    taken: list[SourceImage] = []
     for name, video, length in zip(names, videos, seconds, strict=True):
         share = max(FEWEST, round(count * length / sum(seconds)))
         taken += _frames_of(video, name, share, place, journal, progress)
     if len(videos) > 1 or photos:
         return tuple(taken)
-    return tuple(SourcePicture(one.path.name, one.path, one.header, one.exif, "") for one in taken)
+    return tuple(SourceImage(one.path.name, one.path, one.header, one.exif, "") for one in taken)
 
 
 def _names(paths: Sequence[Path], others: Collection[str]) -> list[str]:
@@ -72,10 +72,10 @@ def _frames_of(
     video: Video,
     name: str,
     count: int,
-    place: Workplace,
+    place: Workspace,
     journal: Journal,
     progress: Progress,
-) -> list[SourcePicture]:
+) -> list[SourceImage]:
     from gsfw.preparation.video_frames import FrameChoice, choose_frames, write_frames
 
     folder = place.frames / name
@@ -91,6 +91,5 @@ def _frames_of(
     # Those that are there are kept, so this is quick where nothing is missing.
     files = write_frames(video, choice, folder, progress)
     return [
-        SourcePicture(f"{name}/{file.name}", file, read_header(file), Exif(), name)
-        for file in files
+        SourceImage(f"{name}/{file.name}", file, read_header(file), Exif(), name) for file in files
     ]

@@ -9,14 +9,14 @@ from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.camera_sequence import in_order
 from gsfw.datamanagers.detection import VIDEOS
-from gsfw.datamanagers.footage import in_order
+from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.datamanagers.masks import FOLDER as MASKS
-from gsfw.datamanagers.pictures import EXTENSIONS
 from gsfw.datamanagers.video import is_video
 
-PICTURE_FOLDERS = ("input", "images")
-"""Where data sets keep their pictures. Where both are there, ``images`` was made from ``input``."""
+IMAGE_FOLDERS = ("input", "images")
+"""Where data sets keep their images. Where both are there, ``images`` was made from ``input``."""
 
 NOISE = ("__macosx", "@eadir", "thumbs.db", "desktop.ini")
 """Lower-case names that operating systems and network drives leave behind."""
@@ -43,7 +43,7 @@ class InputFile:
     name: str
     """Relative to its input, with forward slashes; before it, of several, the input's name."""
     asked: bool = False
-    """Whether the user named the file itself, and not a folder."""
+    """True if the user named the file itself, and not a folder."""
 
 
 @dataclass
@@ -52,14 +52,14 @@ class InputFiles:
 
     files: list[InputFile] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    """What was passed over without a look."""
+    """Files and folders that were skipped unread."""
 
     @staticmethod
     def find(paths: Sequence[Path], out: Path | None = None) -> InputFiles:
         """Go through all inputs.
 
         Args:
-            paths: folders, pictures and videos.
+            paths: folders, images and videos.
             out: where results go; not looked at, should it lie in one of the folders.
 
         Raises:
@@ -91,7 +91,7 @@ class InputFiles:
         ]
 
     def _start(self, root: Path, seen: set[Path]) -> Path:
-        """The folder itself, or the one in it that holds a data set's pictures."""
+        """The folder itself, or the one in it that holds a data set's images."""
         items = _listed(root)
         if _is_result(root) and root / "images" in items:
             # The contact sheet lies beside them.
@@ -100,7 +100,7 @@ class InputFiles:
         if any(_is_footage(item) for item in items):
             return root
         folders = [item for item in items if item.resolve() not in seen and _holds_footage(item)]
-        for name in PICTURE_FOLDERS:
+        for name in IMAGE_FOLDERS:
             start = root / name
             if start in folders:
                 others = [item.name for item in folders if item != start]
@@ -162,13 +162,13 @@ def _nearest(path: Path) -> str:
 
 
 def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
-    """What tells the pictures of several inputs apart: "name/", or "name_2/" the second time."""
+    """Prefixes that keep images of several inputs apart: "name/", or "name_2/" the second time."""
     prefixes: dict[Path, str] = {}
     if len(roots) < 2:
         return prefixes
     for root in roots:
         whole = root.resolve()
-        name = (whole.parent if whole.name.lower() in PICTURE_FOLDERS else whole).name or "input"
+        name = (whole.parent if whole.name.lower() in IMAGE_FOLDERS else whole).name or "input"
         name = writable(name)
         choice, number = f"{name}/", 1
         while choice.casefold() in {prefix.casefold() for prefix in prefixes.values()}:
@@ -179,7 +179,7 @@ def _prefixes(roots: Sequence[Path]) -> dict[Path, str]:
 
 
 def _needs_name(files: Sequence[InputFile]) -> bool:
-    """Whether pictures may be among them: the frames of a video get a folder of their own."""
+    """True if images may be among them: the frames of a video get a folder of their own."""
     return not all(file.asked and is_video(file.path) for file in files)
 
 
@@ -194,12 +194,12 @@ def _listed(folder: Path) -> list[Path]:
 
 
 def _is_footage(path: Path) -> bool:
-    """Whether its name says that it is a picture or a video."""
+    """True if its name says that it is an image or a video."""
     return path.suffix.lower() in (*EXTENSIONS, *VIDEOS) and not _is_noise(path.name)
 
 
 def _holds_footage(path: Path) -> bool:
-    """Whether it is a folder with pictures or videos that are neither masks nor results."""
+    """True if it is a folder with images or videos that are neither masks nor results."""
     if not path.is_dir() or _is_noise(path.name) or path.name.lower() == MASKS:
         return False
     if _is_result(path):

@@ -35,7 +35,7 @@ class Journal:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """How long each finished stage took, over all runs."""
+        """Duration of each finished stage in seconds, over all runs."""
         return {
             name: self._stages[name]["seconds"]
             for name in self._asked
@@ -95,7 +95,7 @@ class Journal:
 
 
 def identity_of(path: Path) -> list[Any]:
-    """What tells that a file is still the same, as plain data."""
+    """Identity of a file's content, as plain data."""
     status = path.stat()
     return [str(path.resolve()), status.st_size, status.st_mtime_ns]
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pycolmap import Database
 
 Pair = tuple[str, str]
-"""Names of two pictures."""
+"""Names of two images."""
 MARK = "\x1f"
 """Begins a name that is written otherwise while pairs are matched; no file name begins so."""
 

@@ -1,4 +1,4 @@
-"""Matches between pictures: features that look alike, then those that one geometry explains.
+"""Matches between images: features that look alike, then those that one geometry explains.
 
 Verification draws random samples from a fixed seed for each pair, so that results do not depend on
 the number of threads, nor on which pairs were matched before.
@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from gsfw.preparation.cancellation import cancellable
-from gsfw.preparation.disk_room import check_room
+from gsfw.preparation.disk import check_room
 from gsfw.preparation.match_list import Pair, listable_names, restore_names, write_match_list
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.pairs import PairPlan
 from gsfw.preparation.progress import Progress
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pycolmap import CancellationToken, Database, TwoViewGeometryOptions
 
 TILE = 10
-"""Pairs are matched in tiles of so many by so many pictures, for each of which COLMAP reads
+"""Pairs are matched in tiles of so many by so many images, for each of which COLMAP reads
 features once."""
 BLOCK = 100
 """Pairs between two looks at the progress, which is also what an interruption may lose."""
@@ -36,7 +36,7 @@ def match_pairs(
 
     Args:
         database: with features; matches go into it.
-        plan: pairs with a picture that is not in the database are left out.
+        plan: pairs with an image that is not in the database are left out.
         jobs: threads.
         progress: is told how many pairs are done.
         guided: search again along epipolar lines where a geometry was found, which takes up to
@@ -152,7 +152,7 @@ def _is_done(database: Database, numbers: dict[str, int], pair: Pair) -> bool:
 
 
 def _tiled(pairs: Iterable[Pair], numbers: dict[str, int]) -> list[Pair]:
-    """Each pair of two pictures of the database once, in tiles."""
+    """Each pair of two images of the database once, in tiles."""
     chosen = {
         (first, second) if numbers[first] < numbers[second] else (second, first)
         for first, second in pairs

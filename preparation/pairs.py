@@ -1,4 +1,4 @@
-"""PairPlan: which pictures are compared, and why these."""
+"""PairPlan: which images are compared, and why these."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from itertools import combinations
 from pathlib import Path
 
 from gsfw.core.errors import ConfigError
+from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.match_list import Pair
-from gsfw.preparation.native_errors import readable_native_errors
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.retrieval import look_alikes
 
 Likeness = Mapping[str, Sequence[str]]
-"""For each picture the others, the most alike first."""
+"""For each image the others, the most alike first."""
 CHOICES = ("auto", "exhaustive", "sequential", "retrieval")
 ELSEWHERE = 10
 """Look-alikes of a frame that are not its neighbours in time, and those in other folders."""
@@ -24,7 +24,7 @@ ELSEWHERE = 10
 
 @dataclass(frozen=True)
 class PairPlan:
-    """Pairs of pictures to match."""
+    """Pairs of images to match."""
 
     pairs: tuple[Pair, ...]
     """By name; the earlier one of the set is first, and no pair is there twice."""
@@ -34,7 +34,7 @@ class PairPlan:
 
 @dataclass(frozen=True)
 class MatchingRule:
-    """Which pictures are compared with which."""
+    """Which images are compared with which."""
 
     matching: str = "auto"
     """auto, exhaustive (all pairs), sequential (neighbours in time, and look-alikes), or retrieval
@@ -44,9 +44,9 @@ class MatchingRule:
     overlap: int = 10
     """Neighbours in time that a frame is compared with, on either side."""
     neighbors: int = 30
-    """Look-alikes that a picture is compared with."""
+    """Look-alikes that an image is compared with."""
     vocabulary: Path | None = None
-    """A vocabulary tree of COLMAP to find look-alikes by; ``None`` to build one of the pictures."""
+    """A vocabulary tree of COLMAP to find look-alikes by; ``None`` to build one of the images."""
 
     def check(self) -> None:
         """Check the values.
@@ -63,17 +63,17 @@ class MatchingRule:
         if self.vocabulary is not None and not self.vocabulary.is_file():
             raise ConfigError(
                 f"vocabulary={self.vocabulary}: there is no such file.",
-                "Leave it out to build a vocabulary of the pictures themselves.",
+                "Leave it out to build a vocabulary of the images themselves.",
             )
 
 
 def plan_pairs(
-    pictures: PictureSet, rule: MatchingRule, database: Path, progress: Progress
+    images: ImageSet, rule: MatchingRule, database: Path, progress: Progress
 ) -> PairPlan:
     """Choose the pairs to match.
 
     Args:
-        pictures: all of them; those that the database does not have are left out.
+        images: all of them; those that the database does not have are left out.
         rule: the user's choice.
         database: with features.
         progress: is told of the search for look-alikes.
@@ -83,13 +83,13 @@ def plan_pairs(
         DataError: COLMAP cannot work with the database.
     """
     held = _held(database)
-    chosen = tuple(picture for picture in pictures.pictures if picture.name in held)
+    chosen = tuple(image for image in images.images if image.name in held)
     if len(chosen) < 2:
-        return PairPlan((), "pairs: none, as there are no two pictures to compare.")
+        return PairPlan((), "pairs: none, as there are no two images to compare.")
     matching = rule.matching
     if matching == "auto":
         few = len(chosen) <= rule.exhaustive_up_to
-        matching = "sequential" if pictures.in_order else "exhaustive" if few else "retrieval"
+        matching = "sequential" if images.in_order else "exhaustive" if few else "retrieval"
     if matching == "exhaustive":
         return _exhaustive(chosen, rule)
     likeness = look_alikes(database, rule.vocabulary, progress)
@@ -102,47 +102,45 @@ def _held(database: Path) -> set[str]:
     import pycolmap
 
     with (
-        readable_native_errors("read the pictures", database),
+        readable_native_errors("read the images", database),
         pycolmap.Database.open(database) as opened,
     ):
         return {image.name for image in opened.read_all_images()}
 
 
-def _exhaustive(chosen: Sequence[SourcePicture], rule: MatchingRule) -> PairPlan:
+def _exhaustive(chosen: Sequence[SourceImage], rule: MatchingRule) -> PairPlan:
     pairs = tuple((one.name, other.name) for one, other in combinations(chosen, 2))
     why = f", as there are at most {rule.exhaustive_up_to}" if rule.matching == "auto" else ""
-    return PairPlan(pairs, f"pairs: all {len(pairs)} of {len(chosen)} pictures{why}.")
+    return PairPlan(pairs, f"pairs: all {len(pairs)} of {len(chosen)} images{why}.")
 
 
-def _retrieved(chosen: Sequence[SourcePicture], rule: MatchingRule, likeness: Likeness) -> PairPlan:
+def _retrieved(chosen: Sequence[SourceImage], rule: MatchingRule, likeness: Likeness) -> PairPlan:
     pairs = _Pairs(chosen)
-    for picture in chosen:
-        names = likeness.get(picture.name, ())
-        pairs.add(picture.name, names, rule.neighbors)
+    for image in chosen:
+        names = likeness.get(image.name, ())
+        pairs.add(image.name, names, rule.neighbors)
         # The most alike may all be in the same folder, and folders would stay apart.
-        elsewhere = [name for name in names if pairs.apart(picture.name, name)]
-        pairs.add(picture.name, elsewhere, ELSEWHERE)
+        elsewhere = [name for name in names if pairs.apart(image.name, name)]
+        pairs.add(image.name, elsewhere, ELSEWHERE)
     why = f", as there are more than {rule.exhaustive_up_to}" if rule.matching == "auto" else ""
     apart = f", {ELSEWHERE} of them from other folders" if pairs.groups > 1 else ""
     how = f"each with the {rule.neighbors} most alike{apart}"
     return pairs.plan(f"{how}, by {_vocabulary(rule)}{why}.")
 
 
-def _sequential(
-    chosen: Sequence[SourcePicture], rule: MatchingRule, likeness: Likeness
-) -> PairPlan:
+def _sequential(chosen: Sequence[SourceImage], rule: MatchingRule, likeness: Likeness) -> PairPlan:
     pairs = _Pairs(chosen)
     steps = {*range(1, rule.overlap + 1), *(2**power for power in range(rule.overlap))}
     for own in pairs.members.values():
         for place, name in enumerate(own):
             ahead = [own[place + step] for step in sorted(steps) if place + step < len(own)]
             pairs.add(name, ahead, len(ahead))
-    for picture in chosen:
-        names = likeness.get(picture.name, ())
-        loops = [name for name in names if pairs.gap(picture.name, name) > rule.overlap]
-        pairs.add(picture.name, loops, ELSEWHERE)
-        elsewhere = [name for name in loops if pairs.apart(picture.name, name)]
-        pairs.add(picture.name, elsewhere, ELSEWHERE)
+    for image in chosen:
+        names = likeness.get(image.name, ())
+        loops = [name for name in names if pairs.gap(image.name, name) > rule.overlap]
+        pairs.add(image.name, loops, ELSEWHERE)
+        elsewhere = [name for name in loops if pairs.apart(image.name, name)]
+        pairs.add(image.name, elsewhere, ELSEWHERE)
     why = " as they follow each other in time," if rule.matching == "auto" else ""
     apart = f" and {ELSEWHERE} of other videos or folders" if pairs.groups > 1 else ""
     return pairs.plan(
@@ -161,12 +159,12 @@ def _vocabulary(rule: MatchingRule) -> str:
 class _Pairs:
     """Pairs as they are chosen."""
 
-    def __init__(self, chosen: Sequence[SourcePicture]) -> None:
-        self._order = {picture.name: place for place, picture in enumerate(chosen)}
-        self._groups = {picture.name: picture.group for picture in chosen}
+    def __init__(self, chosen: Sequence[SourceImage]) -> None:
+        self._order = {image.name: place for place, image in enumerate(chosen)}
+        self._groups = {image.name: image.group for image in chosen}
         self.members: dict[str, list[str]] = {}
-        for picture in chosen:
-            self.members.setdefault(picture.group, []).append(picture.name)
+        for image in chosen:
+            self.members.setdefault(image.group, []).append(image.name)
         self._places = {
             name: place for own in self.members.values() for place, name in enumerate(own)
         }
@@ -174,28 +172,28 @@ class _Pairs:
 
     @property
     def groups(self) -> int:
-        """How many folders or videos there are."""
+        """Number of folders and videos."""
         return len(self.members)
 
     def apart(self, name: str, other: str) -> bool:
-        """Whether two pictures are of different folders or videos."""
+        """True if two images are of different folders or videos."""
         return self._groups[name] != self._groups[other]
 
     def gap(self, name: str, other: str) -> float:
-        """How many frames lie between two, plus one."""
+        """Number of frames between two, plus one."""
         if self.apart(name, other):
             return math.inf
         return float(abs(self._places[name] - self._places[other]))
 
     def add(self, name: str, others: Sequence[str], count: int) -> None:
-        """Pair a picture with the first ``count`` of others."""
+        """Pair an image with the first ``count`` of others."""
         for other in others[:count]:
             first, second = sorted((self._order[name], self._order[other]))
             self._pairs.add((first, second))
 
     def plan(self, how: str) -> PairPlan:
-        """What was chosen."""
+        """The plan with a description of the choice."""
         names = list(self._order)
         pairs = tuple((names[first], names[second]) for first, second in sorted(self._pairs))
         every = len(names) * (len(names) - 1) // 2
-        return PairPlan(pairs, f"pairs: {len(pairs)} of {every} of {len(names)} pictures: {how}")
+        return PairPlan(pairs, f"pairs: {len(pairs)} of {every} of {len(names)} images: {how}")

@@ -21,18 +21,18 @@ from gsfw.preparation.features import (
     extract_features,
 )
 from gsfw.preparation.frames import frames_of_videos
+from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.journal import Document, Journal, identity_of
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.pairs import MatchingRule
-from gsfw.preparation.picture_set import PictureSet
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.retrieval import check_vocabulary
 from gsfw.preparation.source import read_source
-from gsfw.preparation.workplace import Workplace
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.workspace import Workspace
+from gsfw.preparation.writing.image_output import OutputRule
 
 if TYPE_CHECKING:
-    from gsfw.preparation.camera_group import CameraGroup
+    from gsfw.preparation.camera_grouping import CameraGroup
     from gsfw.preparation.diagnosis.diagnosis import Diagnosis
     from gsfw.preparation.mapping.mapping import Mapping
 
@@ -43,20 +43,20 @@ MODEL = "cameras.bin"
 
 @dataclass(frozen=True)
 class PreparationRule:
-    """What the user chose."""
+    """The user's choices."""
 
     frames: int = 150
-    """How many are taken from videos, from all of them together."""
+    """Number of frames to take from all videos together."""
     cameras: CameraRule = field(default_factory=CameraRule)
     feature_size: int | None = None
-    """Longest side of pictures for features, in pixels; ``None`` to choose for the machine."""
+    """Longest side of images for features, in pixels; ``None`` to choose for the machine."""
     feature_count: int | None = None
-    """Most features of a picture; ``None`` to choose for the machine."""
+    """Most features of an image; ``None`` to choose for the machine."""
     matching: MatchingRule = field(default_factory=MatchingRule)
     mapping: MappingRule = field(default_factory=MappingRule)
     output: OutputRule = field(default_factory=OutputRule)
     jobs: int = 1
-    """How many cores are used. With one the same pictures give the same bits; with more, poses
+    """Number of cores. With one the same images give the same bits; with more, poses
     differ in their last digits."""
 
     def check(self) -> None:
@@ -74,22 +74,22 @@ class PreparationRule:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What came of it."""
+    """The outcome of all stages."""
 
     diagnosis: Diagnosis
     written: Document
-    """What is known of the data set, as plain data; empty where no camera was placed."""
+    """Document of the written data set; empty where no camera was placed."""
     chosen: Document
-    """How it was done, in words, by stage."""
+    """Description of the choices, by stage."""
     seconds: dict[str, float]
-    """How long each stage took, over all runs."""
+    """Duration of each stage in seconds, over all runs."""
 
 
 class Preparation:
     """The stages, over one set of inputs."""
 
     def __init__(
-        self, inputs: Sequence[Path], place: Workplace, rule: PreparationRule, progress: Progress
+        self, inputs: Sequence[Path], place: Workspace, rule: PreparationRule, progress: Progress
     ) -> None:
         self._inputs, self._place, self._rule, self._progress = inputs, place, rule, progress
         self._journal = Journal(place.journal)
@@ -99,61 +99,61 @@ class Preparation:
         """Do what is not done yet.
 
         Raises:
-            DataError: there is no usable picture, or COLMAP refuses what it is given.
-            ConfigError: a setting does not go with the pictures.
+            DataError: there is no usable image, or COLMAP refuses what it is given.
+            ConfigError: a setting does not go with the images.
             OutputError: something cannot be written.
         """
         from gsfw.preparation.diagnosis.diagnosis import diagnose
 
         if self._rule.matching.vocabulary is not None:
             check_vocabulary(self._rule.matching.vocabulary)
-        pictures = self._pictures()
-        groups = group_cameras(pictures, self._rule.cameras)
-        features = self._features(pictures, groups)
-        self._match(pictures)
+        images = self._images()
+        groups = group_cameras(images, self._rule.cameras)
+        features = self._features(images, groups)
+        self._match(images)
         mapping = self._map(features)
-        written = self._write(pictures, mapping)
-        diagnosis = diagnose(self._place.database, pictures, groups, features, mapping)
+        written = self._write(images, mapping)
+        diagnosis = diagnose(self._place.database, images, groups, features, mapping)
         return Prepared(diagnosis, written, self._chosen, self._journal.seconds)
 
     def _say(self, stage: str, text: str) -> None:
         self._chosen[stage] = text
         self._progress.say(text)
 
-    def _pictures(self) -> PictureSet:
+    def _images(self) -> ImageSet:
         source = read_source(self._inputs, self._place.path)
         for note in source.notes:
             self._progress.say(f"note: {note}")
         if not source.videos:
-            return source.pictures
-        photos = source.pictures.pictures
+            return source.images
+        photos = source.images.images
         frames = frames_of_videos(
             source.videos, self._rule.frames, photos, self._place, self._journal, self._progress
         )
         return replace(
-            source.pictures,
-            pictures=(*photos, *frames),
+            source.images,
+            images=(*photos, *frames),
             in_order=not photos,
         )
 
     def _features(
-        self, pictures: PictureSet, groups: Sequence[CameraGroup]
+        self, images: ImageSet, groups: Sequence[CameraGroup]
     ) -> dict[str, FeatureReport]:
         rule = self._rule
         settings, why = FeatureSettings.for_machine(
-            pictures, rule.jobs, rule.feature_size, rule.feature_count
+            images, rule.jobs, rule.feature_size, rule.feature_count
         )
         self._say("features", why)
         database = self._place.database
 
         def find() -> Document:
-            reports = extract_features(database, pictures, groups, settings, self._progress)
+            reports = extract_features(database, images, groups, settings, self._progress)
             return {name: asdict(report) for name, report in reports.items()}
 
         found = self._journal.stage(
             "features",
             {
-                "pictures": [[one.name, *identity_of(one.path)] for one in pictures.pictures],
+                "images": [[one.name, *identity_of(one.path)] for one in images.images],
                 "groups": [asdict(group) for group in groups],
                 "size": settings.max_size,
                 "count": settings.count,
@@ -168,14 +168,14 @@ class Preparation:
     def _feature_log(self) -> Path:
         return self._place.database.with_name("features.jsonl")
 
-    def _match(self, pictures: PictureSet) -> None:
+    def _match(self, images: ImageSet) -> None:
         from gsfw.preparation.matching import forget_matches, match_pairs
         from gsfw.preparation.pairs import plan_pairs
 
         rule, database = self._rule, self._place.database
 
         def match() -> Document:
-            plan = plan_pairs(pictures, rule.matching, database, self._progress)
+            plan = plan_pairs(images, rule.matching, database, self._progress)
             self._progress.say(plan.how)
             match_pairs(database, plan, rule.jobs, self._progress)
             return {"how": plan.how, "pairs": len(plan.pairs)}
@@ -186,7 +186,7 @@ class Preparation:
         self._chosen["matches"] = found["how"]
 
     def _map(self, features: dict[str, FeatureReport]) -> Mapping:
-        from gsfw.preparation.mapping.mapping import Mapping, count_pictures, map_cameras
+        from gsfw.preparation.mapping.mapping import Mapping, count_images, map_cameras
 
         place, rule = self._place, self._mapping_rule
         settings = {name: value for name, value in asdict(rule).items() if name != "jobs"}
@@ -198,7 +198,7 @@ class Preparation:
             self._are_models_there,
         )
         mapping = Mapping.of(found, place.models)
-        if mapping.models and mapping.sizes[0] < count_pictures(place.database):
+        if mapping.models and mapping.sizes[0] < count_images(place.database):
             mapping = self._bridge(mapping, features)
         self._say("cameras", mapping.how)
         return mapping
@@ -215,11 +215,11 @@ class Preparation:
 
         def bridge() -> Document:
             placed = [image.name for image in Reconstruction(mapping.models[0]).images.values()]
-            # A blurred picture that only just fits does more harm than good in training.
+            # A blurred image that only just fits does more harm than good in training.
             blurred = blurred_beside(features, placed)
             progress.say(
                 f"cameras: the largest of {len(mapping.models)} models has {mapping.sizes[0]} "
-                "pictures; comparing the others with it again, more closely"
+                "images; comparing the others with it again, more closely"
             )
             pairs = [
                 pair
@@ -242,7 +242,7 @@ class Preparation:
     def _mapping_rule(self) -> MappingRule:
         return replace(self._rule.mapping, jobs=self._rule.jobs)
 
-    def _write(self, pictures: PictureSet, mapping: Mapping) -> Document:
+    def _write(self, images: ImageSet, mapping: Mapping) -> Document:
         from gsfw.preparation.writing.data_set import write_data_set
         from gsfw.preparation.writing.written_files import is_all_there
 
@@ -255,7 +255,7 @@ class Preparation:
                 return {}
             model = Reconstruction(mapping.models[0])
             written = write_data_set(
-                model, pictures, place.path, rule, self._progress, self._rule.jobs
+                model, images, place.path, rule, self._progress, self._rule.jobs
             )
             return asdict(written)
 

@@ -1,7 +1,7 @@
-"""Look-alikes: which pictures show the same, by the words of a visual vocabulary.
+"""Look-alikes: which images show the same, by the words of a visual vocabulary.
 
 COLMAP's index (Schoenberger et al. 2016, "A vote-and-verify strategy for fast spatial verification
-in image retrieval"): every feature counts for its nearest word, and words that few pictures have
+in image retrieval"): every feature counts for its nearest word, and words that few images have
 count for more. The vocabulary is built of the capture's own features, so that nothing has to be
 downloaded, or read from a file.
 """
@@ -20,45 +20,45 @@ from jaxtyping import Float32
 
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.cancellation import cancellable
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.progress import Progress
 
 if TYPE_CHECKING:
     from pycolmap import Database
 
 EACH = 1000
-"""Features of a picture that the vocabulary is built of, at most."""
+"""Features of an image that the vocabulary is built of, at most."""
 SAMPLE = 100_000
-"""Features of all pictures together that it is built of, at most: 15 s of k-means."""
+"""Features of all images together that it is built of, at most: 15 s of k-means."""
 FOR_A_WORD = 40
 """Features for each word. Of the five strongest partners of each of 50 photos of a fox, ten
 look-alikes hold 0.94 with 256 words of 50,000 features, 0.99 with 1024, and 0.99 with 4096."""
 WORDS = (64, 2500)
 """Fewest and most of them."""
 ITERATIONS = 10
-"""Of k-means, after which words hardly move."""
+"""Iterations of k-means, after which words hardly move."""
 COUNTED = 2000
-"""Features of a picture that are looked up, those of the largest scale."""
+"""Features of an image that are looked up, those of the largest scale."""
 EMBEDDING = 64
 """Bits that tell features of one word apart: as many as COLMAP's own vocabularies have."""
 SEED = 0
 ADVICE = (
     "Expected a vocabulary tree of COLMAP 3.12 or later (faiss) for SIFT features; leave it out "
-    "to build one of the pictures themselves."
+    "to build one of the images themselves."
 )
 
 
 def look_alikes(
     database: Path, vocabulary: Path | None, progress: Progress
 ) -> Mapping[str, Sequence[str]]:
-    """All pictures in the order of their likeness to each, the most alike first.
+    """All images in the order of their likeness to each, the most alike first.
 
     Those without any common word are missing.
 
     Args:
         database: with features.
         vocabulary: COLMAP's file; ``None`` to build one.
-        progress: is told how many pictures were looked up.
+        progress: is told how many images were looked up.
 
     Raises:
         ConfigError: the file is no vocabulary of SIFT features.
@@ -141,7 +141,7 @@ def _mute() -> Iterator[None]:
 
 
 def _sample(database: Database, numbers: Sequence[int]) -> Float32[np.ndarray, "n 128"]:
-    """Some features of every picture."""
+    """Some features of every image."""
     generator = np.random.default_rng(SEED)
     each = min(EACH, SAMPLE // max(1, len(numbers)))
     chosen = [np.zeros((0, 128), np.float32)]
@@ -161,7 +161,7 @@ def _ranked(
     options.num_images = len(names)
     options.num_nearest_neighbors = 1
     options.max_num_features = COUNTED
-    # With two threads, pictures of nearly the same likeness come in another order each time.
+    # With two threads, images of nearly the same likeness come in another order each time.
     options.num_threads = 1
     ranked: dict[str, list[str]] = {}
     with progress.stage("look-alikes", len(names)) as advance:

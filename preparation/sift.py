@@ -1,4 +1,4 @@
-"""Features of one picture, found in a process of its own: SIFT (Lowe 2004) by COLMAP."""
+"""Features of one image, found in a process of its own: SIFT (Lowe 2004) by COLMAP."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from jaxtyping import Float32, UInt8
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.area import shrink
-from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header, decode
+from gsfw.datamanagers.images import Header, decode
 from gsfw.preparation.blur import direction_of_blur
-from gsfw.preparation.native_signals import load_colmap
-from gsfw.preparation.parent_process import end_with_parent
+from gsfw.preparation.cancellation import end_with_parent
+from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.native import load_colmap
 
 if TYPE_CHECKING:
     from pycolmap import FeatureExtractor
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-"""What red, green and blue add to grey (ITU-R BT.601)."""
+"""Weights of red, green and blue in grey (ITU-R BT.601)."""
 OPAQUE = 128
 """Alpha from which a pixel shows something."""
 ERRORS = 2
@@ -31,8 +31,8 @@ ERRORS = 2
 
 
 @dataclass(frozen=True)
-class PictureTask:
-    """A picture, and what is to be measured of it."""
+class ImageTask:
+    """An image, and what is to be measured of it."""
 
     name: str
     path: Path
@@ -42,22 +42,22 @@ class PictureTask:
     count: int
     """Most features."""
     measured: int
-    """Longest side on which sharpness is measured, in pixels: the same for all pictures."""
+    """Longest side on which sharpness is measured, in pixels: the same for all images."""
 
 
 @dataclass(frozen=True)
-class PictureFeatures:
-    """What was found in a picture."""
+class ImageFeatures:
+    """Features and quality of an image."""
 
     name: str
-    quality: PictureQuality
+    quality: ImageQuality
     blur: tuple[float, float]
     """Direction in degrees, and how much fine detail is left along it."""
     keypoints: Float32[np.ndarray, "n 6"]
-    """x, y in pixels of the upright picture at its full size, and the affine shape by rows."""
+    """x, y in pixels of the upright image at its full size, and the affine shape by rows."""
     descriptors: UInt8[np.ndarray, "n 128"]
     failure: str = ""
-    """Why the picture could not be decoded, then all else is empty; or nothing."""
+    """Why the image could not be decoded, then all else is empty; or nothing."""
 
 
 def start_worker() -> None:
@@ -71,37 +71,37 @@ def start_worker() -> None:
     end_with_parent()
 
 
-def find_features(task: PictureTask) -> PictureFeatures:
-    """Decode a picture, measure it, and find its features."""
+def find_features(task: ImageTask) -> ImageFeatures:
+    """Decode an image, measure it, and find its features."""
     try:
         pixels = decode(task.path, task.header)
     except DataError as error:
         return _undecoded(task, error.message)
     expected = (task.header.height, task.header.width)
     if pixels.shape[:2] != expected:
-        return _undecoded(task, f"{task.path}: the picture was replaced while it was prepared.")
+        return _undecoded(task, f"{task.path}: the image was replaced while it was prepared.")
     shown, counts = _over_grey(_shrunk(pixels, task.measured))
     grey = shown @ LUMA
     keypoints, descriptors = _sift(_shrunk(pixels, task.size), task.count)
     across, down = (side / small for side, small in zip(expected[::-1], _small(task), strict=True))
-    # Centres are at +0.5, so that positions and shapes scale about the picture's corner.
+    # Centres are at +0.5, so that positions and shapes scale about the image's corner.
     keypoints *= np.array([across, down, across, across, down, down], np.float32)
-    return PictureFeatures(
+    return ImageFeatures(
         task.name,
-        PictureQuality.of(shown, counts if task.header.has_alpha else None),
+        ImageQuality.of(shown, counts if task.header.has_alpha else None),
         direction_of_blur(grey),
         keypoints,
         descriptors,
     )
 
 
-def _undecoded(task: PictureTask, failure: str) -> PictureFeatures:
-    nothing = PictureQuality(0.0, 0.0, 0.0, 0.0)
+def _undecoded(task: ImageTask, failure: str) -> ImageFeatures:
+    nothing = ImageQuality(0.0, 0.0, 0.0, 0.0)
     keypoints, descriptors = np.zeros((0, 6), np.float32), np.zeros((0, 128), np.uint8)
-    return PictureFeatures(task.name, nothing, (0.0, 1.0), keypoints, descriptors, failure)
+    return ImageFeatures(task.name, nothing, (0.0, 1.0), keypoints, descriptors, failure)
 
 
-def _small(task: PictureTask) -> tuple[int, int]:
+def _small(task: ImageTask) -> tuple[int, int]:
     return _fitted(task.header.width, task.header.height, task.size)
 
 
@@ -146,9 +146,9 @@ def _sift(
 
 
 def _extractor(count: int, longest: int) -> FeatureExtractor:
-    """One for a single picture.
+    """One for a single image.
 
-    COLMAP's keeps a state: after a picture with 3 features it found 598 where there were 1,691.
+    COLMAP's keeps a state: after an image with 3 features it found 598 where there were 1,691.
     """
     import pycolmap
 

@@ -1,47 +1,56 @@
-"""Source: the pictures and videos that the user gave, and why other files are not used."""
+"""Source: the images and videos that the user gave, and why other files are not used."""
 
 from __future__ import annotations
 
+import statistics
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.detection import VIDEOS
-from gsfw.datamanagers.pictures import EXTENSIONS
+from gsfw.datamanagers.images import EXTENSIONS
 from gsfw.datamanagers.video import is_video
+from gsfw.preparation.disk import find_copies
 from gsfw.preparation.exif import read_exif
-from gsfw.preparation.file_copies import find_copies
 from gsfw.preparation.finding import listed
 from gsfw.preparation.foreign_formats import HEIC, HEIC_EXTENSIONS, RAW
+from gsfw.preparation.image_file import (
+    KNOWN,
+    ImageFile,
+    empty,
+    examine,
+    has_right_suffix,
+    unique_names,
+    with_right_suffix,
+)
+from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage
 from gsfw.preparation.input_files import InputFile, InputFiles, name_order, shot
-from gsfw.preparation.picture_file import KNOWN, PictureFile, empty, examine
-from gsfw.preparation.picture_names import unique_names, with_right_suffix
-from gsfw.preparation.picture_set import LeftOut, PictureSet, SourcePicture
-from gsfw.preparation.source_notes import notes_on
 
 LIVE_CLIP = ".mov"
 """iPhones write such clips beside photos; other cameras put posters of the name beside videos."""
+SMALL = 0.25
+"""Images whose longer edge is a smaller part of the median one may be thumbnails."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a preparation starts from."""
+    """The inputs of a preparation."""
 
-    pictures: PictureSet
+    images: ImageSet
     """The photos; frames of the videos are not among them yet."""
     videos: tuple[Path, ...]
     notes: tuple[str, ...]
-    """What the user may want to know of the choice; clauses without a period."""
+    """Notes on the choice for the user; clauses without a period."""
 
 
 def read_source(paths: Sequence[Path], out: Path | None = None) -> Source:
     """Find what can be used among the inputs, by the headers of files.
 
     Args:
-        paths: folders, which are searched through, pictures, and videos.
+        paths: folders, which are searched through, images, and videos.
         out: where results go; not looked at, should it lie in one of the folders.
 
     Raises:
@@ -51,25 +60,25 @@ def read_source(paths: Sequence[Path], out: Path | None = None) -> Source:
     videos, left_out = _videos(inputs.files)
     looks = _examined(inputs.files)
     left_out += [look for look in looks.values() if isinstance(look, LeftOut)]
-    found = [look for look in looks.values() if isinstance(look, PictureFile)]
+    found = [look for look in looks.values() if isinstance(look, ImageFile)]
     others = [file for file, look in looks.items() if look is None]
-    copies = find_copies([*videos, *(picture.file for picture in found)])
+    copies = find_copies([*videos, *(image.file for image in found)])
     for copy, original in copies.items():
         # Videos of several folders may have the same name.
         same = original.name if original.name != copy.name else original.path
         left_out.append(LeftOut(copy.name, f"it is the same file as {same}"))
     videos = [video for video in videos if video not in copies]
-    found = [picture for picture in found if picture.file not in copies]
+    found = [image for image in found if image.file not in copies]
     if not found and not videos:
         raise _nothing(paths, left_out, others)
-    pictures = _pictures(found)
-    left_out = _without_shots_in_use(left_out, [picture.file for picture in found])
+    images = _images(found)
+    left_out = _without_shots_in_use(left_out, [image.file for image in found])
     left_out.sort(key=lambda item: name_order(item.name))
-    ordered = sorted(pictures, key=lambda picture: name_order(picture.name))
+    ordered = sorted(images, key=lambda image: name_order(image.name))
     return Source(
-        PictureSet(tuple(ordered), tuple(left_out)),
+        ImageSet(tuple(ordered), tuple(left_out)),
         tuple(video.path for video in videos),
-        (*inputs.notes, *notes_on(found, pictures, others)),
+        (*inputs.notes, *notes_on(found, images, others)),
     )
 
 
@@ -92,19 +101,19 @@ def _videos(files: Sequence[InputFile]) -> tuple[list[InputFile], list[LeftOut]]
     return videos, left_out
 
 
-def _examined(files: Sequence[InputFile]) -> dict[InputFile, PictureFile | LeftOut | None]:
+def _examined(files: Sequence[InputFile]) -> dict[InputFile, ImageFile | LeftOut | None]:
     with warnings.catch_warnings():
-        # Pillow warns of damaged Exif, which is as good as none, and of large pictures.
+        # Pillow warns of damaged Exif, which is as good as none, and of large images.
         warnings.simplefilter("ignore")
         return {file: examine(file) for file in files if not is_video(file.path)}
 
 
-def _pictures(found: Sequence[PictureFile]) -> list[SourcePicture]:
-    """Pictures under the names that they have in the result, in the order of ``found``."""
+def _images(found: Sequence[ImageFile]) -> list[SourceImage]:
+    """Images under the names that they have in the result, in the order of ``found``."""
     names = unique_names(with_right_suffix(look.file.name, look.content) for look in found)
     folders = {_folder(name) for name in names}
     return [
-        SourcePicture(
+        SourceImage(
             name=name,
             path=look.file.path,
             header=look.header,
@@ -138,14 +147,62 @@ def _nothing(
     """The error where nothing can be used; counts files by reason, the most frequent first."""
     reasons = Counter(item.reason for item in left_out)
     if others:
-        reasons["they are no pictures and no videos, by their names and contents"] = len(others)
+        reasons["they are no images and no videos, by their names and contents"] = len(others)
     counts = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     found = f"found {'; '.join(counts)}" if counts else "found no files"
     advice = list(dict.fromkeys(item.advice for item in left_out if item.advice))
     return DataError(
-        f"{listed(tuple(str(path) for path in paths))}: there is no picture and no video that can "
+        f"{listed(tuple(str(path) for path in paths))}: there is no image and no video that can "
         f"be used; {found}.",
         "\n".join(
-            advice or [f"Give a folder of {KNOWN} pictures, or a video ({', '.join(VIDEOS)})."]
+            advice or [f"Give a folder of {KNOWN} images, or a video ({', '.join(VIDEOS)})."]
         ),
     )
+
+
+def notes_on(
+    found: Sequence[ImageFile], images: Sequence[SourceImage], others: Sequence[InputFile]
+) -> Iterator[str]:
+    """Clauses without a period.
+
+    Args:
+        found: files that hold images.
+        images: what became of each.
+        others: files that do not claim to be images.
+    """
+    names = {look.file: image.name for look, image in zip(found, images, strict=True)}
+    misnamed = [look for look in found if not has_right_suffix(look.file.name, look.content)]
+    if misnamed:
+        renamed = tuple(f"{look.file.name} -> {names[look.file]}" for look in misnamed)
+        yield f"named by content, not by extension: {listed(renamed)}"
+    clashing = tuple(
+        f"{look.file.name} -> {names[look.file]}"
+        for look in found
+        if look not in misnamed and look.file.name != names[look.file]
+    )
+    if clashing:
+        yield f"renamed, since some disks take two names for one: {listed(clashing)}"
+    paged = tuple(f"{look.file.name} ({look.pages})" for look in found if look.pages > 1)
+    if paged:
+        yield f"the first image is used of files that hold several: {listed(paged)}"
+    yield from _on_small(images)
+    if others:
+        kinds = tuple(sorted({file.path.suffix.lower() or "no extension" for file in others}))
+        yield f"files that hold no image are not used: {len(others)} ({listed(kinds)})"
+
+
+def _on_small(images: Sequence[SourceImage]) -> Iterator[str]:
+    if not images:
+        return
+    edges = [max(image.header.width, image.header.height) for image in images]
+    median = statistics.median_low(edges)
+    small = tuple(
+        f"{image.name} ({image.header.width}x{image.header.height})"
+        for image, edge in zip(images, edges, strict=True)
+        if edge < SMALL * median
+    )
+    if small:
+        yield (
+            f"much smaller than the usual {median} pixels, perhaps thumbnails, which are better "
+            f"removed: {listed(small)}"
+        )

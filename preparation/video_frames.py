@@ -15,10 +15,10 @@ from PIL import Image
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
-from gsfw.datamanagers.picture_quality import BLURRED
 from gsfw.datamanagers.video import Video
 from gsfw.preparation.finding import listed
 from gsfw.preparation.frame_spacing import NEAREST, spaced
+from gsfw.preparation.image_quality import BLURRED
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.view_change import NO_OVERLAP, SIDE, ViewPath
 
@@ -27,7 +27,7 @@ LOOKED_AT = 20
 OFTEN = 5.0
 """... where that makes no fewer than these a second: two of a quick pan still overlap then."""
 SHARPNESS_SIDE = 960
-"""The longer side of the grey pictures that sharpness is measured on, in pixels."""
+"""The longer side of the grey images that sharpness is measured on, in pixels."""
 STRIP = 48
 """Rows that are worked on at once: they stay in the processor's cache, which takes 0.7 ms for a
 frame instead of 3.7."""
@@ -42,8 +42,8 @@ FEWER = 0.9
 RESTLESS = 0.1
 """Part of the frames looked at that may be jumps of the view; more are no cuts."""
 JPEG_QUALITY = 97
-"""Of frames; with colours at full resolution. Features are found at the same places from about 95
-on, and the file takes half the room of a PNG."""
+"""JPEG quality of frames; with colours at full resolution. Features are found at the same places
+from about 95 on, and the file takes half the room of a PNG."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class FrameChoice:
     seconds: tuple[float, ...]
     """From the first frame of the video to each."""
     sharpness: tuple[float, ...]
-    """Of each, in [0, 1]: 1 where it is as sharp as the sharpest within a second of it."""
+    """Relative sharpness of each, in [0, 1]: 1 for the sharpest frame within a second."""
     looked_at: int
     """Frames that were measured."""
     notes: tuple[str, ...] = ()
-    """What the user should know of the video; each a clause."""
+    """Notes on the video for the user; each a clause."""
 
     def document(self) -> dict[str, Any]:
         """Plain data."""
@@ -137,7 +137,7 @@ def write_frames(
     with progress.stage("writing frames", len(files)) as advance:
         advance(done)
         for _, group in groupby(missing, key=lambda number: video.segment(number).start):
-            for number, pixels in video.pictures(list(group)):
+            for number, pixels in video.images(list(group)):
                 write_atomically(files[number], _jpeg(pixels))
                 done += 1
                 advance(done)
@@ -151,7 +151,7 @@ def _jpeg(pixels: UInt8[np.ndarray, "h w 3"]) -> bytes:
 
 
 def _looked_at(video: Video, count: int) -> range:
-    """Every so many frames; an odd number, as some videos hold each picture twice."""
+    """Every so many frames; an odd number, as some videos hold each image twice."""
     step = max(1, min(len(video) // (LOOKED_AT * count), int(video.rate / OFTEN)))
     return range(0, len(video), step - 1 + step % 2)
 
@@ -165,10 +165,10 @@ def _small(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h2 w2"]:
 
 
 def _sharpness(grey: UInt8[np.ndarray, "h w"], small: Float[np.ndarray, "h2 w2"]) -> float:
-    """Variance of the Laplacian, in units of the small picture's: exposure changes both alike.
+    """Variance of the Laplacian, in units of the small image's: exposure changes both alike.
 
     Of inner pixels, where its mean is nearly 0, and of whole numbers: on every frame of a video,
-    ``PictureQuality`` would take longer than decoding does.
+    ``ImageQuality`` would take longer than decoding does.
     """
     (height, width), contrast = grey.shape, float(small.var())
     if min(height, width) < 3 or contrast == 0:
@@ -222,7 +222,7 @@ def _notes_on_number(chosen: int, count: int, video: Video, path: ViewPath) -> l
         return [f"the video shows nothing that could be followed: {frames}"]
     if moved < HARDLY and not path.jumps and len(video) > 1:
         return [
-            f"the camera hardly moves ({frames}): the view shifts by {moved:.2%} of a picture's "
+            f"the camera hardly moves ({frames}): the view shifts by {moved:.2%} of an image's "
             f"longer side in {video.times[-1]:.1f} s, and cameras are found only where they move "
             "around what they show; several cameras that stand still need a calibration"
         ]
@@ -231,8 +231,8 @@ def _notes_on_number(chosen: int, count: int, video: Video, path: ViewPath) -> l
     if len(video) < count:
         return [f"{frames}: the video has {len(video)}"]
     return [
-        f"{frames}: with more of them, the view would change by less than {NEAREST:.1%} of a "
-        "picture's longer side from one to the next, or they would be blurred"
+        f"{frames}: with more of them, the view would change by less than {NEAREST:.1%} of an "
+        "image's longer side from one to the next, or they would be blurred"
     ]
 
 

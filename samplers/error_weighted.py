@@ -5,7 +5,7 @@ so that no view starves. Losses stay on the device and are read once per epoch, 
 waits for a GPU; the epoch's draws are fixed then. They are drawn by systematic sampling: a view
 that is due x times comes floor(x) or ceil(x) times, and equal losses give an ordinary epoch.
 
-Draws are not weighted back (``Batch.weight`` stays 1): what is minimised is the mean loss in which
+Draws are not weighted back: what is minimised is the mean loss in which
 a view counts by how wrong it is, as in mining hard examples. Weights of 1 / probability would make
 it the plain mean again, of lower variance, and no view would be fitted any better for being drawn.
 """

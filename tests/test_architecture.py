@@ -25,10 +25,8 @@ MAY_IMPORT = {
     "callbacks": {"gsfw.core", "gsfw.callbacks", "gsfw.charts", SPECS},
     "charts": {"gsfw.core", "gsfw.charts"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
-    "preparation": {
-        *("gsfw.charts", "gsfw.core", "gsfw.datamanagers", "gsfw.methods", "gsfw.plugins"),
-        "gsfw.preparation",
-    },
+    "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
+    "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
         *("gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),

@@ -50,7 +50,7 @@ class Smear(Rasterizer):
     def capabilities(cls) -> Capabilities:
         return Capabilities(devices=frozenset({"meta"}))
 
-    def _draw(self, splats, cameras, settings):
+    def _render(self, splats, cameras, settings):
         statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
         color = splats.colors.dense().mean((0, 1)) + splats.means.mean(0)
         alpha = splats.opacities.mean() * splats.scales.mean() * splats.quats.mean()

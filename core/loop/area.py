@@ -1,4 +1,4 @@
-"""Area filter over batches: each pixel of a smaller picture is the mean of what it covers."""
+"""Area filter over batches: each pixel of a smaller image is the mean of the area it covers."""
 
 from __future__ import annotations
 
@@ -6,30 +6,31 @@ from dataclasses import replace
 from functools import lru_cache
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from gsfw.core.batch import Batch
+from gsfw.core.batch import LEAST_KNOWN, Batch, Resampling, ViewMap
 
 WHOLE = 1 - 1e-4
 """A mean of ones above this is 1 but for rounding."""
 
 
 def shrink_batch(batch: Batch, width: int, height: int) -> Batch:
-    """The same pictures at a smaller size; over any background they are the means of the large.
+    """The same images at a smaller size; over any background they are the means of the large ones.
 
-    Colours are averaged by their coverage. Pixels are valid where all that they cover is, as
-    colours are mixed. Depth is the mean of the known. A mask that means "empty" becomes alpha,
-    because part of a pixel may lie in it. Sizes need not divide; cameras follow by the exact ratio.
+    Colours are averaged by their coverage. A pixel is valid if all pixels that it covers are. Maps
+    follow their rules, and are unknown where a pixel is not valid. A mask that means "empty"
+    becomes alpha, because a pixel may lie partly in it. Sizes need not divide; cameras follow by
+    the exact ratio.
 
     Args:
-        batch: ``c`` pictures of [h, w].
+        batch: ``c`` images of [h, w].
         width: of the result, in pixels; at most ``w``.
         height: of the result, in pixels; at most ``h``.
     """
     if batch.images.shape[1:3] == (height, width):
         return batch
-    images, coverage, valid, depth = batch.images, batch.coverage, batch.valid, batch.depth
+    images, coverage, valid = batch.images, batch.coverage, batch.valid
     if coverage is None:
         images = area_means(images, width, height)
     else:
@@ -37,17 +38,34 @@ def shrink_batch(batch: Batch, width: int, height: int) -> Batch:
         images, coverage = _weighted_means(weighted, width, height)
     if valid is not None:
         valid = area_means(valid.to(images.dtype), width, height) > WHOLE
-    if depth is not None:
-        known = torch.cat([depth, (depth > 0).to(depth.dtype)], dim=-1)
-        depth, _ = _weighted_means(known, width, height)
     return replace(
         batch,
         images=images,
         cameras=batch.cameras.resized(width, height),
         alpha=coverage,
         mask=valid,
-        depth=depth,
+        maps={name: _shrink_map(item, valid, width, height) for name, item in batch.maps.items()},
     )
+
+
+def _shrink_map(
+    given: ViewMap, valid: Bool[Tensor, "c h2 w2 1"] | None, width: int, height: int
+) -> ViewMap:
+    """A per-view map at a smaller size, by its rule."""
+    if given.rule is Resampling.NEAREST:
+        rows, columns = given.values.shape[1:3]
+        y, x = (
+            ((torch.arange(small, device=given.values.device) + 0.5) * size / small).long()
+            for size, small in ((rows, height), (columns, width))
+        )
+        values, known = given.values[:, y[:, None], x], given.known[:, y[:, None], x]
+    else:
+        weights = given.known.to(given.values.dtype)
+        weighted = torch.cat([given.values * weights, weights], dim=-1)
+        values, part = _weighted_means(weighted, width, height)
+        known = part > LEAST_KNOWN - (1 - WHOLE)
+    known = known if valid is None else known & valid
+    return ViewMap(values * known, known, given.rule)
 
 
 def _weighted_means(
@@ -68,7 +86,7 @@ def _weighted_means(
 def area_means(
     values: Float[Tensor, "c h w d"], width: int, height: int
 ) -> Float[Tensor, "c h2 w2 d"]:
-    """Means over the areas that the pixels of a ``height`` x ``width`` picture cover."""
+    """Means over the areas that the pixels of a ``height`` x ``width`` image cover."""
     count, rows, columns, channels = values.shape
     values = _shrink_rows(values.reshape(count, rows, columns * channels), height)
     values = values.view(count, height, columns, channels).transpose(1, 2)

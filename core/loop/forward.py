@@ -68,6 +68,9 @@ class Forward:
             splats = parts.model.splats(time, cameras)
             return parts.model.decode(parts.rasterizer.render(splats, cameras, bare), cameras)
 
+        def contributions(weights: Float[Tensor, "c h w 1"]) -> Float[Tensor, "c m"]:
+            return parts.rasterizer.contributions(splats, batch.cameras, weights, settings)
+
         context = StepContext(
             step=step,
             steps=self._plan.steps,
@@ -80,6 +83,7 @@ class Forward:
             extent=parts.data.scene.extent,
             operators=parts.operators,
             render=render_view,
+            contributions=contributions,
         )
         data_losses = parts.method.losses(context)
         terms = (

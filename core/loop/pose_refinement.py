@@ -24,11 +24,9 @@ from torch import Tensor, nn
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.scene import Scene
-
-SMALLEST_ANGLE = 1e-4
-"""In radians; below it sin(x) / x is 1 in float32."""
 
 SMALLEST_DIRECTION = 1e-6
 """Relative singular value of directions that cameras do not have (few, or all in one line)."""
@@ -110,18 +108,6 @@ def _pose(camera: Cameras) -> object:
     return tuple(camera.world_to_camera.flatten().tolist())
 
 
-def rotation_matrices(vectors: Float[Tensor, "c 3"]) -> Float[Tensor, "c 3 3"]:
-    """Rodrigues' formula; differentiable at zero, where it is the identity to the bit."""
-    angles = (vectors * vectors).sum(-1).clamp_min(SMALLEST_ANGLE**2).sqrt()[:, None, None]
-    x, y, z = vectors.unbind(-1)
-    zero = torch.zeros_like(x)
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).view(-1, 3, 3)
-    first = angles.sin() / angles
-    second = 0.5 * ((0.5 * angles).sin() / (0.5 * angles)) ** 2
-    identity = torch.eye(3, dtype=vectors.dtype, device=vectors.device)
-    return identity + first * cross + second * cross @ cross
-
-
 def scene_depths(poses: Float[Tensor, "p 4 4"], scene: Scene) -> Float[Tensor, " p"]:
     """Median depth of the points in front of each camera; the extent where there are none."""
     depths = scene.points @ poses[:, 2, :3].T + poses[:, 2, 3]
@@ -133,7 +119,7 @@ def motion_matrices(
     motions: Float[Tensor, "c 6"], depths: Float[Tensor, " c"], extent: float
 ) -> Float[Tensor, "c 4 4"]:
     """Rigid transforms within the cameras' axes: about pivots at ``depths``, then moved."""
-    rotation = rotation_matrices(motions[:, :3])
+    rotation = rotation_vector_matrices(motions[:, :3])
     pivots = torch.stack([torch.zeros_like(depths), torch.zeros_like(depths), depths], dim=1)
     turned = (rotation @ pivots[:, :, None])[..., 0]
     shift = (pivots - turned) + extent * motions[:, 3:]

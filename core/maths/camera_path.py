@@ -97,11 +97,7 @@ def orbit(cameras: Cameras, frames: int) -> Cameras:
         cameras.select([0]),
         world_to_camera=poses.to(cameras.world_to_camera),
         intrinsics=cameras.intrinsics[:1].expand(frames, 3, 3),
-        distortion=None
-        if cameras.distortion is None
-        else cameras.distortion[:1].expand(frames, -1),
         time=None,
-        image_index=None,
         camera_index=None,
     )
 

@@ -1,4 +1,4 @@
-"""The ``colmap`` format: a sparse model and the pictures it was computed from."""
+"""The ``colmap`` format: a sparse model and the images it was computed from."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from pathlib import Path
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.capture_config import CaptureConfig
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders, model_suffix
 from gsfw.datamanagers.colmap.reader import lens_of, read_model, read_sightings
 from gsfw.datamanagers.detection import describe_unrecognised
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.poses import from_quaternion
 
 LOOKED_FOR = "cameras, images and points3D (.bin or .txt) in sparse/0, in sparse, or in the folder"
@@ -28,7 +26,7 @@ class ColmapConfig(CaptureConfig):
     """Settings of the ``colmap`` format."""
 
     images: str = ""
-    """Folder of the pictures, relative to the data set. Empty: images, or the data set itself."""
+    """Folder of the images, relative to the data set. Empty: images, or the data set itself."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:
@@ -39,19 +37,8 @@ class ColmapConfig(CaptureConfig):
         file = folders[0] / f"cameras{model_suffix(folders[0])}"
         return Detection(True, LOOKED_FOR, str(file.relative_to(path)), priority=30)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read the model, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: the model is damaged, or the pictures do not fit.
-        """
-        rule = self.lens_rule()
-        return Capture(
-            self._recording(data_folder(request.path, "colmap")), request, rule, self.mask_rule()
-        )
-
-    def _recording(self, path: Path) -> Recording:
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read the model and the headers of the images."""
         folders = model_folders(path)
         if not folders:
             found = describe_unrecognised(path)
@@ -70,7 +57,7 @@ class ColmapConfig(CaptureConfig):
         if len(folders) > 1:
             others = ", ".join(str(other) for other in folders[1:])
             notes.append(f"used the largest of {len(folders)} models; the others are {others}")
-        notes.extend(missing_pictures(missing, len(model.images), folder))
+        notes.extend(missing_images(missing, len(model.images), folder))
         return Recording(
             name=root.resolve().name,
             path=path,

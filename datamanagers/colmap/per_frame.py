@@ -14,13 +14,11 @@ import numpy as np
 import torch
 
 from gsfw.core.config import Detection
-from gsfw.core.datamanager import DataRequest
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.datamanagers.capture import Capture
 from gsfw.datamanagers.colmap.config import frames_of
 from gsfw.datamanagers.colmap.model import ColmapModel, model_folders
 from gsfw.datamanagers.colmap.reader import read_model
-from gsfw.datamanagers.frames import Frame, Recording, data_folder, missing_pictures
+from gsfw.datamanagers.frames import Frame, Recording, missing_images
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 
 PREFIX = "colmap_"
@@ -56,20 +54,10 @@ class ColmapPerFrameConfig(MultiCameraConfig):
         first, last = min(folders), max(folders)
         return Detection(True, LOOKED_FOR, f"{PREFIX}{first} to {PREFIX}{last}", priority=45)
 
-    def build(self, request: DataRequest) -> Capture:
-        """Read all models, check the pictures' headers.
-
-        Raises:
-            ConfigError: a setting is out of range.
-            DataError: a model is damaged, or the pictures do not fit.
-        """
+    def recording(self, path: Path, downscale: float) -> Recording:
+        """Read all models and the headers of the images."""
         if self.points_every < 1:
             raise ConfigError(f"datamanager.points_every={self.points_every}: expected at least 1.")
-        rule = self.lens_rule()
-        path = data_folder(request.path, "colmap-per-frame")
-        return Capture(self._recording(path), request, rule, self.mask_rule())
-
-    def _recording(self, path: Path) -> Recording:
         folders = _folders(path)
         if not folders:
             raise DataError(
@@ -82,7 +70,7 @@ class ColmapPerFrameConfig(MultiCameraConfig):
         source = "datamanager.fps" if self.fps else "the usual one; datamanager.fps=N gives another"
         missing = [name for instant in instants for name in instant.missing]
         total = len(missing) + sum(len(instant.frames) for instant in instants)
-        missing_note = missing_pictures(missing, total, path)
+        missing_note = missing_images(missing, total, path)
         frames, names = _numbered(instants, rate)
         frames, origin = hold_out_cameras(frames, names, self.eval_cameras, names[:1])
         seen = instants[:: self.points_every]
@@ -119,7 +107,7 @@ def _folders(path: Path) -> dict[int, Path]:
 
 
 def _read(number: int, folder: Path) -> _Instant:
-    """The model of one time, and its pictures.
+    """The model of one time, and its images.
 
     Raises:
         DataError: there is no model, or it is damaged.

@@ -16,8 +16,8 @@ from gsfw.datamanagers.colmap.model import (
     damaged,
     model_suffix,
 )
+from gsfw.datamanagers.frames import Sightings
 from gsfw.datamanagers.lens import COEFFICIENTS, ONE_FOCAL_LENGTH, Lens
-from gsfw.datamanagers.sightings import Sightings
 
 
 def read_model(folder: Path) -> ColmapModel:
@@ -40,7 +40,7 @@ def read_model(folder: Path) -> ColmapModel:
     if not registered:
         raise DataError(
             f"{images} holds no images: COLMAP has placed no camera.",
-            "Look at COLMAP's log; it needs pictures that overlap and show texture.",
+            "Look at COLMAP's log; it needs images that overlap and show texture.",
         )
     for image in registered:
         if image.camera not in known:
@@ -59,12 +59,12 @@ def read_model(folder: Path) -> ColmapModel:
 
 
 def read_sightings(folder: Path, images: Sequence[ColmapImage], names: Sequence[str]) -> Sightings:
-    """Read which pictures show which points.
+    """Read which images show which points.
 
     Args:
         folder: of a model that ``read_model`` has read.
         images: of that model.
-        names: of the pictures that are used, in their order.
+        names: of the images that are used, in their order.
 
     Raises:
         DataError: the file of the points is cut off or damaged.
@@ -99,8 +99,8 @@ def lens_of(camera: ColmapCamera, number: int, file: Path) -> Lens:
     values = camera.parameters
     if camera.model not in COEFFICIENTS:
         raise DataError(
-            f"{source}: pictures of the model {camera.model} cannot be trained on.",
-            "Cut them into pictures of pinhole cameras first: a panorama has no image plane.",
+            f"{source}: images of the model {camera.model} cannot be trained on.",
+            "Cut them into images of pinhole cameras first: a panorama has no image plane.",
         )
     lens = Lens(
         fx=values[0],

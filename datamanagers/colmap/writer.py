@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from gsfw.core.errors import DataError
+from gsfw.core.maths.rotations import quaternions_of
 from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, ColmapModel
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.lens import COEFFICIENTS, ONE_FOCAL_LENGTH, Lens
-from gsfw.datamanagers.poses import quaternion_of
 
 NUMBERS = {name: number for number, (name, _) in enumerate(CAMERA_MODELS)}
 TWO_FOCAL_LENGTHS = {
@@ -34,54 +34,56 @@ UNKNOWN_ERROR = -1.0
 """What COLMAP writes as the error of points whose error it has not computed."""
 
 
-def write_model(recording: Recording, folder: Path, pictures: Path, suffix: str = ".bin") -> None:
+def write_model(recording: Recording, folder: Path, image_root: Path, suffix: str = ".bin") -> None:
     """Write cameras, images and points3D into ``folder``; replaces what is there.
 
     Args:
         recording: what a format's file says.
         folder: of the model, usually sparse/0; made where it is not there.
-        pictures: the folder that names of images are relative to.
+        image_root: the folder that names of images are relative to.
         suffix: ".bin" or ".txt".
 
     Raises:
-        DataError: a picture is not in ``pictures``, or is one of a video.
+        DataError: an image is not in ``image_root``, or is one of a video.
         OSError: the files cannot be written.
     """
-    model = _model(recording, folder / f"cameras{suffix}", pictures)
+    model = _model(recording, folder / f"cameras{suffix}", image_root)
     folder.mkdir(parents=True, exist_ok=True)
     write = {".bin": _write_binary, ".txt": _write_text}[suffix]
     write(model, folder)
 
 
-def _model(recording: Recording, file: Path, pictures: Path) -> ColmapModel:
+def _model(recording: Recording, file: Path, image_root: Path) -> ColmapModel:
     """The parts of a COLMAP model."""
     numbers: dict[tuple[int, Lens], int] = {}
     images = []
     for frame in recording.frames:
-        # COLMAP's cameras are of the size of their pictures.
+        # COLMAP's cameras are of the size of their images.
         lens = frame.lens.resized(frame.header.width, frame.header.height)
         number = numbers.setdefault((frame.camera, lens), len(numbers) + 1)
         pose = frame.world_to_camera
         translation = tuple(pose[:3, 3].tolist())
-        name = _name(frame, pictures)
-        images.append(ColmapImage(name, number, quaternion_of(pose[:3, :3]), translation))
+        name = _name(frame, image_root)
+        images.append(
+            ColmapImage(name, number, tuple(quaternions_of(pose[:3, :3]).tolist()), translation)
+        )
     colors = (recording.point_colors.clamp(0, 1) * 255).round().byte().numpy()
     cameras = {number: _camera(lens) for (_, lens), number in numbers.items()}
     return ColmapModel(file, cameras, images, recording.points.numpy(), colors)
 
 
-def _name(frame: Frame, pictures: Path) -> str:
+def _name(frame: Frame, image_root: Path) -> str:
     if frame.shot is not None:
         raise DataError(
-            f"{frame.name} is a picture of the video {frame.path}, which a COLMAP model cannot "
+            f"{frame.name} is an image of the video {frame.path}, which a COLMAP model cannot "
             "name.",
-            f"Cut the video into pictures first (ffmpeg -i {frame.path.name} images/%06d.png).",
+            f"Cut the video into images first (ffmpeg -i {frame.path.name} images/%06d.png).",
         )
-    relative = Path(os.path.relpath(frame.path.resolve(), pictures.resolve())).as_posix()
+    relative = Path(os.path.relpath(frame.path.resolve(), image_root.resolve())).as_posix()
     if relative.startswith("../"):
         raise DataError(
-            f"{frame.path} is not in {pictures}, which the model's names are relative to.",
-            "Copy the pictures there, or give a folder that holds all of them.",
+            f"{frame.path} is not in {image_root}, which the model's names are relative to.",
+            "Copy the images there, or give a folder that holds all of them.",
         )
     return relative
 

@@ -14,9 +14,9 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, DataRequest, Split, Views
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.scene import Scene
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.loader import Loader
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture
 from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
@@ -50,7 +50,7 @@ class SyntheticData(DataManager):
         }
         with one_thread():
             pictures = [
-                Picture(photograph(Stage(self._solids, _time(view)), view).numpy())
+                DecodedImage(photograph(Stage(self._solids, _time(view)), view).numpy())
                 for split in Split
                 for view in world[split]
             ]
@@ -63,7 +63,7 @@ class SyntheticData(DataManager):
         sizes = [picture.pixels.size for picture in pictures]
         self._loader = Loader(
             self._views,
-            PictureCache(pictures.__getitem__, sizes, sum(sizes)),
+            ImageCache(pictures.__getitem__, sizes, sum(sizes)),
             request.gpu_cache_megabytes * 1_000_000,
         )
         self._scene = Scene(
@@ -93,14 +93,12 @@ class SyntheticData(DataManager):
 
     def _in_scene(self, split: Split, world: Sequence[Cameras], frame: Similarity) -> Views:
         """The views in the scene frame, in float32, with names and numbers."""
-        first = 0 if split is Split.TRAIN else self._config.views
         cameras = [
             replace(
                 camera,
                 world_to_camera=frame.camera(camera.world_to_camera),
-                image_index=torch.tensor([first + index]),
             ).to(dtype=torch.float32)
-            for index, camera in enumerate(world)
+            for camera in world
         ]
         names = tuple(f"{split.value}_{index:03d}" for index in range(len(world)))
         return Views(names, tuple(cameras), "cameras of their own")

@@ -1,5 +1,12 @@
 from torch import Tensor
 
+from gsfw.kernels.render_arguments import (
+    KernelGradients,
+    KernelInputs,
+    KernelOutputs,
+    KernelSettings,
+)
+
 def instruction_sets() -> list[str]:
     """Instruction sets this machine can run, the best first; "scalar" is the last."""
 
@@ -20,7 +27,6 @@ def exponential_gexp() -> float:
 
 PAIR_BYTES: int
 SLOT_FIELDS: int
-POSE_FIELDS: int
 
 class TooManyPairs(RuntimeError):
     """A picture has more pairs of a splat and a tile than it may; the argument says how many."""
@@ -30,11 +36,12 @@ class DrawingFloat32:
 
     def __init__(
         self,
-        arrays: dict[str, Tensor | None],
-        numbers: dict[str, float | int | bool],
-        outputs: dict[str, Tensor | None],
+        inputs: KernelInputs,
+        settings: KernelSettings,
+        outputs: KernelOutputs,
+        threads: int,
     ) -> None: ...
-    def backward(self, gradients: dict[str, Tensor | bool | None]) -> None: ...
+    def backward(self, gradients: KernelGradients) -> None: ...
     def times(self) -> dict[str, tuple[float, float]]: ...
     @property
     def pairs(self) -> int: ...

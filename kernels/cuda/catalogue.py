@@ -17,7 +17,7 @@ from gsfw.kernels.cuda.jobs import (
     TilesJob,
 )
 from gsfw.kernels.cuda.launcher import Entry, Kernel
-from gsfw.kernels.cuda.sort_jobs import DigitsJob, ScatterJob
+from gsfw.kernels.cuda.sort import DigitsJob, ScatterJob
 from gsfw.kernels.cuda.step_jobs import (
     AdamJob,
     BeginAdamJob,

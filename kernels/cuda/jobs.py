@@ -147,6 +147,7 @@ class BlendJob(ctypes.Structure):
         ("checkpoints", POINTER),
         ("chunk_tiles", POINTER),
         ("contribution", POINTER),
+        ("pixel_weights", POINTER),
         ("slots", POINTER),
     ]
 

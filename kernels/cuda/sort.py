@@ -5,26 +5,60 @@ The kernels are in sources/sort.cu, which says how they work.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator
+from typing import ClassVar
 
 import torch
 from jaxtyping import Int32, Shaped
 from torch import Tensor
 
+from gsfw.kernels.cuda.jobs import INT, INT64, POINTER
 from gsfw.kernels.cuda.launcher import Entry, Kernel, Launcher, address
-from gsfw.kernels.cuda.sort_jobs import DigitField, DigitsJob, ScatterJob
+from gsfw.kernels.cuda.source_files import constant
 
-THREADS = 512
-"""Of a block, ``SORT_THREADS`` of sources/sort_stages.h."""
+THREADS = constant("sort_stages.h", "SORT_THREADS")
+"""Threads of a block."""
 
-MOST_DIGIT_BITS = 8
-"""Of a digit, which has up to ``DIGITS`` values in sources/sort_stages.h."""
+MOST_DIGIT_BITS = constant("sort_stages.h", "DIGITS").bit_length() - 1
+"""Most bits of a digit."""
 
 KEY_TYPES = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"}
 """What the bits of keys are in C++."""
 
 KEYS_PER_THREAD = {torch.int16: 8, torch.int32: 8, torch.int64: 4}
 """``KEYS_PER_THREAD`` of sources/sort_stages.h."""
+
+
+class DigitField(ctypes.Structure):
+    """The digit that one pass sorts by."""
+
+    _fields_: ClassVar = [("shift", INT), ("digits", INT)]
+
+
+class DigitsJob(ctypes.Structure):
+    """Of ``count_digits``."""
+
+    _fields_: ClassVar = [
+        ("keys", POINTER),
+        ("count", INT64),
+        ("field", DigitField),
+        ("counts", POINTER),
+    ]
+
+
+class ScatterJob(ctypes.Structure):
+    """Of ``scatter``."""
+
+    _fields_: ClassVar = [
+        ("keys", POINTER),
+        ("payload", POINTER),
+        ("count", INT64),
+        ("field", DigitField),
+        ("ends", POINTER),
+        ("sorted_keys", POINTER),
+        ("sorted_payload", POINTER),
+    ]
 
 
 def sort_kernels(keys: torch.dtype) -> list[Entry]:

@@ -5,14 +5,21 @@ from __future__ import annotations
 import ctypes
 from typing import ClassVar
 
-POINTER, INT, INT64, DOUBLE = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64, ctypes.c_double
+from gsfw.kernels.cuda.jobs import DOUBLE, INT, INT64, POINTER
+from gsfw.kernels.cuda.source_files import constant
 
-SSIM_WIDTH, SSIM_HEIGHT, SSIM_THREADS = 32, 16, 256
-SSIM_FLOWS, SSIM_SUMS = 3, 3
-ADAM_THREADS, ADAM_NUMBERS = 256, 4
-FINITE_THREADS, FINITE_NUMBERS, FINITE_TENSORS = 256, 8192, 16
+SSIM_WIDTH = constant("step_stages.h", "SSIM_WIDTH")
+SSIM_HEIGHT = constant("step_stages.h", "SSIM_HEIGHT")
+SSIM_THREADS = constant("step_stages.h", "SSIM_THREADS")
+SSIM_FLOWS = constant("step_stages.h", "SSIM_FLOWS")
+SSIM_SUMS = constant("step_stages.h", "SSIM_SUMS")
+ADAM_THREADS = constant("step_stages.h", "ADAM_THREADS")
+ADAM_NUMBERS = constant("step_stages.h", "ADAM_NUMBERS")
+FINITE_THREADS = constant("step_stages.h", "FINITE_THREADS")
+FINITE_NUMBERS = constant("step_stages.h", "FINITE_NUMBERS")
+FINITE_TENSORS = constant("step_stages.h", "FINITE_TENSORS")
 
-WARP = 32
+WARP = constant("platform.h", "WARP")
 """Threads of the least block."""
 
 

@@ -18,11 +18,11 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column
 from gsfw.core.context import StepContext
+from gsfw.core.maths.rotations import same_half
 from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.dynamic3d.neighborhood import Neighborhood
 from gsfw.methods.dynamic3d.rigidity import rigidity
-from gsfw.methods.dynamic3d.rotation import same_half
 from gsfw.methods.dynamic3d.trajectory import Pose, Trajectory
 from gsfw.methods.gaussians3d.model import StaticGaussians
 

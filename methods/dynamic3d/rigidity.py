@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from gsfw.methods.dynamic3d.rotation import matrices, relative, same_half
+from gsfw.core.maths.rotations import relative_quaternions, same_half, unit_matrices
 
 TINY = 1e-20
 """Added under square roots, as in the released code: at zero their derivative is not finite."""
@@ -53,9 +53,9 @@ def rigidity(
         previous_quats: at the previous time, of norm 1.
     """
     quats = normalize(quats, dim=1)
-    turned = relative(same_half(quats, previous_quats), previous_quats)
+    turned = relative_quaternions(same_half(quats, previous_quats), previous_quats)
     offsets = _differences(means, neighbors.rows)
-    expected = torch.bmm(neighbors.previous, matrices(turned).transpose(1, 2))
+    expected = torch.bmm(neighbors.previous, unit_matrices(turned).transpose(1, 2))
     stretched = (offsets.square().sum(2) + TINY).sqrt() - neighbors.lengths
     return (
         _mean(neighbors.weights * (offsets - expected).square().sum(2)),

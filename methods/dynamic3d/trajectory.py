@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from gsfw.core.column import Column, Layout, Rows
-from gsfw.methods.dynamic3d.rotation import from_integers, same_half, to_integers
+from gsfw.core.maths.rotations import from_integers, same_half, to_integers
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,13 @@ from torch import Tensor
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
+from gsfw.core.maths.focus import CAMERA_CLEARANCE, OBJECT_SIZE, object_place
 from gsfw.core.maths.spherical_harmonics import num_coefficients, rgb_to_dc
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.model import GaussianParameters
 
-CAMERA_CLEARANCE = 1e-2
-"""Points nearer to a camera than this, in extents, are triangulated cameras or noise. Splats there
-cover whole pictures, and one at the centre of a camera has no projection (graphdeco issue 41)."""
 NEIGHBORS = 3
 MIN_SPACING = 1e-7
 """Distances below this, in extents, would be splats that nothing can see."""
@@ -29,17 +27,9 @@ LONE_SPACING = 1e-2
 MIN_OPACITY, MAX_OPACITY = 1e-6, 1 - 1e-6
 """Opacities of a file are moved in here: a saturated sigmoid has no gradient to come back by."""
 MIN_SCALE = 1e-10
-OBJECT_SIZE = 0.33
-"""Half of the box of an object's random points, in distances of its cameras: NeRF-synthetic has
-cameras at 4.03 and, in the code of Kerbl et al. 2023, points within 1.3."""
 ROOM_SIZE = 3.0
 """Half of the box of any other scene's random points, in extents: what lies behind the things that
 cameras stand around is part of it."""
-ROUNDNESS = 0.1
-"""Cameras are on a sphere when their distances from its centre differ by less, relatively, and look
-at one point when their axes pass it by less."""
-MIN_AXES = 2
-"""One camera looks at no point in particular."""
 CHUNK = 65_536
 
 
@@ -151,50 +141,6 @@ def random_box(scene: Scene, region: str = AUTO) -> tuple[Float[Tensor, " 3"], f
         return center, ROOM_SIZE * scene.extent
     place = object_place(scene)
     return (center, scene.extent) if place is None else (place[0], OBJECT_SIZE * place[1])
-
-
-def object_place(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:
-    """Where cameras have an object in their midst, and how far from it; ``None``: nowhere."""
-    return fitted_sphere(scene.camera_centers, 1.5 * scene.extent) or focus(scene)
-
-
-def focus(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:
-    """The point that all cameras look at, and their mean distance; ``None`` if there is none.
-
-    It is the one nearest to all viewing axes: sum over axes (1 - a a^T)(x - c) = 0.
-    """
-    if scene.camera_axes is None or len(scene.camera_axes) < MIN_AXES:
-        return None
-    axes, centers = scene.camera_axes.double(), scene.camera_centers.double()
-    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
-    # Parallel axes meet nowhere, and the least-norm answer is then behind or beside the cameras.
-    right = (across @ centers[:, :, None]).sum(0)
-    point = (torch.linalg.pinv(across.sum(0), rcond=1e-6) @ right)[:, 0]
-    ahead = ((point - centers) * axes).sum(1)
-    missed = (across @ (point - centers)[:, :, None])[:, :, 0].norm(dim=1)
-    if bool((ahead <= 0).any()) or bool((missed > ROUNDNESS * ahead).any()):
-        return None
-    return point.to(scene.camera_centers), float(ahead.mean())
-
-
-def fitted_sphere(
-    centers: Float[Tensor, "v 3"], largest: float
-) -> tuple[Float[Tensor, " 3"], float] | None:
-    """Centre and radius of the sphere through camera positions; ``None`` if they are on none.
-
-    |x - m|^2 = r^2 is linear in m and r^2 - |m|^2. Where the cameras lie in a plane, the solution
-    of least norm is the centre of their circle.
-    """
-    mean = centers.mean(dim=0)
-    offsets = (centers - mean).double()
-    system = torch.cat([2.0 * offsets, torch.ones(len(offsets), 1, dtype=torch.float64)], dim=1)
-    solution = torch.linalg.pinv(system, rcond=1e-2) @ offsets.square().sum(1)
-    distances = (offsets - solution[:3]).norm(dim=1)
-    radius = float(distances.mean())
-    round_enough = float((distances - radius).abs().max()) <= ROUNDNESS * radius
-    if len(centers) < 4 or radius > largest or not round_enough:
-        return None
-    return mean + solution[:3].to(mean), radius
 
 
 def from_splats(splats: Splats, sh_degree: int) -> GaussianParameters:

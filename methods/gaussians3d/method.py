@@ -18,6 +18,7 @@ from gsfw.core.config import AUTO
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer
+from gsfw.core.maths.focus import object_place
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
@@ -29,7 +30,6 @@ from gsfw.methods.gaussians3d.initialisation import (
     degrees_of,
     from_points,
     from_splats,
-    object_place,
     random_points,
     usable_points,
 )

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.methods.gaussians3d.model import rotations
+from gsfw.core.maths.rotations import matrices_rows_last
 
 
 def covariances(
@@ -16,7 +16,7 @@ def covariances(
 
     Entry by entry, each for all rows: several times faster than by products of small matrices.
     """
-    x, y, z = ((row * scales.T).unbind(0) for row in rotations(quats).unbind(0))
+    x, y, z = ((row * scales.T).unbind(0) for row in matrices_rows_last(quats).unbind(0))
     xy, xz, yz = _dot(x, y), _dot(x, z), _dot(y, z)
     entries = [_dot(x, x), xy, xz, xy, _dot(y, y), yz, xz, yz, _dot(z, z)]
     return torch.stack(entries, dim=1).view(-1, 3, 3)

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from gsfw.core.context import StepContext
-from gsfw.core.maths.principal_axes import with_axes
+from gsfw.core.maths.frame import with_axes
 from gsfw.core.maths.spherical_harmonics import C0
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.refiner import RefineContext, Refinement, Refiner

@@ -1,1 +1,1 @@
-"""Whether a capture is good enough to train on, found without reconstructing anything."""
+"""True if a capture is good enough to train on, found without reconstructing anything."""

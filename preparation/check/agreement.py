@@ -1,7 +1,7 @@
-"""Agreement: whether pictures show the same colours where the points say they show the same thing.
+"""Agreement: whether images show the same colours where the points say they show the same thing.
 
-Poses that belong to other pictures, or follow another convention, leave colours at random; a camera
-that sets its exposure anew for each picture moves them by a factor.
+Poses that belong to other images, or follow another convention, leave colours at random; a camera
+that sets its exposure anew for each image moves them by a factor.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gsfw.preparation.check.looks import Looks
-from gsfw.preparation.check.surface import Surface
-from gsfw.preparation.check.viewpoints import Viewpoints
+from gsfw.preparation.check.image_sample import ImageSample
+from gsfw.preparation.check.viewpoints import Surface, Viewpoints
 
 MIN_VIEWS, MIN_POINTS = 3, 50
-"""Points seen in fewer of the sampled pictures say nothing, and fewer points too little."""
+"""Points seen in fewer of the sampled images say nothing, and fewer points too little."""
 NEAREST = 4
-"""So many pictures are compared at each point, the nearest: whether other things hide it from the
+"""Number of images compared at each point, the nearest: whether other things hide it from the
 rest, points alone cannot tell."""
 ONE_SIDE = 30.0
 """Degrees from the nearest: from farther around, other things hide a point, or it shines."""
@@ -31,23 +30,27 @@ READABLE = (0.03, 0.97)
 
 @dataclass(frozen=True)
 class Agreement:
-    """How the sampled pictures agree on the colours of points."""
+    """Agreement of the sampled images on the colours of points."""
 
     scatter: float
-    """Variance of a point's colours over pictures, in parts of that over all points: 0 where all
-    pictures agree, about 1 where colours are at random."""
+    """Variance of a point's colours over images, in parts of that over all points: 0 where all
+    images agree, about 1 where colours are at random."""
     gains: Float[np.ndarray, " l"]
-    """Brightness of each sampled picture relative to the others at the same points; NaN without."""
+    """Brightness of each sampled image relative to the others at the same points; NaN without."""
     points: int
-    """How many points it was measured at."""
+    """Number of points that were compared."""
 
     @staticmethod
-    def of(surface: Surface | None, viewpoints: Viewpoints, looks: Looks) -> Agreement | None:
-        """Over the sampled pictures; ``None`` where too few points are seen by enough of them."""
-        if surface is None or not surface.measured or len(looks.looks) < MIN_VIEWS:
+    def of(
+        surface: Surface | None, viewpoints: Viewpoints, sample: ImageSample
+    ) -> Agreement | None:
+        """Over the sampled images; ``None`` where too few points are seen by enough of them."""
+        if surface is None or not surface.measured or len(sample.images) < MIN_VIEWS:
             return None
-        colors = np.stack([_colors(surface, viewpoints, looks, i) for i in range(len(looks.looks))])
-        colors[~_near(surface, viewpoints, looks, np.isfinite(colors[..., 0]))] = np.nan
+        colors = np.stack(
+            [_colors(surface, viewpoints, sample, i) for i in range(len(sample.images))]
+        )
+        colors[~_near(surface, viewpoints, sample, np.isfinite(colors[..., 0]))] = np.nan
         often = np.isfinite(colors[..., 0]).sum(0) >= MIN_VIEWS
         if often.sum() < MIN_POINTS:
             return None
@@ -64,13 +67,13 @@ class Agreement:
 
 
 def _near(
-    surface: Surface, viewpoints: Viewpoints, looks: Looks, seen: Bool[np.ndarray, "l p"]
+    surface: Surface, viewpoints: Viewpoints, sample: ImageSample, seen: Bool[np.ndarray, "l p"]
 ) -> Bool[np.ndarray, "l p"]:
-    """Which pictures are among the nearest that show a point from about one side.
+    """Which images are among the nearest that show a point from about one side.
 
     That side is the one of the nearest of them: fewest things stand in between.
     """
-    centers = viewpoints.centers[[look.view for look in looks.looks]]
+    centers = viewpoints.centers[[image.view for image in sample.images]]
     rays = surface.points - centers[:, None]
     away = np.linalg.norm(rays, axis=2)
     rays = rays / np.maximum(away, 1e-12)[..., None]
@@ -82,30 +85,30 @@ def _near(
 
 
 def _colors(
-    surface: Surface, viewpoints: Viewpoints, looks: Looks, index: int
+    surface: Surface, viewpoints: Viewpoints, sample: ImageSample, index: int
 ) -> Float[np.ndarray, "p 3"]:
-    """Of all points in one sampled picture; NaN where they are not in it."""
-    look = looks.looks[index]
-    pixels, inside = viewpoints.project(look.view, surface.points)
-    height, width = look.preview.shape[:2]
-    scale = np.array([width, height]) / viewpoints.sizes[look.view]
+    """Colours of all points in one sampled image; NaN where they are not in it."""
+    image = sample.images[index]
+    pixels, inside = viewpoints.project(image.view, surface.points)
+    height, width = image.preview.shape[:2]
+    scale = np.array([width, height]) / viewpoints.sizes[image.view]
     cells = np.floor(pixels[inside] * scale).astype(int)
     cells = np.clip(cells, 0, np.array([width, height]) - 1)
     colors = np.full((len(surface.points), 3), np.nan)
-    colors[inside] = look.preview[cells[:, 1], cells[:, 0]]
+    colors[inside] = image.preview[cells[:, 1], cells[:, 0]]
     return colors
 
 
 def _gains(brightness: Float[np.ndarray, "l p"]) -> Float[np.ndarray, " l"]:
-    """Median ratio of each picture's points to the median of the same points in all pictures."""
+    """Median ratio of each image's points to the median of the same points in all images."""
     low, high = READABLE
     readable = np.isfinite(brightness) & (brightness > low) & (brightness < high)
     gains = np.full(len(brightness), np.nan)
     logs = np.where(readable, np.log(np.where(readable, brightness, 1.0) + FLOOR), np.nan)
     enough = readable.sum(0) >= MIN_VIEWS
     usual = np.nanmedian(logs[:, enough], axis=0)
-    for picture, row in enumerate(logs[:, enough]):
+    for image, row in enumerate(logs[:, enough]):
         known = np.isfinite(row)
         if known.sum() >= MIN_POINTS // 2:
-            gains[picture] = np.exp(np.median(row[known] - usual[known]))
+            gains[image] = np.exp(np.median(row[known] - usual[known]))
     return gains

@@ -8,18 +8,21 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
-from gsfw.charts.time_plot import INK, OVERSAMPLING
 from gsfw.preparation.check.survey import Survey
 
+INK, PAPER = (60, 60, 64), (255, 255, 255)
+"""Colours of text and lines, and of the sheet."""
+OVERSAMPLING = 2
+"""Images are rendered larger by this factor and then shrunk: Pillow's lines have hard edges."""
 TRAINED, HELD_OUT = (31, 91, 171), (209, 98, 36)
 """Colours of cameras."""
 GROUND = (243, 243, 245)
 POINTS = 12_000
-"""So many are drawn, spread evenly over those there are."""
+"""Largest number of points in the map, spread evenly over all."""
 SHADE = 0.9
 """Colours of points are darkened by this factor, so that white ones show."""
 REACH = 3.0
-"""Points farther than this many camera distances from the middle lie outside the picture."""
+"""Points farther than this many camera distances from the middle lie outside the image."""
 FRUSTUM = 0.035
 """Length of a camera, in widths of the view."""
 ROOM = 0.15
@@ -31,7 +34,7 @@ AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True)
 class MapView:
-    """Two directions of the scene that become right and down in a picture."""
+    """Two directions of the scene that become right and down in an image."""
 
     across: Float[np.ndarray, " 3"]
     down: Float[np.ndarray, " 3"]
@@ -40,7 +43,7 @@ class MapView:
     """From the middle to the borders at least, across and down, in scene units."""
 
     def draw(self, survey: Survey, title: str, size: tuple[int, int]) -> Image.Image:
-        """The picture, ``size`` pixels wide and high."""
+        """The image, ``size`` pixels wide and high."""
         scale = OVERSAMPLING
         image = Image.new("RGB", (scale * size[0], scale * size[1]), GROUND)
         draw = ImageDraw.Draw(image)
@@ -85,7 +88,7 @@ class MapView:
     def _camera(
         self, draw: ImageDraw.ImageDraw, survey: Survey, number: int, size: tuple[int, int]
     ) -> None:
-        """A pyramid from the camera's centre to the corners of its picture."""
+        """A pyramid from the camera's centre to the corners of its image."""
         viewpoints = survey.viewpoints
         pose, intrinsics = viewpoints.poses[number], viewpoints.intrinsics[number]
         width, height = viewpoints.sizes[number].tolist()
@@ -135,7 +138,7 @@ def _reach(
     across: Float[np.ndarray, " 3"],
     down: Float[np.ndarray, " 3"],
 ) -> tuple[float, float]:
-    """How far points go across and down, with room for the cameras' frusta."""
+    """Extents of points across and down, with room for the cameras' frusta."""
     wide, high = (float(np.abs(offsets @ axis).max()) for axis in (across, down))
     room = max(wide, high, 1e-6)
     return wide + ROOM * room, high + ROOM * room

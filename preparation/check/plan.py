@@ -12,7 +12,7 @@ from gsfw.preparation.check.time_findings import SEVERAL, cameras_at_times
 from gsfw.preparation.finding import Finding
 
 LONG_SIDE, SHORT_ENOUGH = 1600, 800
-"""Pictures are shrunk to at most 1600 pixels (as Kerbl et al. 2023's code does); to fit the cache,
+"""Images are shrunk to at most 1600 pixels (as Kerbl et al. 2023's code does); to fit the cache,
 not below 800."""
 FLOATS = 59
 """Numbers of a Gaussian with spherical harmonics of degree 3: 3 + 4 + 3 + 1 + 48."""
@@ -21,12 +21,12 @@ COPIES = 4
 USUAL_RANDOM = 100_000
 """Where the method does not say how many Gaussians a random start has."""
 MOST = 0.8
-"""Part of the sampled pictures that has to agree on a background."""
+"""Part of the sampled images that has to agree on a background."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What fits this capture."""
+    """The training that fits a capture."""
 
     method: str
     methods: tuple[str, ...]
@@ -34,9 +34,9 @@ class Plan:
     changes: Mapping[str, str]
     """Settings to add, in the order they are typed."""
     decoded_mb: float
-    """All pictures at the size of the command, as 8-bit numbers; the CPU or the GPU keeps them."""
+    """All images at the size of the command, as 8-bit numbers; the CPU or the GPU keeps them."""
     cache_mb: int
-    """How much of that the run keeps."""
+    """Megabytes of decoded images that the run keeps."""
     gaussians: int
     """To start with."""
 
@@ -72,7 +72,7 @@ class Plan:
         )
 
     def megabytes(self, gaussians: int) -> float:
-        """What so many Gaussians take with all that training keeps of them."""
+        """Memory of Gaussians with their gradients and optimizer state."""
         return gaussians * FLOATS * COPIES * 4 / 1e6
 
     def command(self, given: Mapping[str, str]) -> str:
@@ -82,12 +82,12 @@ class Plan:
 
 
 def plain_background(survey: Survey) -> str:
-    """White or black where the borders of nearly all opaque pictures are; else empty."""
-    looks = survey.looks.looks
-    if survey.scene.has_alpha or not looks:
+    """White or black where the borders of nearly all opaque images are; else empty."""
+    images = survey.sample.images
+    if survey.scene.has_alpha or not images:
         return ""
     for name in ("white", "black"):
-        if sum(look.border == name for look in looks) >= MOST * len(looks):
+        if sum(image.border == name for image in images) >= MOST * len(images):
             return name
     return ""
 
@@ -97,7 +97,7 @@ def _methods(survey: Survey) -> tuple[str, ...]:
         return ("3dgs",)
     if cameras_at_times(survey) < SEVERAL:
         return ("4dgs", "4d-rotor", "spacetime")
-    masked = any(look.valid < 1 for look in survey.looks.looks)
+    masked = any(image.valid < 1 for image in survey.sample.images)
     return ("spacetime", "4d-rotor", "4dgs", *(() if masked else ("dynamic3dgs",)))
 
 
@@ -107,7 +107,7 @@ def _decoded_mb(survey: Survey) -> float:
 
 
 def _downscale(survey: Survey, config: MethodConfig) -> float:
-    """The factor that was given, doubled until pictures are of a sensible size."""
+    """The factor that was given, doubled until images are of a sensible size."""
     downscale, megabytes = config.downscale, _decoded_mb(survey)
     longest = float(survey.viewpoints.sizes.max())
     while longest > LONG_SIDE or (megabytes > config.cache_mb and longest >= 2 * SHORT_ENOUGH):

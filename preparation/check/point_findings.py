@@ -1,4 +1,4 @@
-"""What the points say: how many there are, where they lie, which pictures show them."""
+"""Findings about points: number, copies, outliers, scale, visibility and colours."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.methods.gaussians3d.initialisation import CAMERA_CLEARANCE
+from gsfw.core.maths.focus import CAMERA_CLEARANCE
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight, listed
 
 FEW_POINTS = 1000
 """Splats start at the points; the shared captures have 12,169 and 25,784, and 50 photos with
 1000 points between them have hardly been matched."""
-FEW_IN_PICTURE = 50
-"""Points in one picture: COLMAP registers a picture from 30 inliers, so fewer are chance."""
+FEW_IN_IMAGE = 50
+"""Points in one image: COLMAP registers an image from 30 inliers, so fewer are chance."""
 COINCIDENT = 0.1
 """Part of the points that may repeat others: a merge of two models leaves some."""
 OUTLIER = 20.0
@@ -28,7 +28,7 @@ FAR_SCENE, NEAR_SCENE = 50.0, 0.01
 """In extents of the cameras: median distance of the points from the cameras' middle (beyond 50 the
 largest angle between views is 2 degrees), and from their own (below 0.01 they are a speck)."""
 SCATTER = 0.55
-"""``Agreement.scatter``: 0.09 for fox and 0.35 for plush; 0.71 and 0.73 with pictures shuffled."""
+"""``Agreement.scatter``: 0.09 for fox and 0.35 for plush; 0.71 and 0.73 with images shuffled."""
 
 
 def point_findings(survey: Survey) -> Iterator[Finding]:
@@ -68,7 +68,7 @@ def _number(survey: Survey) -> Iterator[Finding]:
             Weight.LIMIT,
             f"There are {count} points.",
             "Splats start there, so most of the scene starts empty.",
-            "Look at the reconstruction (were most pictures registered?), or start at random with "
+            "Look at the reconstruction (were most images registered?), or start at random with "
             "init=random.",
         )
 
@@ -144,7 +144,7 @@ def _visible(survey: Survey) -> Iterator[Finding]:
     surface, viewpoints = survey.surface, survey.viewpoints
     assert surface is not None
     blind = np.flatnonzero(~surface.seen.any(1))
-    per_picture = surface.seen.mean(1) * len(survey.scene.points)
+    per_image = surface.seen.mean(1) * len(survey.scene.points)
     if len(blind):
         names = viewpoints.named(viewpoints.places[blind].tolist())
         most = 2 * len(blind) > len(surface.seen)
@@ -157,24 +157,24 @@ def _visible(survey: Survey) -> Iterator[Finding]:
             + ".",
             "Check axes (OpenCV or OpenGL), and whether poses lead from or to the camera."
             if most
-            else "Leave these pictures out, or reconstruct again.",
+            else "Leave these images out, or reconstruct again.",
             names,
         )
-    few = np.flatnonzero((per_picture > 0) & (per_picture < FEW_IN_PICTURE))
+    few = np.flatnonzero((per_image > 0) & (per_image < FEW_IN_IMAGE))
     if len(few) and len(survey.scene.points) >= FEW_POINTS:
-        names = viewpoints.named(viewpoints.places[few[np.argsort(per_picture[few])]].tolist())
+        names = viewpoints.named(viewpoints.places[few[np.argsort(per_image[few])]].tolist())
         yield Finding(
-            "few points in pictures",
+            "few points in images",
             Weight.LIMIT,
-            f"{len(few)} places see fewer than {FEW_IN_PICTURE} points: {listed(names)}.",
+            f"{len(few)} places see fewer than {FEW_IN_IMAGE} points: {listed(names)}.",
             "Such poses rest on chance, and what they show starts empty.",
-            "Look at these pictures: plain walls, blur, or another scene?",
+            "Look at these images: plain walls, blur, or another scene?",
             names,
         )
 
 
 def _turned(survey: Survey) -> str:
-    """Whether cameras would see points if they looked the other way."""
+    """True if cameras would see points if they looked the other way."""
     surface, viewpoints = survey.surface, survey.viewpoints
     assert surface is not None
     places = viewpoints.places
@@ -188,11 +188,11 @@ def _colors(survey: Survey) -> Iterator[Finding]:
     agreement = survey.agreement
     if agreement is not None and agreement.scatter > SCATTER:
         yield Finding(
-            "pictures contradict points",
+            "images contradict points",
             Weight.LIMIT,
-            f"The colour of a point differs between pictures by {100 * agreement.scatter:.0f} % "
+            f"The colour of a point differs between images by {100 * agreement.scatter:.0f} % "
             f"of what different points differ by ({agreement.points} points).",
-            "Poses, focal length or order of the pictures are probably wrong, or most of the "
+            "Poses, focal length or order of the images are probably wrong, or most of the "
             "scene shines or moves.",
-            "Draw some points over a picture; reconstruct again if they lie elsewhere.",
+            "Draw some points over an image; reconstruct again if they lie elsewhere.",
         )

@@ -7,22 +7,20 @@ from dataclasses import dataclass
 from gsfw.core.datamanager import DataManager
 from gsfw.core.scene import Scene
 from gsfw.preparation.check.agreement import Agreement
-from gsfw.preparation.check.files import Files
-from gsfw.preparation.check.looks import Looks
-from gsfw.preparation.check.surface import Angles, Surface
+from gsfw.preparation.check.image_sample import Files, ImageSample
 from gsfw.preparation.check.track_colors import TrackColors
 from gsfw.preparation.check.view_dependence import ViewDependence
-from gsfw.preparation.check.viewpoints import Viewpoints
+from gsfw.preparation.check.viewpoints import Angles, Surface, Viewpoints
 
-PICTURES, VIDEO_PICTURES = 50, 16
-"""So many pictures are decoded unless asked otherwise: a few seconds of files of 1 to 2 megapixels;
-each picture of a video takes a second or two, for all between it and the last key frame is decoded
+IMAGES, VIDEO_IMAGES = 50, 16
+"""Default numbers of images to decode: a few seconds for files of 1 to 2 megapixels;
+each image of a video takes a second or two, for all between it and the last key frame is decoded
 as well."""
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What cameras, points and a sample of the pictures say."""
+    """Measurements of cameras, points and a sample of the images."""
 
     scene: Scene
     viewpoints: Viewpoints
@@ -31,36 +29,36 @@ class Survey:
     angles: Angles | None
     """``None`` as well then."""
     files: Files
-    looks: Looks
+    sample: ImageSample
     agreement: Agreement | None
-    """``None`` where there are too few points in too few pictures."""
+    """``None`` where there are too few points in too few images."""
     track_colors: TrackColors
-    """Of points in the sampled pictures that are known to show them; none where nobody said."""
+    """Colours of tracked points in the sampled images; none without tracks."""
     view_dependence: ViewDependence | None
     """``None`` where these are too few."""
 
     @staticmethod
-    def of(data: DataManager, pictures: int | None = None) -> Survey:
+    def of(data: DataManager, images: int | None = None) -> Survey:
         """Measure a data set.
 
         Args:
             data: is read, and not closed.
-            pictures: how many to decode; 0: all; ``None``: what takes a few seconds.
+            images: how many to decode; 0: all; ``None``: what takes a few seconds.
         """
         scene, viewpoints = data.scene, Viewpoints.of(data)
         files, surface = Files.of(data), Surface.of(scene, viewpoints)
-        if pictures is None:
-            pictures = VIDEO_PICTURES if files.in_videos else PICTURES
-        looks = Looks.of(data, viewpoints, pictures)
-        colors = TrackColors.of(data, viewpoints, [look.view for look in looks.looks])
+        if images is None:
+            images = VIDEO_IMAGES if files.in_videos else IMAGES
+        sample = ImageSample.of(data, viewpoints, images)
+        colors = TrackColors.of(data, viewpoints, [image.view for image in sample.images])
         return Survey(
             scene=scene,
             viewpoints=viewpoints,
             surface=surface,
             angles=None if surface is None else Angles.of(surface, viewpoints),
             files=files,
-            looks=looks,
-            agreement=Agreement.of(surface, viewpoints, looks),
+            sample=sample,
+            agreement=Agreement.of(surface, viewpoints, sample),
             track_colors=colors,
             view_dependence=ViewDependence.of(colors),
         )

@@ -1,4 +1,4 @@
-"""What the times say: how many, how even, how many cameras at each, what stands still."""
+"""Findings about times: number, gaps, cameras at each time, and motion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SEVERAL = 3
 
 
 def cameras_at_times(survey: Survey) -> float:
-    """How many trained views each time has, as a median; 0 for a static capture."""
+    """Median number of trained views at each time; 0 for a static capture."""
     times = survey.viewpoints.times
     if times is None:
         return 0.0
@@ -37,8 +37,8 @@ def still_share(survey: Survey) -> float | None:
     if not viewpoints.stand_still:
         return None
     groups: dict[int, list[np.ndarray]] = {}
-    for look in survey.looks.looks:
-        groups.setdefault(int(viewpoints.place_of[look.view]), []).append(look.preview)
+    for image in survey.sample.images:
+        groups.setdefault(int(viewpoints.place_of[image.view]), []).append(image.preview)
     shares = []
     for previews in groups.values():
         if len(previews) > 2 and len({preview.shape for preview in previews}) == 1:

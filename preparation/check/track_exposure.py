@@ -1,7 +1,7 @@
-"""TrackExposure: how pictures differ in exposure and white balance, by the points they share.
+"""TrackExposure: how images differ in exposure and white balance, by the points they share.
 
-A channel of point p in picture v is gain_v m_p + offset_v. As in Park et al. 2016 ("Efficient and
-Robust Color Consistency for Community Photo Collections"), what all pictures and points have in
+A channel of point p in image v is gain_v m_p + offset_v. As in Park et al. 2016 ("Efficient and
+Robust Color Consistency for Community Photo Collections"), what all images and points have in
 common is found at once from the matches of a reconstruction, and robustly. We differ in the model
 (an offset in place of their gamma), in the solver (alternating lines and means under Huber's
 weights), and in that the mean exposure is held at the identity, as a training with exposure=true
@@ -22,16 +22,16 @@ HUBER = 1.345
 MAD = 1.4826
 """Standard deviation of normal residuals, in medians of their absolute values."""
 FEWEST = 30
-"""Observations in a picture below which its exposure is left as it is."""
+"""Observations in an image below which its exposure is left as it is."""
 READABLE = (0.02, 0.98)
 """Values outside may be clipped, and say nothing of exposure."""
 USUAL = (1 / 8, 8.0)
-"""Gains outside are none: a picture of one colour, such as fog or a lens cap, has 0."""
+"""Gains outside are none: an image of one colour, such as fog or a lens cap, has 0."""
 
 
 @dataclass(frozen=True)
 class TrackExposure:
-    """The exposure of ``v`` pictures; the mean of all that are known is the identity."""
+    """The exposure of ``v`` images; the mean of all that are known is the identity."""
 
     gains: Float[np.ndarray, "v 3"]
     offsets: Float[np.ndarray, "v 3"]

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from gsfw.preparation.check.degree_errors import DEGREES, degree_errors, point_means
+from gsfw.core.maths.spherical_harmonics import num_coefficients, sh_basis
 from gsfw.preparation.check.track_colors import TrackColors
 from gsfw.preparation.check.track_exposure import TrackExposure
 
@@ -22,27 +22,34 @@ MARGIN = 0.2
 """Part of the mean square error by which a degree has to be better than a lower one: with the
 directions of fox's points shuffled 1.3 % of them still ask for one."""
 WORTH = (2 / 255) ** 2
-"""What it has to be better by as well. Less is hardly seen, and a matte ball of 50 pixels, on which
+"""Least improvement of the error. Less is hardly seen, and a matte ball of 50 pixels, on which
 patches are strongly curved, makes 1.2 grey levels."""
 FEW = 0.1
 """Part of the points up to which a degree is left out for all."""
 TINY = 1e-12
-"""Mean square error of perfect pictures, far below that of 8 bits."""
+"""Mean square error of perfect images, far below that of 8 bits."""
+DEGREES = (0, 1, 2)
+"""Degree 3 has more coefficients than most points have images."""
+ALONE = 0.98
+"""Leverage from which on an observation decides a coefficient alone, and cannot be foretold."""
+RANK = 1e-6
+"""Directions span as many functions as the Gram matrix has eigenvalues above this part of the
+largest: cameras on a circle around a point tell only 5 of 9 apart."""
 
 
 @dataclass(frozen=True)
 class ViewDependence:
-    """What was found at ``p`` points; deviations are in [0, 1]."""
+    """View dependence of ``p`` points; deviations are in [0, 1]."""
 
     degrees: Int[np.ndarray, " p"]
     """The lowest that is enough for each."""
     errors: Float[np.ndarray, "p 3"]
     """Mean square error of degree 0, 1 and 2 at colours that the fit has not seen; infinite where a
-    point is in too few pictures."""
+    point is in too few images."""
     by_chance: float
     """Part of the points that ask for more than degree 0 after directions are shuffled."""
     exposed: Float[np.ndarray, " p"]
-    """Standard deviation of each point's colours over its pictures."""
+    """Standard deviation of each point's colours over its images."""
     deviation: Float[np.ndarray, " p"]
     """The same less what exposure explains."""
     misplaced: Float[np.ndarray, " p"]
@@ -50,7 +57,7 @@ class ViewDependence:
 
     @staticmethod
     def of(colors: TrackColors) -> ViewDependence | None:
-        """Of colours in pictures; ``None`` where there are fewer than ``MIN_POINTS`` points."""
+        """Measure it from colours in images; ``None`` for fewer than ``MIN_POINTS`` points."""
         if len(colors.rows) < MIN_POINTS:
             return None
         exposure = TrackExposure.of(colors.points, colors.views, colors.colors)
@@ -98,11 +105,11 @@ class ViewDependence:
 
     @property
     def drifts(self) -> bool:
-        """Whether more than half of the usual variance is explained by exposure."""
+        """True if more than half of the usual variance is explained by exposure."""
         return bool(2 * np.median(self.deviation) ** 2 < np.median(self.exposed) ** 2)
 
     def advice(self) -> str:
-        """What to train with, in a sentence."""
+        """The recommended setting, in a sentence."""
         (matte, _, more), levels = self.shares, self._levels()
         dependent = 1 - matte - self.by_chance
         if dependent <= FEW and levels[0] - levels[-1] <= WORTH:
@@ -164,3 +171,43 @@ def _degrees(
         better &= errors[:, 0] - error > misplaced
         degrees[better], reached[better] = degree, error[better]
     return degrees
+
+
+def degree_errors(
+    points: Int[Tensor, " o"], directions: Float[Tensor, "o 3"], values: Float[Tensor, "o 3"]
+) -> Float[Tensor, "p 3"]:
+    """Mean square error of every degree at every point.
+
+    It is infinite where a point has too few observations for a degree.
+
+    Args:
+        points: of each observation; every number from 0 on is there.
+        directions: unit vectors.
+        values: colours.
+    """
+    basis = sh_basis(max(DEGREES), directions)
+    fits = [basis[:, : num_coefficients(degree)] for degree in DEGREES]
+    return torch.stack([_errors(points, fit, values) for fit in fits], dim=1)
+
+
+def point_means(
+    points: Int[Tensor, " o"], values: Float[Tensor, "o ..."]
+) -> Float[Tensor, "p ..."]:
+    """Means over the observations of each point."""
+    counts = torch.bincount(points)
+    sums = values.new_zeros(len(counts), *values.shape[1:]).index_add(0, points, values)
+    return sums / counts.view(-1, *(1 for _ in values.shape[1:]))
+
+
+def _errors(
+    points: Int[Tensor, " o"], basis: Float[Tensor, "o k"], values: Float[Tensor, "o 3"]
+) -> Float[Tensor, " p"]:
+    """Errors of one degree."""
+    gram = point_means(points, basis[:, :, None] * basis[:, None])
+    inverse = torch.linalg.pinv(gram, rtol=RANK, hermitian=True)
+    coefficients = inverse @ point_means(points, basis[:, :, None] * values[:, None])
+    fitted = torch.einsum("ok,okd->od", basis, coefficients[points])
+    leverage = torch.einsum("ok,okl,ol->o", basis, inverse[points], basis)
+    leverage = leverage / torch.bincount(points)[points]
+    errors = ((values - fitted) / (1.0 - leverage)[:, None]).square().mean(1)
+    return point_means(points, errors.where(leverage < ALONE, torch.inf))

@@ -12,9 +12,18 @@ from jaxtyping import Bool, Float, Int
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.maths.focus import OBJECT_SIZE, focus
+from gsfw.core.scene import Scene
 
 SAME_POSE = 1e-5
 """Poses are told apart beyond this, in extents of the cameras: float32 keeps that much."""
+POINTS = 2000
+"""Number of points that are projected into every place, spread evenly over all."""
+ANGLE_POINTS, ANGLE_PLACES = 300, 200
+"""Angles are computed at so many points between so many places: every point takes all pairs."""
+OVERLAP = 0.2
+"""Views are neighbours if they share this part of what one of them sees: with less, hardly any
+part of an image is constrained by the other."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +33,7 @@ class Viewpoints:
     names: tuple[str, ...]
     splits: tuple[Split, ...]
     numbers: tuple[int, ...]
-    """Of each view within its split."""
+    """Index of each view within its split."""
     cameras: tuple[Cameras, ...]
     poses: Float[np.ndarray, "v 4 4"]
     """World to camera, OpenCV axes."""
@@ -97,7 +106,7 @@ class Viewpoints:
 
     @property
     def stand_still(self) -> bool:
-        """Whether cameras are where they were before at most other times."""
+        """True if cameras are where they were before at most other times."""
         return self.times is not None and 2 * len(self.places) <= len(self)
 
     def named(self, views: Sequence[int]) -> tuple[str, ...]:
@@ -107,7 +116,7 @@ class Viewpoints:
     def project(
         self, view: int, points: Float[np.ndarray, "p 3"]
     ) -> tuple[Float[np.ndarray, "p 2"], Bool[np.ndarray, " p"]]:
-        """Pixels of points in a view, and which of the points are in front and in the picture."""
+        """Pixels of points in a view, and which of the points are in front and in the image."""
         local = points @ self.poses[view, :3, :3].T + self.poses[view, :3, 3]
         depth = local[:, 2]
         model = self.cameras[view].model
@@ -128,3 +137,79 @@ def _field_of_view(camera: Cameras) -> float:
         return math.nan
     # A fisheye's pixels are at equal angles, not at equal distances on a plane.
     return math.degrees(2 * (half if camera.model is CameraModel.FISHEYE else math.atan(half)))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Points that are seen, and by which places (different poses) of the cameras."""
+
+    points: Float[np.ndarray, "p 3"]
+    rows: Int[np.ndarray, " p"]
+    """Their numbers among the points of the scene; -1 for stand-ins."""
+    measured: bool
+    """False: there are no points, and these stand in for them around where all cameras look."""
+    seen: Bool[np.ndarray, "s p"]
+    """Which of them are in the image of each place."""
+
+    @staticmethod
+    def of(scene: Scene, viewpoints: Viewpoints) -> Surface | None:
+        """The surface; ``None`` without points and without a point that all cameras look at."""
+        points = scene.points.double().numpy()
+        finite = np.flatnonzero(np.isfinite(points).all(1))
+        rows = finite[np.linspace(0, len(finite) - 1, min(POINTS, len(finite))).astype(int)]
+        measured = len(rows) > 0
+        if measured:
+            points = points[rows]
+        else:
+            around = focus(scene)
+            if around is None:
+                return None
+            offsets = np.random.default_rng(0).uniform(-1, 1, (ANGLE_POINTS, 3))
+            points = around[0].double().numpy() + OBJECT_SIZE * around[1] * offsets
+            rows = np.full(len(points), -1)
+        seen = np.stack(
+            [viewpoints.project(place, points)[1] for place in viewpoints.places.tolist()]
+        )
+        return Surface(points, rows, measured, seen)
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Angles, in degrees, at which views see the same points."""
+
+    nearest: Float[np.ndarray, " s"]
+    """From each place to the trained place nearest in angle that shows the same; NaN without."""
+    widest: float
+    """Median over points of the largest angle between trained places that see it; 0 without."""
+    places: tuple[int, ...]
+    """Views that the rows of ``nearest`` are."""
+
+    @staticmethod
+    def of(surface: Surface, viewpoints: Viewpoints) -> Angles:
+        """Between all places, or as many spread evenly."""
+        count = len(viewpoints.places)
+        chosen = np.unique(np.linspace(0, count - 1, min(count, ANGLE_PLACES)).astype(int))
+        places = viewpoints.places[chosen]
+        trained = viewpoints.trained[places]
+        number = len(surface.points)
+        points = np.linspace(0, number - 1, min(number, ANGLE_POINTS)).astype(int)
+        total = np.zeros((len(places), len(places)))
+        shared = np.zeros_like(total)
+        widest: list[float] = []
+        for point in points:
+            rays = surface.points[point] - viewpoints.centers[places]
+            rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
+            angles = np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1)))
+            seen = surface.seen[chosen, point]
+            both = seen[:, None] & seen
+            total += np.where(both, angles, 0)
+            shared += both
+            used = seen & trained
+            if used.sum() > 1:
+                widest.append(float(angles[np.ix_(used, used)].max()))
+        own = np.maximum(np.diag(shared), 1)
+        near = (shared >= OVERLAP * own[:, None]) & (shared > 0) & trained
+        np.fill_diagonal(near, False)
+        mean = np.where(near, total / np.maximum(shared, 1), np.inf).min(1, initial=np.inf)
+        nearest = np.where(np.isfinite(mean), mean, np.nan)
+        return Angles(nearest, float(np.median(widest)) if widest else 0.0, tuple(places.tolist()))

@@ -1,1 +1,1 @@
-"""What a capture became and why, from the measured figures to sentences and a verdict."""
+"""Diagnosis of a preparation: measured figures, findings and a verdict."""

@@ -1,4 +1,4 @@
-"""What the computed model says: how well it fits, and whether its cameras are ones that exist.
+"""Findings about the computed model: its fit, and the plausibility of its cameras.
 
 Angles of view, baselines and points of the written data set are judged by ``gsfw check``.
 """
@@ -20,15 +20,15 @@ FEWEST_POINTS = 100
 LARGE_ERROR = 1.5
 """Pixels, mean: fox has 0.7; lenses that a model does not fit and rolling shutters make 2 and more,
 up to the 4 at which COLMAP drops observations."""
-BAD_PICTURE, BAD_ERROR = 2.0, 1.5
-"""A picture fits badly from so many usual errors and pixels on."""
+BAD_IMAGE, BAD_ERROR = 2.0, 1.5
+"""An image fits badly from so many usual errors and pixels on."""
 SHORT_TRACK = 3.0
-"""Pictures that see a point, mean: two that see a point agree on it whatever their poses are."""
+"""Images that see a point, mean: two that see a point agree on it whatever their poses are."""
 UNLIKE = 1.15
 """Ratio of two focal lengths of one lens that are too different: autofocus moves it by some per
 cent."""
 SURE = 3
-"""Pictures from which a focal length is computed that others can be compared with."""
+"""Images from which a focal length is computed that others can be compared with."""
 BENT = 0.5
 """Shift of a corner by distortion, in parts of its radius: phones stay below 0.1, action cameras
 below 0.4."""
@@ -55,9 +55,9 @@ def _hollow(figures: ModelFigures) -> Finding:
     return Finding(
         "hollow model",
         Weight.STOP,
-        f"The cameras of {figures.registered} pictures rest on {points}.",
+        f"The cameras of {figures.registered} images rest on {points}.",
         "So few agree by chance: poses are as good as invented.",
-        "Take sharp pictures of something with texture, from places around it, each overlapping "
+        "Take sharp images of something with texture, from places around it, each overlapping "
         "the next by two thirds.",
     )
 
@@ -67,24 +67,24 @@ def _errors(figures: ModelFigures) -> Iterator[Finding]:
         yield Finding(
             "reprojection error",
             Weight.LIMIT,
-            f"Points are {figures.error:.1f} pixels from where pictures show them (mean); below 1 "
+            f"Points are {figures.error:.1f} pixels from where images show them (mean); below 1 "
             "is usual.",
             "Poses are as uncertain, and the result as blurred.",
             "Choose a camera model that fits the lens (camera_model=OPENCV, or OPENCV_FISHEYE for "
             "a very wide one), turn electronic stabilisation off, and avoid fast movement: rolling "
-            "shutters bend the picture.",
+            "shutters bend the image.",
         )
     usual = float(np.median(list(figures.errors.values())))
-    limit = max(BAD_PICTURE * usual, BAD_ERROR)
+    limit = max(BAD_IMAGE * usual, BAD_ERROR)
     bad = sorted(
         (name for name, error in figures.errors.items() if error > limit),
         key=lambda name: -figures.errors[name],
     )
     if bad:
         yield Finding(
-            "pictures that fit badly",
+            "images that fit badly",
             Weight.LIMIT,
-            f"{len(bad)} of {figures.registered} pictures are {limit:.1f} pixels or more off where "
+            f"{len(bad)} of {figures.registered} images are {limit:.1f} pixels or more off where "
             f"{usual:.1f} are usual: {listed(tuple(bad))}.",
             "Their poses are wrong or uncertain, and blur what others show sharply.",
             "Look at them, and leave them out if they are blurred or show something that moved.",
@@ -98,9 +98,9 @@ def _stretch(figures: ModelFigures) -> Iterator[Finding]:
         yield Finding(
             "rolling shutter",
             Weight.LIMIT,
-            f"Pictures are stretched by {stretch.pixels:.1f} pixels at their edges (median), each "
+            f"Images are stretched by {stretch.pixels:.1f} pixels at their edges (median), each "
             f"in another way, {stretch.ratio:.0f} times what noise explains.",
-            "A shutter that reads row after row bends pictures of a moving camera, and no pose "
+            "A shutter that reads row after row bends images of a moving camera, and no pose "
             "fits all of one.",
             "Stand still for each photo, or move slowly in good light; turn electronic "
             "stabilisation off.",
@@ -113,17 +113,17 @@ def _tracks(figures: ModelFigures) -> Iterator[Finding]:
         yield Finding(
             "short tracks",
             Weight.LIMIT,
-            f"A point is seen by {tracks.mean_length:.1f} pictures (mean), and "
+            f"A point is seen by {tracks.mean_length:.1f} images (mean), and "
             f"{100 * tracks.share_of_pairs:.0f} % of the points by two only.",
-            "Little ties the pictures to each other, so that poses may drift.",
-            "Take pictures closer to each other: each should overlap the next by two thirds.",
+            "Little ties the images to each other, so that poses may drift.",
+            "Take photos closer to each other: each should overlap the next by two thirds.",
         )
 
 
 def _focal_guesses(figures: ModelFigures) -> Iterator[Finding]:
     for camera in figures.cameras:
         ratio = camera.focal_ratio
-        if ratio is None or not camera.focal_origin or camera.pictures < SURE:
+        if ratio is None or not camera.focal_origin or camera.images < SURE:
             continue
         if max(ratio, 1 / ratio) > UNLIKE:
             origin = "EXIF says" if camera.focal_origin == "EXIF" else "was given"
@@ -134,9 +134,9 @@ def _focal_guesses(figures: ModelFigures) -> Iterator[Finding]:
                 Weight.LIMIT,
                 f"{_named(camera)} has a focal length of {camera.focal:.0f} pixels, where "
                 f"{origin} {camera.first_focal:.0f}.",
-                "One of them is wrong: cropped or zoomed pictures keep their EXIF, and a model "
+                "One of them is wrong: cropped or zoomed images keep their EXIF, and a model "
                 "from poor matches bends space.",
-                "If pictures are as the camera took them, keep its focal length with "
+                "If images are as the camera took them, keep its focal length with "
                 "refine_focal=false, and compare.",
             )
 
@@ -146,8 +146,8 @@ def _focals_of_one_lens(evidence: Evidence, figures: ModelFigures) -> Iterator[F
     groups = {group.number: group for group in evidence.groups}
     lenses: dict[object, list[CameraFigures]] = {}
     for camera in figures.cameras:
-        exif = evidence.pictures.by_name[groups[camera.number].pictures[0]].exif
-        if exif.names_camera and camera.pictures >= SURE:
+        exif = evidence.images.by_name[groups[camera.number].images[0]].exif
+        if exif.names_camera and camera.images >= SURE:
             lenses.setdefault(exif.camera, []).append(camera)
     for cameras in lenses.values():
         relative = [camera.focal / max(camera.width, camera.height) for camera in cameras]
@@ -159,10 +159,10 @@ def _focals_of_one_lens(evidence: Evidence, figures: ModelFigures) -> Iterator[F
             yield Finding(
                 "one lens, several focal lengths",
                 Weight.LIMIT,
-                f"Pictures of one camera and lens have different focal lengths: {all_of_it}.",
+                f"Images of one camera and lens have different focal lengths: {all_of_it}.",
                 "If it was not zoomed, the model has bent space to fit one of them.",
                 "Give the focal length that is right (focal=PIXELS refine_focal=false), or take "
-                "all pictures one way up.",
+                "all images one way up.",
             )
 
 
@@ -173,7 +173,7 @@ def _distortion(figures: ModelFigures) -> Iterator[Finding]:
             yield Finding(
                 "distortion",
                 Weight.LIMIT,
-                f"{_named(camera)} moves the corners of its pictures by {100 * abs(moved):.0f} % "
+                f"{_named(camera)} moves the corners of its images by {100 * abs(moved):.0f} % "
                 f"{'outwards' if moved > 0 else 'inwards'}.",
                 "Hardly any lens does; the model has bent space to fit poor matches, or the lens "
                 "is a fisheye.",
@@ -183,7 +183,7 @@ def _distortion(figures: ModelFigures) -> Iterator[Finding]:
 
 
 def corner_shift(camera: CameraFigures) -> float:
-    """How far radial distortion moves a corner, in parts of its radius; 0 for fisheye models."""
+    """Shift of a corner by radial distortion, in parts of its radius; 0 for fisheye models."""
     terms = camera.distortion
     if "FISHEYE" in camera.model:
         return 0.0
@@ -192,4 +192,4 @@ def corner_shift(camera: CameraFigures) -> float:
 
 
 def _named(camera: CameraFigures) -> str:
-    return f"Camera {camera.number} ({camera.pictures} pictures)"
+    return f"Camera {camera.number} ({camera.images} images)"

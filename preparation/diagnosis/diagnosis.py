@@ -1,25 +1,25 @@
-"""Diagnosis: what became of every picture, how good the model is, and what to do about it."""
+"""Diagnosis: what became of every image, how good the model is, and what to do about it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.camera_findings import camera_findings
 from gsfw.preparation.diagnosis.evidence import Evidence
-from gsfw.preparation.diagnosis.figure_words import words_of
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component
-from gsfw.preparation.diagnosis.model_figures import ModelFigures
+from gsfw.preparation.diagnosis.model_figures import CameraFigures, ModelFigures
 from gsfw.preparation.diagnosis.registration_findings import registration_findings
 from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.diagnosis.view_findings import view_findings
 from gsfw.preparation.features import FeatureReport
 from gsfw.preparation.finding import Finding, Verdict, sorted_findings
+from gsfw.preparation.image_set import ImageSet, LeftOut
 from gsfw.preparation.mapping.mapping import Mapping as CameraMapping
-from gsfw.preparation.picture_set import LeftOut, PictureSet
 
 JUDGES = (registration_findings, view_findings, camera_findings)
 
@@ -29,15 +29,15 @@ class Diagnosis:
     """All that is to be said before the written data set is looked at."""
 
     given: int
-    """How many pictures there are, those included that do not decode."""
+    """Number of images, including those that do not decode."""
     registered: tuple[str, ...]
-    """Pictures that the largest model has, in the order of the set."""
+    """Images that the largest model has, in the order of the set."""
     unregistered: tuple[Unregistered, ...]
     """All others, each with its reason."""
     left_out: tuple[LeftOut, ...]
-    """Files that are no pictures of the set, each with its reason."""
+    """Files that are no images of the set, each with its reason."""
     components: tuple[Component, ...]
-    """Groups of pictures that match, the one with most placed pictures first."""
+    """Groups of images that match, the one with most placed images first."""
     bridges: tuple[Bridge, ...]
     """Where each of the others comes nearest to those before."""
     model: ModelFigures | None
@@ -49,7 +49,7 @@ class Diagnosis:
 
     @property
     def verdict(self) -> Verdict:
-        """What the findings come to."""
+        """The verdict of the gravest finding."""
         return Verdict.of(self.findings)
 
     def document(self) -> dict[str, Any]:
@@ -71,7 +71,7 @@ class Diagnosis:
 
 def diagnose(
     database: Path,
-    pictures: PictureSet,
+    images: ImageSet,
     groups: Sequence[CameraGroup],
     features: Mapping[str, FeatureReport],
     mapping: CameraMapping,
@@ -80,24 +80,75 @@ def diagnose(
 
     Args:
         database: COLMAP's, with features and matches.
-        pictures: all of them.
+        images: all of them.
         groups: their cameras.
-        features: what is known of each picture.
+        features: what is known of each image.
         mapping: its models; there may be none.
 
     Raises:
         DataError: the database or a model cannot be read.
     """
-    evidence = Evidence.gather(database, pictures, groups, features, mapping.models)
+    evidence = Evidence.gather(database, images, groups, features, mapping.models)
     figures = evidence.figures
     return Diagnosis(
         given=evidence.given,
         registered=evidence.registered,
         unregistered=evidence.unregistered,
-        left_out=pictures.left_out,
+        left_out=images.left_out,
         components=evidence.components,
         bridges=evidence.bridges,
         model=figures,
         figures=tuple(words_of(figures, evidence.given)) if figures is not None else (),
         findings=sorted_findings(finding for judge in JUDGES for finding in judge(evidence)),
+    )
+
+
+def words_of(figures: ModelFigures, given: int) -> Iterator[str]:
+    """Sentences.
+
+    Args:
+        figures: of the largest model.
+        given: how many images there were to place.
+    """
+    yield (
+        f"{figures.registered} of {given} images were placed; {figures.points:,} points were "
+        f"found in {figures.observations:,} places."
+    )
+    if not figures.points:
+        return
+    worst = max(figures.errors, key=lambda name: figures.errors[name])
+    yield (
+        f"The mean reprojection error is {figures.error:.2f} pixels; {worst} has the largest, "
+        f"{figures.errors[worst]:.2f}."
+    )
+    tracks, baselines = figures.tracks, figures.baselines
+    yield (
+        f"A point is seen by {tracks.mean_length:.1f} images (mean), "
+        f"{100 * tracks.share_of_pairs:.0f} % of them by two only, within an angle of "
+        f"{tracks.median_degrees:.1f} degrees (median; a tenth within less than "
+        f"{tracks.low_degrees:.1f})."
+    )
+    if math.isfinite(baselines.to_depth):
+        yield (
+            f"From one camera to the nearest it is {baselines.to_depth:.2f} of the depth of what "
+            f"they see, and a turn of {baselines.degrees:.0f} degrees (medians)."
+        )
+    if math.isfinite(baselines.cloud_to_spread):
+        yield (
+            f"The points take up {baselines.cloud_to_spread:.1f} times the room that the cameras "
+            "do."
+        )
+    yield from map(_camera, figures.cameras)
+
+
+def _camera(camera: CameraFigures) -> str:
+    guess = ""
+    if camera.first_focal is not None:
+        origin = {"EXIF": "EXIF says", "given": "it was given as"}
+        guess = f"; {origin.get(camera.focal_origin, 'the usual guess was')}"
+        guess += f" {camera.first_focal:.0f}"
+    images = f"{camera.images} image{'' if camera.images == 1 else 's'}"
+    return (
+        f"Camera {camera.number} ({camera.model}, {images}) has a focal length of "
+        f"{camera.focal:.0f} pixels, {camera.view_degrees:.0f} degrees across{guess}."
     )

@@ -7,33 +7,33 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.match_graph import Bridge, Component, MatchGraph
 from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
-from gsfw.preparation.diagnosis.usual import Usual, usual_of
+from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
-from gsfw.preparation.native_errors import readable_native_errors
-from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.image_set import ImageSet
+from gsfw.preparation.native import readable_native_errors
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What findings are drawn from."""
+    """All inputs of the findings."""
 
-    pictures: PictureSet
+    images: ImageSet
     groups: Sequence[CameraGroup]
     features: Mapping[str, FeatureReport]
     graph: MatchGraph
     models: tuple[frozenset[str], ...]
-    """Names of the pictures in each, the largest first."""
+    """Names of the images in each, the largest first."""
     figures: ModelFigures | None
-    """Of the largest; ``None`` where there is none."""
+    """Figures of the largest model; ``None`` without a model."""
 
     @staticmethod
     def gather(
         database: Path,
-        pictures: PictureSet,
+        images: ImageSet,
         groups: Sequence[CameraGroup],
         features: Mapping[str, FeatureReport],
         models: Sequence[Path],
@@ -48,10 +48,10 @@ class Evidence:
         with readable_native_errors("read the models", database):
             loaded = [Reconstruction(path) for path in models]
         return Evidence(
-            pictures=pictures,
+            images=images,
             groups=groups,
             features=features,
-            graph=MatchGraph.read(database, pictures),
+            graph=MatchGraph.read(database, images),
             models=tuple(
                 frozenset(model.image(number).name for number in model.reg_image_ids())
                 for model in loaded
@@ -61,28 +61,28 @@ class Evidence:
 
     @property
     def given(self) -> int:
-        """How many pictures there are, those included that do not decode."""
+        """Number of images, including those that do not decode."""
         return len(self.graph.names)
 
     @cached_property
     def registered(self) -> tuple[str, ...]:
-        """Pictures that the largest model has, in the order of the set."""
+        """Images that the largest model has, in the order of the set."""
         placed = self.models[0] if self.models else frozenset()
         return tuple(name for name in self.graph.names if name in placed)
 
     @cached_property
     def usual(self) -> Usual:
-        """What pictures of this capture are like when nothing is wrong with them."""
-        return usual_of(self.features, self.registered)
+        """Typical figures of good images of this capture."""
+        return Usual.of(self.features, self.registered)
 
     @cached_property
     def unregistered(self) -> tuple[Unregistered, ...]:
-        """The other pictures."""
-        return why_unregistered(self.pictures, self.features, self.graph, self.models)
+        """The other images."""
+        return why_unregistered(self.images, self.features, self.graph, self.models)
 
     @cached_property
     def components(self) -> tuple[Component, ...]:
-        """Of pictures that match."""
+        """Components of images that match."""
         return self.graph.components(self.registered)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""MatchGraph: which pictures show the same things, as their matches tell."""
+"""MatchGraph: which images show the same things, as their matches tell."""
 
 from __future__ import annotations
 
@@ -12,31 +12,30 @@ import numpy as np
 from jaxtyping import Float
 from scipy import sparse
 
-from gsfw.preparation.diagnosis.feature_places import FeaturePlaces
-from gsfw.preparation.diagnosis.link import Link
-from gsfw.preparation.native_errors import readable_native_errors
-from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.diagnosis.link import FeaturePlaces, Link
+from gsfw.preparation.image_set import ImageSet
+from gsfw.preparation.native import readable_native_errors
 
 CHANCE = 25
 """Features that may look alike although nothing else does: of 304 pairs of a photo of fox and one
 of plush, 4000 features each, one has 21 and none has more, nor any verified match."""
 STILL = 0.1
-"""Part of the matches of two pictures that stays in place while the view moves, beyond which
+"""Part of the matches of two images that stays in place while the view moves, beyond which
 something does not belong to the scene: fox and plush have 0.00."""
 
 
 @dataclass(frozen=True)
 class Component:
-    """Pictures that are joined to each other, directly or through others."""
+    """Images that are joined to each other, directly or through others."""
 
-    pictures: tuple[str, ...]
+    images: tuple[str, ...]
     """In the order of the set."""
     placed: int
-    """How many of them the model has."""
+    """Number of these images that the model has."""
 
     def document(self) -> dict[str, Any]:
         """Plain data."""
-        return {"pictures": list(self.pictures), "placed": self.placed}
+        return {"images": list(self.images), "placed": self.placed}
 
 
 @dataclass(frozen=True)
@@ -60,16 +59,16 @@ class Bridge:
 
 @dataclass(frozen=True)
 class MatchGraph:
-    """All pictures, and every pair of them that was compared and has anything in common."""
+    """All images, and every pair of them that was compared and has anything in common."""
 
     names: tuple[str, ...]
-    """Of all pictures, in the order of the set."""
+    """Names of all images, in the order of the set."""
     links: tuple[Link, ...]
     still: float = 0.0
-    """Typical part of two pictures' matches that stays in place although the view moves."""
+    """Typical part of two images' matches that stays in place although the view moves."""
 
     @staticmethod
-    def read(database: Path, pictures: PictureSet) -> MatchGraph:
+    def read(database: Path, images: ImageSet) -> MatchGraph:
         """The matches of a database whose image ids are positions in the set, counted from 1.
 
         Raises:
@@ -79,7 +78,7 @@ class MatchGraph:
 
         kinds = pycolmap.TwoViewGeometryConfiguration
         flat_kinds = [int(k) for k in (kinds.PLANAR, kinds.PANORAMIC, kinds.PLANAR_OR_PANORAMIC)]
-        names = tuple(picture.name for picture in pictures.pictures)
+        names = tuple(image.name for image in images.images)
         if not database.exists():
             return MatchGraph(names, ())
         with (
@@ -88,7 +87,7 @@ class MatchGraph:
         ):
             matches = dict(zip(*opened.read_num_matches(), strict=True))
             verified = dict(zip(*opened.read_two_view_geometry_num_inliers(), strict=True))
-            places = FeaturePlaces(opened, pictures)
+            places = FeaturePlaces(opened, images)
             links = []
             for pair in sorted(matches.keys() | verified.keys()):
                 first, second = pycolmap.pair_id_to_image_pair(pair)
@@ -106,12 +105,12 @@ class MatchGraph:
 
     @property
     def has_overlay(self) -> bool:
-        """Whether something is in the same place in all pictures."""
+        """True if something is in the same place in all images."""
         return self.still > STILL
 
     @cached_property
-    def by_picture(self) -> Mapping[str, tuple[Link, ...]]:
-        """The links of each picture, those with most verified matches first."""
+    def by_image(self) -> Mapping[str, tuple[Link, ...]]:
+        """The links of each image, those with most verified matches first."""
         found: dict[str, list[Link]] = {name: [] for name in self.names}
         for link in self.links:
             found[link.first].append(link)
@@ -122,15 +121,15 @@ class MatchGraph:
         }
 
     def best(self, name: str, among: Iterable[str] | None = None) -> Link | None:
-        """The link of a picture with most verified matches, to any or to some others."""
+        """The link of an image with most verified matches, to any or to some others."""
         others = None if among is None else frozenset(among)
-        for link in self.by_picture[name]:
+        for link in self.by_image[name]:
             if others is None or link.other(name) in others:
                 return link
         return None
 
     def components(self, placed: Iterable[str] = ()) -> tuple[Component, ...]:
-        """Of two pictures or more, those first that have most placed pictures."""
+        """Components of two images or more; those with most placed images come first."""
         number = self._numbers
         pairs = [(number[link.first], number[link.second]) for link in self.links if link.joins]
         rows, columns = np.array(pairs, int).reshape(-1, 2).T
@@ -146,20 +145,20 @@ class MatchGraph:
             for names in members.values()
             if len(names) > 1
         ]
-        return tuple(sorted(found, key=lambda one: (-one.placed, -len(one.pictures))))
+        return tuple(sorted(found, key=lambda one: (-one.placed, -len(one.images))))
 
     def bridges(self, components: Sequence[Component]) -> tuple[Bridge, ...]:
         """Where every component but the first comes nearest to those before, the nearest first."""
         if not components:
             return ()
-        waiting = {index: component.pictures for index, component in enumerate(components)}
+        waiting = {index: component.images for index, component in enumerate(components)}
         found: list[Bridge] = []
         reached = waiting.pop(0)
         nearest: dict[int, tuple[tuple[int, int, int], Bridge]] = {}
         # Prim's tree: only what was reached last can be nearer than what was before.
         while waiting:
-            for index, pictures in waiting.items():
-                link = self._nearest(reached, pictures)
+            for index, images in waiting.items():
+                link = self._nearest(reached, images)
                 if index not in nearest or link[0] > nearest[index][0]:
                     nearest[index] = link
             best = max(waiting, key=lambda index: nearest[index][0])
@@ -168,18 +167,16 @@ class MatchGraph:
         return tuple(found)
 
     def bridge(self, ours: Sequence[str], theirs: Sequence[str]) -> Bridge:
-        """Where two groups of pictures come nearest; none is empty."""
+        """Where two groups of images come nearest; none is empty."""
         return self._nearest(ours, theirs)[1]
 
     def _nearest(
         self, ours: Sequence[str], theirs: Sequence[str]
     ) -> tuple[tuple[int, int, int], Bridge]:
-        """How near two components are, and where."""
+        """The closest link between two components, with its rank."""
         few, many = sorted((ours, theirs), key=len)
         known = frozenset(many)
-        links = [
-            link for name in few for link in self.by_picture[name] if link.other(name) in known
-        ]
+        links = [link for name in few for link in self.by_image[name] if link.other(name) in known]
         best = max(links, key=lambda link: (link.verified, link.matches), default=None)
         gap, first, second = self._neighbors(ours, theirs)
         if best is not None and best.verified:
@@ -191,7 +188,7 @@ class MatchGraph:
         return (0, 0, -gap), Bridge(first, second, "nearest to each other by name")
 
     def _neighbors(self, ours: Sequence[str], theirs: Sequence[str]) -> tuple[int, str, str]:
-        """The two pictures that are nearest by name, and how many steps apart they are."""
+        """The two images that are nearest by name, and how many steps apart they are."""
         here = np.sort([self._numbers[name] for name in ours])
         there = np.array([self._numbers[name] for name in theirs])
         after = np.searchsorted(here, there)

@@ -1,6 +1,6 @@
 """ModelFigures: how good a reconstruction is, in numbers.
 
-Everything is computed from the model's own points, poses and cameras: nothing here knows pictures.
+Everything is computed from the model's own points, poses and cameras: nothing here knows images.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float64
 
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.diagnosis.residuals import Stretch, residuals_of, stretch_of
-from gsfw.preparation.diagnosis.triangulation_angles import widest_angles
 from gsfw.preparation.mapping.observations import Observations
 
 if TYPE_CHECKING:
@@ -24,6 +23,8 @@ NARROW = 5.0
 """Degrees; depths of points that are seen within less are uncertain by tenths of them."""
 TOO_NARROW = 1.5
 """Degrees; COLMAP itself drops points of less."""
+AT_ONCE = 4_000_000
+"""Pairs of rays whose angles are in memory together: 32 MB."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,12 @@ class CameraFigures:
     width: int
     """Pixels."""
     height: int
-    pictures: int
-    """How many pictures with a pose it took."""
+    images: int
+    """Number of its images that have a pose."""
     focal: float
     """Pixels, the mean of both directions."""
     first_focal: float | None
-    """What was assumed before; ``None`` where that is not known."""
+    """Initial focal length; ``None`` where it is not known."""
     focal_origin: str
     """Where that came from: "EXIF", "given", or "" for a usual one."""
     view_degrees: float
@@ -60,20 +61,20 @@ class CameraFigures:
 
 @dataclass(frozen=True)
 class TrackFigures:
-    """How points are seen; not-a-number where a model has none."""
+    """Statistics of tracks; not-a-number for a model without points."""
 
     mean_length: float
-    """Pictures that see a point."""
+    """Images that see a point."""
     share_of_pairs: float
-    """Of points that only two pictures see."""
+    """Share of points that only two images see."""
     median_degrees: float
-    """Of the widest angle between two rays to a point."""
+    """Median of the widest angle between two rays to a point."""
     low_degrees: float
     """10th percentile of that."""
     share_too_narrow: float
-    """Of points seen within less than ``TOO_NARROW``."""
+    """Share of points seen within less than ``TOO_NARROW``."""
     share_narrow: float
-    """Of points seen within less than ``NARROW``."""
+    """Share of points seen within less than ``NARROW``."""
 
 
 @dataclass(frozen=True)
@@ -97,21 +98,21 @@ class ModelFigures:
     """A model in numbers; a mean over nothing is not-a-number."""
 
     registered: int
-    """Pictures with a pose."""
+    """Images with a pose."""
     points: int
     observations: int
     error: float
     """Mean reprojection error in pixels over observations; COLMAP takes the mean over points, in
     which long tracks count for less."""
     errors: dict[str, float]
-    """The same of each picture that sees a point, by name."""
+    """The same of each image that sees a point, by name."""
     seen: dict[str, int]
-    """How many points each picture sees, by name."""
+    """How many points each image sees, by name."""
     tracks: TrackFigures
     baselines: BaselineFigures
     cameras: tuple[CameraFigures, ...]
     stretch: Stretch
-    """Of pictures by their own motion, as a rolling shutter makes it."""
+    """Of images by their own motion, as a rolling shutter makes it."""
 
     @staticmethod
     def of(model: Reconstruction, groups: Sequence[CameraGroup] = ()) -> ModelFigures:
@@ -122,11 +123,11 @@ class ModelFigures:
             groups: what was assumed of its cameras, by the same numbers.
         """
         seen = Observations.of(model)
-        names = [model.image(int(number)).name for number in seen.picture_ids]
+        names = [model.image(int(number)).name for number in seen.image_ids]
         counts = seen.counts
         places, offsets = residuals_of(model, seen)
         residuals = np.linalg.norm(offsets, axis=1)
-        sums = np.bincount(seen.pictures, residuals, minlength=len(names))
+        sums = np.bincount(seen.images, residuals, minlength=len(names))
         means = sums / np.maximum(counts, 1)
         return ModelFigures(
             registered=len(names),
@@ -151,7 +152,7 @@ class ModelFigures:
 
 
 def _tracks(model: Reconstruction, seen: Observations) -> TrackFigures:
-    centers = np.array([model.image(int(n)).projection_center() for n in seen.picture_ids])
+    centers = np.array([model.image(int(n)).projection_center() for n in seen.image_ids])
     angles = widest_angles(seen, centers.reshape(-1, 3))
     return TrackFigures(
         mean_length=_mean(seen.lengths),
@@ -164,17 +165,17 @@ def _tracks(model: Reconstruction, seen: Observations) -> TrackFigures:
 
 
 def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
-    images = [model.image(int(number)) for number in seen.picture_ids]
+    images = [model.image(int(number)) for number in seen.image_ids]
     if len(images) < 2:
         return BaselineFigures(*[float("nan")] * 4)
     centers = np.array([image.projection_center() for image in images])
     views = np.array([image.viewing_direction() for image in images])
     distances, neighbors = _nearest(centers)
     cosines = np.clip((views * views[neighbors]).sum(axis=1), -1, 1)
-    depths = ((seen.positions[seen.points] - centers[seen.pictures]) * views[seen.pictures]).sum(1)
+    depths = ((seen.positions[seen.points] - centers[seen.images]) * views[seen.images]).sum(1)
     ratios = [
         distance / np.median(depths[own])
-        for distance, (_, own) in zip(distances, seen.by_picture(), strict=True)
+        for distance, (_, own) in zip(distances, seen.by_image(), strict=True)
         if len(own)
     ]
     spread = float(np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -213,7 +214,7 @@ def _cameras(model: Reconstruction, groups: Sequence[CameraGroup]) -> tuple[Came
     )
 
 
-def _camera(camera: Camera, pictures: int, assumed: CameraGroup | None) -> CameraFigures:
+def _camera(camera: Camera, images: int, assumed: CameraGroup | None) -> CameraFigures:
     names = [name.strip() for name in camera.params_info.split(",")]
     extra = camera.extra_params_idxs()
     longer = max(camera.width, camera.height)
@@ -225,7 +226,7 @@ def _camera(camera: Camera, pictures: int, assumed: CameraGroup | None) -> Camer
         model=camera.model.name,
         width=camera.width,
         height=camera.height,
-        pictures=pictures,
+        images=images,
         focal=float(camera.mean_focal_length()),
         first_focal=assumed.focal if assumed else None,
         focal_origin=assumed.focal_origin if assumed else "",
@@ -241,3 +242,27 @@ def _mean(values: np.ndarray) -> float:
 
 def _percentile(values: np.ndarray, percent: int) -> float:
     return float(np.percentile(values, percent)) if values.size else float("nan")
+
+
+def widest_angles(
+    seen: Observations, centers: Float64[np.ndarray, "r 3"]
+) -> Float64[np.ndarray, " p"]:
+    """The widest angle between any two rays to each point, in degrees; 0 where nothing sees it.
+
+    Args:
+        seen: which image sees which point.
+        centers: where the images were taken from.
+    """
+    rays = centers[seen.images] - seen.positions[seen.points]
+    norms = np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = rays / np.maximum(norms, np.finfo(np.float64).tiny)
+    starts = np.cumsum(seen.lengths) - seen.lengths
+    angles = np.zeros(len(seen.positions))
+    # Points that equally many images see make one array, without gaps.
+    for length in np.unique(seen.lengths[seen.lengths > 0]).tolist():
+        chosen = np.flatnonzero(seen.lengths == length)
+        for part in np.array_split(chosen, 1 + len(chosen) * length**2 // AT_ONCE):
+            tracks = rays[starts[part, None] + np.arange(length)]
+            cosines = (tracks @ tracks.transpose(0, 2, 1)).min(axis=(1, 2))
+            angles[part] = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+    return angles

@@ -1,4 +1,4 @@
-"""What it means that pictures have no place in the model, or files none among the pictures."""
+"""What it means that images have no place in the model, or files none among the images."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from gsfw.preparation.diagnosis.match_graph import Bridge
 from gsfw.preparation.finding import Finding, Weight, listed
 
 MOST = 0.9
-"""Part of the pictures that a capture without fault places: fox and plush place all."""
+"""Part of the images that a capture without fault places: fox and plush place all."""
 HALF = 0.5
-"""Part of the pictures below which the model is of something else than was photographed."""
+"""Part of the images below which the model is of something else than was photographed."""
 ENOUGH = 20
-"""Placed pictures that train nevertheless, to a model of a part; as in ``gsfw check``."""
+"""Placed images that train nevertheless, to a model of a part; as in ``gsfw check``."""
 FEWEST = 3
-"""Pictures that a model needs: a point that two show is confirmed by the third."""
+"""Images that a model needs: a point that two show is confirmed by the third."""
 MANY = 0.1
-"""Part of the pictures, or of the files, that is missed."""
+"""Part of the images, or of the files, that is missed."""
 SHOWN = 3
 """So many bridges and reasons are told in a sentence."""
 
@@ -36,19 +36,19 @@ def registration_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def _no_model(evidence: Evidence) -> Finding:
     given = evidence.given
-    found = f"None of {given} pictures could be placed: {_reasons(evidence)}."
+    found = f"None of {given} images could be placed: {_reasons(evidence)}."
     if given < FEWEST:
-        pictures = "is only one picture" if given == 1 else f"are only {given} pictures"
+        images = "is only one image" if given == 1 else f"are only {given} images"
         advice = "Take 50 to 150, each overlapping the next by two thirds."
-        why = f"Depth needs {FEWEST} pictures from different places at least."
-        return Finding("no cameras", Weight.STOP, f"There {pictures}.", why, advice)
+        why = f"Depth needs {FEWEST} images from different places at least."
+        return Finding("no cameras", Weight.STOP, f"There {images}.", why, advice)
     worst = Counter(item.reason for item in evidence.unregistered).most_common(1)[0][0]
     advice = next(item.advice for item in evidence.unregistered if item.reason == worst)
     return Finding(
         "no cameras",
         Weight.STOP,
         found,
-        "Training needs to know where each picture was taken from.",
+        "Training needs to know where each image was taken from.",
         advice,
         tuple(item.name for item in evidence.unregistered),
     )
@@ -65,9 +65,9 @@ def _unplaced(evidence: Evidence) -> Finding:
         next(item.advice for item in missed if item.reason == reason) for reason, _ in reasons
     ]
     return Finding(
-        "pictures not placed",
+        "images not placed",
         weight,
-        f"{placed} of {given} pictures were placed; the others: {_reasons(evidence)}.",
+        f"{placed} of {given} images were placed; the others: {_reasons(evidence)}.",
         "What only the others show will be missing."
         if weight is not Weight.STOP
         else "What is left is too small a part of what was photographed.",
@@ -77,29 +77,29 @@ def _unplaced(evidence: Evidence) -> Finding:
 
 
 def _reasons(evidence: Evidence) -> str:
-    """Which reasons how many pictures have, the most frequent first."""
+    """Which reasons how many images have, the most frequent first."""
     counts = Counter(item.reason for item in evidence.unregistered)
     return ", ".join(f"{reason} ({count})" for reason, count in counts.most_common())
 
 
 def _groups(evidence: Evidence) -> Iterator[Finding]:
-    """Pictures that match each other and not the others."""
+    """Images that match each other and not the others."""
     # Other groups may have been placed by many weak matches.
     components = [c for c in evidence.components if c == evidence.components[0] or not c.placed]
     whole = len(components) == len(evidence.components)
     bridges = evidence.bridges if whole else evidence.graph.bridges(components)
-    joined = sum(len(component.pictures) for component in components)
-    # Without a model, a few pairs among many pictures are not what was wrong.
+    joined = sum(len(component.images) for component in components)
+    # Without a model, a few pairs among many images are not what was wrong.
     if len(components) < 2 or not (evidence.registered or joined > HALF * evidence.given):
         return
-    apart = [name for component in components[1:] for name in component.pictures]
-    sizes = _and([len(component.pictures) for component in components])
+    apart = [name for component in components[1:] for name in component.images]
+    sizes = _and([len(component.images) for component in components])
     more = f"; {len(bridges) - SHOWN} more are in the report" if len(bridges) > SHOWN else ""
     advice = "; ".join(bridge.advice for bridge in bridges[:SHOWN]) + more
     yield Finding(
         "separate groups",
         Weight.NOTE if len(apart) < MANY * evidence.given else Weight.LIMIT,
-        f"The pictures fall into {len(components)} groups, of {sizes}, that hardly a match joins.",
+        f"The images fall into {len(components)} groups, of {sizes}, that hardly a match joins.",
         "Nothing tells how they lie to each other, so that only one of them is kept.",
         f"{advice[0].upper()}{advice[1:]}; if they show different things, prepare each by itself.",
         tuple(apart),
@@ -107,7 +107,7 @@ def _groups(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _models(evidence: Evidence) -> Iterator[Finding]:
-    """Models of pictures that match those of another, and still could not be joined to it."""
+    """Models of images that match those of another, and still could not be joined to it."""
     reached = list(evidence.models[:1])
     weak: list[tuple[frozenset[str], Bridge]] = []
     for model in evidence.models[1:]:
@@ -116,7 +116,7 @@ def _models(evidence: Evidence) -> Iterator[Finding]:
         if theirs and any(
             link.joins and link.other(name) in ours
             for name in theirs
-            for link in evidence.graph.by_picture[name]
+            for link in evidence.graph.by_image[name]
         ):
             weak.append((model, evidence.graph.bridge(ours, theirs)))
         reached.append(model)
@@ -127,7 +127,7 @@ def _models(evidence: Evidence) -> Iterator[Finding]:
             "separate models",
             Weight.LIMIT,
             f"There {'is' if len(weak) == 1 else 'are'} {len(weak)} more model"
-            f"{'' if len(weak) == 1 else 's'}, of {sizes} pictures, with too few matches to be "
+            f"{'' if len(weak) == 1 else 's'}, of {sizes} images, with too few matches to be "
             "joined to others.",
             "Only the largest model is kept.",
             f"{advice[0].upper()}{advice[1:]}.",
@@ -140,7 +140,7 @@ def _and(numbers: list[int]) -> str:
 
 
 def _left_out(evidence: Evidence) -> Iterator[Finding]:
-    left_out = evidence.pictures.left_out
+    left_out = evidence.images.left_out
     if not left_out:
         return
     # Where nothing needs to be done, such as for the same file twice, nothing is lost.

@@ -1,9 +1,9 @@
 """Residuals: by how much points are seen off the places that they project to, and what is in it.
 
-A rolling shutter exposes the rows of a picture one after another, so that a camera that turns
-meanwhile shears or stretches each picture by its own motion. Bundle adjustment takes the part of
+A rolling shutter exposes the rows of an image one after another, so that a camera that turns
+meanwhile shears or stretches each image by its own motion. Bundle adjustment takes the part of
 that which looks like another pose; what stays is a stretch along one axis and as much of a squeeze
-across it, different in each picture: residuals that grow linearly with the distance from the
+across it, different in each image: residuals that grow linearly with the distance from the
 middle, which noise does not.
 """
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from pycolmap import Reconstruction
 
 ENOUGH_POINTS = 30
-"""A picture that sees fewer says nothing of its stretch."""
-ENOUGH_PICTURES = 3
-"""Pictures of which a median means something."""
+"""An image that sees fewer says nothing of its stretch."""
+ENOUGH_IMAGES = 3
+"""Images of which a median means something."""
 SUSPICIOUS_PIXELS = 0.3
-"""At the edge of a picture of 1024 pixels. Measured on synthetic captures (14 pictures, 400 points,
+"""At the edge of an image of 1024 pixels. Measured on synthetic captures (14 images, 400 points,
 noise 0.5 and 1 pixel): 0.05 to 0.15 without motion, 0.35 to 0.41 where the camera turns by 0.05
 degrees while rows are read, 1.3 by 0.2 degrees; 0.10 on 50 photos of a phone that stood still."""
 SUSPICIOUS_RATIO = 5.0
@@ -34,18 +34,18 @@ SUSPICIOUS_RATIO = 5.0
 
 @dataclass(frozen=True)
 class Stretch:
-    """What pictures are stretched by, beyond what their camera's pictures have in common."""
+    """What images are stretched by, beyond what their camera's images have in common."""
 
     pixels: float
-    """Median over pictures: the residual that it makes at the end of the longer side."""
+    """Median over images: the residual that it makes at the end of the longer side."""
     ratio: float
-    """Median over pictures: its square over what noise alone would make; about 1 without it."""
+    """Median over images: its square over what noise alone would make; about 1 without it."""
     longer_side: int
     """Pixels, of the largest camera."""
 
     @property
     def is_suspicious(self) -> bool:
-        """Whether a rolling shutter, or a camera that its model does not describe, is likely."""
+        """True if a rolling shutter, or a camera that its model does not describe, is likely."""
         least = SUSPICIOUS_PIXELS * self.longer_side / 1024
         return self.pixels > least and self.ratio > SUSPICIOUS_RATIO
 
@@ -56,7 +56,7 @@ def residuals_of(
     """Places where points are seen, and those minus where they project to; in pixels."""
     places = np.zeros((len(seen.points), 2))
     projected = np.zeros_like(places)
-    for number, rows in seen.by_picture():
+    for number, rows in seen.by_image():
         image = model.image(number)
         pose = image.cam_from_world().matrix()
         local = seen.positions[seen.points[rows]] @ pose[:, :3].T + pose[:, 3]
@@ -73,9 +73,9 @@ def stretch_of(
     places: Float64[np.ndarray, "o 2"],
     residuals: Float64[np.ndarray, "o 2"],
 ) -> Stretch:
-    """How pictures are stretched; not-a-number where too few see enough points."""
+    """How images are stretched; not-a-number where too few see enough points."""
     fits: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for number, rows in seen.by_picture():
+    for number, rows in seen.by_image():
         if len(rows) >= ENOUGH_POINTS:
             camera = model.image(number).camera_id
             lens = model.camera(camera)
@@ -84,14 +84,14 @@ def stretch_of(
             fits.setdefault(camera, []).append(_fit(offsets, residuals[rows]))
     side = max((max(c.width, c.height) for c in model.cameras.values()), default=0)
     pixels, ratios = [], []
-    for pictures in fits.values():
-        # What all pictures of a camera have in common is its lens, not its motion.
-        common = np.median([values for values, _ in pictures], axis=0)
-        for values, covariance in pictures:
+    for images in fits.values():
+        # What all images of a camera have in common is its lens, not its motion.
+        common = np.median([values for values, _ in images], axis=0)
+        for values, covariance in images:
             own = values - common
             pixels.append(np.linalg.norm(own))
             ratios.append(own @ np.linalg.solve(covariance, own) / len(own))
-    if len(pixels) < ENOUGH_PICTURES:
+    if len(pixels) < ENOUGH_IMAGES:
         return Stretch(float("nan"), float("nan"), side)
     return Stretch(float(np.median(pixels)), float(np.median(ratios)), side)
 
@@ -102,7 +102,7 @@ def _fit(
     """Least-squares stretch along the axes and along the diagonals, and their covariance.
 
     Args:
-        offsets: from the middle of the picture, in halves of its longer side.
+        offsets: from the middle of the image, in halves of its longer side.
         residuals: pixels.
     """
     x, y = offsets.T

@@ -1,6 +1,6 @@
-"""Unregistered: why a picture has no place in the model, the cause and not what followed from it.
+"""Unregistered: why an image has no place in the model, the cause and not what followed from it.
 
-A blurred picture has few features, and so few matches, and so no place: it is called blurred.
+A blurred image has few features, and so few matches, and so no place: it is called blurred.
 """
 
 from __future__ import annotations
@@ -11,35 +11,28 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from gsfw.datamanagers.picture_quality import BLURRED, EMPTY, SOFT
-from gsfw.preparation.blur import DIRECTED
 from gsfw.preparation.diagnosis.link import JOINED, LEAST, Link
 from gsfw.preparation.diagnosis.match_graph import Bridge, MatchGraph
-from gsfw.preparation.diagnosis.usual import Usual, usual_of
+from gsfw.preparation.diagnosis.usual import Usual
 from gsfw.preparation.features import FeatureReport
-from gsfw.preparation.picture_set import PictureSet
+from gsfw.preparation.image_quality import EMPTY, SOFT
+from gsfw.preparation.image_set import ImageSet
 
 DARK, BRIGHT = 0.05, 0.95
 """Mean grey levels beyond which nothing is left to see: fox has 0.46 to 0.56; at a fiftieth of the
 light it has 0.01 and not one feature."""
 CLIPPED = 0.5
 """Part that is pure black or white and leaves too little; the shared photos have below 0.02."""
-PLAIN = 0.4
-"""Of the usual contrast: walls with a shade of light have 0.16 to 0.2; a blur of 12 pixels, another
-thing, leaves 0.9."""
-DIRECTED_BLUR = 0.7
-"""Of the usual sharpness: motion leaves edges along it sharp, so that less is lost than by other
-blur of the same size."""
 FEW = 100
 """Features: of two neighbouring photos of fox a third match; a blur of 4 pixels leaves 541 features
 and 233 matches, one of 12 pixels 65 and none."""
 FEW_SHARE = 0.1
 """Of the usual number of features."""
 MATCHED = 100
-"""Verified matches with a placed picture that acquit a picture's looks: blurred by 4 pixels, a
+"""Verified matches with a placed image that acquit an image's looks: blurred by 4 pixels, a
 photo of fox has 233 and is placed; smeared along 50 pixels, it has 18 and is not."""
 COPIED = 0.6
-"""Of the features of the poorer picture that are verified matches for two to be copies: with other
+"""Of the features of the poorer image that are verified matches for two to be copies: with other
 noise it is 0.9, with nothing but the same caption, a seventh of the height, 0.4."""
 MANY_TURNED = 0.5
 """Part of the links that say that the camera only turned."""
@@ -58,12 +51,12 @@ Reason = Literal[
     "matched only within its group",
     "matched, but not placed",
 ]
-"""Why a picture was not placed; causes before effects."""
+"""Why an image was not placed; causes before effects."""
 
 
 @dataclass(frozen=True)
 class Unregistered:
-    """A picture without a place, and why."""
+    """An image without a place, and why."""
 
     name: str
     path: Path
@@ -83,26 +76,26 @@ class Unregistered:
 
 
 def why_unregistered(
-    pictures: PictureSet,
+    images: ImageSet,
     features: Mapping[str, FeatureReport],
     graph: MatchGraph,
     models: Iterable[frozenset[str]] = (),
 ) -> tuple[Unregistered, ...]:
-    """The pictures that the largest model lacks, in the order of the set.
+    """The images that the largest model lacks, in the order of the set.
 
     Args:
-        pictures: all of them.
+        images: all of them.
         features: of each.
         graph: of the same.
-        models: names of the pictures in each model, the largest first.
+        models: names of the images in each model, the largest first.
     """
-    inquiry = Inquiry(pictures, features, graph, tuple(models))
+    inquiry = Inquiry(images, features, graph, tuple(models))
     return tuple(inquiry.into(name) for name in graph.names if name not in inquiry.placed)
 
 
 @dataclass(frozen=True)
 class Group:
-    """Pictures that belong together, and not to the largest model."""
+    """Images that belong together, and not to the largest model."""
 
     members: frozenset[str]
     what: str
@@ -115,14 +108,14 @@ class Group:
 class Inquiry:
     """Looks for the reasons."""
 
-    pictures: PictureSet
+    images: ImageSet
     features: Mapping[str, FeatureReport]
     graph: MatchGraph
     models: tuple[frozenset[str], ...]
 
     @property
     def placed(self) -> frozenset[str]:
-        """Pictures of the largest model."""
+        """Images of the largest model."""
         return self.models[0] if self.models else frozenset()
 
     def into(self, name: str) -> Unregistered:
@@ -143,23 +136,23 @@ class Inquiry:
         return next((reason for reason in reasons if reason), self._rest(name))
 
     def _because(self, name: str, reason: Reason, found: str, advice: str) -> Unregistered:
-        return Unregistered(name, self.pictures.by_name[name].path, reason, found, advice)
+        return Unregistered(name, self.images.by_name[name].path, reason, found, advice)
 
     def _matched(self, name: str) -> bool:
-        """Whether a placed picture shows so much of the same that looks are not to blame."""
+        """True if a placed image shows so much of the same that looks are not to blame."""
         link = self.graph.best(name, self.placed)
         return link is not None and link.verified >= MATCHED
 
     @cached_property
     def usual(self) -> Usual:
-        """What pictures of this capture are like when nothing is wrong with them."""
-        return usual_of(self.features, self.placed)
+        """Typical figures of good images of this capture."""
+        return Usual.of(self.features, self.placed)
 
     def _exposure(self, name: str) -> Unregistered | None:
         quality = self.features[name].quality
-        # An object before black or white may well be clipped around it in all pictures.
+        # An object before black or white may well be clipped around it in all images.
         clipped = quality.clipped > CLIPPED and not (
-            self.placed and quality.clipped < self.usual.clipped + CLIPPED / 2
+            self.placed and quality.clipped < self.usual.quality.clipped + CLIPPED / 2
         )
         if not (clipped or quality.brightness < DARK or quality.brightness > BRIGHT):
             return None
@@ -169,9 +162,9 @@ class Inquiry:
             "too dark" if dark else "over-exposed",
             f"Its mean brightness is {100 * quality.brightness:.0f} % and "
             f"{100 * quality.clipped:.0f} % of it pure black or white; {self._count(name)}.",
-            "Take such pictures again with more light, or a longer exposure and a steady camera."
+            "Take such photos again with more light, or a longer exposure and a steady camera."
             if dark
-            else "Take such pictures again with a shorter exposure.",
+            else "Take such photos again with a shorter exposure.",
         )
 
     def _plain(self, name: str) -> Unregistered | None:
@@ -180,36 +173,39 @@ class Inquiry:
             found = f"It is of one colour; {self._count(name)}."
             advice = "Look at the file: it should show something, or else be left out."
             return self._because(name, "empty", found, advice)
-        if quality.contrast < PLAIN * self.usual.contrast and self._has_few(report):
+        if self.usual.quality.is_plain(quality) and self._has_few(report):
             return self._because(
                 name,
                 "few features",
                 "It shows a plain surface, with "
-                f"{_percent(quality.contrast / self.usual.contrast)} of the usual contrast; "
+                f"{_percent(quality.contrast / self.usual.quality.contrast)} of the usual "
+                "contrast; "
                 f"{self._count(name)}.",
                 "Include something with texture: step back, or put patterned things there.",
             )
         return None
 
     def _blur(self, name: str) -> Unregistered | None:
-        report = self.features[name]
-        sharpness = self.usual.sharpness_of(report.quality)
-        share = self.usual.share_of_sharpness(report.quality)
-        moved = report.blur_ratio < DIRECTED and share < DIRECTED_BLUR
-        if not (moved or share < BLURRED or sharpness < SOFT):
+        report, usual = self.features[name], self.usual.quality
+        kind = report.blur.kind(usual)
+        if kind == "sharp":
             return None
-        found = f"It has {_percent(share)} of the usual sharpness"
-        if sharpness < SOFT and share >= BLURRED:
+        sharpness = usual.sharpness_of(report.quality)
+        found = (
+            f"It has {_percent(usual.share_of_sharpness(report.quality))} of the usual sharpness"
+        )
+        if sharpness < SOFT and not usual.is_blurred(report.quality):
             found = f"It has hardly an edge (variance of its Laplacian {sharpness:.1g})"
+        moved = kind == "motion blur"
         if moved:
             found += f", and least along {report.blur_direction or 0:.0f} degrees"
         return self._because(
             name,
-            "motion blur" if moved else "blurred",
+            kind,
             f"{found}; {self._count(name)}.",
-            "Take such pictures again with a shorter exposure, more light or a slower movement."
+            "Take such photos again with a shorter exposure, more light or a slower movement."
             if moved
-            else "Take such pictures again in focus.",
+            else "Take such photos again in focus.",
         )
 
     def _features(self, name: str) -> Unregistered | None:
@@ -227,7 +223,7 @@ class Inquiry:
 
     def _duplicate(self, name: str) -> Unregistered | None:
         """A copy of another, and nothing but copies shows the same."""
-        links = [link for link in self.graph.by_picture[name] if link.joins]
+        links = [link for link in self.graph.by_image[name] if link.joins]
         copies = [link for link in links if is_copy(link, self.features)]
         if not copies or (len(copies) < len(links) and copies[0].other(name) not in self.placed):
             return None
@@ -243,7 +239,7 @@ class Inquiry:
         best = self.graph.best(name)
         if best is not None and best.joins:
             return None
-        partner = "it has nothing in common with any picture"
+        partner = "it has nothing in common with any image"
         if best is not None:
             what = f"{best.verified} verified matches" if best.verified else "no verified match"
             partner = f"its best partner is {best.other(name)} with {what}"
@@ -261,24 +257,24 @@ class Inquiry:
         for group in self._groups:
             if name in group.members:
                 number = len(group.members) - 1
-                others = f"{number} other picture{'' if number == 1 else 's'}"
+                others = f"{number} other image{'' if number == 1 else 's'}"
                 return self._because(
                     name,
                     "matched only within its group",
                     f"It and {others} {group.what}; the largest model has {len(self._place)} "
-                    "pictures.",
+                    "images.",
                     f"{_capital(group.bridge.advice)}.",
                 )
         return None
 
     @cached_property
     def _groups(self) -> tuple[Group, ...]:
-        """Other models, and pictures that no match joins to the largest one."""
+        """Other models, and images that no match joins to the largest one."""
         if not self.placed:
             return ()
         own = [(model, "make up a model of their own") for model in self.models[1:]]
         own += [
-            (frozenset(one.pictures), "match each other only")
+            (frozenset(one.images), "match each other only")
             for one in self.graph.components(self.placed)
             if not one.placed
         ]
@@ -294,12 +290,12 @@ class Inquiry:
 
     @cached_property
     def _place(self) -> tuple[str, ...]:
-        """The placed pictures in the order of the set."""
+        """The placed images in the order of the set."""
         return tuple(name for name in self.graph.names if name in self.placed)
 
     def _turned(self, name: str) -> Unregistered | None:
         """Seen from where the others were taken, which tells no depth."""
-        links = [link for link in self.graph.by_picture[name] if link.joins]
+        links = [link for link in self.graph.by_image[name] if link.joins]
         turned = [link for link in links if link.is_turn]
         if len(turned) <= MANY_TURNED * len(links):
             return None
@@ -314,7 +310,7 @@ class Inquiry:
     def _rest(self, name: str) -> Unregistered:
         """Matched, and yet without a place."""
         best = self.graph.best(name, self.placed) or self.graph.best(name)
-        partner = "It matches other pictures"
+        partner = "It matches other images"
         if best is not None:
             partner = f"It has {best.verified} verified matches with {best.other(name)}"
         advice = (
@@ -323,7 +319,7 @@ class Inquiry:
         )
         if self.graph.has_overlay:
             why = "but many matches stay in place while the view moves"
-            advice = "Crop or mask what is in the same place in all pictures."
+            advice = "Crop or mask what is in the same place in all images."
         elif not self.placed:
             why = "but no model of more than a few points came of it"
         else:
@@ -337,7 +333,7 @@ class Inquiry:
 
 
 def is_copy(link: Link, features: Mapping[str, FeatureReport]) -> bool:
-    """Whether two pictures are the same, or taken from one place in one direction."""
+    """True if two images are the same, or taken from one place in one direction."""
     count = min(features[link.first].count, features[link.second].count)
     return link.is_still and link.verified >= COPIED * count
 

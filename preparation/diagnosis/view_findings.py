@@ -1,28 +1,20 @@
 """What the photos and their matches say: motion blur, one view, turning, a plane, what stays still.
 
-Blur, exposure and copies among placed pictures are told by ``gsfw check``, which looks at these.
+Blur, exposure and copies among placed images are told by ``gsfw check``, which looks at these.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
-from gsfw.datamanagers.picture_quality import SOFT
-from gsfw.preparation.blur import DIRECTED
+from gsfw.preparation.blur import all_blurred, motion_findings
 from gsfw.preparation.diagnosis.camera_findings import FEWEST_POINTS
 from gsfw.preparation.diagnosis.evidence import Evidence
 from gsfw.preparation.diagnosis.link import Link
-from gsfw.preparation.diagnosis.unregistered import DIRECTED_BLUR, PLAIN, is_copy
-from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.diagnosis.unregistered import is_copy
+from gsfw.preparation.finding import Finding, Weight
+from gsfw.preparation.image_quality import SOFT
 
-MANY = 0.1
-"""Part of the pictures that matters."""
-MOST_MOVED = 0.5
-"""Part of the pictures from which on a directed blur is the usual one; below, it has to make a
-picture less sharp than others, since single edges have a direction as well."""
-ALIKE = 20.0
-"""Degrees between the directions of blur of two pictures that moved along one line."""
 FEWEST_VIEWS = 3
 """Different views without which there is nothing to compute."""
 MOST_TURNED = 0.6
@@ -38,67 +30,20 @@ FEW_PAIRS = 3
 
 
 def view_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Everything that pictures and pairs of them show."""
-    yield from _soft(evidence)
-    yield from _motion_blur(evidence)
+    """Everything that images and pairs of them show."""
+    yield from _blur(evidence)
     yield from _one_view(evidence)
     yield from _turns_or_plane(evidence)
     yield from _still(evidence)
 
 
-def _soft(evidence: Evidence) -> Iterator[Finding]:
-    """Where there is a model, the check tells how sharp its pictures are."""
-    sharpness = evidence.usual.sharpness
-    if evidence.registered or not 0 < sharpness < SOFT:
-        return
-    yield Finding(
-        "whole capture blurred",
-        Weight.LIMIT,
-        "Three of four pictures have hardly an edge (variance of the Laplacian below "
-        f"{sharpness:.1g}).",
-        "Features of blurred pictures are few, and where they are is uncertain.",
-        "Take the capture again with more light, a shorter exposure and a steady camera.",
-    )
-
-
-def _motion_blur(evidence: Evidence) -> Iterator[Finding]:
-    moved = []
-    for name in evidence.graph.names:
-        report = evidence.features[name]
-        # The stripes of a plain thing have a direction as well.
-        plain = report.quality.contrast < PLAIN * evidence.usual.contrast
-        if report.blur_direction is not None and report.blur_ratio < DIRECTED and not plain:
-            moved.append(name)
-    if len(moved) <= MOST_MOVED * evidence.given:
-        usual = evidence.usual
-        moved = [
-            name
-            for name in moved
-            if usual.share_of_sharpness(evidence.features[name].quality) < DIRECTED_BLUR
-        ]
-    if not moved:
-        return
-    ratios = {name: evidence.features[name].blur_ratio for name in moved}
-    directions = {name: evidence.features[name].blur_direction or 0.0 for name in moved}
-    numbers = {name: number for number, name in enumerate(evidence.graph.names)}
-    same = sum(
-        numbers[after] == numbers[before] + 1
-        and abs((directions[after] - directions[before] + 90) % 180 - 90) < ALIKE
-        for before, after in pairwise(moved)
-    )
-    line = f"; {same} of them along the same line as the picture before" if same else ""
-    worst = tuple(sorted(moved, key=lambda name: ratios[name]))
-    yield Finding(
-        "motion blur",
-        Weight.LIMIT if len(moved) > MANY * evidence.given else Weight.NOTE,
-        f"{len(moved)} of {evidence.given} pictures lack fine detail in one direction, down to "
-        f"{100 * ratios[worst[0]]:.0f} % of that across{line}: {listed(worst)}.",
-        "The camera, or what it looked at, moved while the shutter was open: edges are smeared, "
-        "and features sit beside where they should.",
-        "Use a shorter exposure or more light, or move more slowly; leave the worst out if others "
-        "show the same.",
-        worst,
-    )
+def _blur(evidence: Evidence) -> Iterator[Finding]:
+    """Motion blur; and blur of all images, where no model is left for the check to judge."""
+    usual = evidence.usual.quality
+    if not evidence.registered and 0 < usual.sharpness < SOFT:
+        yield all_blurred(usual)
+    images = {name: evidence.features[name].blur for name in evidence.graph.names}
+    yield from motion_findings(images, usual)
 
 
 def _one_view(evidence: Evidence) -> Iterator[Finding]:
@@ -115,10 +60,10 @@ def _one_view(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "one view",
             Weight.STOP,
-            f"{evidence.given} pictures show {views} different view{'s' if views > 1 else ''}: "
+            f"{evidence.given} images show {views} different view{'s' if views > 1 else ''}: "
             "their features are in the same places.",
-            "Depth is only seen from places apart; more pictures of one view tell nothing more.",
-            "Walk around the scene, and take each picture from another place.",
+            "Depth is only seen from places apart; more images of one view tell nothing more.",
+            "Walk around the scene, and take each image from another place.",
             tuple(name for name in evidence.graph.names if name in twins),
         )
 
@@ -131,16 +76,16 @@ def _turns_or_plane(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "turning on the spot",
             Weight.LIMIT if _is_solid(evidence) else Weight.STOP,
-            f"In {100 * _share(moved, turned=True):.0f} % of {len(moved)} pairs of pictures the "
+            f"In {100 * _share(moved, turned=True):.0f} % of {len(moved)} pairs of images the "
             "camera has turned, and not moved.",
-            "Depth is only seen from places apart; such pictures make a panorama, and no model.",
-            "Walk sideways around the scene while you take pictures.",
+            "Depth is only seen from places apart; such images make a panorama, and no model.",
+            "Walk sideways around the scene while you take photos.",
         )
     elif len(across) >= FEW_PAIRS and _share(across, turned=False) > MOST_FLAT:
         yield Finding(
             "flat scene",
             Weight.LIMIT,
-            f"In {100 * _share(across, turned=False):.0f} % of {len(across)} pairs of pictures all "
+            f"In {100 * _share(across, turned=False):.0f} % of {len(across)} pairs of images all "
             "matches lie in one plane.",
             "From a plane alone, focal length and depth cannot be told apart for sure.",
             "Include things in front of the wall or on the ground, or give the focal length "
@@ -149,7 +94,7 @@ def _turns_or_plane(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _is_solid(evidence: Evidence) -> bool:
-    """Whether there is a model of more than points by chance."""
+    """True if there is a model of more than points by chance."""
     return evidence.figures is not None and evidence.figures.points >= FEWEST_POINTS
 
 
@@ -163,7 +108,7 @@ def _still(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "something stands still",
             Weight.LIMIT,
-            f"{100 * still:.0f} % of the matches of two pictures stay in place while the view "
+            f"{100 * still:.0f} % of the matches of two images stay in place while the view "
             "moves (median).",
             "A watermark, a date, the photographer's shadow, or the room behind a turntable says "
             "that the camera has not moved.",

@@ -1,1 +1,1 @@
-"""Camera poses and points from matched pictures, by the mappers of COLMAP."""
+"""Camera poses and points from matched images, by the mappers of COLMAP."""

@@ -1,8 +1,8 @@
-"""Global mapping: camera poses by GLOMAP, all pictures at once.
+"""Global mapping: camera poses by GLOMAP, all images at once.
 
 Pan et al. 2024, "Global Structure-from-Motion Revisited". The native call cannot be cancelled, so
 that it runs in a process of its own, which can be killed; a copy of the database is worked on,
-since focal lengths are first estimated from pairs of pictures and written into it.
+since focal lengths are first estimated from pairs of images and written into it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gsfw.core.files.atomic import readable_write_errors
 from gsfw.preparation.cancellation import PATIENCE
 from gsfw.preparation.mapping.incremental_mapping import SEED, SMALLEST, Models, solid
 from gsfw.preparation.mapping.mapping_rule import MappingRule
-from gsfw.preparation.native_errors import native_failure
+from gsfw.preparation.native import native_failure
 
 TASK = "compute camera poses at once"
 LOG = "log/global-mapping.log"
@@ -71,7 +71,7 @@ def _wait(command: list[str], output: IO[bytes]) -> int:
 
 
 def _work(database: str, folder: str, jobs: int, refine_focal: bool) -> None:
-    """What the process does."""
+    """The work of the process."""
     import pycolmap
 
     pycolmap.set_random_seed(SEED)

@@ -1,4 +1,4 @@
-"""Incremental mapping: camera poses by COLMAP, one picture after another.
+"""Incremental mapping: camera poses by COLMAP, one image after another.
 
 Schönberger and Frahm 2016, "Structure-from-Motion Revisited". COLMAP halves its own thresholds for
 the first pair twice where nothing can be started; ``RELAXED`` goes on from there.
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from pycolmap import IncrementalPipelineOptions, Reconstruction
 
 SMALLEST = 3
-"""Pictures; two alone tell nothing that a third could confirm."""
+"""Images; two alone tell nothing that a third could confirm."""
 LEAST_POINTS = 15
-"""A model of fewer points is none: each picture has to see so many, even by ``RELAXED``, before
+"""A model of fewer points is none: each image has to see so many, even by ``RELAXED``, before
 outliers go. Eight photos that were taken while turning on the spot are left with one."""
 SEED = 0
 
@@ -29,23 +29,23 @@ Models: TypeAlias = "list[Reconstruction]"
 
 @dataclass(frozen=True)
 class Strictness:
-    """How much evidence a picture needs."""
+    """Thresholds of evidence for placing an image."""
 
     first_pair_matches: int
     first_pair_degrees: float
     """Median angle between the rays to points that the first pair sees."""
     forward_motion: float
     """Largest share of the first pair's motion that may point along the view."""
-    picture_points: int
-    """So many points of the model must a picture see to be added."""
-    picture_share: float
+    image_points: int
+    """Least number of the model's points that an image must see to be added."""
+    image_share: float
     """And so large a share of its matches must agree."""
 
 
 USUAL = Strictness(100, 16.0, 0.95, 30, 0.25)
 """COLMAP's defaults."""
 RELAXED = Strictness(30, 4.0, 1.0, 15, 0.15)
-"""For captures of few or weakly linked pictures; 15 is also the fewest matches of any pair."""
+"""For captures of few or weakly linked images; 15 is also the fewest matches of any pair."""
 
 
 def run_incremental(
@@ -64,9 +64,9 @@ def run_incremental(
         folder: an existing one; models are left in folders below it.
         rule: of which all but the principal point is heeded.
         strictness: how much evidence is asked for.
-        registered: told how many pictures have been added by now, to all models together.
+        registered: told how many images have been added by now, to all models together.
         start_from: folder of a model that is to grow; otherwise new ones are begun.
-        among: names of the pictures that may get poses; empty for all.
+        among: names of the images that may get poses; empty for all.
 
     Returns:
         Models, the largest first; none where nothing could be reconstructed.
@@ -80,7 +80,7 @@ def run_incremental(
     models = cancellable(
         lambda token: pycolmap.incremental_mapping(
             database_path=database,
-            # Where pictures are does not matter: their colours are not read here.
+            # Where images are does not matter: their colours are not read here.
             image_path=folder,
             output_path=folder,
             options=options,
@@ -95,12 +95,12 @@ def run_incremental(
 
 
 def _counter(registered: Callable[[int], None]) -> Callable[[int], Callable[[], None]]:
-    """Makes callbacks that add so many pictures to one count, and tell it."""
+    """Makes callbacks that add so many images to one count, and tell it."""
     counts = [0]
 
-    def count(pictures: int) -> Callable[[], None]:
+    def count(images: int) -> Callable[[], None]:
         def added() -> None:
-            counts[0] += pictures
+            counts[0] += images
             registered(counts[0])
 
         return added
@@ -122,8 +122,8 @@ def incremental_options(rule: MappingRule, strictness: Strictness) -> Incrementa
     options.mapper.init_min_num_inliers = strictness.first_pair_matches
     options.mapper.init_min_tri_angle = strictness.first_pair_degrees
     options.mapper.init_max_forward_motion = strictness.forward_motion
-    options.mapper.abs_pose_min_num_inliers = strictness.picture_points
-    options.mapper.abs_pose_min_inlier_ratio = strictness.picture_share
+    options.mapper.abs_pose_min_num_inliers = strictness.image_points
+    options.mapper.abs_pose_min_inlier_ratio = strictness.image_share
     return options
 
 
@@ -133,5 +133,5 @@ def solid(models: Iterable[Reconstruction]) -> Models:
 
 
 def largest_first(models: Iterable[Reconstruction]) -> Models:
-    """Models by registered pictures; of two with as many, the one with more points."""
+    """Models by registered images; of two with as many, the one with more points."""
     return sorted(models, key=lambda m: (-m.num_reg_images(), -m.num_points3D()))

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import readable_write_errors
-from gsfw.preparation.mapping.covisibility import cut_loose
 from gsfw.preparation.mapping.global_mapping import run_global
 from gsfw.preparation.mapping.incremental_mapping import (
     RELAXED,
@@ -23,7 +22,8 @@ from gsfw.preparation.mapping.incremental_mapping import (
 )
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.merging import adjusted, is_as_precise, merge_models
-from gsfw.preparation.native_errors import readable_native_errors
+from gsfw.preparation.mapping.observations import cut_loose
+from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.progress import Advance, Progress
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 TASK = "compute camera poses"
 FEW = 0.5
-"""Where fewer of the pictures than this are in any model, mapping is tried again."""
+"""Where fewer of the images than this are in any model, mapping is tried again."""
 
 JOINED = "joined-"
 """Begins the names of models after mapping was continued."""
@@ -44,12 +44,12 @@ class Mapping:
     models: tuple[Path, ...] = ()
     """Folders in COLMAP's layout, the largest first; none where nothing could be computed."""
     sizes: tuple[int, ...] = ()
-    """How many pictures each of them has a pose for."""
+    """Number of images with a pose in each model."""
     merged: int = 0
-    """How many models were joined to the largest."""
+    """Number of models that were joined to the largest."""
     seconds: float = 0.0
     how: str = ""
-    """What was done, as a clause."""
+    """Description of the mapping, as a clause."""
 
     def document(self) -> dict[str, Any]:
         """Plain data, in which models are named as in their folder."""
@@ -79,7 +79,7 @@ class Mapping:
 
 
 def map_cameras(database: Path, folder: Path, rule: MappingRule, progress: Progress) -> Mapping:
-    """Compute poses and points of as many pictures as possible.
+    """Compute poses and points of as many images as possible.
 
     With one thread the same database gives the same bits; with more, sums are done in another
     order each time, and figures differ in their last digits.
@@ -88,7 +88,7 @@ def map_cameras(database: Path, folder: Path, rule: MappingRule, progress: Progr
         database: COLMAP's, with features and verified matches; it is not changed.
         folder: for the models, and for them alone; what an earlier call left there is replaced.
         rule: how to do it.
-        progress: of stage "cameras", in pictures.
+        progress: of stage "cameras", in images.
 
     Returns:
         The models; none, without an error, where nothing can be reconstructed.
@@ -100,7 +100,7 @@ def map_cameras(database: Path, folder: Path, rule: MappingRule, progress: Progr
     """
     rule.check()
     start = time.perf_counter()
-    total = count_pictures(database)
+    total = count_images(database)
     with _trial(folder, database) as trial, progress.stage("cameras", total) as advance:
         if rule.mapper == "global":
             models, how = _global(database, trial, rule)
@@ -123,18 +123,18 @@ def continue_mapping(
 ) -> Mapping:
     """Add to the largest model what relaxed thresholds let in, and join the others to it.
 
-    This is for after more pairs of pictures have been matched: see ``bridge_pairs``.
+    This is for after more pairs of images have been matched: see ``bridge_pairs``.
 
     Args:
         database: as for ``map_cameras``, with the new matches.
         folder: the one of the models; new ones are written beside the old, which stay.
         mapping: of which the largest model grows; where there is none, all begins anew.
         rule: how to do it; growing is incremental in any case.
-        progress: of stage "cameras", in pictures.
-        without: names of pictures that are not worth a pose that rests on little.
+        progress: of stage "cameras", in images.
+        without: names of images that are not worth a pose that rests on little.
 
     Returns:
-        The new models; of the same pictures as the old where nothing could be added.
+        The new models; of the same images as the old where nothing could be added.
 
     Raises:
         ConfigError, DataError, OutputError: as for ``map_cameras``.
@@ -145,7 +145,7 @@ def continue_mapping(
         return map_cameras(database, folder, rule, progress)
     rule.check()
     began = time.perf_counter()
-    total = count_pictures(database)
+    total = count_images(database)
     with _trial(folder, database) as trial, progress.stage("cameras", total) as advance:
         before = [Reconstruction(path) for path in mapping.models]
         known = before[0].num_reg_images()
@@ -159,12 +159,12 @@ def continue_mapping(
         paths = _published(models, trial, folder, JOINED)
     sizes = _sizes(models)
     seconds = mapping.seconds + time.perf_counter() - began
-    how = f"{mapping.how}, continued with relaxed thresholds (+{sizes[0] - known} pictures)"
+    how = f"{mapping.how}, continued with relaxed thresholds (+{sizes[0] - known} images)"
     return Mapping(paths, sizes, mapping.merged + merged, seconds, how)
 
 
 def _names_but(database: Path, without: Collection[str]) -> list[str]:
-    """Names of all pictures of a database but some."""
+    """Names of all images of a database but some."""
     from pycolmap import Database
 
     with Database.open(database) as opened:
@@ -172,8 +172,8 @@ def _names_but(database: Path, without: Collection[str]) -> list[str]:
     return [name for name in names if name not in without]
 
 
-def count_pictures(database: Path) -> int:
-    """How many pictures a database has.
+def count_images(database: Path) -> int:
+    """Number of images in a database.
 
     Raises:
         DataError: there is no such database, or it is damaged.
@@ -182,11 +182,11 @@ def count_pictures(database: Path) -> int:
 
     if not database.is_file():
         raise DataError(
-            f"{database} is missing: it holds the features and matches of the pictures.",
+            f"{database} is missing: it holds the features and matches of the images.",
             "Run the same command with a new out=DIR, so that they are computed anew.",
         )
     with (
-        readable_native_errors("read the pictures", database),
+        readable_native_errors("read the images", database),
         Database.open(database) as opened,
     ):
         return int(opened.num_images())
@@ -207,7 +207,7 @@ def _trial(folder: Path, database: Path) -> Iterator[Path]:
 
 
 def _global(database: Path, trial: Path, rule: MappingRule) -> tuple[Models, str]:
-    """Models by global mapping, in which pictures that nothing holds are placed anew."""
+    """Models by global mapping, in which images that nothing holds are placed anew."""
     models = run_global(database, trial, rule)
     how = "global mapping (GLOMAP)"
     loose = cut_loose(models[0]) if models else 0
@@ -217,7 +217,7 @@ def _global(database: Path, trial: Path, rule: MappingRule) -> tuple[Models, str
     held.mkdir()
     models[0].write(held)
     grown = run_incremental(database, trial, rule, USUAL, start_from=held)
-    how = f"{how}, with {loose} pictures placed anew by incremental mapping"
+    how = f"{how}, with {loose} images placed anew by incremental mapping"
     # COLMAP goes on with the model that it is given, and begins others with what that lacks.
     return grown, how
 
@@ -234,17 +234,17 @@ def _incremental(
     advance(0)
     relaxed = run_incremental(database, trial, rule, RELAXED, registered)
     if _covered(relaxed) > _covered(models) and _is_better(relaxed[0], models[:1]):
-        return relaxed, f"{how}, relaxed thresholds ({_covered(models)} pictures by usual ones)"
+        return relaxed, f"{how}, relaxed thresholds ({_covered(models)} images by usual ones)"
     return models, f"{how}, relaxed thresholds tried in vain"
 
 
 def _up_to(total: int, advance: Advance, known: int = 0) -> Advance:
-    """Tells of pictures besides those that are known; never of more than there are."""
+    """Tells of images besides those that are known; never of more than there are."""
     return lambda count: advance(min(known + count, total))
 
 
 def _is_better(model: Reconstruction, others: Models) -> bool:
-    """Whether a model has no fewer pictures than any other, and fits no worse."""
+    """True if a model has no fewer images than any other, and fits no worse."""
     return all(
         model.num_reg_images() >= other.num_reg_images()
         and is_as_precise(model, other.compute_mean_reprojection_error())
@@ -279,5 +279,5 @@ def _sizes(models: Models) -> tuple[int, ...]:
 
 
 def _covered(models: Models) -> int:
-    """How many pictures are in any model."""
+    """Number of images that are in any model."""
     return len(set().union(*(model.reg_image_ids() for model in models)))

@@ -11,16 +11,16 @@ MAPPERS = ("incremental", "global")
 
 @dataclass(frozen=True)
 class MappingRule:
-    """What the user chose."""
+    """The user's choices."""
 
     mapper: str = "incremental"
-    """"incremental" (COLMAP: picture after picture) or "global" (GLOMAP: all at once)."""
+    """"incremental" (COLMAP: image after image) or "global" (GLOMAP: all at once)."""
     refine_focal: bool = True
-    """Whether focal lengths are computed, or stay as they were given."""
+    """True if focal lengths are computed, or stay as they were given."""
     refine_principal_point: bool = False
-    """Whether principal points are computed, or stay in the middle of the picture."""
+    """True if principal points are computed, or stay in the middle of the image."""
     jobs: int = 1
-    """How many threads work."""
+    """Number of threads."""
 
     def check(self) -> None:
         """Check the values.

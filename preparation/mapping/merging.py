@@ -1,6 +1,6 @@
-"""Merging: several models of one capture joined to the largest, where they share pictures.
+"""Merging: several models of one capture joined to the largest, where they share images.
 
-Two models that share a picture differ by a similarity, which follows from that picture alone: its
+Two models that share an image differ by a similarity, which follows from that image alone: its
 two poses give the rotation and the translation, and the depths of the points that it sees in both
 give the scale. The rest is COLMAP's triangulation and bundle adjustment of the union, which is
 refused where its error grows or the links between the two do not hold.
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from pycolmap import Reconstruction, Rigid3d, Sim3d
 
 COMMON_POINTS = 10
-"""A shared picture tells the scale only where it sees so many points of both models."""
+"""A shared image tells the scale only where it sees so many points of both models."""
 SHARED_BY_RANSAC = 3
-"""So many shared pictures are aligned by COLMAP, which finds the poses that do not fit."""
-PICTURE_POINTS = 15
-"""Fewest points that a picture must see in the union, as for any picture that is added."""
+"""Number of shared images from which on COLMAP aligns models, and finds poses that do not fit."""
+IMAGE_POINTS = 15
+"""Fewest points that an image must see in the union, as for any image that is added."""
 LINKS_KEPT = 0.5
-"""Least share of the tracks from shared to added pictures that must hold in the union."""
+"""Least share of the tracks from shared to added images that must hold in the union."""
 ERROR_GROWTH = 1.5
 """Largest mean reprojection error of a larger model, over that of the smaller one: some growth is
 due to longer tracks (12 of the fox photos: 0.64 pixels; 24 of them: 0.82)."""
@@ -71,7 +71,7 @@ def merge_models(
         del left[position]
         left[0] = union
         joined += 1
-        # What did not fit before may share pictures with what was added.
+        # What did not fit before may share images with what was added.
         position = 1
     return left, joined
 
@@ -87,7 +87,7 @@ def bridge_pairs(
         most: how many pairs at most.
 
     Returns:
-        Names of a picture of the largest model and of one that it lacks, with few verified matches
+        Names of an image of the largest model and of one that it lacks, with few verified matches
         or none; the most promising first: those with most features that look alike, and then those
         that are nearest to each other in the database.
     """
@@ -123,7 +123,7 @@ def _join(
     moved, union = Reconstruction(source), Reconstruction(target)
     moved.transform(target_from_source)
     for number in sorted(added):
-        _add_picture(union, moved, number)
+        _add_image(union, moved, number)
     union = _refined(union, database, folder, rule)
     return union if _is_sound(union, target, source, added) else None
 
@@ -137,11 +137,11 @@ def _alignment(target: Reconstruction, source: Reconstruction, shared: list[int]
         if found is not None:
             return found
     here, there = Observations.of(target), Observations.of(source)
-    candidates = [_by_picture(target, source, here, there, number) for number in shared]
+    candidates = [_by_image(target, source, here, there, number) for number in shared]
     known = [candidate for candidate in candidates if candidate is not None]
     if not known:
         return None
-    # The one picture that most others agree with; of two, the first.
+    # The one image that most others agree with; of two, the first.
     centers = np.array([target.image(number).projection_center() for number in shared])
     others = np.array([source.image(number).projection_center() for number in shared])
     distances = [
@@ -151,14 +151,14 @@ def _alignment(target: Reconstruction, source: Reconstruction, shared: list[int]
     return known[int(np.argmin(distances))]
 
 
-def _by_picture(
+def _by_image(
     target: Reconstruction,
     source: Reconstruction,
     here: Observations,
     there: Observations,
     number: int,
 ) -> Sim3d | None:
-    """The similarity that one shared picture tells; None where it sees too few common points."""
+    """The similarity that one shared image tells; None where it sees too few common points."""
     from pycolmap import Sim3d
 
     features, in_target, in_source = np.intersect1d(
@@ -185,14 +185,14 @@ def _depths(camera_from_world: Rigid3d, points: np.ndarray) -> np.ndarray:
     return depths
 
 
-def _add_picture(union: Reconstruction, moved: Reconstruction, number: int) -> None:
-    """Add a picture with its pose, and its camera where that is new; without points."""
+def _add_image(union: Reconstruction, moved: Reconstruction, number: int) -> None:
+    """Add an image with its pose, and its camera where that is new; without points."""
     from pycolmap import Frame, Image
 
-    picture = moved.image(number)
-    given = moved.frame(picture.frame_id)
-    if not union.exists_camera(picture.camera_id):
-        union.add_camera(moved.camera(picture.camera_id))
+    image = moved.image(number)
+    given = moved.frame(image.frame_id)
+    if not union.exists_camera(image.camera_id):
+        union.add_camera(moved.camera(image.camera_id))
     if not union.exists_rig(given.rig_id):
         union.add_rig(moved.rig(given.rig_id))
     frame = Frame(frame_id=given.frame_id, rig_id=given.rig_id)
@@ -200,8 +200,8 @@ def _add_picture(union: Reconstruction, moved: Reconstruction, number: int) -> N
     for data in given.data_ids:
         frame.add_data_id(data)
     union.add_frame(frame)
-    features = np.array([point.xy for point in picture.points2D]).reshape(-1, 2)
-    added = Image(picture.name, features, picture.camera_id, number)
+    features = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+    added = Image(image.name, features, image.camera_id, number)
     added.frame_id = given.frame_id
     union.add_image(added)
     union.register_frame(given.frame_id)
@@ -262,21 +262,21 @@ def adjusted(
 def _is_sound(
     union: Reconstruction, target: Reconstruction, source: Reconstruction, added: set[int]
 ) -> bool:
-    """Whether all pictures of both are held in place, as well as before."""
+    """True if all images of both are held in place, as well as before."""
     shared = set(source.reg_image_ids()) - added
     before, after = Observations.of(source), Observations.of(union)
     links = [int((o.seen_by(shared) & o.seen_by(added)).sum()) for o in (before, after)]
     error = max(model.compute_mean_reprojection_error() for model in (target, source))
     return bool(
         set(union.reg_image_ids()) == set(target.reg_image_ids()) | added
-        and after.counts.min() >= PICTURE_POINTS
-        and links[1] >= max(LINKS_KEPT * links[0], PICTURE_POINTS)
+        and after.counts.min() >= IMAGE_POINTS
+        and links[1] >= max(LINKS_KEPT * links[0], IMAGE_POINTS)
         and is_as_precise(union, error)
     )
 
 
 def is_as_precise(model: Reconstruction, error: float) -> bool:
-    """Whether a model that has grown fits as well as before.
+    """True if a model that has grown fits as well as before.
 
     Args:
         model: the new one.

@@ -1,1 +1,1 @@
-"""The data set that training reads: pictures, masks and a model in the layout of COLMAP."""
+"""The data set that training reads: images, masks and a model in the layout of COLMAP."""

@@ -1,4 +1,4 @@
-"""CameraPlan: what becomes of a lens and of its pictures in a data set that is written."""
+"""CameraPlan: what becomes of a lens and of its images in a data set that is written."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.undistortion import LensRule, Undistortion, undistortion_of
 
 STRAIGHT = 0.05
-"""Pixels. Where distortion moves none by more, pictures are copied: that is less than the error of
+"""Pixels. Where distortion moves none by more, images are copied: that is less than the error of
 a good reconstruction (0.5 to 1 pixel), and rewriting a JPEG would cost more than it mends."""
 GRID = 33
 """Pixels per side of the grid on which distortion is measured."""
@@ -21,7 +21,7 @@ GRID = 33
 
 @dataclass(frozen=True)
 class CameraPlan:
-    """Leads from the lens of given pictures to that of the written ones."""
+    """Leads from the lens of given images to that of the written ones."""
 
     source: Lens
     target: Lens
@@ -31,10 +31,10 @@ class CameraPlan:
     @staticmethod
     @lru_cache(maxsize=4096)
     def of(lens: Lens, keep: bool) -> CameraPlan:
-        """The plan for a lens of pictures in their stored size.
+        """The plan for a lens of images in their stored size.
 
         Raises:
-            DataError: the distortion folds the picture over, or nothing would be left of it.
+            DataError: the distortion folds the image over, or nothing would be left of it.
         """
         if keep:
             return CameraPlan(lens, lens, None)
@@ -46,7 +46,7 @@ class CameraPlan:
     def moved(
         self, pixels: Float64[np.ndarray, "m 2"]
     ) -> tuple[Float64[np.ndarray, "m 2"], Bool[np.ndarray, " m"]]:
-        """Where pixels of given pictures are in the written ones, and whether they are inside."""
+        """Where pixels of given images are in the written ones, and whether they are inside."""
         if self.undistortion is None:
             return pixels, np.ones(len(pixels), dtype=bool)
         found = self.target.project(self.source.unproject(pixels))
@@ -57,7 +57,7 @@ class CameraPlan:
 
 
 def distortion_in_pixels(lens: Lens) -> float:
-    """How far its distortion moves any pixel; infinite where a pixel has no ray."""
+    """Largest shift of a pixel by distortion; infinite where a pixel has no ray."""
     if lens.is_pinhole:
         return 0.0
     x, y = np.meshgrid(np.linspace(0, lens.width, GRID), np.linspace(0, lens.height, GRID))
@@ -68,7 +68,7 @@ def distortion_in_pixels(lens: Lens) -> float:
 
 
 def lens_words(plans: Sequence[CameraPlan]) -> str:
-    """What became of the lenses, given the plan of every picture."""
+    """Description of the output lenses, given the plan of every image."""
     parts = []
     for model in dict.fromkeys(plan.source.model for plan in plans):
         own = [plan for plan in plans if plan.source.model == model]
@@ -76,7 +76,7 @@ def lens_words(plans: Sequence[CameraPlan]) -> str:
         if changed:
             lost = max(each.lost for each in changed)
             parts.append(
-                f"PINHOLE, undistorted from {model} (up to {100 * lost:.1f} % of a picture fell "
+                f"PINHOLE, undistorted from {model} (up to {100 * lost:.1f} % of an image fell "
                 "outside)"
             )
         if len(changed) < len(own):

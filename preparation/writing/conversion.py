@@ -12,16 +12,21 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.colmap.writer import write_model
 from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
 from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE, write_transforms
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.writing.conversion_notes import SPLIT_LIST, conversion_notes, write_split_list
 from gsfw.preparation.writing.converted_frame import FrameTask, tasks_of
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.image_output import OutputRule
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
-from gsfw.preparation.writing.written_data_set import WrittenDataSet
-from gsfw.preparation.writing.written_files import check_sources_stay, place_model, start_over
+from gsfw.preparation.writing.written_files import (
+    WrittenDataSet,
+    check_sources_stay,
+    place_model,
+    start_over,
+)
 
 LAYOUTS = ("auto", "colmap", "transforms")
 AS_GIVEN = OutputRule("keep")
@@ -29,12 +34,12 @@ AS_GIVEN = OutputRule("keep")
 
 @dataclass(frozen=True)
 class ConversionRule:
-    """What a data set is converted to."""
+    """The target of a conversion."""
 
     layout: str = "auto"
     """colmap, transforms, or auto: transforms where there are times or depths, else colmap."""
     output: OutputRule = AS_GIVEN
-    """What becomes of lenses and pictures."""
+    """Treatment of lenses and images."""
     masks: MaskRule = USUAL_MASKS
     """Which masks there are; written masks are bright where pixels count."""
 
@@ -52,24 +57,24 @@ class ConversionRule:
         """Either colmap or transforms."""
         if self.layout != "auto":
             return self.layout
-        needs_more = any(frame.time is not None or frame.depth is not None for frame in frames)
+        needs_more = any(frame.time is not None or DEPTH in frame.maps for frame in frames)
         return "transforms" if needs_more else "colmap"
 
 
 def convert(
     recording: Recording, out: Path, rule: ConversionRule, progress: Progress, jobs: int = 1
 ) -> WrittenDataSet:
-    """Write a data set's pictures, masks and depths, then its cameras and points.
+    """Write a data set's images, masks and depths, then its cameras and points.
 
     Args:
         recording: what a format's file says, as ``Capture.recording`` has it.
         out: the folder that images/, masks/ and so on are written to.
         rule: what it is converted to.
-        progress: gets the stage "pictures".
-        jobs: how many pictures are worked on at a time, where memory allows it.
+        progress: gets the stage "images".
+        jobs: how many images are worked on at a time, where memory allows it.
 
     Raises:
-        DataError: a picture, mask or depth map cannot be used, or a lens cannot be undistorted.
+        DataError: an image, mask or depth map cannot be used, or a lens cannot be undistorted.
         OutputError: something cannot be written, or would be written over what is read.
     """
     by_name = sorted(recording.frames, key=lambda frame: frame.name)
@@ -88,7 +93,7 @@ def convert(
 def _write_files(
     tasks: Sequence[FrameTask], out: Path, quality: int, progress: Progress, jobs: int
 ) -> int:
-    """Write what belongs to each picture, worked on by several threads.
+    """Write what belongs to each image, worked on by several threads.
 
     Returns:
         Bytes written.
@@ -97,7 +102,7 @@ def _write_files(
     largest = max(task.frame.header.width * task.frame.header.height for task in tasks)
     results = in_order(work, _decoded(tasks), workers_for(largest, jobs))
     size = 0
-    with progress.stage("pictures", len(tasks)) as advance, closing(results):
+    with progress.stage("images", len(tasks)) as advance, closing(results):
         for done, files in enumerate(results, 1):
             for name, content in files.items():
                 write_atomically(out / name, content)
@@ -107,7 +112,7 @@ def _write_files(
 
 
 def _decoded(tasks: Sequence[FrameTask]) -> Iterator[FrameTask]:
-    """The tasks, with the pictures of those of videos, which are decoded in order."""
+    """The tasks, with the images of those of videos, which are decoded in order."""
     videos: dict[Path, dict[int, FrameTask]] = {}
     for task in tasks:
         if task.frame.shot is None:
@@ -117,7 +122,7 @@ def _decoded(tasks: Sequence[FrameTask]) -> Iterator[FrameTask]:
     for own in videos.values():
         shot = next(iter(own.values())).frame.shot
         assert shot is not None
-        for number, pixels in shot.video.pictures(range(min(own), max(own) + 1)):
+        for number, pixels in shot.video.images(range(min(own), max(own) + 1)):
             if number in own:
                 yield replace(own[number], pixels=pixels)
 
@@ -129,7 +134,7 @@ def _made(task: FrameTask, maps: MapCache, quality: int) -> dict[str, bytes]:
 def _write_cameras(written: Recording, layout: str, out: Path) -> int:
     if layout == "transforms":
         return write_transforms(written, out)
-    write = partial(write_model, written, pictures=out / "images")
+    write = partial(write_model, written, image_root=out / "images")
     size = place_model(write, len(written.frames), len(written.points), out)
     return size + write_split_list(written, out)
 

@@ -1,4 +1,4 @@
-"""What a layout cannot hold of a data set, said so that nothing is lost without a word."""
+"""Notes on the content that a layout cannot hold, so that nothing is lost without a word."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from gsfw.core.datamanager import Split
 from gsfw.core.files.atomic import write_atomically
 from gsfw.datamanagers.frames import Recording
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.preparation.writing.written_files import MODEL_FOLDER
 
 SPLIT_LIST = f"{MODEL_FOLDER}/test.txt"
@@ -36,7 +37,7 @@ def write_split_list(written: Recording, out: Path) -> int:
 def conversion_notes(
     recording: Recording, written: Recording, layout: str, out: Path
 ) -> tuple[str, ...]:
-    """What the user should know of a conversion.
+    """Notes on a conversion for the user.
 
     Args:
         recording: what was converted.
@@ -52,7 +53,10 @@ def _of_both(recording: Recording, layout: str) -> Iterator[str]:
     shots = [frame for frame in recording.frames if frame.shot is not None]
     if shots:
         videos = len({frame.path for frame in shots})
-        yield f"{len(shots)} pictures of {videos} videos are JPEG files now"
+        yield f"{len(shots)} images of {videos} videos are JPEG files now"
+    maps = sorted({name for frame in recording.frames for name in frame.maps} - {DEPTH})
+    if maps:
+        yield f"per-view maps are not written: {', '.join(maps)}"
     if recording.point_times is not None:
         yield "points have no times any more: all of them are there from the beginning"
     if recording.up and recording.up != UP[layout]:
@@ -66,16 +70,16 @@ def _of_colmap(recording: Recording, written: Recording, out: Path) -> Iterator[
     lost = {
         "times": sum(frame.time is not None for frame in recording.frames),
         "masks of what moves": sum(frame.moving is not None for frame in recording.frames),
-        "depths": sum(frame.depth is not None for frame in recording.frames),
+        "depths": sum(DEPTH in frame.maps for frame in recording.frames),
     }
     for what, count in lost.items():
         if count:
             yield (
-                f"a COLMAP model cannot hold {what}, which {count} pictures have: use "
+                f"a COLMAP model cannot hold {what}, which {count} images have: use "
                 "layout=transforms to keep them"
             )
     if len(recording.points):
-        yield "points have no tracks (which pictures saw them): gsfw needs none, other programs may"
+        yield "points have no tracks (which images saw them): gsfw needs none, other programs may"
     held = _held(written)
     if held:
         names = ",".join(held)
@@ -83,7 +87,7 @@ def _of_colmap(recording: Recording, written: Recording, out: Path) -> Iterator[
             names = f'"$(paste -sd, {out / SPLIT_LIST})"'
         yield (
             f"a COLMAP model cannot say what is held out ({len(held)} of {len(written.frames)} "
-            f"pictures, listed in {SPLIT_LIST}): train with holdout={names}, or use "
+            f"images, listed in {SPLIT_LIST}): train with holdout={names}, or use "
             "layout=transforms"
         )
 
@@ -93,7 +97,7 @@ def _of_transforms(recording: Recording) -> Iterator[str]:
     others = [*times, *recording.unused_times]
     if times and (min(times), max(times)) != (min(others), max(others)):
         yield (
-            f"times go from {min(times):g} to {max(times):g} now, as pictures from "
+            f"times go from {min(times):g} to {max(times):g} now, as images from "
             f"{min(others):g} to {max(others):g} that were neither trained nor evaluated on are "
             "left out"
         )

@@ -1,4 +1,4 @@
-"""FrameTask: one picture of a data set that is converted, with the files that belong to it."""
+"""FrameTask: one image of a data set that is converted, with the files that belong to it."""
 
 from __future__ import annotations
 
@@ -10,71 +10,78 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import UInt8
 
-from gsfw.datamanagers.depth_map import DepthMap
+from gsfw.core.batch import LEAST_KNOWN
+from gsfw.datamanagers.fitted_map import ImageFit
 from gsfw.datamanagers.frames import Frame
+from gsfw.datamanagers.images import Header, decode, fit_mask, load_mask
+from gsfw.datamanagers.map_file import DEPTH, MapFile
 from gsfw.datamanagers.masks import MaskRule
-from gsfw.datamanagers.pictures import Header, decode, fit_mask, load_mask
 from gsfw.datamanagers.warp import MapCache, Warp
-from gsfw.preparation.picture_names import unique_names, with_right_suffix
+from gsfw.preparation.image_file import unique_names, with_right_suffix
 from gsfw.preparation.writing.camera_plan import CameraPlan
-from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
-from gsfw.preparation.writing.written_files import MASKS, PICTURES
+from gsfw.preparation.writing.image_output import ImageChange, StoredImage, encoded_mask
+from gsfw.preparation.writing.written_files import IMAGES, MASKS
 
-MOVING, DEPTH = "motion_masks", "depths"
+MOVING, DEPTHS = "motion_masks", "depths"
 """Folders of the written files, besides those of every data set."""
 
 
 @dataclass(frozen=True)
 class FrameTask:
-    """What is to be written of a frame."""
+    """The output files of a frame."""
 
     frame: Frame
-    change: PictureChange
+    change: ImageChange
     masks: MaskRule
     files: dict[str, str]
     """Names of the files that are written, relative to the data set, by their folders."""
     pixels: UInt8[np.ndarray, "h w 3"] | None = None
-    """Of a picture of a video, once it is decoded."""
+    """Pixels of an image of a video, once it is decoded."""
 
     @property
     def sources(self) -> list[Path]:
         """The files that are read."""
         frame = self.frame
-        depth = None if frame.depth is None else frame.depth.path
-        return [path for path in (frame.path, frame.mask, frame.moving, depth) if path is not None]
+        depth = self._depth_file
+        others = (frame.mask, frame.moving, None if depth is None else depth.path)
+        return [frame.path, *(path for path in others if path is not None)]
+
+    @property
+    def _depth_file(self) -> MapFile | None:
+        return self.frame.maps.get(DEPTH)
 
     def made(self, maps: MapCache, quality: int) -> dict[str, bytes]:
         """The content of each file, by its name.
 
         Raises:
-            DataError: the picture, a mask or the depths do not decode or do not fit.
+            DataError: the image, a mask or the depths do not decode or do not fit.
         """
         warp = self.change.warp(maps)
-        content = {PICTURES: self.change.content(self._decode, warp, quality)}
+        content = {IMAGES: self.change.content(self._decode, warp, quality)}
         if MASKS in self.files:
             content[MASKS] = self._mask(warp)
         if MOVING in self.files:
             content[MOVING] = self._moving(warp)
-        if DEPTH in self.files:
-            content[DEPTH] = self._depth(warp)
+        if DEPTHS in self.files:
+            content[DEPTHS] = self._depth(warp)
         return {self.files[folder]: data for folder, data in content.items()}
 
     def written_frame(self, out: Path) -> Frame:
         """The frame of the written files below ``out``."""
         paths = {folder: out / name for folder, name in self.files.items()}
-        target, depth = self.change.plan.target, self.frame.depth
+        target, depth = self.change.plan.target, self._depth_file
         return replace(
             self.frame,
-            name=self.files[PICTURES],
-            path=paths[PICTURES],
+            name=self.files[IMAGES],
+            path=paths[IMAGES],
             header=Header(target.width, target.height, self.frame.header.has_alpha),
             lens=target,
             mask=paths.get(MASKS),
             moving=paths.get(MOVING),
             shot=None,
-            depth=None
-            if depth is None or DEPTH not in paths
-            else replace(depth, path=paths[DEPTH]),
+            maps={}
+            if depth is None or DEPTHS not in paths
+            else {DEPTH: replace(depth, path=paths[DEPTHS])},
         )
 
     def _decode(self) -> UInt8[np.ndarray, "h w d"]:
@@ -97,14 +104,16 @@ class FrameTask:
 
     def _depth(self, warp: Warp | None) -> bytes:
         """The file as it is, or undistorted numbers in the same unit."""
-        depth: DepthMap | None = self.frame.depth
+        depth, header = self._depth_file, self.frame.header
         assert depth is not None
         if warp is None:
             return depth.path.read_bytes()
+        depth.header(header)
         target = self.change.plan.target
-        depths = depth.load(self.frame.header, target.width, target.height, warp)
+        fit = ImageFit((header.width, header.height), (target.width, target.height), warp)
+        depths, part = fit.resample(replace(depth, unit=1.0).read(), depth.rule)
         buffer = io.BytesIO()
-        np.save(buffer, depths / np.float32(depth.unit))
+        np.save(buffer, np.where(part >= LEAST_KNOWN, depths, 0)[..., 0])
         return buffer.getvalue()
 
 
@@ -133,24 +142,24 @@ def tasks_of(
     ]
 
 
-def _change(frame: Frame, keep: bool) -> PictureChange:
+def _change(frame: Frame, keep: bool) -> ImageChange:
     header = frame.header
     plan = CameraPlan.of(frame.lens.resized(header.width, header.height), keep)
-    stored = None if frame.shot is not None else StoredPicture.read(frame.path, header)
-    return PictureChange(stored, plan)
+    stored = None if frame.shot is not None else StoredImage.read(frame.path, header)
+    return ImageChange(stored, plan)
 
 
-def _files(frame: Frame, change: PictureChange, name: str, with_depth: bool) -> dict[str, str]:
-    """What is written of a frame, by folder."""
+def _files(frame: Frame, change: ImageChange, name: str, with_depth: bool) -> dict[str, str]:
+    """The output files of a frame, by folder."""
     undistortion = change.plan.undistortion
-    files = {PICTURES: f"{PICTURES}/{name}"}
+    files = {IMAGES: f"{IMAGES}/{name}"}
     if frame.mask is not None or (undistortion is not None and undistortion.has_blanks):
         files[MASKS] = f"{MASKS}/{name}.png"
     if with_depth and frame.moving is not None:
         files[MOVING] = f"{MOVING}/{name}.png"
-    if with_depth and frame.depth is not None:
-        suffix = frame.depth.path.suffix if undistortion is None else ".npy"
-        files[DEPTH] = f"{DEPTH}/{name}{suffix}"
+    if with_depth and (depth := frame.maps.get(DEPTH)) is not None:
+        suffix = depth.path.suffix if undistortion is None else ".npy"
+        files[DEPTHS] = f"{DEPTHS}/{name}{suffix}"
     return files
 
 
@@ -161,6 +170,6 @@ def _plain(name: str) -> str:
         for part in PurePosixPath(name.replace("\\", "/")).parts
         if part not in ("/", "..") and not part.endswith(":")
     ]
-    if len(parts) > 1 and parts[0] == PICTURES:
+    if len(parts) > 1 and parts[0] == IMAGES:
         parts = parts[1:]
     return "/".join(parts)

@@ -1,4 +1,4 @@
-"""Data sets of estimated cameras: pictures in images/, and a COLMAP model of them in sparse/0."""
+"""Data sets of estimated cameras: images in images/, and a COLMAP model of them in sparse/0."""
 
 from __future__ import annotations
 
@@ -14,26 +14,30 @@ from jaxtyping import Float64, UInt8
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.datamanagers.images import decode
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import decode
 from gsfw.datamanagers.warp import MapCache
-from gsfw.preparation.picture_names import unique_names, with_right_suffix
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.image_file import unique_names, with_right_suffix
+from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.progress import Progress
 from gsfw.preparation.writing.camera_plan import CameraPlan
+from gsfw.preparation.writing.image_output import (
+    ImageChange,
+    OutputRule,
+    StoredImage,
+    encoded_mask,
+)
 from gsfw.preparation.writing.moved_model import (
     NO_POINT,
     Sightings,
     lens_of_camera,
     moved_model,
 )
-from gsfw.preparation.writing.output_rule import OutputRule
-from gsfw.preparation.writing.picture_output import PictureChange, StoredPicture, encoded_mask
 from gsfw.preparation.writing.worker_threads import in_order, workers_for
-from gsfw.preparation.writing.written_data_set import WrittenDataSet
 from gsfw.preparation.writing.written_files import (
+    IMAGES,
     MASKS,
-    PICTURES,
+    WrittenDataSet,
     check_sources_stay,
     place_model,
     start_over,
@@ -45,25 +49,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Task:
-    """A picture that is to be written."""
+    """An image that is to be written."""
 
     number: int
-    """Of its image in the model."""
-    picture: SourcePicture
-    change: PictureChange
+    """Number of its image in the model."""
+    image: SourceImage
+    change: ImageChange
     seen: Sightings
     name: str
 
     @property
     def has_mask(self) -> bool:
-        """Whether the lens did not see all of the written picture."""
+        """True if the lens did not see all of the written image."""
         undistortion = self.change.plan.undistortion
         return undistortion is not None and undistortion.has_blanks
 
 
 @dataclass(frozen=True)
 class _Made:
-    """What is written of a picture, and the colours where it was looked at."""
+    """Output content of an image, and its colours at the observed points."""
 
     content: bytes
     mask: bytes | None
@@ -72,40 +76,40 @@ class _Made:
 
 def write_data_set(
     model: Reconstruction,
-    pictures: PictureSet,
+    images: ImageSet,
     out: Path,
     rule: OutputRule,
     progress: Progress,
     jobs: int = 1,
 ) -> WrittenDataSet:
-    """Write pictures and model; the model comes last, so that with it a data set is complete.
+    """Write images and model; the model comes last, so that with it a data set is complete.
 
-    All pictures are written by every run, whatever an interrupted one has left: all have to be
+    All images are written by every run, whatever an interrupted one has left: all have to be
     decoded for the colours of points, and none of another estimate can stay.
 
     Args:
         model: estimated cameras and points; only registered images are written.
-        pictures: holds every image of the model, by name.
-        out: the folder that images/, masks/ (where a lens did not see a whole picture) and sparse/0
+        images: holds every image of the model, by name.
+        out: the folder that images/, masks/ (where a lens did not see a whole image) and sparse/0
             are written to.
         rule: what becomes of lenses and files.
-        progress: gets the stage "pictures".
-        jobs: how many pictures are worked on at a time, where memory allows it.
+        progress: gets the stage "images".
+        jobs: how many images are worked on at a time, where memory allows it.
 
     Raises:
         DataError: a lens cannot be undistorted.
         OutputError: something cannot be written, or would be written over what is read.
     """
-    tasks = _tasks(model, pictures, rule)
+    tasks = _tasks(model, images, rule)
     _make_room(tasks, out)
     colors = _MeanColors(model)
     size = 0
     with (
-        progress.stage("pictures", len(tasks)) as advance,
+        progress.stage("images", len(tasks)) as advance,
         closing(_made(tasks, rule, jobs)) as results,
     ):
         for done, (task, made) in enumerate(zip(tasks, results, strict=True), 1):
-            write_atomically(out / PICTURES / task.name, made.content)
+            write_atomically(out / IMAGES / task.name, made.content)
             if made.mask is not None:
                 write_atomically(out / MASKS / f"{task.name}.png", made.mask)
             size += len(made.content) + len(made.mask or b"")
@@ -128,39 +132,39 @@ def _plan(lens: Lens, keep: bool) -> CameraPlan:
     except DataError as error:
         raise DataError(
             error.message,
-            "Compute it with fewer parameters (camera_model=SIMPLE_RADIAL), from more pictures "
-            "(cameras=one), or leave pictures as they are (lens=keep).",
+            "Compute it with fewer parameters (camera_model=SIMPLE_RADIAL), from more images "
+            "(cameras=one), or leave images as they are (lens=keep).",
         ) from error
 
 
 def _make_room(tasks: Sequence[_Task], out: Path) -> None:
     """Check that nothing is in the way that is read, and remove what an earlier run has left."""
-    targets = [f"{PICTURES}/{task.name}" for task in tasks]
-    check_sources_stay([task.picture.path for task in tasks], [out / name for name in targets])
+    targets = [f"{IMAGES}/{task.name}" for task in tasks]
+    check_sources_stay([task.image.path for task in tasks], [out / name for name in targets])
     start_over(out, [*targets, *(f"{MASKS}/{task.name}.png" for task in tasks if task.has_mask)])
 
 
-def _tasks(model: Reconstruction, pictures: PictureSet, rule: OutputRule) -> list[_Task]:
+def _tasks(model: Reconstruction, images: ImageSet, rule: OutputRule) -> list[_Task]:
     """One for each registered image, in the order of their names."""
-    images = sorted((model.images[number] for number in model.reg_image_ids()), key=_name)
-    own = [pictures.by_name[image.name] for image in images]
-    stored = [StoredPicture.read(picture.path, picture.header) for picture in own]
+    registered = sorted((model.images[number] for number in model.reg_image_ids()), key=_name)
+    own = [images.by_name[image.name] for image in registered]
+    stored = [StoredImage.read(one.path, one.header) for one in own]
     keep = rule.lens == "keep"
     plans = {
         number: _plan(lens_of_camera(model.cameras[number], number), keep)
-        for number in sorted({image.camera_id for image in images})
+        for number in sorted({image.camera_id for image in registered})
     }
     changes = [
-        PictureChange(file, plans[image.camera_id])
-        for image, file in zip(images, stored, strict=True)
+        ImageChange(file, plans[image.camera_id])
+        for image, file in zip(registered, stored, strict=True)
     ]
     names = unique_names(
         with_right_suffix(image.name, change.format)
-        for image, change in zip(images, changes, strict=True)
+        for image, change in zip(registered, changes, strict=True)
     )
     return [
-        _Task(image.image_id, picture, change, Sightings.of(image), name)
-        for image, picture, change, name in zip(images, own, changes, names, strict=True)
+        _Task(image.image_id, source, change, Sightings.of(image), name)
+        for image, source, change, name in zip(registered, own, changes, names, strict=True)
     ]
 
 
@@ -169,16 +173,16 @@ def _name(image: Image) -> str:
 
 
 def _made(tasks: Sequence[_Task], rule: OutputRule, jobs: int) -> Generator[_Made, None, None]:
-    """What is to be written, in order, worked on by several threads."""
+    """The output contents in order, made by several threads."""
     maps = MapCache()
-    largest = max(task.picture.header.width * task.picture.header.height for task in tasks)
+    largest = max(task.image.header.width * task.image.header.height for task in tasks)
     work = partial(_make, maps=maps, quality=rule.jpeg_quality)
     return in_order(work, tasks, workers_for(largest, jobs))
 
 
 def _make(task: _Task, maps: MapCache, quality: int) -> _Made:
-    """Decode a picture once: for the colours of its points, and for what is written of it."""
-    pixels = decode(task.picture.path, task.picture.header)
+    """Decode an image once: for the colours of its points, and for what is written of it."""
+    pixels = decode(task.image.path, task.image.header)
     warp = task.change.warp(maps)
     mask = None if warp is None else warp.mask(None)
     return _Made(
@@ -205,7 +209,7 @@ def _sampled(
 
 
 class _MeanColors:
-    """The mean colour of each point over the pictures that see it."""
+    """The mean colour of each point over the images that see it."""
 
     def __init__(self, model: Reconstruction) -> None:
         """Nothing is seen yet."""
@@ -214,19 +218,19 @@ class _MeanColors:
         self._counts = np.zeros(len(self._ids), np.int64)
 
     def add(self, seen: Sightings, colors: Float64[np.ndarray, "m 3"]) -> None:
-        """Colours of the points that one picture has seen."""
+        """Colours of the points that one image has seen."""
         rows = np.searchsorted(self._ids, seen.points[seen.points != NO_POINT])
         np.add.at(self._sums, rows, colors)
         np.add.at(self._counts, rows, 1)
 
     def result(self) -> dict[int, UInt8[np.ndarray, " 3"]]:
-        """By the number of the point; black where no picture sees it."""
+        """By the number of the point; black where no image sees it."""
         means = self._sums / np.maximum(self._counts, 1)[:, None]
         rounded = np.rint(means).clip(0, 255).astype(np.uint8)
         return dict(zip(self._ids.tolist(), rounded, strict=True))
 
 
-def _is_turned(change: PictureChange) -> bool:
+def _is_turned(change: ImageChange) -> bool:
     return change.stored is not None and change.stored.is_turned
 
 
@@ -244,18 +248,18 @@ def _written(
 
 
 def _notes(model: Reconstruction, moved: Reconstruction, tasks: Sequence[_Task]) -> Iterator[str]:
-    renamed = [task for task in tasks if task.name != task.picture.name]
+    renamed = [task for task in tasks if task.name != task.image.name]
     if renamed:
         first = renamed[0]
         yield (
-            f"{len(renamed)} pictures have another name, which fits their format: "
-            f"{first.picture.name} is {first.name}, for one"
+            f"{len(renamed)} images have another name, which fits their format: "
+            f"{first.image.name} is {first.name}, for one"
         )
     turned = sum(_is_turned(task.change) for task in tasks)
     if turned:
-        yield f"{turned} pictures that only an EXIF tag turned are stored upright"
+        yield f"{turned} images that only an EXIF tag turned are stored upright"
     if any(task.has_mask for task in tasks):
         yield f"{MASKS}/ marks what lenses did not see"
     lost = model.num_points3D() - moved.num_points3D()
     if lost:
-        yield f"{lost} points, which fewer than two undistorted pictures show, are left out"
+        yield f"{lost} points, which fewer than two undistorted images show, are left out"

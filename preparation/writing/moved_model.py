@@ -1,4 +1,4 @@
-"""The model of a data set that is written: the estimated one, with its pictures' new cameras."""
+"""The model of a data set that is written: the estimated one, with its images' new cameras."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from pycolmap import Camera, Image, Reconstruction
 
 SHORTEST_TRACK = 2
-"""Pictures that have to see a point, as in COLMAP."""
+"""Images that have to see a point, as in COLMAP."""
 NO_POINT = -1
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """What one picture has seen."""
+    """Observations of one image."""
 
     pixels: Float64[np.ndarray, "m 2"]
     points: Int64[np.ndarray, " m"]
@@ -34,7 +34,7 @@ class Sightings:
 
     @staticmethod
     def of(image: Image) -> Sightings:
-        """Of an image of a model."""
+        """The observations of an image of a model."""
         seen = list(image.points2D)
         pixels = np.array([point.xy for point in seen], np.float64).reshape(-1, 2)
         points = [point.point3D_id if point.has_point3D() else NO_POINT for point in seen]
@@ -59,9 +59,9 @@ def moved_model(
     seen: Mapping[int, Sightings],
     colors: Mapping[int, UInt8[np.ndarray, " 3"]],
 ) -> Reconstruction:
-    """A model of the written pictures; cameras, images and points keep their numbers.
+    """A model of the written images; cameras, images and points keep their numbers.
 
-    Every camera is a rig of its own, and observations outside the written pictures are gone.
+    Every camera is a rig of its own, and observations outside the written images are gone.
 
     Args:
         model: the estimated one.

@@ -1,4 +1,4 @@
-"""Worker threads that work on several pictures at a time, within memory that does not grow."""
+"""Worker threads that work on several images at a time, within memory that does not grow."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 MEMORY = 2_000_000_000
-"""Bytes that all pictures that are worked on may take."""
+"""Bytes that all images that are worked on may take."""
 BYTES_PER_PIXEL = 40
-"""What undistorting takes at its peak, 34 measured at 12 megapixels, and the decoded picture."""
+"""Peak memory of undistorting, 34 measured at 12 megapixels, with the decoded image."""
 
 
 def workers_for(pixels: int, jobs: int) -> int:
-    """How many pictures of up to so many pixels are worked on at a time, of ``jobs`` at most."""
+    """Number of images of ``pixels`` pixels to process at a time, at most ``jobs``."""
     return max(1, min(jobs, MEMORY // (BYTES_PER_PIXEL * max(pixels, 1))))
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from gsfw.core.errors import DataError, OutputError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.datamanagers.colmap.reader import read_model
+from gsfw.preparation.writing.camera_plan import CameraPlan, lens_words
 
 LIST = "work/written.txt"
 """Names of written files, relative to the data set."""
-PICTURES, MASKS = "images", "masks"
+IMAGES, MASKS = "images", "masks"
 MODEL_FOLDER = "sparse/0"
 PARTS = ("rigs.bin", "frames.bin", "images.bin", "points3D.bin", "cameras.bin")
 """Files of a model; the last is the one that readers look for. The first two came with COLMAP 4."""
@@ -38,7 +41,7 @@ def start_over(out: Path, names: Sequence[str]) -> None:
 
 
 def is_all_there(out: Path) -> bool:
-    """Whether the model and all files that the last run wrote are still there."""
+    """True if the model and all files that the last run wrote are still there."""
     file = out / LIST
     return (
         all((out / MODEL_FOLDER / part).is_file() for part in PARTS[2:])
@@ -48,7 +51,7 @@ def is_all_there(out: Path) -> bool:
 
 
 def check_sources_stay(sources: Sequence[Path], targets: Sequence[Path]) -> None:
-    """Check that no picture that is read would be written over.
+    """Check that no image that is read would be written over.
 
     Raises:
         OutputError: one would; it is named.
@@ -58,7 +61,7 @@ def check_sources_stay(sources: Sequence[Path], targets: Sequence[Path]) -> None
         place = target.parent.resolve() / target.name
         if place in read:
             raise OutputError(
-                f"{read[place]} is one of the pictures that are read, and would be written over.",
+                f"{read[place]} is one of the images that are read, and would be written over.",
                 "Choose another place with out=DIR.",
             )
 
@@ -107,4 +110,54 @@ def _check_written(folder: Path, images: int, points: int) -> None:
         raise OutputError(
             f"the model could not be written to {folder}: what is there ends too early.",
             "The disk is probably full: free some space, or choose another place with out=DIR.",
+        )
+
+
+@dataclass(frozen=True)
+class WrittenDataSet:
+    """The written data set."""
+
+    layout: str
+    """colmap or transforms."""
+    images: int
+    masks: int
+    points: int
+    sizes: tuple[tuple[int, int], ...]
+    """Width and height of the written images, the most frequent first."""
+    lens: str
+    """Description of the output lenses."""
+    bytes: int
+    """Total size of all files that training reads."""
+    notes: tuple[str, ...]
+    """Notes for the user, such as content that the layout cannot hold."""
+
+    @staticmethod
+    def of(
+        layout: str,
+        plans: Sequence[CameraPlan],
+        masks: int,
+        points: int,
+        size: int,
+        notes: Iterable[str],
+    ) -> WrittenDataSet:
+        """Count it up.
+
+        Args:
+            layout: colmap or transforms.
+            plans: of every image.
+            masks: how many there are.
+            points: likewise.
+            size: bytes of all files that training reads.
+            notes: sentences.
+        """
+        sizes = Counter((plan.target.width, plan.target.height) for plan in plans)
+        return WrittenDataSet(
+            layout=layout,
+            images=len(plans),
+            masks=masks,
+            points=points,
+            sizes=tuple(found for found, _ in sizes.most_common()),
+            lens=lens_words(plans),
+            bytes=size,
+            notes=tuple(notes),
         )

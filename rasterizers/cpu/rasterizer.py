@@ -1,8 +1,11 @@
-"""The CPU rasterizer: hands splats to the native kernels, and gradients back to torch."""
+"""The CPU rasterizer: native kernels with SIMD, the default where there is no GPU."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
+
+import torch
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.capabilities import Capabilities, Determinism, Feature
@@ -14,15 +17,22 @@ from gsfw.kernels.cpu.native_module import (
     NOT_BUILT,
     instruction_set,
     instruction_sets,
+    native,
     unavailable,
 )
-from gsfw.rasterizers.cpu.painter import CpuPainter
-from gsfw.rasterizers.drawing import draw
-from gsfw.rasterizers.painter import StageLog
+from gsfw.kernels.cpu.threads import num_threads
+from gsfw.kernels.render_arguments import (
+    KernelGradients,
+    KernelInputs,
+    KernelOutputs,
+    KernelSettings,
+)
+from gsfw.rasterizers.autograd import render
+from gsfw.rasterizers.kernel_backend import ForwardPass, KernelBackend, StageLog, TooManyPairs
 
 
 class CpuRasterizer(Rasterizer):
-    """Draws in float32 and float64 with every core; the same bits for any number of threads."""
+    """Renders in float32 and float64 on all cores; the same bits for any number of threads."""
 
     def __init__(self, pairs_mb: float = 4096.0) -> None:
         self.pairs_mb = pairs_mb
@@ -30,12 +40,12 @@ class CpuRasterizer(Rasterizer):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion; unavailable where the native module is not built."""
+        """Everything; unavailable where the native module is not built."""
         sets = instruction_sets()
         return Capabilities(
             devices=frozenset({"cpu"}),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature) - {Feature.DISTORTION},
+            features=frozenset(Feature),
             determinism=Determinism.BITWISE,
             preference=10,
             unavailable="" if sets else (unavailable() or NOT_BUILT),
@@ -46,9 +56,54 @@ class CpuRasterizer(Rasterizer):
         """Project, sort, bin, blend, and (0 until run) blend_backward, project_backward."""
         return dict(self._log)
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         if splats.means.device.type != "cpu":
             raise ValueError(
                 f"splats.means: expected a tensor on the CPU, found one on {splats.means.device}"
             )
-        return draw(CpuPainter(), self._log, self.pairs_mb, splats, cameras, settings)
+        return render(CpuBackend(), self._log, self.pairs_mb, splats, cameras, settings)
+
+
+class CpuBackend(KernelBackend):
+    """The native kernels, on all cores."""
+
+    name = "cpu"
+    max_pairs = 2**32 - 1
+
+    def pair_bytes(self, channels: int, element_size: int) -> int:
+        """Memory per tile intersection: unsorted, sorted, and its sums in the backward pass."""
+        module = _native()
+        return module.PAIR_BYTES + (module.SLOT_FIELDS + channels) * element_size
+
+    def render(
+        self, inputs: KernelInputs, settings: KernelSettings, outputs: KernelOutputs
+    ) -> ForwardPass:
+        """Render one image."""
+        module = _native()
+        single = outputs.image.dtype == torch.float32
+        kind = module.DrawingFloat32 if single else module.DrawingFloat64
+        try:
+            return CpuForwardPass(kind(inputs, settings, outputs, num_threads()))
+        except module.TooManyPairs as refused:
+            raise TooManyPairs(refused.args[0]) from None
+
+
+class CpuForwardPass(ForwardPass):
+    """A forward pass in native memory."""
+
+    def __init__(self, drawing: Any) -> None:  # noqa: ANN401 - of one type or the other.
+        self._drawing = drawing
+
+    def backward(self, gradients: KernelGradients) -> None:
+        """Write the gradients of the inputs."""
+        self._drawing.backward(gradients)
+
+    def times(self) -> Mapping[str, tuple[float, float]]:
+        """Milliseconds of each stage: summed over all threads, and by the wall clock."""
+        return self._drawing.times()
+
+
+def _native() -> Any:  # noqa: ANN401
+    module = native()
+    assert module is not None, "the capabilities say that there is none"
+    return module

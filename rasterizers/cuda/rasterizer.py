@@ -1,8 +1,10 @@
-"""The CUDA rasterizer: hands splats to the kernels, and gradients back to torch."""
+"""The CUDA rasterizer: kernels that are compiled at first use."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+
+import torch
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.capabilities import Capabilities, Determinism, Feature
@@ -11,17 +13,33 @@ from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.kernels.cuda.availability import unavailable
+from gsfw.kernels.cuda.instances import WIDTHS, Instances
 from gsfw.kernels.cuda.launcher import Launcher
-from gsfw.rasterizers.cuda.painter import MOST_CHANNELS, CudaPainter
-from gsfw.rasterizers.drawing import draw
-from gsfw.rasterizers.painter import StageLog
+from gsfw.kernels.render_arguments import KernelInputs, KernelOutputs, KernelSettings
+from gsfw.rasterizers.autograd import render
+from gsfw.rasterizers.cuda.stages import (
+    SUM_CHANNELS,
+    TILE_PIXELS,
+    CudaForwardPass,
+    Launching,
+    StageClock,
+    instances_of,
+    kernels_of,
+)
+from gsfw.rasterizers.kernel_backend import ForwardPass, KernelBackend, StageLog
+
+MAX_CHANNELS = WIDTHS[-1]
+"""Most channels in one pass, those of extra and depth included."""
+
+SORTED_BYTES = 16
+"""Memory per tile intersection while it is sorted: two tiles and two payloads."""
 
 
 class CudaRasterizer(Rasterizer):
-    """Draws in float32 and float64 on the device of its launcher.
+    """Renders in float32 and float64 on the device of its launcher.
 
-    Pictures have the same bits each time. Gradients have them when ``deterministic``, for which
-    every pair of a splat and a tile gets memory of its own; else they are summed in any order.
+    Images have the same bits each time. Gradients have them when ``deterministic``, for which every
+    tile intersection gets memory of its own; else they are summed in any order.
     """
 
     def __init__(
@@ -32,17 +50,17 @@ class CudaRasterizer(Rasterizer):
         time_stages: bool = False,
     ) -> None:
         self.pairs_mb = pairs_mb
-        self._painter = CudaPainter(launcher, deterministic, time_stages)
+        self._backend = CudaBackend(launcher, deterministic, time_stages)
         self._log = StageLog()
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion; with the settings' determinism see the config."""
+        """Everything; the config adds the settings' determinism."""
         return Capabilities(
             devices=frozenset({"cuda"}),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature) - {Feature.DISTORTION},
-            max_channels=MOST_CHANNELS,
+            features=frozenset(Feature),
+            max_channels=MAX_CHANNELS,
             determinism=Determinism.NONE,
             preference=20,
             unavailable=unavailable(),
@@ -52,5 +70,54 @@ class CudaRasterizer(Rasterizer):
         """Project, sort, bin, blend, blend_backward, project_backward; empty unless measured."""
         return dict(self._log)
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
-        return draw(self._painter, self._log, self.pairs_mb, splats, cameras, settings)
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+        return render(self._backend, self._log, self.pairs_mb, splats, cameras, settings)
+
+
+class CudaBackend(KernelBackend):
+    """The CUDA kernels, run by a launcher."""
+
+    name = "cuda"
+    max_pairs = 2**31 - 1
+
+    def __init__(self, launcher: Launcher, deterministic: bool, measuring: bool) -> None:
+        self._launcher = launcher
+        self._deterministic = deterministic
+        self._measuring = measuring
+        self._prepared: set[tuple[Instances, bool]] = set()
+
+    def pair_bytes(self, channels: int, element_size: int) -> int:
+        """Memory per tile intersection: sorting, checkpoints, and sums if it has its own."""
+        dtype = torch.float64 if element_size == torch.float64.itemsize else torch.float32
+        blended = Instances(dtype, False, -1, min(channels, MAX_CHANNELS), torch.int16)
+        numbers = TILE_PIXELS // blended.chunk * (1 + blended.width)
+        slot = 4 + (SUM_CHANNELS + channels) * element_size if self._deterministic else 0
+        return SORTED_BYTES + numbers * element_size + slot
+
+    def render(
+        self, inputs: KernelInputs, settings: KernelSettings, outputs: KernelOutputs
+    ) -> ForwardPass:
+        """Render one image.
+
+        Raises:
+            ValueError: it has too many channels for one pass, or is on another device.
+        """
+        channels, device = len(inputs.background), inputs.background.device
+        if channels > MAX_CHANNELS:
+            raise ValueError(
+                f"splats: expected at most {MAX_CHANNELS} channels with those of extra and depth, "
+                f"found {channels}; render them in several passes"
+            )
+        if not self._launcher.reaches(device):
+            raise ValueError(
+                "splats.means: expected a tensor on the GPU that the rasterizer was built for, "
+                f"found one on {device}"
+            )
+        chosen = instances_of(inputs, settings)
+        kind = (chosen, settings.differentiated)
+        if kind not in self._prepared:
+            self._launcher.prepare(kernels_of(*kind))
+            self._prepared.add(kind)
+        clock = StageClock(self._measuring, device)
+        launching = Launching(self._launcher, clock, chosen, self._deterministic)
+        return CudaForwardPass(launching, inputs, settings, outputs)

@@ -20,5 +20,5 @@ class GsplatConfig(RasterizerConfig):
         return GsplatRasterizer.capabilities()
 
     def build(self, device: torch.device) -> GsplatRasterizer:
-        """The rasterizer; it draws on the GPU that its inputs are on."""
+        """The rasterizer; it renders on the GPU that its inputs are on."""
         return GsplatRasterizer()

@@ -1,4 +1,4 @@
-"""Package: the gsplat that is installed: which one, how it draws, and why it cannot."""
+"""Package: the gsplat that is installed: which one, how it renders, and why it cannot."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ def version() -> str:
 
 
 def profile(installed: str) -> NumericsProfile:
-    """The constants that a version draws with."""
+    """The constants that a version renders with."""
     return DEFAULT if _numbers(installed) >= CLAMPS_EARLIER else GSPLAT_1_5
 
 
 def unavailable() -> str:
-    """Why gsplat cannot draw here, and what to do; empty when nothing is known against it."""
+    """Why gsplat cannot render here, and what to do; empty when nothing is known against it."""
     if torch.version.cuda is None:
         return "this torch is built without CUDA, which gsplat needs; see pytorch.org for another"
     if not torch.cuda.is_available():
-        return "torch sees no GPU here, and gsplat draws on nothing else; use a machine with one"
+        return "torch sees no GPU here, and gsplat renders on nothing else; use a machine with one"
     installed = version()
     if not installed:
         return "gsplat is not installed; pip install 'gsfw[gsplat]'"
@@ -68,7 +68,7 @@ def load() -> Any:  # noqa: ANN401 - a module without types
         reason = str(error).strip().partition("\n")[0]
         raise UnavailableError(
             f"gsplat {installed} cannot be loaded: {type(error).__name__}: {reason}",
-            "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl), or draw with "
+            "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl), or render with "
             "rasterizer=auto.",
         ) from error
     if kernels is None:  # Without a compiler it says so on the terminal, and goes on.
@@ -76,7 +76,7 @@ def load() -> Any:  # noqa: ANN401 - a module without types
             f"gsplat {installed} came without compiled kernels, and found no CUDA toolkit (nvcc) "
             "to compile them with.",
             "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl) or the toolkit, or "
-            "draw with rasterizer=auto.",
+            "render with rasterizer=auto.",
         )
     return package
 

@@ -20,20 +20,18 @@ from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.gsplat import package
-from gsfw.rasterizers.gsplat.request import drawn_channels, request_of
+from gsfw.rasterizers.gsplat.arguments import arguments_of, rendered_channels
 
 DEVICES = frozenset({"cuda"})
 
-LACKING = frozenset({Feature.DISTORTION, Feature.CONTRIBUTION, Feature.FLOAT64})
-"""gsplat draws distorted lenses only with another projection (3DGUT), which this adapter does not
-ask for."""
+LACKING = frozenset({Feature.FLOAT64})
 
 ABSGRAD_CHANNELS = 32
-"""gsplat draws this many channels in a pass, and each pass overwrites the absgrad of the last."""
+"""gsplat renders this many channels in a pass, and each pass overwrites the absgrad of the last."""
 
 
 class GsplatRasterizer(Rasterizer):
-    """Draws in float32 on GPUs, as the gsplat that is installed does.
+    """Renders in float32 on GPUs, as the gsplat that is installed does.
 
     It differs from the other backends in what is not its own: ``radii`` are gsplat's, rounded up
     to whole pixels, and a splat counts as visible that reaches the image only by that rounding.
@@ -65,7 +63,7 @@ class GsplatRasterizer(Rasterizer):
     def _gsplat(self) -> Any:  # noqa: ANN401 - a module without types
         return package.load()
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         _check_inputs(splats, cameras)
         _check_settings(splats, settings, self._version)
         statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
@@ -73,16 +71,40 @@ class GsplatRasterizer(Rasterizer):
             # gsplat divides by their number (ProjectionEWA3DGSFused.cu, line 239 in 1.5.3), which
             # ends the process.
             return _output(*_nothing(splats, cameras, settings), splats, settings, statistics)
-        image, alpha, meta = self._gsplat.rasterization(**request_of(splats, cameras, settings))
+        image, alpha, meta = self._gsplat.rasterization(**arguments_of(splats, cameras, settings))
         radii = meta["radii"].detach()
         statistics.radii.copy_(radii.amax(2))
         statistics.visible.copy_((radii > 0).all(2))
         _record_gradients(meta["means2d"], statistics, cameras)
+        if statistics.contribution is not None:
+            statistics.contribution.copy_(self._contribution(splats, cameras, settings))
         return _output(image, alpha, splats, settings, statistics)
+
+    def _contribution(
+        self, splats: Splats, cameras: Cameras, settings: RenderSettings
+    ) -> Float[Tensor, "c n"]:
+        """Sum blending weights over pixels, in a second pass.
+
+        gsplat returns no weights. An image is linear in its colours, so the weights are the
+        derivatives of a channel in which every splat shows 1.
+        """
+        pose = cameras.world_to_camera.detach()
+        arguments = arguments_of(
+            splats.map(torch.Tensor.detach),
+            replace(cameras, world_to_camera=pose),
+            replace(settings, background=None, depth=Depth.NONE, statistics=frozenset()),
+        )
+        with torch.enable_grad():
+            ones = splats.means.new_ones(len(cameras), len(splats), 1).requires_grad_()
+            arguments |= {"colors": ones, "sh_degree": None}
+            image, _, _ = self._gsplat.rasterization(**arguments)
+        weights = settings.contribution_weights
+        weights = torch.ones_like(image) if weights is None else weights.detach()
+        return torch.autograd.grad(image, ones, weights)[0][:, :, 0]
 
 
 def _check_inputs(splats: Splats, cameras: Cameras) -> None:
-    """Refuse what gsplat cannot draw.
+    """Refuse what gsplat cannot render.
 
     Raises:
         ValueError: naming the field, what was expected and what was found.
@@ -93,13 +115,8 @@ def _check_inputs(splats: Splats, cameras: Cameras) -> None:
         )
     if splats.means.dtype != torch.float32:
         raise ValueError(
-            f"splats.means: expected float32, which is all that gsplat draws, found "
+            f"splats.means: expected float32, which is all that gsplat renders, found "
             f"{splats.means.dtype}"
-        )
-    if cameras.distortion is not None:
-        raise ValueError(
-            "cameras.distortion: expected None, because the gsplat rasterizer draws without lens "
-            "distortion; undistort the images first"
         )
     if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
         raise ValueError(
@@ -114,18 +131,13 @@ def _check_settings(splats: Splats, settings: RenderSettings, installed: str) ->
     Raises:
         ValueError: naming the setting, what was expected and what was found.
     """
-    if Statistic.CONTRIBUTION in settings.statistics:
-        raise ValueError(
-            "settings.statistics: expected no contribution, which gsplat does not measure; use "
-            "another rasterizer"
-        )
     own, asked = package.profile(installed), settings.profile
     if replace(asked, name=own.name, dilation=own.dilation) != own:
         raise ValueError(
-            f"settings.profile: expected {own.name!r}, because gsplat {installed} draws with no "
+            f"settings.profile: expected {own.name!r}, because gsplat {installed} renders with no "
             f"other constants, found {asked.name!r}; use profile={own.name}, or another rasterizer"
         )
-    channels = drawn_channels(splats, settings)
+    channels = rendered_channels(splats, settings)
     if Statistic.ABSGRAD in settings.statistics and channels > ABSGRAD_CHANNELS:
         raise ValueError(
             f"settings.statistics: gsplat measures absgrad over at most {ABSGRAD_CHANNELS} "
@@ -136,10 +148,10 @@ def _check_settings(splats: Splats, settings: RenderSettings, installed: str) ->
 def _nothing(
     splats: Splats, cameras: Cameras, settings: RenderSettings
 ) -> tuple[Float[Tensor, "c h w d"], Float[Tensor, "c h w 1"]]:
-    """The picture and alpha of no splats; they hang on the splats, so that backward runs."""
+    """The image and alpha of no splats; they hang on the splats, so that backward runs."""
     empty = torch.stack([tensor.sum() for tensor in splats.tensors().values()]).sum()
     alpha = splats.means.new_zeros(len(cameras), cameras.height, cameras.width, 1) + empty
-    image = alpha.expand(-1, -1, -1, drawn_channels(splats, settings))
+    image = alpha.expand(-1, -1, -1, rendered_channels(splats, settings))
     if settings.background is not None:
         others = image.shape[-1] - splats.channels
         image = image + torch.cat([settings.background, settings.background.new_zeros(others)])
@@ -178,7 +190,7 @@ def _output(
     settings: RenderSettings,
     statistics: RenderStatistics,
 ) -> RenderOutput:
-    """Take the drawn channels apart."""
+    """Take the rendered channels apart."""
     extras = 0 if splats.extra is None else splats.extra.shape[1]
     color, extra, depth = image, None, None
     if image.shape[-1] > splats.channels:

@@ -10,7 +10,7 @@ import torch
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.config import RasterizerConfig
 from gsfw.core.ranges import number
-from gsfw.rasterizers.ray.painted import Mode
+from gsfw.rasterizers.ray.mode import Mode
 from gsfw.rasterizers.ray.peak import Order, Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
 from gsfw.rasterizers.ray.volume import Volume
@@ -31,7 +31,7 @@ class RayConfig(RasterizerConfig):
     sampling: Literal["uniform", "stratified"] = "uniform"
     """Samples in the middle of their intervals, or at a random place in each."""
     sampling_seed: int = number(0, at_least=0)
-    """Of random samples, which are the same each time that a picture is drawn."""
+    """Of random samples, which are the same each time that an image is rendered."""
     chunk_mb: float = number(64.0, above=0)
     """Working memory, in megabytes; more where a single ray takes more."""
 
@@ -40,7 +40,7 @@ class RayConfig(RasterizerConfig):
         return RayRasterizer.capabilities()
 
     def build(self, device: torch.device) -> RayRasterizer:
-        """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing."""
+        """The rasterizer; it renders wherever its inputs are, so ``device`` changes nothing."""
         mode: Mode = Peak(self.order)
         if self.mode == "volume":
             stratified = self.sampling == "stratified"

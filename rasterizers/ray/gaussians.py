@@ -9,15 +9,15 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
-from gsfw.rasterizers.ray.eye import Rays
+from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.footprint import pixel_steps
-from gsfw.rasterizers.reference.project import rotations
 
 FARTHEST = 1e18
-"""Gaussians farther off than so many times their size are not drawn: squares must fit float32."""
+"""Gaussians farther off than so many times their size are left out: squares must fit float32."""
 
 SLACK = 1e-5
 """Of a distance: by so much rounding may not bring a Gaussian out of a tile's reach."""
@@ -61,7 +61,7 @@ def place(splats: Splats, camera: Cameras, settings: RenderSettings, matched: bo
         everyone = torch.arange(len(splats), device=splats.means.device)
         everything = _placed(splats, camera, spread, everyone)
         depths = everything.centres[:, 2]
-        rows = _drawable(everything, camera, settings).nonzero()[:, 0]
+        rows = _renderable(everything, camera, settings).nonzero()[:, 0]
         rows = rows[depths[rows].argsort(stable=True)]
     return _placed(splats, camera, spread, rows)
 
@@ -73,7 +73,7 @@ def _placed(splats: Splats, camera: Cameras, spread: float, rows: Int[Tensor, " 
         assert splats.quats is not None
         assert splats.scales is not None
         scales = splats.scales.index_select(0, rows).clamp(max=LENGTH_MAX)
-        axes = rotation @ rotations(splats.quats.index_select(0, rows)) * scales[:, None]
+        axes = rotation @ rotation_matrices(splats.quats.index_select(0, rows)) * scales[:, None]
     else:
         axes = rotation @ _root(splats.covariances.index_select(0, rows))
     if spread > 0:
@@ -102,20 +102,20 @@ def _root(covariances: Float[Tensor, "m 3 3"]) -> Float[Tensor, "m 3 3"]:
     return root * most.sqrt()[:, None, None]
 
 
-def _drawable(
+def _renderable(
     gaussians: Gaussians, camera: Cameras, settings: RenderSettings
 ) -> Bool[Tensor, " m"]:
     """In front, opaque enough and of finite size; NaN and infinity fail every comparison."""
     centres, extents = gaussians.centres, gaussians.extents
     depths = centres[:, 2]
-    drawn = (depths >= max(settings.near, DEPTH_MIN)) & (depths <= settings.far)
-    drawn &= gaussians.opacities >= settings.profile.alpha_min
-    drawn &= (extents > 0) & (extents < torch.inf)
-    drawn &= centres.abs().amax(1) < FARTHEST * extents
+    rendered = (depths >= max(settings.near, DEPTH_MIN)) & (depths <= settings.far)
+    rendered &= gaussians.opacities >= settings.profile.alpha_min
+    rendered &= (extents > 0) & (extents < torch.inf)
+    rendered &= centres.abs().amax(1) < FARTHEST * extents
     if camera.model is CameraModel.ORTHOGRAPHIC:
-        return drawn
+        return rendered
     # Farther to the side, the footprint's derivative does not fit float32.
-    return drawn & (centres[:, :2].abs().amax(1) <= LENGTH_MAX * depths)
+    return rendered & (centres[:, :2].abs().amax(1) <= LENGTH_MAX * depths)
 
 
 def within_reach(

@@ -1,9 +1,9 @@
 """Peak: each Gaussian counts once, as much as where its response along the ray is largest.
 
-alpha = min(0.99, o exp(-D^2(t*) / 2)), painted from front to back as Kerbl et al. 2023, equation 3,
+alpha = min(0.99, o exp(-D^2(t*) / 2)), blended from front to back as Kerbl et al. 2023, equation 3,
 with the same cut-offs. The order is that of splatting, by view depth of the means, or that of t* on
 each ray (as Moenne-Loccoz et al. 2024), which tells the error of sorting from that of projecting. A
-peak behind the eye is not seen.
+peak behind the camera is not seen.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.numerics import NumericsProfile
-from gsfw.rasterizers.ray.eye import Rays
+from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.gaussians import Gaussians
-from gsfw.rasterizers.ray.painted import Mode, Painted
+from gsfw.rasterizers.ray.mode import Blended, Mode
 from gsfw.rasterizers.ray.response import respond
-from gsfw.rasterizers.reference.canvas import CutOffs
+from gsfw.rasterizers.reference.tile_buffer import CutOffs
 
 Order = Literal["mean", "ray"]
 
@@ -41,14 +41,14 @@ class Peak(Mode):
         """None: there is nothing random."""
         return torch.empty(rays, 0)
 
-    def paint(
+    def blend(
         self,
         rays: Rays,
         offsets: Float[Tensor, "r s"],
         gaussians: Gaussians,
         channels: Float[Tensor, "m d"],
         profile: NumericsProfile,
-    ) -> Painted:
+    ) -> Blended:
         """See Gaussians, given from front to back, with their ``channels``; differentiable."""
         response = respond(rays, gaussians)
         falloff, peaks = response.falloff, response.peaks
@@ -67,12 +67,12 @@ class Peak(Mode):
         else:
             weights, left = _weights(alphas, cut_offs)
             depths = gaussians.centres[:, 2].expand_as(weights)
-        return Painted(
+        return Blended(
             channels=weights @ channels,
             depths=(weights * depths).sum(1, keepdim=True),
             weights=weights.sum(1, keepdim=True),
             left=left,
-            contributions=weights.detach().sum(0),
+            contributions=rays.weigh(weights.detach()),
             touched=touched,
         )
 
@@ -84,8 +84,8 @@ def _weights(
     eps = torch.finfo(alphas.dtype).eps
     with torch.no_grad():
         behind = (1 - alphas).clamp(min=eps).cumprod(1)
-    drawn = torch.where(behind > cut_offs.transmittance_min, alphas, 0.0)
-    first = drawn.new_ones(len(drawn), 1)
-    passing = torch.cat([first, (1 - drawn).clamp(min=eps)], dim=1)
+    rendered = torch.where(behind > cut_offs.transmittance_min, alphas, 0.0)
+    first = rendered.new_ones(len(rendered), 1)
+    passing = torch.cat([first, (1 - rendered).clamp(min=eps)], dim=1)
     transmittance = passing.cumprod(1)
-    return drawn * transmittance[:, :-1], transmittance[:, -1:]
+    return rendered * transmittance[:, :-1], transmittance[:, -1:]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
@@ -14,16 +14,13 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
-from gsfw.rasterizers.ray.eye import Rays, rays_of, tiles
+from gsfw.rasterizers.ray.camera_rays import Rays, rays_of, tiles
 from gsfw.rasterizers.ray.gaussians import Gaussians, place, within_reach
-from gsfw.rasterizers.ray.painted import Mode, recomputed
+from gsfw.rasterizers.ray.mode import Mode, recomputed
 from gsfw.rasterizers.ray.peak import Peak
-from gsfw.rasterizers.ray.tally import Tally
-from gsfw.rasterizers.reference.color import view_colors
+from gsfw.rasterizers.reference.project import view_colors
 
-LACKING = frozenset(
-    {Feature.DISTORTION, Feature.ANTIALIAS, Feature.SCREEN_GRADIENT, Feature.ABSGRAD}
-)
+LACKING = frozenset({Feature.ANTIALIAS, Feature.SCREEN_GRADIENT, Feature.ABSGRAD})
 """Nothing is projected, so that there is no centre in the image to take a gradient by, and no
 projected area to compensate."""
 
@@ -32,6 +29,49 @@ LIVE_TENSORS = 64
 
 Part = tuple[Tensor, Tensor, Tensor, Tensor]
 """Channels, depths, weights and what is left, of some rays."""
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Of one camera, with a row per splat."""
+
+    contributions: Float[Tensor, " n"]
+    lowest: Float[Tensor, "n 2"]
+    """Of the pixels that it reaches, whose centres these are; infinite where it reaches none."""
+    highest: Float[Tensor, "n 2"]
+
+    @staticmethod
+    def empty(means: Float[Tensor, "n 3"]) -> Tally:
+        """Nothing seen yet."""
+        return Tally(
+            means.new_zeros(len(means)),
+            means.new_full((len(means), 2), torch.inf),
+            means.new_full((len(means), 2), -torch.inf),
+        )
+
+    def add(
+        self,
+        rows: Int[Tensor, " m"],
+        contributions: Float[Tensor, " m"],
+        touched: Bool[Tensor, "r m"],
+        pixels: Float[Tensor, "r 2"],
+    ) -> None:
+        """Add what some rays, of these pixels, saw of some splats."""
+        self.contributions[rows] += contributions
+        places, inside = pixels[:, None], touched[:, :, None]
+        lowest = torch.where(inside, places, torch.inf).amin(0)
+        highest = torch.where(inside, places, -torch.inf).amax(0)
+        self.lowest[rows] = torch.minimum(self.lowest[rows], lowest)
+        self.highest[rows] = torch.maximum(self.highest[rows], highest)
+
+    def record(self, statistics: RenderStatistics, camera: int) -> None:
+        """Write the statistics of a camera."""
+        sides = (self.highest - self.lowest + 1).amax(1)
+        visible = sides > 0
+        statistics.visible[camera] = visible
+        statistics.radii[camera] = torch.where(visible, 0.5 * sides, 0.0)
+        if statistics.contribution is not None:
+            statistics.contribution[camera] = self.contributions
 
 
 @dataclass(frozen=True)
@@ -45,7 +85,7 @@ class _Scene:
 
 
 class RayRasterizer(Rasterizer):
-    """Draws in float32 and float64 on any torch device, slowly: what splatting approximates.
+    """Renders in float32 and float64 on any torch device, slowly: what splatting approximates.
 
     ``statistics.radii`` are those of the pixels that a splat reaches, and no outline's.
     """
@@ -53,7 +93,7 @@ class RayRasterizer(Rasterizer):
     def __init__(
         self, mode: Mode | None = None, matched: bool = True, chunk_mb: float = 64.0
     ) -> None:
-        """Choose what is drawn.
+        """Choose what is rendered.
 
         Args:
             mode: peaks in the order of splatting when ``None``.
@@ -80,17 +120,15 @@ class RayRasterizer(Rasterizer):
             details={"torch": torch.__version__},
         )
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         _check(cameras, settings)
         self.evaluations = 0
         statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
-        pictures = [
-            self._picture(splats, cameras.select(slice(i, i + 1)), settings, statistics, i)
+        images = [
+            self._image(splats, cameras.select(slice(i, i + 1)), settings, statistics, i)
             for i in range(len(cameras))
         ]
-        channels, depth, weights, left = (
-            torch.stack(parts) for parts in zip(*pictures, strict=True)
-        )
+        channels, depth, weights, left = (torch.stack(parts) for parts in zip(*images, strict=True))
         color, extra = channels.tensor_split([splats.channels], dim=3)
         if settings.background is not None:
             color = color + left * settings.background
@@ -104,7 +142,7 @@ class RayRasterizer(Rasterizer):
             extra=None if splats.extra is None else extra,
         )
 
-    def _picture(
+    def _image(
         self,
         splats: Splats,
         camera: Cameras,
@@ -120,6 +158,8 @@ class RayRasterizer(Rasterizer):
             channels = torch.cat([channels, extra], dim=1)
         scene = _Scene(gaussians, channels, _reaches(gaussians, settings))
         rays, tally = rays_of(camera), Tally.empty(splats.means)
+        if settings.contribution_weights is not None:
+            rays = replace(rays, weights=settings.contribution_weights[index].reshape(-1, 1))
         parts: list[Part] = []
         places: list[Tensor] = []
         for number, tile in enumerate(tiles(camera, splats.means.device)):
@@ -136,7 +176,7 @@ class RayRasterizer(Rasterizer):
     def _tile(
         self, scene: _Scene, rays: Rays, number: int, settings: RenderSettings, tally: Tally
     ) -> list[Part]:
-        """Paint the rays of a tile, some at a time."""
+        """Blend the rays of a tile, some at a time."""
         with torch.no_grad():
             near = within_reach(scene.gaussians, rays, scene.reaches).nonzero()[:, 0]
         gaussians, channels = scene.gaussians.select(near), scene.channels.index_select(0, near)
@@ -148,14 +188,14 @@ class RayRasterizer(Rasterizer):
         parts = []
         for rows in everyone.split(max(1, int(pairs / each))):
             some = rays.select(rows)
-            *part, contributions, touched = self._paint(
+            *part, contributions, touched = self._blend(
                 some, offsets[rows], gaussians, channels, settings
             )
             tally.add(gaussians.rows, contributions.detach(), touched, some.pixels)
             parts.append((part[0], part[1], part[2], part[3]))
         return parts
 
-    def _paint(
+    def _blend(
         self,
         rays: Rays,
         offsets: Float[Tensor, "r s"],
@@ -165,7 +205,7 @@ class RayRasterizer(Rasterizer):
     ) -> tuple[Tensor, ...]:
         """What the mode makes of a chunk, without keeping how."""
 
-        def paint(
+        def blend(
             origins: Tensor,
             directions: Tensor,
             centres: Tensor,
@@ -173,7 +213,7 @@ class RayRasterizer(Rasterizer):
             opacities: Tensor,
             channels: Tensor,
         ) -> tuple[Tensor, ...]:
-            painted = self.mode.paint(
+            blended = self.mode.blend(
                 replace(rays, origins=origins, directions=directions),
                 offsets,
                 replace(gaussians, centres=centres, axes=axes, opacities=opacities),
@@ -181,20 +221,15 @@ class RayRasterizer(Rasterizer):
                 settings.profile,
             )
             return (
-                *(painted.channels, painted.depths, painted.weights, painted.left),
-                *(painted.contributions, painted.touched),
+                *(blended.channels, blended.depths, blended.weights, blended.left),
+                *(blended.contributions, blended.touched),
             )
 
         shapes = (gaussians.centres, gaussians.axes, gaussians.opacities)
-        return recomputed(paint, rays.origins, rays.directions, *shapes, channels)
+        return recomputed(blend, rays.origins, rays.directions, *shapes, channels)
 
 
 def _check(cameras: Cameras, settings: RenderSettings) -> None:
-    if cameras.distortion is not None:
-        raise ValueError(
-            "cameras.distortion: expected None, because the ray rasterizer draws without lens "
-            "distortion; undistort the images first"
-        )
     lacking = sorted(feature.value for feature in settings.needs().features & LACKING)
     if lacking:
         raise ValueError(

@@ -27,7 +27,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.rasterizers.ray.eye import Rays
+from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.gaussians import Gaussians
 
 SLIVER = 1e-15

@@ -28,11 +28,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.numerics import NumericsProfile
-from gsfw.rasterizers.ray.eye import Rays
+from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.gaussians import Gaussians
-from gsfw.rasterizers.ray.painted import Mode, Painted
+from gsfw.rasterizers.ray.mode import Blended, Mode
 from gsfw.rasterizers.ray.response import face_normals, respond
-from gsfw.rasterizers.reference.canvas import CutOffs
+from gsfw.rasterizers.reference.tile_buffer import CutOffs
 
 SUPPORT = 5.0
 """Deviations along the ray to which a Gaussian is sampled; 6e-7 of its integral lie beyond."""
@@ -57,7 +57,7 @@ class Volume(Mode):
     samples: int = 64
     """Per ray."""
     seed: int | None = None
-    """Of random samples, one in each interval and the same whenever a picture is drawn; ``None``
+    """Of random samples, one in each interval and the same whenever a image is rendered; ``None``
     for the middles."""
 
     def pairs(self) -> int:
@@ -71,14 +71,14 @@ class Volume(Mode):
         generator = torch.Generator().manual_seed(self.seed + TILE_SEED * tile)
         return torch.rand(rays, self.samples, generator=generator)
 
-    def paint(
+    def blend(
         self,
         rays: Rays,
         offsets: Float[Tensor, "r s"],
         gaussians: Gaussians,
         channels: Float[Tensor, "m d"],
         profile: NumericsProfile,
-    ) -> Painted:
+    ) -> Blended:
         """See Gaussians with their ``channels``; differentiable."""
         curves = _curves(rays, gaussians, profile)
         low, high = _span(curves, rays.central)
@@ -94,12 +94,12 @@ class Volume(Mode):
         shares = torch.where(seen, weights, 0.0) / torch.where(seen, density, 1.0)
         by_gaussian = (shares[:, :, None] * densities).sum(1)
         depths = rays.origins[:, 2:] + places * rays.directions[:, 2:]
-        return Painted(
+        return Blended(
             channels=by_gaussian @ channels,
             depths=(weights * depths).sum(1, keepdim=True),
             weights=weights.sum(1, keepdim=True),
             left=(-ahead[:, -1:]).exp(),
-            contributions=by_gaussian.detach().sum(0),
+            contributions=rays.weigh(by_gaussian.detach()),
             touched=curves.met,
         )
 

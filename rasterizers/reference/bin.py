@@ -58,6 +58,15 @@ class Bins:
         x, y = ((self.middles[:, :, None] + steps) < size[:, None]).unbind(1)
         return (y[:, :, None] & x[:, None, :]).flatten(1).to(self.middles.dtype)
 
+    def by_tile(self, image: Float[Tensor, "h w"]) -> Float[Tensor, "t pixels"]:
+        """Cut an image into its tiles, with zeros for what tiles have beyond it."""
+        height, width = image.shape
+        rows = len(self.middles) // self.columns
+        padded = image.new_zeros(rows * TILE, self.columns * TILE)
+        padded[:height, :width] = image
+        tiles = padded.view(rows, TILE, self.columns, TILE).transpose(1, 2)
+        return tiles.reshape(len(self.middles), PIXELS)
+
     def sum_by_ellipse(self, values: Float[Tensor, "p_plus_1 f"]) -> Float[Tensor, "m f"]:
         """Sum the rows of each ellipse's pairs, always in the same order."""
         return embedding_bag(
@@ -76,13 +85,13 @@ def bin_ellipses(
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     device = ellipses.means.device
     if profile.alpha_min > 0:
-        members, tiles = _meetings(ellipses, reach(ellipses, profile), columns, rows, pairs_mb)
+        members, tiles = _intersections(ellipses, reach(ellipses, profile), columns, rows, pairs_mb)
     else:
         _check_memory(len(ellipses.means) * columns * rows, pairs_mb)
         everyone = torch.arange(len(ellipses.means), device=device)
         members = everyone.repeat_interleave(columns * rows)
         tiles = torch.arange(columns * rows, device=device).repeat(len(everyone))
-    # Meetings come ellipse after ellipse, from front to back; a stable sort keeps this in a tile.
+    # Pairs come ellipse after ellipse, from front to back; a stable sort keeps this in a tile.
     sorted_tiles, order = tiles.sort(stable=True)
     counts = sorted_tiles.bincount(minlength=columns * rows)
     by_ellipse = torch.empty_like(order)
@@ -104,13 +113,13 @@ def bin_ellipses(
 def _check_memory(pairs: int, pairs_mb: float) -> None:
     if pairs * PAIR_BYTES > pairs_mb * 2**20:
         raise ConfigError(
-            f"this picture needs {pairs * PAIR_BYTES} bytes for {pairs} pairs of a splat and a "
+            f"this image needs {pairs * PAIR_BYTES} bytes for {pairs} pairs of a splat and a "
             f"tile that it reaches; rasterizer.pairs_mb={pairs_mb:g} does not allow that.",
-            "Draw a smaller image, keep splats from growing this large, or raise the limit.",
+            "Render a smaller image, keep splats from growing this large, or raise the limit.",
         )
 
 
-def _meetings(
+def _intersections(
     ellipses: Ellipses, reaches: Float[Tensor, " m"], columns: int, rows: int, pairs_mb: float
 ) -> tuple[Int[Tensor, " p"], Int[Tensor, " p"]]:
     """All pairs of an ellipse and a tile that meet, ellipse after ellipse."""

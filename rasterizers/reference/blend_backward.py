@@ -1,4 +1,4 @@
-"""Blend, backward: from the gradient of an image to that of the brushes it was painted with.
+"""Blend, backward: from the gradient of an image to that of its projected splats.
 
 The chunks are taken from back to front and evaluated again, so that only what lies behind has to be
 carried. With w = alpha T and p = d loss / d w, alpha's gradient is T p less what it hides, which is
@@ -12,43 +12,43 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.rasterizers.reference.canvas import Canvas, Chunk, CutOffs
 from gsfw.rasterizers.reference.layers import SHAPE, Layers, pixel_plane, see
+from gsfw.rasterizers.reference.tile_buffer import Chunk, CutOffs, TileBuffer
 
 
 def blend_backward(
     palette: Float[Tensor, "m_plus_1 f"],
-    canvas: Canvas,
+    buffer: TileBuffer,
     chunks: list[Chunk],
-    painted: Float[Tensor, "tiles d p"],
+    blended: Float[Tensor, "tiles d p"],
     behind: Float[Tensor, "tiles p"],
 ) -> Float[Tensor, "m f"]:
-    """The gradient of the brushes; records the gradient statistics on the way.
+    """The gradient of the projected splats; records the gradient statistics on the way.
 
     Args:
-        palette: the brushes of the forward pass, and a row of zeros.
-        canvas: of the forward pass.
+        palette: the projected splats of the forward pass, and a row of zeros.
+        buffer: of the forward pass.
         chunks: of the forward pass.
-        painted: gradient of the painted channels.
+        blended: gradient of the blended channels.
         behind: remaining transmittance times its gradient.
     """
     plane = pixel_plane(palette)
     behind = behind.clone()
-    measurements = canvas.measurements
+    measurements = buffer.measurements
     wants_absolute = measurements.absgrad is not None
     features = palette.shape[1]
-    pairs = palette.new_zeros(len(canvas.bins.ellipses), features + 2 * wants_absolute)
+    pairs = palette.new_zeros(len(buffer.bins.ellipses), features + 2 * wants_absolute)
     for chunk in reversed(chunks):
-        layers = see(chunk, canvas, palette, plane)
-        image = painted[chunk.tiles]
-        pulls = layers.brushes[:, :, SHAPE:] @ image
+        layers = see(chunk, buffer, palette, plane)
+        image = blended[chunk.tiles]
+        pulls = layers.projected[:, :, SHAPE:] @ image
         hidden = layers.weights * pulls
-        alphas = _alpha_gradient(layers, canvas.cut_offs, pulls, hidden, behind[chunk.tiles])
+        alphas = _alpha_gradient(layers, buffer.cut_offs, pulls, hidden, behind[chunk.tiles])
         behind[chunk.tiles] += hidden.sum(1)
         shape, absolute = _shape_gradient(layers, alphas, plane, wants_absolute)
         parts = [shape, layers.weights @ image.transpose(1, 2), *absolute]
         pairs[chunk.pairs] = torch.cat(parts, dim=2)
-    gradient = canvas.bins.sum_by_ellipse(pairs)
+    gradient = buffer.bins.sum_by_ellipse(pairs)
     absolute_sums = gradient[:, features:] if wants_absolute else None
     measurements.record_gradients(gradient[:, :2], absolute_sums)
     return gradient[:, :features]
@@ -85,7 +85,7 @@ def _shape_gradient(
 ) -> tuple[Float[Tensor, "t s 6"], list[Float[Tensor, "t s 2"]]]:
     """Gradients of x, y, r, k, w and opacity; if asked for, of x and y in magnitudes as well."""
     t, s, pixels = alphas.shape
-    x, y, r, k, w, opacities = layers.brushes[:, :, :SHAPE].unbind(2)
+    x, y, r, k, w, opacities = layers.projected[:, :, :SHAPE].unbind(2)
     falloffs = alphas.mul_(layers.falloff)
     # From here on gradients are those of u and v, which are linear in the pixel: u = a . plane.
     swings = falloffs * -opacities[:, :, None]

@@ -26,5 +26,5 @@ class ReferenceConfig(RasterizerConfig):
         return ReferenceRasterizer.capabilities()
 
     def build(self, device: torch.device) -> ReferenceRasterizer:
-        """The rasterizer; it draws wherever its inputs are, so ``device`` changes nothing."""
+        """The rasterizer; it renders wherever its inputs are, so ``device`` changes nothing."""
         return ReferenceRasterizer(self.chunk_mb, self.pairs_mb)

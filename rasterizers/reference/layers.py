@@ -14,15 +14,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.rasterizers.reference.bin import TILE
-from gsfw.rasterizers.reference.canvas import Canvas, Chunk, CutOffs
 from gsfw.rasterizers.reference.project import Ellipses
+from gsfw.rasterizers.reference.tile_buffer import Chunk, CutOffs, TileBuffer
 
 SHAPE = 6
-"""Columns of ``brushes`` that come before the channels."""
+"""Columns of ``projected_splats`` that come before the channels."""
 
 
-def brushes(ellipses: Ellipses, channels: Float[Tensor, "m d"]) -> Float[Tensor, "m f"]:
-    """All that painting needs of each ellipse, differentiably, as rows of one matrix.
+def projected_splats(ellipses: Ellipses, channels: Float[Tensor, "m d"]) -> Float[Tensor, "m f"]:
+    """All that blending needs of each ellipse, differentiably, as rows of one matrix.
 
     x, y, r, k, w, opacity, then the channels. u = r dx and v = w (dy - k dx) are independent and
     have unit variance: r is 1 / deviation of x, w that of y where x is given, k the regression.
@@ -43,7 +43,7 @@ def pixel_plane(like: Tensor) -> Float[Tensor, "3 p"]:
 class Layers:
     """A chunk as its pixels see it: t tiles, s slots, p pixels."""
 
-    brushes: Float[Tensor, "t s f"]
+    projected: Float[Tensor, "t s f"]
     """With x and y measured from the middle of the tile."""
     u: Float[Tensor, "t s p"]
     v: Float[Tensor, "t s p"]
@@ -54,19 +54,19 @@ class Layers:
     passing: Float[Tensor, "t s p"]
     """1 - alpha, kept one rounding above 0 so that what lies behind can be divided by it."""
     transmittance: Float[Tensor, "t s_plus_1 p"]
-    """In front of each slot, and behind the last, as if painting never stopped."""
+    """In front of each slot, and behind the last, as if blending never stopped."""
     weights: Float[Tensor, "t s p"]
     """Alpha times transmittance; 0 from the slot on that would bring the pixel to its stop."""
 
     def left(self, cut_offs: CutOffs) -> Float[Tensor, "t p"]:
-        """Transmittance behind the last slot that was drawn; 1 where the pixel had stopped."""
+        """Transmittance behind the last slot that was rendered; 1 where the pixel had stopped."""
         going_on = self.transmittance > cut_offs.transmittance_min
         return torch.where(going_on, self.transmittance, 1.0).amin(1)
 
 
 def see(
     chunk: Chunk,
-    canvas: Canvas,
+    buffer: TileBuffer,
     palette: Float[Tensor, "m_plus_1 f"],
     plane: Float[Tensor, "3 p"],
 ) -> Layers:
@@ -74,12 +74,12 @@ def see(
 
     Args:
         chunk: what to evaluate.
-        canvas: the image it is of.
-        palette: the brushes, and a row of zeros that the sentinel paints with: nothing.
+        buffer: the image it is of.
+        palette: the projected splats, and a row of zeros that the sentinel blends with: nothing.
         plane: ``pixel_plane``.
     """
     t, s = chunk.pairs.shape
-    bins, cut_offs = canvas.bins, canvas.cut_offs
+    bins, cut_offs = buffer.bins, buffer.cut_offs
     seen = palette.index_select(0, bins.ellipses[chunk.pairs].view(-1)).view(t, s, -1)
     seen[:, :, :2] -= bins.middles[chunk.tiles, None]
     x, y, r, k, w, opacities = seen[:, :, :SHAPE].unbind(2)

@@ -15,9 +15,11 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, QUATERNION_MIN_NORM, NumericsProfile
+from gsfw.core.maths.rotations import rotation_matrices
+from gsfw.core.maths.spherical_harmonics import degree_of, sh_basis
+from gsfw.core.numerics import DEPTH_MIN, LENGTH_MAX, NumericsProfile
 from gsfw.core.render_settings import RenderSettings
-from gsfw.core.splats import Splats
+from gsfw.core.splats import Sh, Splats
 from gsfw.rasterizers.reference.lens import project_points
 
 
@@ -55,7 +57,10 @@ def project(
     if splats.covariances is None:
         assert splats.quats is not None
         assert splats.scales is not None
-        axes = rotations(pick(splats.quats)) * pick(splats.scales).clamp(max=LENGTH_MAX)[:, None]
+        axes = (
+            rotation_matrices(pick(splats.quats))
+            * pick(splats.scales).clamp(max=LENGTH_MAX)[:, None]
+        )
         plain, determinants = _from_axes(torch.bmm(image_from_world, axes))
     else:
         plain, determinants = _from_covariances(pick(splats.covariances), image_from_world)
@@ -68,27 +73,6 @@ def project(
         opacities = opacities * kept.sqrt()
     covariances = torch.stack([xx + spread, xy, yy + spread], dim=1)
     return Ellipses(means, points[:, 2], covariances, dilated, opacities)
-
-
-def rotations(quats: Float[Tensor, "m 4"]) -> Float[Tensor, "m 3 3"]:
-    """Rotation matrices of quaternions wxyz of any norm; the identity for those with none."""
-    with torch.no_grad():
-        # Dividing by the largest component first keeps the squares of 1e20 within float32.
-        largest = quats.abs().amax(1, keepdim=True)
-        safe = torch.where(largest > 0, largest, 1.0)
-        none = largest * (quats / safe).norm(dim=1, keepdim=True) < QUATERNION_MIN_NORM
-        safe = torch.where(none, 1.0, safe)
-    identity = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
-    unit = normalize(torch.where(none, identity, quats / safe), dim=1)
-    w, x, y, z = unit.unbind(1)
-    return torch.stack(
-        [
-            *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        ],
-        dim=1,
-    ).view(-1, 3, 3)
 
 
 def _from_axes(
@@ -141,3 +125,17 @@ def visible_extents(
 def reach(ellipses: Ellipses, profile: NumericsProfile) -> Float[Tensor, " m"]:
     """2 q where the ellipses end: 2 ln(opacity / alpha_min); 0 for those that are fainter."""
     return 2 * (ellipses.opacities / profile.alpha_min).log().clamp(min=0)
+
+
+def view_colors(splats: Splats, camera: Cameras, rows: Int[Tensor, " m"]) -> Float[Tensor, "m d"]:
+    """The colours of some splats as ``camera`` sees them."""
+    if not isinstance(splats.colors, Sh):
+        return splats.colors.index_select(0, rows)
+    coefficients = splats.colors.dense()
+    count = coefficients.shape[1]
+    degree = degree_of(count)
+    # Flat rows, because torch gathers and scatters rows faster than blocks.
+    seen = coefficients.reshape(len(splats), 3 * count).index_select(0, rows).view(-1, count, 3)
+    directions = normalize(splats.means.index_select(0, rows) - camera.centers, dim=1)
+    basis = sh_basis(degree, directions)
+    return (torch.bmm(basis[:, None], seen)[:, 0] + 0.5).clamp(min=0)

@@ -14,18 +14,16 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Splats
+from gsfw.rasterizers.kernel_arguments import DTYPES
 from gsfw.rasterizers.reference.bin import bin_ellipses
 from gsfw.rasterizers.reference.blend import blend
-from gsfw.rasterizers.reference.canvas import Canvas, CutOffs
-from gsfw.rasterizers.reference.color import view_colors
-from gsfw.rasterizers.reference.layers import brushes
-from gsfw.rasterizers.reference.measure import Measurements
-from gsfw.rasterizers.reference.project import project, visible_extents
-from gsfw.rasterizers.request import DTYPES
+from gsfw.rasterizers.reference.layers import projected_splats
+from gsfw.rasterizers.reference.project import project, view_colors, visible_extents
+from gsfw.rasterizers.reference.tile_buffer import CutOffs, Measurements, TileBuffer
 
 
 @dataclass(frozen=True)
-class _Picture:
+class _Image:
     """What one camera sees."""
 
     color: Float[Tensor, "h w d"]
@@ -37,7 +35,7 @@ class _Picture:
 
 
 class ReferenceRasterizer(Rasterizer):
-    """Draws in float32 and float64 on any torch device; the oracle for every other backend."""
+    """Renders in float32 and float64 on any torch device; the oracle for every other backend."""
 
     def __init__(self, chunk_mb: float = 4.0, pairs_mb: float = 4096.0) -> None:
         self.chunk_mb = chunk_mb
@@ -45,50 +43,45 @@ class ReferenceRasterizer(Rasterizer):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """Everything, except lens distortion."""
+        """Everything."""
         devices = {"cpu"} | ({"cuda"} if torch.cuda.is_available() else set())
         return Capabilities(
             devices=frozenset(devices),
             camera_models=frozenset(CameraModel),
-            features=frozenset(Feature) - {Feature.DISTORTION},
+            features=frozenset(Feature),
             determinism=Determinism.BITWISE,
             details={"torch": torch.__version__},
         )
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
-        if cameras.distortion is not None:
-            raise ValueError(
-                "cameras.distortion: expected None, because the reference rasterizer draws without "
-                "lens distortion; undistort the images first"
-            )
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         if splats.means.dtype not in DTYPES:
             raise ValueError(
                 f"splats.means: expected float32 or float64, found {splats.means.dtype}"
             )
         statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
-        pictures = [
-            self._draw_one(splats, cameras.select(slice(i, i + 1)), settings, statistics, i)
+        images = [
+            self._render_one(splats, cameras.select(slice(i, i + 1)), settings, statistics, i)
             for i in range(len(cameras))
         ]
 
-        depth = torch.stack([picture.depth for picture in pictures])
-        extra = torch.stack([picture.extra for picture in pictures])
+        depth = torch.stack([image.depth for image in images])
+        extra = torch.stack([image.extra for image in images])
         return RenderOutput(
-            color=torch.stack([picture.color for picture in pictures]),
-            alpha=torch.stack([picture.alpha for picture in pictures]),
+            color=torch.stack([image.color for image in images]),
+            alpha=torch.stack([image.alpha for image in images]),
             statistics=statistics,
             depth=None if settings.depth is Depth.NONE else depth,
             extra=None if splats.extra is None else extra,
         )
 
-    def _draw_one(
+    def _render_one(
         self,
         splats: Splats,
         camera: Cameras,
         settings: RenderSettings,
         statistics: RenderStatistics,
         index: int,
-    ) -> _Picture:
+    ) -> _Image:
         profile = settings.profile
         with torch.no_grad():
             # Visible rows are found first, so that no gradient runs through the others, for which
@@ -110,28 +103,32 @@ class ReferenceRasterizer(Rasterizer):
             channels.append(torch.ones_like(ellipses.depths)[:, None])
         with torch.no_grad():
             bins = bin_ellipses(ellipses, camera, profile, self.pairs_mb)
-            canvas = Canvas(
+            weights = settings.contribution_weights
+            pixel_weights = None if weights is None else bins.by_tile(weights[index, :, :, 0])
+            buffer = TileBuffer(
                 bins,
                 bins.inside(camera),
                 CutOffs.of(profile, splats.means.dtype),
                 self.chunk_mb,
-                Measurements.of(statistics, index, rows, camera),
+                Measurements.of(statistics, index, rows, camera, pixel_weights),
             )
-        painted, left = blend(brushes(ellipses, torch.cat(channels, dim=1)), canvas, camera)
-        return _picture(painted, left, splats, settings)
+        blended, left = blend(
+            projected_splats(ellipses, torch.cat(channels, dim=1)), buffer, camera
+        )
+        return _image(blended, left, splats, settings)
 
 
-def _picture(
-    painted: Float[Tensor, "h w f"],
+def _image(
+    blended: Float[Tensor, "h w f"],
     left: Float[Tensor, "h w 1"],
     splats: Splats,
     settings: RenderSettings,
-) -> _Picture:
-    """Take the painted channels apart, and put the background behind the colours."""
+) -> _Image:
+    """Take the blended channels apart, and put the background behind the colours."""
     extras = 0 if splats.extra is None else splats.extra.shape[1]
-    color, extra, depth = painted.tensor_split([splats.channels, splats.channels + extras], dim=2)
+    color, extra, depth = blended.tensor_split([splats.channels, splats.channels + extras], dim=2)
     if settings.background is not None:
         color = color + left * settings.background
     if settings.depth is Depth.EXPECTED:
         depth = depth[:, :, :1] / depth[:, :, 1:].clamp(min=settings.profile.depth_epsilon)
-    return _Picture(color, 1 - left, depth, extra)
+    return _Image(color, 1 - left, depth, extra)

@@ -8,10 +8,9 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.reference.bin import bin_ellipses
-from gsfw.rasterizers.reference.canvas import Canvas, CutOffs
-from gsfw.rasterizers.reference.layers import brushes, pixel_plane, see
-from gsfw.rasterizers.reference.measure import Measurements
+from gsfw.rasterizers.reference.layers import pixel_plane, projected_splats, see
 from gsfw.rasterizers.reference.project import project, visible_extents
+from gsfw.rasterizers.reference.tile_buffer import CutOffs, Measurements, TileBuffer
 
 MEMORY_MB = {"cpu": (4.0, 4096.0), "cuda": (64.0, 32768.0)}
 """Of a chunk of tiles and of the list of pairs: on the CPU as the reference rasterizer has them by
@@ -37,20 +36,20 @@ def _pairs(splats: Splats, camera: Cameras, settings: RenderSettings) -> int:
     rows = rows[everything.depths[rows].argsort(stable=True)]
     ellipses = project(splats, camera, settings, rows)
     bins = bin_ellipses(ellipses, camera, settings.profile, pairs_mb)
-    canvas = Canvas(
+    buffer = TileBuffer(
         bins,
         bins.inside(camera),
         CutOffs.of(settings.profile, splats.means.dtype),
         chunk_mb,
-        Measurements(rows, splats.means.new_ones(2), None, None, None),
+        Measurements(rows, splats.means.new_ones(2), None, None, None, None),
     )
-    shapes = brushes(ellipses, splats.means.new_zeros(len(rows), 0))
+    shapes = projected_splats(ellipses, splats.means.new_zeros(len(rows), 0))
     palette = torch.cat([shapes, shapes.new_zeros(1, shapes.shape[1])])
     plane = pixel_plane(shapes)
-    ahead = canvas.inside.clone()
+    ahead = buffer.inside.clone()
     count = 0
-    for chunk in canvas.chunks(ahead):
-        layers = see(chunk, canvas, palette, plane)
+    for chunk in buffer.chunks(ahead):
+        layers = see(chunk, buffer, palette, plane)
         ahead[chunk.tiles] = layers.transmittance[:, -1]
         count += int(layers.weights.count_nonzero())
     return count

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.input_checks import check_values
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients
-from gsfw.core.rasterizer import check_values
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
 

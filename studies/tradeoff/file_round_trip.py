@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from gsfw.core.errors import DataError
-from gsfw.core.exchange import Exporter, ModelExporter, TrackExporter
+from gsfw.core.exchange import Exporter, Holds
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
@@ -32,14 +32,14 @@ class FileRoundTrip:
     """Files of one format of a run."""
 
     form: str
-    exporter: Exporter | ModelExporter
+    exporter: Exporter
     restored: Restored
     registry: Registry
 
     @property
     def holds_the_model(self) -> bool:
         """Whether it holds the model at all times, as it was trained."""
-        return isinstance(self.exporter, ModelExporter)
+        return self.exporter.holds is Holds.MODEL
 
     def read_back(self, subject: Subject) -> Subject:
         """The model as a file holds it.
@@ -50,7 +50,7 @@ class FileRoundTrip:
         """
         with tempfile.TemporaryDirectory() as folder:
             path = self._write(subject, Path(folder))
-            if isinstance(self.exporter, ModelExporter):
+            if self.holds_the_model:
                 stored = read_model_file(path)
                 model = deepcopy(subject.model)
                 load_state(model, stored, path)
@@ -73,7 +73,7 @@ class FileRoundTrip:
 
     def _write(self, subject: Subject, folder: Path) -> Path:
         path = folder / f"model{self.exporter.suffix}"
-        if isinstance(self.exporter, ModelExporter):
+        if self.holds_the_model:
             self.exporter.write(path, stored_model(self.restored))
         else:
             antialias = self.restored.composition.plan.settings.antialias
@@ -109,9 +109,9 @@ def round_trips(restored: Restored, registry: Registry, is_still: bool) -> list[
     trips = []
     for name, spec in registry.slot("exporter").items():
         exporter = load("exporter", spec)()
-        if isinstance(exporter, TrackExporter):
+        if exporter.holds is Holds.TRACKS:
             continue
-        if isinstance(exporter, ModelExporter) or (is_still and _has_sh(restored)):
+        if exporter.holds is Holds.MODEL or (is_still and _has_sh(restored)):
             trips.append(FileRoundTrip(name, exporter, restored, registry))
     return trips
 

@@ -90,7 +90,7 @@ class FinishedModel:
     @property
     def against(self) -> str:
         """Reference of the accuracy."""
-        return PHOTOS if self.parts.data.has_pictures else RENDERS
+        return PHOTOS if self.parts.data.has_images else RENDERS
 
     @property
     def rasterizer(self) -> str:

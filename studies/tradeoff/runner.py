@@ -155,7 +155,7 @@ class Runner:
         """The photo of a view and its valid pixels; without photos, a render of the model."""
         model = self.model
         camera, subject = model.cameras[place], model.subject
-        if not model.parts.data.has_pictures:
+        if not model.parts.data.has_images:
             moment = None if camera.time is None else camera.time[0]
             return subject.image(subject.splats(moment), camera), None
         (batch,) = model.parts.data.load(Split.EVAL, [model.views[place]], model.device)

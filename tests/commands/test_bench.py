@@ -13,7 +13,7 @@ from support.fake_parts import registry_of
 from support.scenes import front_camera, random_splats
 
 from gsfw.commands import bench
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.capabilities import Capabilities, Feature
 from gsfw.core.config import RasterizerConfig
@@ -148,9 +148,9 @@ class Staged(Rasterizer):
         blend = StageTime(self._blend_ms, self._blend_ms)
         return {"blend": blend, "blend_backward": blend}
 
-    def _draw(self, splats, cameras, settings):
+    def _render(self, splats, cameras, settings):
         Staged.turns += (self._name,)
-        return ReferenceRasterizer()._draw(splats, cameras, settings)
+        return ReferenceRasterizer()._render(splats, cameras, settings)
 
 
 class Unstaged(Staged):

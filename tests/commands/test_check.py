@@ -33,7 +33,7 @@ def test_a_good_capture_is_called_good(good, capsys, tmp_path):
     assert (found["verdict"], found["findings"], found["format"]) == ("good", [], "colmap")
     assert (found["views_train"], found["views_eval"], found["points"]) == (21, 3, 1500)
     assert found["image_sizes"] == ["64x48 (24)"]
-    assert (found["pictures_decoded"], found["pictures"]) == (24, 24)
+    assert (found["images_decoded"], found["images"]) == (24, 24)
     assert (found["gaussians"], found["gaussians_mb"]) == (1500, 1.4)
     assert found["next"] == f"gsfw train method=3dgs data={good}"
     assert found["sheet"] == str(sheet)
@@ -42,12 +42,12 @@ def test_a_good_capture_is_called_good(good, capsys, tmp_path):
 
 def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    assert main(["check", f"data={good}", "pictures=5"]) == 0
+    assert main(["check", f"data={good}", "images=5"]) == 0
     out = capsys.readouterr().out
     assert "21 to train on, 3 held out, from 24 places" in out
-    assert "5 of 24 pictures were decoded, evenly spread" in out
+    assert "5 of 24 images were decoded, evenly spread" in out
     assert "verdict: good: nothing was found that speaks against it\n" in out
-    assert "cameras, points and pictures: check.png" in out
+    assert "cameras, points and images: check.png" in out
     assert (tmp_path / "check.png").is_file()
 
 
@@ -68,7 +68,7 @@ def test_without_tracks_view_dependence_is_not_measured(good, capsys):
     assert (document["tracked_points"], document["view_dependence"]) == (0, None)
     assert main(["check", str(good), "out=none"]) == 0
     assert (
-        "not measured: no points are known to be in 8 of these pictures or more; it takes 50"
+        "not measured: no points are known to be in 8 of these images or more; it takes 50"
         in capsys.readouterr().out
     )
 
@@ -114,7 +114,7 @@ def test_a_capture_that_will_not_train_exits_with_one(capsys, tmp_path):
     assert found["findings"][0]["weight"] == "stop"
     assert main(["check", str(folder), "out=none"]) == 1
     out = capsys.readouterr().out
-    assert "Will not train - few views: 2 pictures to train on.\n" in out
+    assert "Will not train - few views: 2 images to train on.\n" in out
     assert "verdict: will not train (few views" in out
     assert "next:" not in out
 
@@ -138,7 +138,7 @@ def test_a_capture_that_cannot_be_opened_gets_its_reason(capsys, tmp_path, name,
 
 
 def test_the_built_in_scene_is_checked(capsys):
-    found = check(capsys, "datamanager=synthetic", "downscale=4", "pictures=6", "out=none")
+    found = check(capsys, "datamanager=synthetic", "downscale=4", "images=6", "out=none")
     assert found["verdict"] != "will not train"
     assert found["next"].startswith("gsfw train method=3dgs datamanager=synthetic")
 
@@ -149,8 +149,8 @@ def test_mistakes_are_explained(good, capsys, tmp_path):
     )
     assert "both" in refusal(capsys, good, f"data={good}")
     assert "there is no such file or folder" in refusal(capsys, tmp_path / "nothing")
-    assert refusal(capsys, good, "pictures=some") == (
-        "error: pictures=some: expected a number of at least 1, or all.\n"
+    assert refusal(capsys, good, "images=some") == (
+        "error: images=some: expected a number of at least 1, or all.\n"
     )
     assert "unknown key 'downscal'" in refusal(capsys, good, "downscal=2")
     (tmp_path / "file").touch()

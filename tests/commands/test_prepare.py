@@ -12,13 +12,13 @@ from support.matched_captures import pose_errors
 from support.small_captures import ring, write_pictures, write_transforms
 from support.small_videos import write_video
 
-from gsfw.commands import prepare_report
-from gsfw.commands.console import Console
+from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
-from gsfw.preparation import native_signals
+from gsfw.preparation import native
+from gsfw.preparation.report import unused_rows
 
 PHOTOS = 9
 FRAMES = 32
@@ -64,7 +64,7 @@ def size_of(path):
 @pytest.mark.slow
 def test_photos_become_a_data_set_with_a_verdict_a_report_and_a_sheet(prepared, photos):
     report = document(prepared)
-    assert report["verdict"] == "usable with limits"  # There are few pictures.
+    assert report["verdict"] == "usable with limits"  # There are few images.
     assert report["given"] == PHOTOS
     assert len(report["registered"]) == PHOTOS
     assert [item["name"] for item in report["left_out"]] == ["photo_900.jpg"]
@@ -107,7 +107,7 @@ def test_models_and_pictures_that_were_removed_are_made_again(prepared, photos, 
 def test_another_setting_repeats_only_what_depends_on_it(prepared, photos, capsys):
     assert main(["prepare", str(photos), f"out={prepared}", "lens=keep"]) == 0
     said = capsys.readouterr().out
-    assert f"pictures: {PHOTOS} of {PHOTOS}" in said
+    assert f"images: {PHOTOS} of {PHOTOS}" in said
     assert "matches: " not in said
     assert document(prepared)["data_set"]["lens"] == "SIMPLE_RADIAL as given"
     assert size_of(prepared / "images" / "photo_003.jpg") == (320, 240, 1)
@@ -160,7 +160,7 @@ def test_a_missing_colmap_is_told_with_what_to_do(tmp_path, capsys, monkeypatch)
     def load():
         raise ModuleNotFoundError("No module named 'pycolmap'")
 
-    monkeypatch.setattr(native_signals, "load_colmap", load)
+    monkeypatch.setattr(native, "load_colmap", load)
     assert told(capsys, tmp_path, f"out={tmp_path / 'out'}") == (
         "error: pycolmap, which computes cameras, cannot be loaded: No module named 'pycolmap'.\n"
         "Install it anew with: pip install --force-reinstall 'pycolmap>=4.2'\n"
@@ -168,8 +168,8 @@ def test_a_missing_colmap_is_told_with_what_to_do(tmp_path, capsys, monkeypatch)
 
 
 def test_long_names_leave_room_in_the_table(capsys):
-    document = {"out": "", "left_out": [{"name": "y" * 99 + ".jpg", "reason": "it is empty"}]}
-    prepare_report._tell_unplaced(Console(), document)
+    document = {"left_out": [{"name": "y" * 99 + ".jpg", "reason": "it is empty"}]}
+    Console().table(["not used", "reason", ""], unused_rows(document))
     assert f"\n...{'y' * 36}.jpg  left out  it is empty\n" in capsys.readouterr().out
 
 

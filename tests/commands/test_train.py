@@ -87,7 +87,7 @@ def test_dry_run_says_how_pictures_will_grow(capsys):
     assert main([*asked]) == 0
     assert "note: Pictures start at 1/1.4 of their size and reach" in capsys.readouterr().out
     assert main([*asked, "steps=100"]) == 0
-    assert "note: resolution_schedule=auto leaves all pictures at" in capsys.readouterr().out
+    assert "note: resolution_schedule=auto leaves all images at" in capsys.readouterr().out
 
 
 def test_without_the_native_module_a_run_says_that_it_will_be_slow(capsys, monkeypatch):

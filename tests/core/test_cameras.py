@@ -11,7 +11,9 @@ from gsfw.core.cameras import CameraModel, Cameras
 
 def three() -> Cameras:
     cameras = Cameras.cat([front_camera(distance=d) for d in (3.0, 4.0, 5.0)])
-    return replace(cameras, time=torch.tensor([0.0, 0.5, 1.0]), image_index=torch.tensor([4, 5, 6]))
+    return replace(
+        cameras, time=torch.tensor([0.0, 0.5, 1.0]), camera_index=torch.tensor([4, 5, 6])
+    )
 
 
 def test_centers_are_where_the_transform_takes_to_the_origin():
@@ -33,9 +35,8 @@ def test_selecting_keeps_every_field_in_step():
     assert chosen.centers[:, 2].tolist() == [-5.0, -3.0]
     assert chosen.time is not None
     assert chosen.time.tolist() == [1.0, 0.0]
-    assert chosen.image_index is not None
-    assert chosen.image_index.tolist() == [6, 4]
-    assert chosen.camera_index is None
+    assert chosen.camera_index is not None
+    assert chosen.camera_index.tolist() == [6, 4]
     assert len(three().select(slice(1, None))) == 2
 
 
@@ -44,8 +45,8 @@ def test_conversion_leaves_indices_alone():
     assert cameras.world_to_camera.dtype == torch.float64
     assert cameras.time is not None
     assert cameras.time.dtype == torch.float64
-    assert cameras.image_index is not None
-    assert cameras.image_index.dtype == torch.int64
+    assert cameras.camera_index is not None
+    assert cameras.camera_index.dtype == torch.int64
 
 
 def test_resizing_scales_intrinsics_by_the_exact_ratio_of_each_axis():

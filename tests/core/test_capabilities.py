@@ -36,6 +36,42 @@ def test_needs_add_up():
     assert both.channels == 5
 
 
+def test_extra_channels_add_up_and_colours_do_not():
+    both = Needs(channels=5, extra_channels=6) | Needs(channels=3, extra_channels=1)
+    assert (both.channels, both.extra_channels) == (5, 7)
+
+
+def test_more_extra_channels_than_fit_beside_the_colours_are_named():
+    limited = replace(FULL, max_channels=40)
+    assert limited.lacking(Needs(extra_channels=37), "cpu") == []
+    assert limited.lacking(Needs(extra_channels=38), "cpu") == [
+        "41 channels (38 extra), of which it renders at most 40 at once"
+    ]
+    assert FULL.lacking(Needs(extra_channels=1000), "cpu") == []
+    deep = Needs(features=frozenset({Feature.DEPTH}), extra_channels=36)
+    assert limited.lacking(deep, "cpu") == [
+        "41 channels (36 extra, 2 for depth), of which it renders at most 40 at once"
+    ]
+
+
+def test_extra_channels_need_the_feature():
+    assert FAST.lacking(Needs(extra_channels=1), "cpu") == ["feature 'extra channels'"]
+
+
+def test_components_that_fit_alone_may_not_fit_together():
+    limited = {"limited": replace(FULL, max_channels=40), "reference": FULL}
+    needs = {"method 'features'": Needs(extra_channels=30), "strategy 'x'": Needs(extra_channels=9)}
+    assert fitting(needs, limited, "cpu") == ["reference"]
+    with pytest.raises(ConfigError) as caught:
+        check_fit("limited", needs, limited, "cpu")
+    assert str(caught.value) == (
+        "rasterizer 'limited' does not fit:\n"
+        "  all components together need 42 channels (39 extra), of which it renders at most 40 "
+        "at once\n"
+        "Rasterizers that fit here: reference."
+    )
+
+
 def test_everything_that_is_lacking_is_named():
     assert FULL.lacking(PLAIN | ANTIALIASED | FISHEYE, "cuda") == []
     assert FAST.lacking(ANTIALIASED | FISHEYE, "cuda") == [
@@ -43,7 +79,7 @@ def test_everything_that_is_lacking_is_named():
         "camera model 'fisheye'",
         "feature 'antialias'",
         "feature 'depth'",
-        "5 channels (at most 4)",
+        "7 channels (2 for depth), of which it renders at most 4 at once",
     ]
     assert BROKEN.lacking(PLAIN, "cpu") == ["no driver; install one"]
 
@@ -72,7 +108,7 @@ def test_a_mismatch_names_who_needs_what_and_who_fits():
         "rasterizer 'fast' does not fit:\n"
         "  method '3dgs' needs feature 'antialias'\n"
         "  method '3dgs' needs feature 'depth'\n"
-        "  method '3dgs' needs 5 channels (at most 4)\n"
+        "  method '3dgs' needs 7 channels (2 for depth), of which it renders at most 4 at once\n"
         "  data set 'fox' needs camera model 'fisheye'\n"
         "Rasterizers that fit here: reference."
     )
@@ -83,7 +119,7 @@ def test_a_rasterizer_with_its_own_numerics_fits_those_who_ask_for_no_others():
     asking = PLAIN | Needs(profile="wide")
     assert fitting({"method": asking | PLAIN}, able, "cpu") == ["any"]
     assert fitting({"method": PLAIN}, able, "cpu") == ["any", "own"]
-    assert able["own"].lacking(asking, "cpu") == ["numerics 'wide' (it draws only with 'narrow')"]
+    assert able["own"].lacking(asking, "cpu") == ["numerics 'wide' (it renders only with 'narrow')"]
     assert able["own"].lacking(Needs(profile="narrow"), "cpu") == []
 
 

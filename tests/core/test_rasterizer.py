@@ -23,7 +23,7 @@ class Blank(Rasterizer):
     def capabilities(cls) -> Capabilities:
         return Capabilities(devices=frozenset({"cpu"}))
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         shape = (len(cameras), cameras.height, cameras.width)
         color = splats.means.new_zeros(*shape, splats.channels)
         visible = torch.zeros(len(cameras), len(splats), dtype=torch.bool)

@@ -51,7 +51,7 @@ def test_what_cannot_be_seen_does_not_bleed_into_colours():
     assert shrink(picture, 1, 1)[0, 0].tolist() == [200, 100, 50, 64]
 
 
-def test_a_picture_without_coverage_becomes_empty():
+def test_an_image_without_coverage_becomes_empty():
     assert shrink(np.zeros((4, 4, 4), np.uint8), 2, 2).max() == 0
 
 

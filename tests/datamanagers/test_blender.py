@@ -74,7 +74,7 @@ def test_val_is_held_out_only_when_asked_for(tmp_path):
     assert build(tmp_path, "val").views(Split.EVAL).names == ("val/r_4",)
 
 
-def test_without_a_test_file_training_pictures_are_held_out(tmp_path):
+def test_without_a_test_file_training_images_are_held_out(tmp_path):
     data = build(write(tmp_path, ("train",)), eval_every_nth=2)
     assert data.views(Split.EVAL).names == ("train/r_0", "train/r_2")
     assert "there is no transforms_test.json" in data.notes()
@@ -112,7 +112,7 @@ def test_a_file_of_the_split_stands_for_its_folder(tmp_path):
     assert data.scene.name == tmp_path.name
 
 
-def test_the_angle_refers_to_the_width_of_the_picture(tmp_path):
+def test_the_angle_refers_to_the_width_of_the_image(tmp_path):
     write_picture(tmp_path / "a.png", 20, 10)
     part = replace(ring(1), names=["a"])
     settings = dict.fromkeys(("fl_x", "fl_y", "cx", "cy", "w", "h"))

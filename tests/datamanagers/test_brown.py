@@ -44,7 +44,7 @@ def test_four_radial_terms_that_no_model_can_follow_are_refused():
     assert str(caught.value) == (
         "camera 1: its four radial terms k1 to k4 = [0.1, -0.3, 0.5, -0.4] cannot be written as "
         "one of COLMAP's models.\n"
-        "Estimate the cameras again without k4, or export undistorted pictures."
+        "Estimate the cameras again without k4, or export undistorted images."
     )
 
 

@@ -8,12 +8,12 @@ from support.small_captures import HEIGHT, WIDTH, request, ring, write_pictures,
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.device_pictures import PlacedPicture
 from gsfw.datamanagers.transforms import TransformsConfig
+from gsfw.datamanagers.undistortion import LensRule
 
 CPU = torch.device("cpu")
 MILLIMETRES = np.tile(1000 + 10 * np.arange(WIDTH, dtype=np.uint16), (HEIGHT, 1))
-"""Depths of a picture, which grow by 10 from column to column."""
+"""Depths of an image, which grow by 10 from column to column."""
 
 
 def write(folder, depths=MILLIMETRES, frames=(0, 1, 2, 3), name="depth.png", **settings):
@@ -35,9 +35,11 @@ def build(path, depth=True, **settings):
 def load(data, indices=(0,)):
     """The depths of a batch in units of the world."""
     (batch,) = data.load(Split.TRAIN, list(indices), CPU)
-    assert batch.depth.shape == (*batch.images.shape[:3], 1)
-    assert batch.depth.dtype is torch.float32
-    return data.scene.world_from_scene.scale * batch.depth[..., 0].numpy()
+    depth = batch.maps["depth"]
+    assert depth.values.shape == depth.known.shape == (*batch.images.shape[:3], 1)
+    assert depth.values.dtype is torch.float32
+    assert torch.equal(depth.values > 0, depth.known)
+    return data.scene.world_from_scene.scale * depth.values[..., 0].numpy()
 
 
 def failure(path) -> str:
@@ -49,14 +51,15 @@ def failure(path) -> str:
 def test_depths_are_metres_of_the_world_in_units_of_the_scene(tmp_path):
     data = build(write(tmp_path))
     assert np.allclose(load(data)[0], MILLIMETRES / 1000, rtol=1e-6)
-    assert "4 frames have depth maps" in data.notes()
+    assert "per-view map depth: 1 channel, resampled by depth" in data.notes()
+    assert data.views(Split.TRAIN).maps == {"depth": 1}
     data.close()
 
 
 def test_depths_are_loaded_only_where_asked_for(tmp_path):
     data = build(write(tmp_path), depth=False)
     (batch,) = data.load(Split.TRAIN, [0], CPU)
-    assert batch.depth is None
+    assert batch.maps == {}
     assert "4 frames have depth maps: not used (datamanager.depth=true loads them)" in data.notes()
     (tmp_path / "depth.png").unlink()
     build(tmp_path, depth=False)
@@ -79,7 +82,7 @@ def test_smaller_maps_give_each_pixel_the_nearest(tmp_path):
     assert np.allclose(found, np.repeat(MILLIMETRES[:, ::2], 2, axis=1) / 1000, rtol=1e-6)
 
 
-def test_shrunk_pictures_have_the_mean_of_what_is_known(tmp_path):
+def test_shrunk_images_have_the_mean_of_what_is_known(tmp_path):
     depths = MILLIMETRES.copy()
     depths[0, 0] = 0
     depths[2:4, :2] = 0
@@ -91,10 +94,10 @@ def test_shrunk_pictures_have_the_mean_of_what_is_known(tmp_path):
     assert found[5, 4] == pytest.approx((1.08 + 1.09) / 2)
 
 
-def test_depths_follow_an_undistorted_picture(tmp_path):
+def test_depths_follow_an_undistorted_image(tmp_path):
     data = build(write(tmp_path, k1=-0.2, k2=0.05))
     found = load(data)[0]
-    undistortion = data.recording.frames[0].undistortion(data._rule)
+    undistortion = data.recording.frames[0].undistortion(LensRule())
     target = undistortion.target
     assert found.shape == (target.height, target.width)
     y, x = np.mgrid[: target.height, : target.width].reshape(2, -1) + 0.5
@@ -104,28 +107,23 @@ def test_depths_follow_an_undistorted_picture(tmp_path):
     assert np.abs(found - exact).max() < 0.0056
 
 
-def test_pictures_without_depth_share_a_batch_as_unknown(tmp_path):
+def test_images_without_depth_share_a_batch_as_unknown(tmp_path):
     data = build(write(tmp_path, frames=(0, 2)))
     found = load(data, (0, 1))
     assert found[0].min() > 0.99
     assert found[1].max() == 0
-    (batch,) = data.load(Split.TRAIN, [1, 3], CPU)
-    assert batch.depth is None
-
-
-def test_what_is_sent_to_a_device_is_told_apart():
-    pixels = torch.zeros(2, 3, 3, dtype=torch.uint8)
-    mask, depth = torch.ones(2, 3, dtype=torch.bool), torch.ones(2, 3)
-    for parts in ((None, None), (mask, None), (None, depth), (mask, depth)):
-        placed = PlacedPicture.of(PlacedPicture(pixels, *parts).tensors)
-        assert (placed.mask is None, placed.depth is None) == tuple(part is None for part in parts)
+    assert load(data, (1, 3)).max() == 0
+    assert "per-view map depth: 1 channel, resampled by depth, in 2 of 4 views" in data.notes()
 
 
 @pytest.mark.parametrize(
     ("depths", "message"),
     [
-        (np.zeros((HEIGHT, HEIGHT), np.uint16), "depth.png: the depths are 48x48, their picture"),
-        (np.zeros((HEIGHT, WIDTH, 3), np.uint8), "the picture has several channels (RGB)."),
+        (
+            np.zeros((HEIGHT, HEIGHT), np.uint16),
+            "depth.png: the map is 48x48 pixels with 1 channel",
+        ),
+        (np.zeros((HEIGHT, WIDTH, 3), np.uint8), "depth.png has 3 channels."),
     ],
 )
 def test_maps_that_do_not_fit_are_refused(tmp_path, depths, message):
@@ -135,7 +133,7 @@ def test_maps_that_do_not_fit_are_refused(tmp_path, depths, message):
 def test_malformed_files_are_refused(tmp_path):
     write(tmp_path, MILLIMETRES.astype(np.float32), name="d.npy")
     np.save(tmp_path / "d.npy", np.zeros((2, 3, 4)))
-    assert "d.npy holds numbers of the shape [2, 3, 4]." in failure(tmp_path)
+    assert "d.npy has 4 channels.\nExpected one depth for each pixel." in failure(tmp_path)
     (tmp_path / "d.npy").write_bytes(b"no numbers")
     assert "d.npy cannot be read" in failure(tmp_path)
     (tmp_path / "d.npy").unlink()

@@ -15,15 +15,15 @@ def recognised(path) -> list:
     return [kind for _, kind in sorted(found, key=lambda item: -item[0])]
 
 
-def test_pictures_without_cameras_lead_to_prepare(tmp_path):
+def test_images_without_cameras_lead_to_prepare(tmp_path):
     for index in range(3):
         write_picture(tmp_path / "images" / f"{index}.png")
     assert describe_unrecognised(tmp_path) == (
-        "3 pictures in images/, but no cameras; compute them with gsfw prepare "
+        "3 images in images/, but no cameras; compute them with gsfw prepare "
         f"{tmp_path / 'images'} out=DIR, and give that folder"
     )
     assert ColmapConfig.detect(tmp_path).found == describe_unrecognised(tmp_path)
-    assert describe_unrecognised(tmp_path / "images").startswith("3 pictures, but no cameras")
+    assert describe_unrecognised(tmp_path / "images").startswith("3 images, but no cameras")
 
 
 def test_a_video_leads_to_prepare(tmp_path):

@@ -1,4 +1,4 @@
-"""Frames: pictures and the cameras that describe them."""
+"""Frames: images and the cameras that describe them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +9,12 @@ import torch
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import (
     Frame,
-    data_folder,
-    missing_pictures,
+    data_path,
+    missing_images,
     number_cameras,
 )
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.pictures import Header
 
 LENS = Lens(70.0, 72.0, 31.0, 25.5, 64, 48, "camera 1 of cameras.bin")
 
@@ -24,13 +24,13 @@ def frame(width: int, height: int, orientation: int = 1) -> Frame:
     return Frame("a.jpg", Path("a.jpg"), header, LENS, torch.eye(4).double())
 
 
-def test_the_camera_of_a_full_size_picture_is_the_lens():
+def test_the_camera_of_a_full_size_image_is_the_lens():
     camera = frame(64, 48).camera_at(1.0)
     torch.testing.assert_close(camera.intrinsics[0], LENS.matrix())
     assert (camera.width, camera.height) == (64, 48)
 
 
-def test_a_picture_smaller_by_a_whole_number_scales_the_camera():
+def test_an_image_smaller_by_a_whole_number_scales_the_camera():
     camera = frame(16, 12).camera_at(1.0)
     assert (camera.width, camera.height) == (16, 12)
     assert camera.intrinsics[0, 0].tolist() == [17.5, 0.0, 7.75]
@@ -49,47 +49,47 @@ def test_a_size_that_contradicts_the_camera_names_both(width, height):
         frame(width, height).camera_at(1.0)
     assert str(error.value) == (
         f"a.jpg is {width}x{height} pixels, but camera 1 of cameras.bin describes 64x48.\n"
-        "Use the pictures that the cameras were computed from. Smaller ones are fine where both "
-        "sides are smaller by the same whole number; downscale=N shrinks pictures and cameras "
+        "Use the images that the cameras were computed from. Smaller ones are fine where both "
+        "sides are smaller by the same whole number; downscale=N shrinks images and cameras "
         "together."
     )
 
 
-def test_a_picture_that_exif_turns_away_from_its_camera_is_explained():
+def test_an_image_that_exif_turns_away_from_its_camera_is_explained():
     with pytest.raises(DataError) as error:
         frame(48, 64, orientation=6).camera_at(1.0)
     assert "a.jpg is 48x64 pixels (EXIF orientation 6), but" in str(error.value)
     assert "gsfw always applies EXIF orientation, so remove that tag" in str(error.value)
 
 
-def test_missing_pictures_are_listed_up_to_five(tmp_path):
+def test_missing_images_are_listed_up_to_five(tmp_path):
     missing = [f"{index}.png" for index in range(7)]
-    (note,) = missing_pictures(missing, 10, tmp_path)
+    (note,) = missing_images(missing, 10, tmp_path)
     assert note == (
-        "7 of 10 pictures are not on disk and are left out: "
+        "7 of 10 images are not on disk and are left out: "
         "0.png, 1.png, 2.png, 3.png, 4.png and 2 more"
     )
-    assert missing_pictures([], 10, tmp_path) == ()
+    assert missing_images([], 10, tmp_path) == ()
 
 
-def test_a_data_set_without_any_picture_is_refused():
+def test_a_data_set_without_any_image_is_refused():
     with pytest.raises(DataError) as error:
-        missing_pictures(["a.png", "b.png"], 2, Path("data/images"))
+        missing_images(["a.png", "b.png"], 2, Path("data/images"))
     assert str(error.value) == (
-        "none of the 2 pictures is in data/images (looked for a.png, b.png).\n"
-        "Put the pictures there, or name their folder (datamanager.images=DIR)."
+        "none of the 2 images is in data/images (looked for a.png, b.png).\n"
+        "Put the images there, or name their folder (datamanager.images=DIR)."
     )
 
 
 def test_a_format_that_reads_files_wants_one():
-    with pytest.raises(DataError, match="datamanager=colmap reads files, and data is empty"):
-        data_folder(None, "colmap")
+    with pytest.raises(DataError, match="datamanager reads files, and data is empty"):
+        data_path(None)
     with pytest.raises(DataError, match="data=nowhere: there is no such file or folder"):
-        data_folder(Path("nowhere"), "colmap")
+        data_path(Path("nowhere"))
 
 
 @pytest.mark.parametrize(("width", "height"), [(21, 16), (22, 16), (16, 12), (32, 24)])
-def test_pictures_shrunk_by_a_whole_number_may_be_rounded_either_way(width, height):
+def test_images_shrunk_by_a_whole_number_may_be_rounded_either_way(width, height):
     camera = frame(width, height).camera_at(1.0)
     assert (camera.width, camera.height) == (width, height)
     assert float(camera.intrinsics[0, 0, 2]) == pytest.approx(31.0 * width / 64)
@@ -117,5 +117,5 @@ def test_cameras_that_stand_still_over_time_are_told_apart_by_where_they_are():
     assert cameras(*frames, placed(4, 0.5)) == [0, 0, 1, 1, 2, 2, 3]
 
 
-def test_a_picture_that_is_there_twice_does_not_make_a_rig():
+def test_an_image_that_is_there_twice_does_not_make_a_rig():
     assert cameras(placed(1, 0.5), placed(1, 0.5), placed(2, 1.0)) == [0, 0, 0]

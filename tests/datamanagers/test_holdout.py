@@ -9,7 +9,7 @@ from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Lens
 from gsfw.datamanagers.holdout import hold_out
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 
 LENS = Lens(1.0, 1.0, 0.5, 0.5, 1, 1, "test")
 

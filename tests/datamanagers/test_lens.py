@@ -94,7 +94,7 @@ def test_lenses_without_distortion_are_pinholes_unless_they_are_fisheyes():
     np.testing.assert_allclose(LENS.project(np.array([[0.1, -0.2]])), [[38.0, 11.1]])
 
 
-def test_a_lens_of_a_smaller_picture_sees_the_same_rays():
+def test_a_lens_of_a_smaller_image_sees_the_same_rays():
     camera = lens("OPENCV")
     small = camera.resized(camera.width // 3, camera.height // 2)
     wanted = camera.project(slopes_on_grid()) / (3, 2)

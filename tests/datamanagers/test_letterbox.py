@@ -6,8 +6,8 @@ from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH
 from support.small_videos import picture, write_video
 
 from gsfw.core.errors import DataError
+from gsfw.datamanagers.camera_sequence import fit_to_video
 from gsfw.datamanagers.lens import Lens
-from gsfw.datamanagers.letterbox import fit_to_video
 from gsfw.datamanagers.video import Video
 
 pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
@@ -49,7 +49,7 @@ def test_black_bars_are_cut_off(tmp_path, size, box):
     width, height = box[2] - box[0], box[3] - box[1]
     assert (fitted.header.width, fitted.header.height) == (width, height)
     assert lens == LENS.resized(width, height)
-    assert float(fitted.picture(1).min()) > 20
+    assert float(fitted.image(1).min()) > 20
     assert note == (
         f"a.mp4 is {size[0]}x{size[1]}, 64x48 scaled to {width}x{height} between black bars, "
         "which are cut off"

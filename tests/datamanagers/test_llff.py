@@ -31,7 +31,7 @@ def centred(capture):
 
 
 def write(folder, capture, shrunk=(1,)):
-    """Poses whose axes are down, right and back, and the pictures shrunk by each factor."""
+    """Poses whose axes are down, right and back, and the images shrunk by each factor."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for pose in capture.poses:
@@ -62,13 +62,13 @@ def test_points_fall_where_they_should(tmp_path):
     assert projection_error(data, centred(ring())) < 0.01
     assert projection_error(build(tmp_path / "poses_bounds.npy"), centred(ring())) < 0.01
     assert data.notes()[0] == (
-        f"{tmp_path}/poses_bounds.npy: 4 cameras, pictures of {tmp_path}/images (1/1 of full "
+        f"{tmp_path}/poses_bounds.npy: 4 cameras, images of {tmp_path}/images (1/1 of full "
         "size); the nearest and farthest depths are not used"
     )
 
 
 @pytest.mark.parametrize(("downscale", "folder", "left"), [(4, 4, 1), (6, 4, 1.5), (2, 1, 2)])
-def test_downscale_takes_the_pictures_that_were_shrunk_no_more(tmp_path, downscale, folder, left):
+def test_downscale_takes_the_images_that_were_shrunk_no_more(tmp_path, downscale, folder, left):
     data = build(write(tmp_path, ring(), (1, 4, 8)), downscale=float(downscale))
     assert f"(1/{folder} of full size)" in data.notes()[0]
     camera = data.views(Split.TRAIN).cameras[0]
@@ -77,12 +77,12 @@ def test_downscale_takes_the_pictures_that_were_shrunk_no_more(tmp_path, downsca
         assert projection_error(data, centred(ring()), 1 / downscale) < 0.01
 
 
-def test_shrunk_pictures_alone_are_enough(tmp_path):
+def test_shrunk_images_alone_are_enough(tmp_path):
     data = build(write(tmp_path, ring(), (8,)))
     assert projection_error(data, centred(ring()), 1 / 8) < 0.01
 
 
-def test_a_folder_of_pictures_may_be_named(tmp_path):
+def test_a_folder_of_images_may_be_named(tmp_path):
     write(tmp_path, ring(), (1, 4))
     data = build(tmp_path, {"images": "images_4"})
     assert projection_error(data, centred(ring()), 1 / 4) < 0.01
@@ -90,17 +90,17 @@ def test_a_folder_of_pictures_may_be_named(tmp_path):
         build(tmp_path, {"images": "photos"})
 
 
-def test_pictures_decode(tmp_path):
+def test_images_decode(tmp_path):
     data = build(write(tmp_path, ring()))
     (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
     assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
 
 
-def test_a_picture_too_many_is_refused(tmp_path):
+def test_an_image_too_many_is_refused(tmp_path):
     write(tmp_path, ring())
     write_picture(tmp_path / "images/zz.png")
-    assert "has 4 cameras, but there are 5 pictures in" in failure(tmp_path)
-    assert "pictures that LLFF left out have to be removed." in failure(tmp_path)
+    assert "has 4 cameras, but there are 5 images in" in failure(tmp_path)
+    assert "images that LLFF left out have to be removed." in failure(tmp_path)
 
 
 def test_malformed_files_are_refused(tmp_path):
@@ -113,7 +113,7 @@ def test_malformed_files_are_refused(tmp_path):
     assert "row 0 (view_000.png): the pose is not rigid" in failure(tmp_path)
     (tmp_path / "poses_bounds.npy").unlink()
     assert f"{tmp_path} holds no poses_bounds.npy." in failure(tmp_path)
-    assert "holds no pictures: there is no images/" in failure(tmp_path.parent)
+    assert "holds no images: there is no images/" in failure(tmp_path.parent)
 
 
 def test_videos_of_cameras_are_another_format(tmp_path):

@@ -7,20 +7,20 @@ from support.scenes import front_camera
 from support.slow_ship import SlowShip
 
 from gsfw.core.datamanager import Split, Views
+from gsfw.datamanagers.image_cache import ImageCache
+from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.loader import Loader
-from gsfw.datamanagers.picture_cache import PictureCache
-from gsfw.datamanagers.pictures import Picture
 
 CPU = torch.device("cpu")
 WIDTH, HEIGHT = 6, 4
 BYTES = WIDTH * HEIGHT * 5
 
 
-def picture(number: int) -> Picture:
+def picture(number: int) -> DecodedImage:
     """Every third has alpha, every second a mask."""
     values = np.arange(WIDTH * HEIGHT * 4, dtype=np.uint8).reshape(HEIGHT, WIDTH, 4) + number
     mask = values[..., 0] > 40 if number % 2 else None
-    return Picture(values if number % 3 == 0 else values[..., :3].copy(), mask)
+    return DecodedImage(values if number % 3 == 0 else values[..., :3].copy(), mask)
 
 
 def views(count: int) -> Views:
@@ -33,7 +33,7 @@ def loader():
     built = []
 
     def build(**settings) -> Loader:
-        cache = PictureCache(picture, [BYTES] * 8, 10_000)
+        cache = ImageCache(picture, [BYTES] * 8, 10_000)
         splits = {Split.TRAIN: views(6), Split.EVAL: views(2)}
         built.append(Loader(splits, cache, **settings))
         return built[-1]
@@ -50,7 +50,7 @@ def same(one, two) -> bool:
     ) and torch.equal(one.cameras.world_to_camera, two.cameras.world_to_camera)
 
 
-def test_pictures_with_and_without_alpha_and_mask_share_a_batch(loader):
+def test_images_with_and_without_alpha_and_mask_share_a_batch(loader):
     (batch,) = loader().load(Split.TRAIN, [0, 1], CPU)
     assert batch.images.shape == (2, HEIGHT, WIDTH, 3)
     assert batch.views == (0, 1)
@@ -63,7 +63,7 @@ def test_pictures_with_and_without_alpha_and_mask_share_a_batch(loader):
     assert (plain.alpha, plain.mask) == (None, None)
 
 
-def test_batches_are_the_same_whatever_way_the_pictures_take(loader):
+def test_batches_are_the_same_whatever_way_the_images_take(loader):
     plain = loader()
     for budget in (0, 3 * BYTES, 100 * BYTES):
         ship = SlowShip()
@@ -77,12 +77,11 @@ def test_batches_are_the_same_whatever_way_the_pictures_take(loader):
         assert len(ship.sent) == {0: 8, 3 * BYTES: 6, 100 * BYTES: 4}[budget]
 
 
-def test_the_pictures_that_are_trained_on_stay_first_and_the_user_is_told(loader):
+def test_the_images_that_are_trained_on_stay_first_and_the_user_is_told(loader):
     assert loader().notes() == ()
     assert loader(gpu_budget=8 * BYTES).notes() == ()
     assert loader(gpu_budget=7 * BYTES).notes() == (
-        "7 of 8 pictures stay on the GPU (gpu_cache_mb=0), the others are copied to it for each "
-        "use",
+        "7 of 8 images stay on the GPU (gpu_cache_mb=0), the others are copied to it for each use",
     )
 
 

@@ -1,4 +1,4 @@
-"""Masks beside the pictures of any format, and what they mean."""
+"""Masks beside the images of any format, and what they mean."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from gsfw.datamanagers.transforms import TransformsConfig
 CPU = torch.device("cpu")
 VIEWS = 3
 STRONG = -0.3
-"""A radial distortion that leaves corners of undistorted pictures blank."""
+"""A radial distortion that leaves corners of undistorted images blank."""
 LEFT = np.zeros((HEIGHT, WIDTH), bool)
 LEFT[:, : WIDTH // 2] = True
 
@@ -65,19 +65,19 @@ def mask_notes(data):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".png.png"])
-def test_masks_beside_the_pictures_are_found(folder, suffix):
+def test_masks_beside_the_images_are_found(folder, suffix):
     write_masks(folder / "masks", suffix=suffix)
     data = open_colmap(folder)
     batch = load(data)
     assert batch.alpha is None
     assert all(np.array_equal(mask[..., 0], LEFT) for mask in batch.valid)
     assert mask_notes(data) == [
-        "3 of 3 pictures have masks, which keep 50 % of their pixels: what is outside carries no "
+        "3 of 3 images have masks, which keep 50 % of their pixels: what is outside carries no "
         "loss (datamanager.mask_mode=ignore)"
     ]
 
 
-def test_transforms_whose_names_begin_with_the_pictures_folder_find_theirs(tmp_path):
+def test_transforms_whose_names_begin_with_the_images_folder_find_theirs(tmp_path):
     capture = ring(VIEWS)
     write_pictures(tmp_path / "images", capture)
     write_transforms(
@@ -124,7 +124,7 @@ def test_outside_an_empty_mask_is_background(folder):
     assert "what is outside is background (datamanager.mask_mode=empty)" in mask_notes(data)[0]
 
 
-def test_the_edge_of_an_empty_mask_is_partly_covered_in_a_smaller_picture(folder):
+def test_the_edge_of_an_empty_mask_is_partly_covered_in_a_smaller_image(folder):
     inside = LEFT.copy()
     inside[:, WIDTH // 2] = True
     write_masks(folder / "masks", inside)
@@ -142,7 +142,7 @@ def test_alpha_may_be_the_mask(folder):
     assert (batch.alpha, data.scene.has_alpha) == (None, False)
     assert np.array_equal(batch.valid[0, ..., 0], LEFT)
     assert mask_notes(data) == [
-        "alpha of 3 of 3 pictures is their mask: what is outside carries no loss "
+        "alpha of 3 of 3 images is their mask: what is outside carries no loss "
         "(datamanager.mask_mode=ignore)"
     ]
 
@@ -151,13 +151,13 @@ def test_alpha_that_is_not_there_cannot_be_the_mask(folder):
     with pytest.raises(DataError) as error:
         open_colmap(folder, masks="alpha")
     assert str(error.value) == (
-        f"datamanager.masks=alpha: none of the 3 pictures of {folder} has alpha.\n"
+        f"datamanager.masks=alpha: none of the 3 images of {folder} has alpha.\n"
         "Give a folder of masks (datamanager.masks=DIR), or leave datamanager.masks out."
     )
 
 
 @pytest.mark.parametrize("mode", ["ignore", "empty"])
-def test_blank_borders_of_undistorted_pictures_carry_no_loss_whatever_masks_mean(tmp_path, mode):
+def test_blank_borders_of_undistorted_images_carry_no_loss_whatever_masks_mean(tmp_path, mode):
     write_colmap(tmp_path, ring(VIEWS), model="SIMPLE_RADIAL", params=(FOCAL[0], *CENTER, STRONG))
     write_pictures(tmp_path / "images", ring(VIEWS))
     blank = load(open_colmap(tmp_path, blank_pixels=1.0)).valid
@@ -179,9 +179,9 @@ def test_a_mask_of_another_size_is_told_when_the_data_set_is_opened(folder):
     with pytest.raises(DataError) as error:
         open_colmap(folder)
     assert str(error.value) == (
-        f"{folder}/masks/view_001.png: the mask is 5x4 pixels, its picture "
+        f"{folder}/masks/view_001.png: the mask is 5x4 pixels, its image "
         f"{folder}/images/view_001.png is 64x48.\n"
-        "A mask needs the size of its (upright) picture."
+        "A mask needs the size of its (upright) image."
     )
 
 
@@ -191,20 +191,20 @@ def test_masks_that_are_missing_or_leave_nothing_are_noted(folder):
     write_mask(folder / "masks/view_001.png", np.zeros_like(LEFT))
     data = open_colmap(folder)
     assert mask_notes(data) == [
-        "2 of 3 pictures have masks, which keep 25 % of their pixels: what is outside carries no "
+        "2 of 3 images have masks, which keep 25 % of their pixels: what is outside carries no "
         "loss (datamanager.mask_mode=ignore)",
-        "masks leave nothing of 1 pictures: view_001.png",
-        "no mask, so that all pixels count: 1 pictures, such as view_000.png",
+        "masks leave nothing of 1 images: view_001.png",
+        "no mask, so that all pixels count: 1 images, such as view_000.png",
     ]
     assert bool(load(data).valid[0].all())
 
 
-def test_masks_that_leave_nothing_of_any_picture_are_refused(folder):
+def test_masks_that_leave_nothing_of_any_image_are_refused(folder):
     write_masks(folder / "masks", np.zeros_like(LEFT))
     with pytest.raises(DataError) as error:
         open_colmap(folder)
     assert str(error.value) == (
-        "the masks of all 3 pictures mask out every pixel, "
+        "the masks of all 3 images mask out every pixel, "
         f"{folder}/masks/view_000.png for one.\n"
         "Masks are bright where pixels count; if these are dark there, add "
         "datamanager.invert_masks=true."
@@ -222,17 +222,17 @@ def test_a_named_folder_has_to_be_there_and_to_hold_masks(folder):
     with pytest.raises(DataError) as error:
         open_colmap(folder, masks="elsewhere")
     assert str(error.value) == (
-        f"{folder}/elsewhere holds no mask of any picture (looked for view_000.png.png or "
+        f"{folder}/elsewhere holds no mask of any image (looked for view_000.png.png or "
         "view_000.png and so on).\n"
-        "Name masks as their pictures, with .png behind or instead of the extension."
+        "Name masks as their images, with .png behind or instead of the extension."
     )
 
 
-def test_a_folder_of_masks_that_belongs_to_no_picture_is_noted(folder):
+def test_a_folder_of_masks_that_belongs_to_no_image_is_noted(folder):
     write_picture(folder / "masks/other.png")
     (note,) = mask_notes(open_colmap(folder))
     assert note == (
-        f"{folder}/masks holds no mask of any picture (looked for view_000.png.png or "
+        f"{folder}/masks holds no mask of any image (looked for view_000.png.png or "
         "view_000.png and so on): all pixels count"
     )
 
@@ -241,13 +241,3 @@ def test_a_mode_that_is_none_is_refused(folder):
     with pytest.raises(ConfigError) as error:
         open_colmap(folder, mask_mode="hide")
     assert str(error.value) == "datamanager.mask_mode=hide: expected ignore or empty."
-
-
-def test_every_format_passes_the_settings_of_masks_on():
-    import gsfw.datamanagers.capture
-
-    home = Path(gsfw.datamanagers.capture.__file__).parent
-    for path in home.rglob("*.py"):
-        text = path.read_text()
-        if "return Capture(" in text:
-            assert "self.mask_rule()" in text, path

@@ -58,7 +58,7 @@ def sensor(values, kind="frame", number=0):
 
 
 def write(folder, capture=None, values=None, kind="frame", **parts):
-    """Cameras with labels without extension, and their pictures in images/."""
+    """Cameras with labels without extension, and their images in images/."""
     capture = capture or ring()
     cameras = "".join(
         f'<camera id="{number}" sensor_id="0" component_id="0" '
@@ -146,9 +146,9 @@ def test_cameras_without_a_pose_or_switched_off_are_left_out_with_a_note(tmp_pat
     )
     file.write_text(file.read_text().replace("<cameras>", f"<cameras><group>{extra}</group>"))
     notes = build(tmp_path).notes()
-    assert "1 pictures that are disabled in Metashape are left out: off" in notes
-    assert "1 pictures of a rig's slave cameras, which are not read, are left out: second" in notes
-    assert "1 pictures that Metashape did not align are left out: lost" in notes
+    assert "1 images that are disabled in Metashape are left out: off" in notes
+    assert "1 images of a rig's slave cameras, which are not read, are left out: second" in notes
+    assert "1 images that Metashape did not align are left out: lost" in notes
 
 
 def test_only_components_that_share_a_world_are_used_together(tmp_path):
@@ -178,14 +178,14 @@ def test_points_beside_the_file_are_read(tmp_path):
         build(tmp_path, {"points": "no.ply"})
 
 
-def test_pictures_lie_beside_the_file_or_in_a_folder_that_is_named(tmp_path):
+def test_images_lie_beside_the_file_or_in_a_folder_that_is_named(tmp_path):
     write(tmp_path)
     (tmp_path / "images").rename(tmp_path / "photos")
     assert projection_error(build(tmp_path, {"images": "photos"}), ring()) < 0.01
     flat = replace(ring(), names=[f"photos/{name}" for name in ring().names])
     assert projection_error(build(tmp_path), flat) < 0.01
     write_picture(tmp_path / "again/view_000.png")
-    assert "view_000 can be any of 2 pictures in" in failure(tmp_path)
+    assert "view_000 can be any of 2 images in" in failure(tmp_path)
     assert "with datamanager.images=DIR." in failure(tmp_path)
 
 
@@ -216,7 +216,7 @@ def test_malformed_files_are_refused(tmp_path):
     for old, new, message in (
         ("</document>", "", "cannot be read as XML"),
         ('sensor_id="0"', 'sensor_id="3"', "there is no sensor 3."),
-        ('type="frame"', 'type="spherical"', "pictures of spherical cameras cannot be trained on."),
+        ('type="frame"', 'type="spherical"', "images of spherical cameras cannot be trained on."),
         ("<f>", "<focal>", "cannot be read as XML"),
         (f"<scale>{SCALE}", "<scale>0", "the transform of the chunk: its scale is 0."),
         ("<camera ", '<camera enabled="0" ', "none of its 4 cameras is enabled and has a pose."),

@@ -9,8 +9,8 @@ import torch
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Lens
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.multi_camera import hold_out_cameras
-from gsfw.datamanagers.pictures import Header
 from gsfw.datamanagers.synchronised_videos import SynchronisedVideosConfig
 
 LENS = Lens(1.0, 1.0, 0.5, 0.5, 1, 1, "test")

@@ -85,7 +85,7 @@ def test_the_split_times_and_cameras_are_the_data_sets_own(tmp_path):
     assert (data.scene.time_range, data.scene.num_times) == ((0.0, 12.0), 5)
     assert [int(camera.camera_index[0]) for camera in data.views(Split.EVAL).cameras] == [1, 1]
     assert data.notes() == (
-        f"{tmp_path}/dataset.json: 5 frames, pictures of {tmp_path}/rgb/1x (1/1 of full size)",
+        f"{tmp_path}/dataset.json: 5 frames, images of {tmp_path}/rgb/1x (1/1 of full size)",
         "20 points",
         "3 views to train on, 2 held out (the data set's own split)",
     )
@@ -111,7 +111,7 @@ def test_the_folder_is_chosen_by_downscale(tmp_path, downscale, folder, size):
 
 def test_without_the_full_size_the_largest_there_is_is_used(tmp_path):
     data = build(write(tmp_path, scales=(2, 4)))
-    assert f"pictures of {tmp_path}/rgb/2x (1/2 of full size)" in data.notes()[0]
+    assert f"images of {tmp_path}/rgb/2x (1/2 of full size)" in data.notes()[0]
     assert projection_error(data, capture(), 0.5) < 0.01
 
 
@@ -136,19 +136,19 @@ def test_the_older_name_of_tangential_distortion_is_known(tmp_path):
     assert build(write(tmp_path, camera=camera))._frames[0].lens.distortion[2] == 0.01
 
 
-def test_without_val_ids_pictures_are_held_out_as_any_others(tmp_path):
+def test_without_val_ids_images_are_held_out_as_any_others(tmp_path):
     data = build(write(tmp_path, held=()), eval_every_nth=3)
     assert data.views(Split.EVAL).names == (NAMES[0],)
     assert data.views(Split.TRAIN).names == (NAMES[2], NAMES[4])
     assert "2 frames are neither in train_ids nor in val_ids: left out" in data.notes()
 
 
-def test_pictures_that_are_not_on_disk_are_left_out(tmp_path):
+def test_images_that_are_not_on_disk_are_left_out(tmp_path):
     write(tmp_path)
     (tmp_path / f"rgb/1x/{NAMES[2]}.png").unlink()
     data = build(tmp_path)
     assert len(data.views(Split.TRAIN)) == 2
-    assert f"1 of 5 pictures are not on disk and are left out: {NAMES[2]}" in data.notes()
+    assert f"1 of 5 images are not on disk and are left out: {NAMES[2]}" in data.notes()
 
 
 @pytest.mark.parametrize(
@@ -198,8 +198,8 @@ def test_a_camera_number_that_is_too_large_is_refused(tmp_path):
         build(tmp_path)
 
 
-def test_without_pictures_it_is_refused(tmp_path):
-    with pytest.raises(DataError, match=r"holds no pictures: there is no rgb/1x, rgb/2x"):
+def test_without_images_it_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"holds no images: there is no rgb/1x, rgb/2x"):
         build(write(tmp_path, scales=()))
 
 

@@ -40,7 +40,7 @@ def write_poses(folder, capture, size=(HEIGHT, WIDTH)):
 
 
 def write_folders(folder, capture, times=4, inner="images"):
-    """A folder of pictures for each camera."""
+    """A folder of images for each camera."""
     for name in capture.names:
         for time in range(times):
             write_picture(folder / name / inner / f"{time:04d}.png")
@@ -67,7 +67,7 @@ def test_points_fall_where_they_should_in_videos(tmp_path):
     data.close()
 
 
-def test_pictures_of_videos_come_with_their_time_and_camera(tmp_path):
+def test_images_of_videos_come_with_their_time_and_camera(tmp_path):
     data = build(write_videos(tmp_path, cameras()))
     assert data.scene.num_times == 6
     assert data.scene.time_range == pytest.approx((0.0, 5 / 30))
@@ -80,7 +80,7 @@ def test_pictures_of_videos_come_with_their_time_and_camera(tmp_path):
     data.close()
 
 
-def test_pictures_of_one_time_share_a_batch(tmp_path):
+def test_images_of_one_time_share_a_batch(tmp_path):
     data = build(write_videos(tmp_path, cameras()))
     (batch,) = data.load(Split.TRAIN, [2, 8], CPU)
     assert batch.images.shape == (2, HEIGHT, WIDTH, 3)
@@ -88,7 +88,7 @@ def test_pictures_of_one_time_share_a_batch(tmp_path):
 
 
 @pytest.mark.parametrize("inner", ["images", ""])
-def test_folders_of_pictures_are_read_likewise(tmp_path, inner):
+def test_folders_of_images_are_read_likewise(tmp_path, inner):
     capture = cameras()
     data = build(write_folders(tmp_path, capture, inner=inner))
     names = [[f"{name}/{time:04d}.png" for time in range(4)] for name in capture.names]
@@ -154,9 +154,7 @@ def test_shorter_footage_shortens_all_of_it(tmp_path):
     (tmp_path / "cam01/images/0003.png").unlink()
     data = build(tmp_path)
     assert data.scene.num_times == 3
-    assert (
-        "camera cam01 has 3 pictures, others up to 4: the first 3 of each are used" in data.notes()
-    )
+    assert "camera cam01 has 3 images, others up to 4: the first 3 of each are used" in data.notes()
 
 
 def test_a_row_too_many_is_refused(tmp_path):
@@ -164,7 +162,7 @@ def test_a_row_too_many_is_refused(tmp_path):
     write_poses(tmp_path, cameras(4))
     with pytest.raises(
         DataError,
-        match=r"has 4 cameras, but there are 3 videos or folders of pictures: cam00, cam01, cam02",
+        match=r"has 4 cameras, but there are 3 videos or folders of images: cam00, cam01, cam02",
     ):
         build(tmp_path)
 

@@ -98,7 +98,7 @@ def test_points_fall_where_they_should(tmp_path):
     assert data.notes()[0] == f"{tmp_path}/sfm_data.json: 4 views, 20 points"
 
 
-def test_pictures_are_where_the_file_says_or_beside_it(tmp_path):
+def test_images_are_where_the_file_says_or_beside_it(tmp_path):
     elsewhere = tmp_path / "far/photos"
     write(tmp_path / "set", scene(root_path=str(elsewhere)), pictures="../far/photos")
     assert projection_error(build(tmp_path / "set"), square(ring())) < 0.01
@@ -151,23 +151,19 @@ def test_a_types_name_is_given_once(tmp_path):
 
 def test_panoramas_are_refused(tmp_path):
     content = scene({"width": 64, "height": 32}, "spherical")
-    assert "pictures of spherical cameras cannot be trained on." in failure(
-        write(tmp_path, content)
-    )
+    assert "images of spherical cameras cannot be trained on." in failure(write(tmp_path, content))
 
 
 def test_views_without_a_pose_are_left_out_with_a_note(tmp_path):
     data = build(write(tmp_path, scene(extrinsics=scene()["extrinsics"][:3])))
     assert len(data.views(Split.TRAIN)) == 3
-    assert "1 pictures without a pose are left out: view_003.png" in data.notes()
+    assert "1 images without a pose are left out: view_003.png" in data.notes()
 
 
-def test_missing_pictures_are_noted(tmp_path):
+def test_missing_images_are_noted(tmp_path):
     write(tmp_path)
     (tmp_path / "images/view_001.png").unlink()
-    assert (
-        "1 of 4 pictures are not on disk and are left out: view_001.png" in build(tmp_path).notes()
-    )
+    assert "1 of 4 images are not on disk and are left out: view_001.png" in build(tmp_path).notes()
 
 
 @pytest.mark.parametrize(

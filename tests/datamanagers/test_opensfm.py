@@ -81,7 +81,7 @@ def test_points_fall_where_they_should(tmp_path):
     assert data.notes()[0] == f"{tmp_path}/reconstruction.json: 4 shots, 20 points"
 
 
-def test_numbers_are_those_of_any_size_of_the_picture(tmp_path):
+def test_numbers_are_those_of_any_size_of_the_image(tmp_path):
     camera = BROWN | {"width": WIDTH * 3 // 2, "height": HEIGHT * 3 // 2}
     assert projection_error(build(write(tmp_path, reconstruction(camera))), ring()) < 0.01
     turned = BROWN | {"width": HEIGHT, "height": WIDTH}
@@ -165,12 +165,10 @@ def test_the_largest_reconstruction_is_used(tmp_path):
     )
 
 
-def test_missing_pictures_are_noted(tmp_path):
+def test_missing_images_are_noted(tmp_path):
     write(tmp_path)
     (tmp_path / "images/view_001.png").unlink()
-    assert (
-        "1 of 4 pictures are not on disk and are left out: view_001.png" in build(tmp_path).notes()
-    )
+    assert "1 of 4 images are not on disk and are left out: view_001.png" in build(tmp_path).notes()
 
 
 def test_a_reconstruction_without_points_starts_from_none(tmp_path):
@@ -195,7 +193,7 @@ def changed(**settings):
         (changed(rotation=[1, 2]), "shot view_000.png: rotation: expected 3 numbers, found [1, 2]"),
         (changed(translation=None), "translation: expected 3 numbers, found nothing."),
         (reconstruction(BROWN | {"projection_type": "spherical"}),
-         "pictures of spherical cameras cannot be trained on."),
+         "images of spherical cameras cannot be trained on."),
         (reconstruction(BROWN | {"projection_type": "fisheye624", "s1": 0.1}),
          "the tangential and thin prism terms of fisheye624 cannot be used."),
         (reconstruction(BROWN | {"focal_x": None}), "focal_x is nothing; expected a number."),

@@ -36,7 +36,7 @@ def capture():
 
 
 def write(folder, files=("train_meta.json", "test_meta.json"), **settings):
-    """Pictures of 4 cameras, of which test_meta.json has one."""
+    """Images of 4 cameras, of which test_meta.json has one."""
     for camera in range(4):
         for time in range(TIMES):
             write_picture(folder / "ims" / name(camera, time))
@@ -125,10 +125,10 @@ def test_a_file_of_the_set_stands_for_its_folder(tmp_path):
     assert not PanopticConfig.detect(tmp_path / "ims").recognised
 
 
-def test_pictures_that_are_not_on_disk_are_left_out(tmp_path):
+def test_images_that_are_not_on_disk_are_left_out(tmp_path):
     write(tmp_path)
     (tmp_path / "ims" / name(0, 1)).unlink()
-    assert "1 of 12 pictures are not on disk and are left out: 10/000001.jpg" in (
+    assert "1 of 12 images are not on disk and are left out: 10/000001.jpg" in (
         build(tmp_path).notes()
     )
 
@@ -168,6 +168,6 @@ def test_a_point_cloud_that_is_none_is_refused(tmp_path):
         build(tmp_path)
 
 
-def test_pictures_decode(tmp_path):
+def test_images_decode(tmp_path):
     (batch,) = build(write(tmp_path)).load(Split.EVAL, [1], torch.device("cpu"))
     assert batch.images.shape == (1, HEIGHT, WIDTH, 3)

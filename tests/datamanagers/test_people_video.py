@@ -14,7 +14,7 @@ pycolmap = pytest.importorskip("pycolmap")
 
 @pytest.fixture(scope="module")
 def shared_videos(tmp_path_factory):
-    """Pictures and cameras of two times, at half the size."""
+    """Images and cameras of two times, at half the size."""
     from conftest import SHARED_DATA
 
     folder = SHARED_DATA / "dynamic/people_video"
@@ -72,7 +72,7 @@ def matches(first, second):
 
 
 def epipolar_distances(first, second, points, others):
-    """Pixels from points to their epipolar lines, mean of both pictures."""
+    """Pixels from points to their epipolar lines, mean of both images."""
     (_, k1, pose1), (_, k2, pose2) = first, second
     relative = pose2 @ np.linalg.inv(pose1)
     x, y, z = relative[:3, 3]

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from support.small_captures import (
     CENTER,
     FOCAL,
@@ -60,7 +61,7 @@ def test_points_fall_where_they_should(tmp_path):
     assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
 
 
-def test_corrected_cameras_are_preferred_with_their_pictures(tmp_path):
+def test_corrected_cameras_are_preferred_with_their_images(tmp_path):
     write(tmp_path)
     write(tmp_path, "corrected_", views=3)
     assert projection_error(build(tmp_path), ring(3)) < 0.01
@@ -68,12 +69,12 @@ def test_corrected_cameras_are_preferred_with_their_pictures(tmp_path):
     assert projection_error(build(tmp_path, {"corrected": False}), ring()) < 0.01
 
 
-def test_blurred_pictures_are_left_out_when_asked_for(tmp_path):
+def test_blurred_images_are_left_out_when_asked_for(tmp_path):
     data = build(write(tmp_path), {"min_blur_score": 65.0})
     assert data.views(Split.TRAIN).names == ("view_002.png", "view_003.png")
-    assert "2 pictures score below 65 and are left out" in data.notes()
+    assert "2 images score below 65 and are left out" in data.notes()
     assert failure(tmp_path, {"min_blur_score": 99.0}).startswith(
-        "datamanager.min_blur_score=99: all 4 pictures score lower."
+        "datamanager.min_blur_score=99: all 4 images score lower."
     )
 
 
@@ -82,15 +83,15 @@ def test_what_is_not_used_is_noted(tmp_path):
     (tmp_path / "keyframes/depth").mkdir()
     (tmp_path / "mesh_info.json").write_text("{}")
     assert (
-        "not used: keyframes/depth (measured depth), mesh_info.json (where Polycam's mesh lies)"
-        in build(tmp_path).notes()
-    )
+        "not used: keyframes/depth (datamanager.maps=depth:keyframes/depth loads it), "
+        "mesh_info.json (where Polycam's mesh lies)"
+    ) in build(tmp_path).notes()
 
 
-def test_missing_pictures_are_noted(tmp_path):
+def test_missing_images_are_noted(tmp_path):
     write(tmp_path)
     (tmp_path / "keyframes/images/view_001.png").unlink()
-    assert "1 of 4 pictures are not on disk and are left out: view_001" in build(tmp_path).notes()
+    assert "1 of 4 images are not on disk and are left out: view_001" in build(tmp_path).notes()
 
 
 @pytest.mark.parametrize(
@@ -123,3 +124,16 @@ def test_the_format_is_told_by_its_folders(tmp_path):
     write(tmp_path)
     assert PolycamConfig.detect(tmp_path).found == "Polycam's keyframes/cameras/"
     assert PolycamConfig.detect(tmp_path / "keyframes").found == "Polycam's cameras/"
+
+
+def test_depth_is_loaded_as_a_map(tmp_path):
+    write(tmp_path)
+    folder = tmp_path / "keyframes/depth"
+    folder.mkdir()
+    for image in (tmp_path / "keyframes/images").iterdir():
+        Image.fromarray(np.full((12, 16), 2500, np.uint16)).save(folder / f"{image.stem}.png")
+    data = build(tmp_path, {"maps": ("depth:keyframes/depth",)})
+    (batch,) = data.load(Split.TRAIN, [0], torch.device("cpu"))
+    scale = data.scene.world_from_scene.scale
+    assert np.allclose(scale * batch.maps["depth"].values, 2.5)
+    assert not any("not used" in note for note in data.notes())

@@ -34,7 +34,7 @@ def test_fox_is_seen_as_colmap_sees_it(shared_data):
         assert np.abs(pixels.numpy() - wanted).max() < 0.01
 
 
-def test_fox_loads_a_downscaled_picture(shared_data):
+def test_fox_loads_a_downscaled_image(shared_data):
     data = ColmapConfig().build(DataRequest(shared_data / "captures/fox", downscale=8.0))
     (batch,) = data.load(Split.TRAIN, [0], CPU)
     assert batch.images.shape == (1, 160, 90, 3)
@@ -88,7 +88,7 @@ def test_garden_robot_has_24_times_of_10_cameras(shared_data):
     data.close()
 
 
-def test_the_pictures_of_d_nerf_sets_have_a_time_over_all_splits(shared_data):
+def test_the_images_of_d_nerf_sets_have_a_time_over_all_splits(shared_data):
     data = BlenderConfig().build(DataRequest(shared_data / "dynamic/mujoco_collision"))
     times = data.views(Split.TRAIN).times
     assert min(times) >= 0

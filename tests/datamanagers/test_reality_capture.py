@@ -95,7 +95,7 @@ def test_points_fall_where_they_should(tmp_path, header):
     assert data.notes()[0] == f"{tmp_path}/export.csv: 4 cameras"
 
 
-def test_pictures_may_lie_beside_the_file(tmp_path):
+def test_images_may_lie_beside_the_file(tmp_path):
     assert projection_error(build(write(tmp_path, pictures=".")), square(ring())) < 0.01
 
 
@@ -143,16 +143,16 @@ def test_columns_after_the_focal_length_may_be_missing(tmp_path):
     assert lens.is_pinhole
 
 
-def test_pictures_of_one_lens_have_one_camera(tmp_path):
+def test_images_of_one_lens_have_one_camera(tmp_path):
     rows = [row(ring(), 0), row(ring(), 1), row(ring(), 2, intrinsics=(40, 0, 0)), row(ring(), 3)]
     data = build(write(tmp_path, rows))
     assert [frame.camera for frame in data.recording.frames] == [0, 0, 1, 0]
 
 
-def test_missing_pictures_are_noted(tmp_path):
+def test_missing_images_are_noted(tmp_path):
     rows = [row(ring(), 0), row(ring(), 1, "gone.png"), *(row(ring(), view) for view in (2, 3))]
     notes = build(write(tmp_path, rows)).notes()
-    assert "1 of 4 pictures are not on disk and are left out: gone.png" in notes
+    assert "1 of 4 images are not on disk and are left out: gone.png" in notes
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def test_points_fall_where_they_should(tmp_path):
         "8 views to train on, 4 held out (camera cam00, as papers do)",
         data.notes()[-1],
     )
-    assert data.notes()[-1].startswith("12 pictures of 3 videos: decoded once and kept in ")
+    assert data.notes()[-1].startswith("12 images of 3 videos: decoded once and kept in ")
     data.close()
 
 
@@ -131,7 +131,7 @@ def test_of_two_cameras_none_is_held_out(tmp_path):
     data.close()
 
 
-def test_a_folder_of_pictures_per_camera_will_do(tmp_path):
+def test_a_folder_of_images_per_camera_will_do(tmp_path):
     write(tmp_path)
     for name in cameras().names:
         for time in range(TIMES):

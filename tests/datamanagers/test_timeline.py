@@ -7,7 +7,7 @@ import torch
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Lens
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.timeline import Timeline
 
 LENS = Lens(1.0, 1.0, 0.5, 0.5, 1, 1, "test")

@@ -33,7 +33,7 @@ CPU = torch.device("cpu")
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with the pictures of the ring, which a test adds its transforms.json to."""
+    """A folder with the images of the ring, which a test adds its transforms.json to."""
     write_pictures(tmp_path, ring())
     return tmp_path
 
@@ -132,12 +132,12 @@ def test_frames_whose_files_are_missing_are_listed_and_left_out(folder):
     (folder / "view_002.png").unlink()
     data = build(folder)
     assert data.views(Split.TRAIN).names == ("view_000.png", "view_001.png", "view_003.png")
-    assert "1 of 4 pictures are not on disk and are left out: view_002.png" in data.notes()
+    assert "1 of 4 images are not on disk and are left out: view_002.png" in data.notes()
 
 
-def test_a_file_without_any_of_its_pictures_is_refused(tmp_path):
+def test_a_file_without_any_of_its_images_is_refused(tmp_path):
     write(tmp_path)
-    assert f"none of the 4 pictures is in {tmp_path}" in str(failure(tmp_path))
+    assert f"none of the 4 images is in {tmp_path}" in str(failure(tmp_path))
 
 
 def test_points_of_a_ply_come_along_with_their_colours(folder):
@@ -277,7 +277,7 @@ def test_coefficients_are_read_as_their_model_has_them(folder, settings, model, 
     assert lens.distortion == (*distortion, *[0.0] * missing)
 
 
-def test_distorted_pictures_come_undistorted_and_cameras_follow(folder):
+def test_distorted_images_come_undistorted_and_cameras_follow(folder):
     write(folder, [{}, {"k1": -0.1}, FISHEYE, {"fl_x": 60.0, "fl_y": 60.0, "k1": 0.1}])
     data = build(folder)
     cameras = data.views(Split.TRAIN).cameras
@@ -292,7 +292,7 @@ def test_distorted_pictures_come_undistorted_and_cameras_follow(folder):
     assert [note for note in data.notes() if "undistorted from OPENCV_FISHEYE to PINHOLE" in note]
 
 
-def test_masks_and_alpha_of_distorted_pictures_come_along(folder):
+def test_masks_and_alpha_of_distorted_images_come_along(folder):
     values = np.zeros((HEIGHT, WIDTH), np.uint8)
     values[:, : WIDTH // 2] = 255
     Image.fromarray(values).save(folder / "mask.png")
@@ -361,7 +361,7 @@ def test_a_setting_that_is_no_number_is_named(folder, settings, message):
     assert str(failure(folder)) == f"{path}: frame view_000.png: {message}"
 
 
-def test_a_picture_of_another_size_is_refused_with_both_sizes(folder):
+def test_an_image_of_another_size_is_refused_with_both_sizes(folder):
     path = write(folder, w=WIDTH + 2)
     assert failure(folder).message == (
         f"{folder}/view_000.png is 64x48 pixels, but {path} describes 66x48."

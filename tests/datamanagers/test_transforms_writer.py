@@ -23,7 +23,7 @@ from gsfw.datamanagers.transforms_writer import NERFSTUDIO_MODELS, write_transfo
 
 
 def source(folder, capture=None):
-    """A COLMAP model with its pictures, loaded."""
+    """A COLMAP model with its images, loaded."""
     capture = capture or ring()
     write_pictures(folder / "images", capture)
     write_colmap(folder / "sparse/0", capture)
@@ -90,7 +90,7 @@ def test_one_lens_is_written_once_and_several_with_their_frames(tmp_path):
     assert [frame.lens.fx for frame in read(tmp_path).recording.frames] == [70.0, 71.0, 72.0, 73.0]
 
 
-def test_lenses_are_those_of_shrunk_pictures(tmp_path):
+def test_lenses_are_those_of_shrunk_images(tmp_path):
     recording = source(tmp_path)
     large = with_frames(
         recording, lambda frame, _: replace(frame, lens=frame.lens.resized(128, 96))
@@ -142,10 +142,8 @@ def test_files_elsewhere_are_refused(tmp_path):
     )
 
 
-def test_pictures_of_videos_are_refused(tmp_path):
+def test_images_of_videos_are_refused(tmp_path):
     recording = source(tmp_path)
     object.__setattr__(recording.frames[0], "shot", "a shot")
-    with pytest.raises(
-        DataError, match=r"is a picture of the video .* transforms.json cannot name"
-    ):
+    with pytest.raises(DataError, match=r"is an image of the video .* transforms.json cannot name"):
         write_transforms(recording, tmp_path)

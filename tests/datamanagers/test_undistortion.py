@@ -88,7 +88,7 @@ def test_a_lens_beside_the_middle_keeps_more_than_colmap_does():
     assert inside(every_pixel(found)[0]).all()
 
 
-def test_a_principal_point_outside_the_picture_is_no_obstacle():
+def test_a_principal_point_outside_the_image_is_no_obstacle():
     undistortion = undistortion_of(replace(lens("OPENCV"), cx=-40.0), USUAL)
     assert undistortion.target.cx < -30
     assert undistortion.lost < 0.12
@@ -138,12 +138,12 @@ def test_lenses_that_are_no_fisheyes_become_pinholes_whatever_fisheyes_do():
     ("model", "distortion", "reach"),
     [("SIMPLE_RADIAL", (-1.5,), 53), ("OPENCV_FISHEYE", (-0.7, 0.0, 0.0, 0.0), 78)],
 )
-def test_a_distortion_that_folds_the_picture_over_is_refused(model, distortion, reach, blank):
+def test_a_distortion_that_folds_the_image_over_is_refused(model, distortion, reach, blank):
     camera = lens(model, distortion)
     with pytest.raises(DataError) as error:
         undistortion_of(camera, LensRule(blank_pixels=blank))
     assert str(error.value) == (
-        f"camera 1: its distortion, {camera}, folds the picture over: no ray falls further than "
+        f"camera 1: its distortion, {camera}, folds the image over: no ray falls further than "
         f"about {reach} pixels from the principal point, but the corners are 154 pixels from it.\n"
         "Estimate the cameras again with a model that fits the lens (OPENCV_FISHEYE for very wide "
         "ones), or with fewer parameters (SIMPLE_RADIAL)."
@@ -173,15 +173,15 @@ def test_a_lens_that_leaves_next_to_nothing_is_refused():
     )
 
 
-def test_notes_say_what_became_of_which_pictures():
+def test_notes_say_what_became_of_which_images():
     plain, fisheye = undistortion_of(lens("OPENCV"), USUAL), undistortion_of(WIDE, KEPT)
     assert undistortion_notes([]) == ()
     assert undistortion_notes([plain, plain, fisheye]) == (
-        "2 pictures of 1 lens undistorted from OPENCV to PINHOLE (254x186 pixels), for "
-        f"training, evaluation and export; up to {100 * plain.lost:.1f} % of a picture fall "
+        "2 images of 1 lens undistorted from OPENCV to PINHOLE (254x186 pixels), for "
+        f"training, evaluation and export; up to {100 * plain.lost:.1f} % of an image fall "
         "outside",
-        "1 picture of 1 lens undistorted from FISHEYE to FISHEYE "
+        "1 image of 1 lens undistorted from FISHEYE to FISHEYE "
         f"({fisheye.target.width}x{fisheye.target.height} pixels), for training, evaluation and "
-        f"export; up to {100 * fisheye.lost:.1f} % of a picture fall outside, and pixels that no "
+        f"export; up to {100 * fisheye.lost:.1f} % of an image fall outside, and pixels that no "
         "lens saw are masked out",
     )

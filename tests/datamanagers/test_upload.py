@@ -1,11 +1,11 @@
-"""How pictures get to a device. What a GPU does is asked of one where there is one."""
+"""How images get to a device. What a GPU does is asked of one where there is one."""
 
 import threading
 
 import pytest
 import torch
 
-from gsfw.datamanagers.upload import CudaUpload, PlainUpload, upload_to
+from gsfw.datamanagers.device_images import CudaUpload, PlainUpload, upload_to
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def test_what_arrives_on_a_gpu_is_what_was_sent(gpu):
 
 @pytest.mark.cuda
 def test_neither_memory_is_lent_out_while_it_is_used(gpu):
-    # Pictures are sent by a thread while the main stream is far behind with using the ones before;
+    # Images are sent by a thread while the main stream is far behind with using the ones before;
     # a buffer, or memory of the GPU, that is used again too early shows as a wrong number.
     upload = CudaUpload(gpu)
     busy = torch.rand(2048, 2048, device=gpu)

@@ -15,7 +15,7 @@ from gsfw.datamanagers.video import Video, is_video
 av = pytest.importorskip("av", reason="PyAV, which decodes videos, is not installed")
 
 RATE, TICKS = 30, 512
-"""Pictures per second of small videos, and the length of one in their own unit."""
+"""Images per second of small videos, and the length of one in their own unit."""
 
 
 def test_packets_tell_size_number_rate_times_and_key_frames(tmp_path):
@@ -28,20 +28,20 @@ def test_packets_tell_size_number_rate_times_and_key_frames(tmp_path):
     video.check_even()
 
 
-def test_every_picture_is_the_one_of_its_number(tmp_path):
+def test_every_image_is_the_one_of_its_number(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4"))
-    for number, pixels in video.pictures(range(10)):
+    for number, pixels in video.images(range(10)):
         assert np.abs(pixels.astype(int) - picture(number)).mean() < 3
         assert abs(float(pixels[HEIGHT // 2 :].mean()) - (shade(number) - 7.5)) < 3
 
 
-def test_pictures_are_the_same_bits_in_any_order(tmp_path):
+def test_images_are_the_same_bits_in_any_order(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4"))
-    in_order = dict(video.pictures(range(10)))
+    in_order = dict(video.images(range(10)))
     assert list(in_order) == list(range(10))
     for number in (9, 3, 4, 0, 7, 5):
-        assert np.array_equal(video.picture(number), in_order[number])
-    assert [number for number, _ in video.pictures(range(5, 8))] == [5, 6, 7]
+        assert np.array_equal(video.image(number), in_order[number])
+    assert [number for number, _ in video.images(range(5, 8))] == [5, 6, 7]
 
 
 def test_segments_go_from_key_frame_to_key_frame(tmp_path):
@@ -59,7 +59,7 @@ def test_other_containers_are_read(tmp_path, end):
     video = Video.read(write_video(tmp_path / f"a{end}", key_every=100))
     assert len(video) == 10
     video.check_even()
-    assert np.abs(video.picture(6).astype(int) - picture(6)).mean() < 3
+    assert np.abs(video.image(6).astype(int) - picture(6)).mean() < 3
 
 
 def test_an_mp4_called_mov_is_read_as_what_it_is(tmp_path):
@@ -86,34 +86,34 @@ def rotated(path, degrees):
 def test_rotation_metadata_is_applied(tmp_path, degrees):
     plain = write_video(tmp_path / "a.mp4")
     video = Video.read(rotated(plain, degrees))
-    expected = np.rot90(Video.read(plain).picture(2), video.turns)
+    expected = np.rot90(Video.read(plain).image(2), video.turns)
     assert (video.header.height, video.header.width) == expected.shape[:2]
-    assert np.array_equal(video.picture(2), expected)
+    assert np.array_equal(video.image(2), expected)
     assert video.turns == degrees // 90 % 4
 
 
-def test_a_cropped_video_has_the_box_of_the_upright_picture(tmp_path):
+def test_a_cropped_video_has_the_box_of_the_upright_image(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4"))
     cropped = video.cropped((4, 6, 24, 36))
     assert (cropped.header.width, cropped.header.height) == (20, 30)
-    assert np.array_equal(cropped.picture(1), video.picture(1)[6:36, 4:24])
+    assert np.array_equal(cropped.image(1), video.image(1)[6:36, 4:24])
 
 
-def test_pictures_with_others_between_are_the_same(tmp_path):
+def test_images_with_others_between_are_the_same(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4"))
-    all_of_them = dict(video.pictures(range(10)))
-    chosen = dict(video.pictures([1, 5, 8]))
+    all_of_them = dict(video.images(range(10)))
+    chosen = dict(video.images([1, 5, 8]))
     assert list(chosen) == [1, 5, 8]
     assert all(np.array_equal(chosen[number], all_of_them[number]) for number in chosen)
-    assert list(video.pictures([])) == []
+    assert list(video.images([])) == []
 
 
-def test_small_greys_are_the_pictures_shrunk(tmp_path):
+def test_small_greys_are_the_images_shrunk(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4"))
     assert [number for number, _ in video.greys(range(0, 10, 3), 32)] == [0, 3, 6, 9]
     for number, grey in video.greys(range(10), WIDTH // 2):
         assert grey.shape == (HEIGHT // 2, WIDTH // 2)
-        colors = video.picture(number).reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3)
+        colors = video.image(number).reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3)
         assert np.abs(grey - colors.mean((1, 3, 4))).mean() < 3
     assert next(video.greys([4], 1000))[1].shape == (HEIGHT, WIDTH)
 
@@ -137,7 +137,7 @@ def test_a_varying_rate_is_refused_where_numbers_have_to_tell_the_time(tmp_path)
     assert video.times == pytest.approx(np.array(stamps) / 30)
     with pytest.raises(
         DataError,
-        match=r"the frame rate varies: picture 6 comes 100\.0 ms after the one before, where "
+        match=r"the frame rate varies: image 6 comes 100\.0 ms after the one before, where "
         r"33\.3 ms are usual\.\n.*ffmpeg -i a\.mp4 -vf fps=30 NEW\.mp4\.",
     ):
         video.check_even()
@@ -160,7 +160,7 @@ def test_text_called_mp4_is_refused(tmp_path):
         Video.read(tmp_path / "a.mp4")
 
 
-def test_a_picture_called_mp4_is_refused(tmp_path):
+def test_an_image_called_mp4_is_refused(tmp_path):
     write_picture(tmp_path / "a.png")
     (tmp_path / "a.png").rename(tmp_path / "a.mp4")
     with pytest.raises(DataError, match=r"a\.mp4: the file \(piped png sequence\) is no video\."):
@@ -172,13 +172,13 @@ def test_a_video_that_lost_its_end_is_refused(tmp_path):
     content = path.read_bytes()
     path.write_bytes(content[: int(0.7 * len(content))])
     with pytest.raises(
-        DataError, match=r"a\.mp4 is cut off: its header announces 10 pictures, \d are there\."
+        DataError, match=r"a\.mp4 is cut off: its header announces 10 images, \d are there\."
     ):
         Video.read(path)
 
 
 def trim(path, first, count):
-    """Let the edit list of a video show ``count`` pictures only, as editors and phones do."""
+    """Let the edit list of a video show ``count`` images only, as editors and phones do."""
     content = bytearray(path.read_bytes())
     place = (
         content.index(b"elst") + 12
@@ -189,13 +189,13 @@ def trim(path, first, count):
 
 
 @pytest.mark.parametrize(("first", "count"), [(2, 8), (0, 7), (5, 3)])
-def test_a_trimmed_video_has_the_pictures_that_it_shows(tmp_path, first, count):
+def test_a_trimmed_video_has_the_images_that_it_shows(tmp_path, first, count):
     path = write_video(tmp_path / "a.mp4")
-    whole = list(Video.read(path).pictures(range(10)))
+    whole = list(Video.read(path).images(range(10)))
     trim(path, first, count)
     video = Video.read(path)
     assert len(video) <= 10 - first
-    for number, pixels in video.pictures(range(count)):
+    for number, pixels in video.images(range(count)):
         assert np.array_equal(pixels, whole[first + number][1])
 
 
@@ -204,7 +204,7 @@ def test_a_trimmed_video_that_lost_its_end_is_refused(tmp_path):
     trim(path, 2, 8)
     content = path.read_bytes()
     path.write_bytes(content[: int(0.7 * len(content))])
-    with pytest.raises(DataError, match=r"a\.mp4 is cut off: its header announces \d+ pictures"):
+    with pytest.raises(DataError, match=r"a\.mp4 is cut off: its header announces \d+ images"):
         Video.read(path)
 
 
@@ -214,7 +214,7 @@ def test_a_matroska_video_that_lost_its_end_is_refused(tmp_path):
     content = path.read_bytes()
     path.write_bytes(content[: 2 * len(content) // 3])
     announced = (
-        r"a\.mkv is cut off: its header announces 0\.67 s, and its last picture is at 0\.\d+ s"
+        r"a\.mkv is cut off: its header announces 0\.67 s, and its last image is at 0\.\d+ s"
     )
     with pytest.raises(DataError, match=announced):
         Video.read(path)
@@ -236,7 +236,7 @@ def test_a_recording_that_was_never_finished_is_refused(tmp_path):
         Video.read(path)
 
 
-def test_damaged_pictures_are_refused_when_they_are_reached(tmp_path):
+def test_damaged_images_are_refused_when_they_are_reached(tmp_path):
     def noise(number, width, height):
         generator = np.random.default_rng(number)
         return generator.integers(0, 256, (height, width, 3)).astype(np.uint8)
@@ -248,7 +248,7 @@ def test_damaged_pictures_are_refused_when_they_are_reached(tmp_path):
     path.write_bytes(content)
     video = Video.read(path)
     with pytest.raises(DataError, match=r"a\.mp4: .*(is damaged|does not decode)"):
-        list(video.pictures(range(10)))
+        list(video.images(range(10)))
 
 
 def test_without_pyav_it_is_said_how_to_get_it(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Pictures and masks of distorted lenses."""
+"""Images and masks of distorted lenses."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from support.distorted_pictures import (
     spots,
 )
 
-from gsfw.datamanagers.pictures import fit_picture
+from gsfw.datamanagers.images import fit_image
 from gsfw.datamanagers.undistortion import LensRule, undistortion_of
 from gsfw.datamanagers.warp import MapCache, Warp
 
@@ -26,7 +26,7 @@ def warp(model: str, rule: LensRule | None = None) -> Warp:
 def fit(straightened: Warp, pixels, valid=None, shrunk: float = 1):
     target = straightened.undistortion.target
     width, height = round(target.width / shrunk), round(target.height / shrunk)
-    return fit_picture(pixels, valid, width, height, straightened)
+    return fit_image(pixels, valid, width, height, straightened)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_rays_show_where_the_undistorted_camera_puts_them(model, rule):
     assert np.abs(errors).max() < 0.01
 
 
-def test_rays_show_where_they_should_in_shrunk_pictures():
+def test_rays_show_where_they_should_in_shrunk_images():
     straightened = warp("OPENCV")
     target = straightened.undistortion.target
     picture = fit(straightened, spots(lens("OPENCV"), target, slopes_on_grid()), shrunk=2).pixels

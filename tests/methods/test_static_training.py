@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.gaussians import no_views
+from support.gaussians import no_contributions, no_views
 from support.mixed_rows import check_rows
 from support.moving_runs import train
 from support.moving_scene import WHITE, camera_at, two_balls
@@ -118,7 +118,7 @@ class Course:
         output = self.rasterizer.render(splats, camera, WHITE)
         context = StepContext(
             self.step, 1000, batch, splats, output, batch.images,
-            len(self.table), 1.0, 1.0, Operators(), no_views,
+            len(self.table), 1.0, 1.0, Operators(), no_views, no_contributions,
         )  # fmt: skip
         losses = {**self.method.losses(context), **self.model.regularizers(context)}
         loss = torch.stack(list(losses.values())).sum()

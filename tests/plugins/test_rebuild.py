@@ -185,7 +185,7 @@ def test_the_data_set_may_be_given_and_has_to_be_that_of_the_model(tmp_path):
     stored = read_model_file(tmp_path / "model.gsfw")
     changed = Layer("tests", {"data": ""})
     again = rebuild(stored, tmp_path / "model.gsfw", installed(), changed)
-    assert again.composition.parts.data.has_pictures
+    assert again.composition.parts.data.has_images
     frame = replace(stored.scene.world_from_scene, scale=1.1)
     elsewhere = replace(stored, scene=replace(stored.scene, world_from_scene=frame))
     with pytest.raises(DataError, match="was not trained on data=: places in it lie"):

@@ -17,7 +17,7 @@ def test_cameras_are_there_and_pictures_are_not():
     capture = StoredCapture(scene, views, "a.gsfw")
     assert capture.scene is scene
     assert capture.views(Split.TRAIN).names == ("a",)
-    assert not capture.has_pictures
+    assert not capture.has_images
     with pytest.raises(DataError) as caught:
         capture.load(Split.TRAIN, [0], torch.device("cpu"))
     assert str(caught.value) == (

@@ -12,7 +12,7 @@ def grey() -> np.ndarray:
 
 
 def moved(grey: np.ndarray, pixels: float, degrees: float) -> np.ndarray:
-    """The picture as a camera sees it that moves while its shutter is open."""
+    """The image as a camera sees it that moves while its shutter is open."""
     steps = np.linspace(-pixels / 2, pixels / 2, 41)
     across, down = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     shifted = [ndimage.shift(grey, (s * down, s * across), order=1, mode="nearest") for s in steps]

@@ -1,4 +1,4 @@
-"""Which pictures share a camera."""
+"""Which images share a camera."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,23 +6,23 @@ from pathlib import Path
 import pytest
 
 from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.images import Header
 from gsfw.datamanagers.lens import COEFFICIENTS
-from gsfw.datamanagers.pictures import Header
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
 from gsfw.preparation.exif import Exif
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.image_set import ImageSet, SourceImage
 
 PHONE = Exif(make="Apple", model="iPhone", lens="back", focal_mm=4.2, focal_35mm=26.0)
 
 
-def picture(name: str, size=(40, 30), exif=PHONE, group: str = "") -> SourcePicture:
-    return SourcePicture(name, Path(name), Header(*size, has_alpha=False), exif, group)
+def picture(name: str, size=(40, 30), exif=PHONE, group: str = "") -> SourceImage:
+    return SourceImage(name, Path(name), Header(*size, has_alpha=False), exif, group)
 
 
-def groups(*pictures: SourcePicture, **rule) -> list[tuple[str, ...]]:
-    found = group_cameras(PictureSet(pictures), CameraRule(**rule))
+def groups(*pictures: SourceImage, **rule) -> list[tuple[str, ...]]:
+    found = group_cameras(ImageSet(pictures), CameraRule(**rule))
     assert [group.number for group in found] == list(range(1, len(found) + 1))
-    return [group.pictures for group in found]
+    return [group.images for group in found]
 
 
 def test_no_pictures_have_no_cameras():
@@ -76,7 +76,7 @@ def test_one_camera_per_folder():
 
 def test_one_camera_per_picture():
     pictures = picture("a"), picture("b", size=(30, 40))
-    assert groups(*pictures, cameras="per-picture") == [("a",), ("b",)]
+    assert groups(*pictures, cameras="per-image") == [("a",), ("b",)]
 
 
 def test_one_camera_for_all_whatever_exif_says():
@@ -89,9 +89,9 @@ def test_one_camera_has_one_size():
     with pytest.raises(ConfigError) as caught:
         groups(*pictures, cameras="one")
     assert str(caught.value) == (
-        "cameras=one: the pictures have several sizes: 40x30 (a and 2 more), 30x40 (b).\n"
+        "cameras=one: the images have several sizes: 40x30 (a and 2 more), 30x40 (b).\n"
         "One camera has one size, and upright and sideways photos count as two. Use cameras=auto, "
-        "or bring the pictures to one size."
+        "or bring the images to one size."
     )
 
 
@@ -105,12 +105,12 @@ def test_one_camera_per_folder_has_one_size_in_each():
     with pytest.raises(ConfigError) as caught:
         groups(*pictures, cameras="per-folder")
     assert caught.value.message == (
-        "cameras=per-folder: the pictures in y have several sizes: 20x10 (y/a), 10x20 (y/b)."
+        "cameras=per-folder: the images in y have several sizes: 20x10 (y/a), 10x20 (y/b)."
     )
 
 
-def only_group(*pictures: SourcePicture, **rule):
-    (group,) = group_cameras(PictureSet(pictures), CameraRule(**rule))
+def only_group(*pictures: SourceImage, **rule):
+    (group,) = group_cameras(ImageSet(pictures), CameraRule(**rule))
     return group
 
 
@@ -143,7 +143,7 @@ def test_where_pictures_disagree_the_median_focal_length_is_taken():
 def test_other_ways_to_share_are_refused():
     with pytest.raises(ConfigError) as caught:
         CameraRule(cameras="two").check()
-    assert str(caught.value) == ("cameras=two: expected one of auto, one, per-folder, per-picture.")
+    assert str(caught.value) == ("cameras=two: expected one of auto, one, per-folder, per-image.")
 
 
 def test_other_models_are_refused():

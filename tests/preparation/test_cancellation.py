@@ -1,6 +1,8 @@
 """Long work in native code that Ctrl-C ends."""
 
 import _thread
+import subprocess
+import sys
 import time
 from threading import Thread
 
@@ -60,3 +62,24 @@ def test_ctrl_c_while_the_thread_starts_lets_no_work_begin(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         cancellable(begun.append)
     assert begun == []
+
+
+def test_a_process_ends_when_its_parent_was_ended_by_force(tmp_path):
+    """Such a parent cannot say so: without a look at it, its processes would wait for ever."""
+    parent = tmp_path / "parent.py"
+    parent.write_text(
+        "import multiprocessing, os, time\n"
+        "from gsfw.preparation.cancellation import end_with_parent\n"
+        "def wait():\n"
+        "    end_with_parent()\n"
+        "    print('ready', flush=True)\n"
+        "    time.sleep(60)\n"
+        "if __name__ == '__main__':\n"
+        "    multiprocessing.get_context('spawn').Process(target=wait).start()\n"
+        "    time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, str(parent)], stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"ready\n"
+        process.kill()
+        # Its output ends when the last process that holds it has ended.
+        assert process.communicate(timeout=30)[0] == b""

@@ -21,7 +21,7 @@ PHONE = {
 
 
 def save(path: Path, tags: dict[int, object], size: tuple[int, int] = (8, 6)) -> Path:
-    """A picture with these tags, each where Exif wants it."""
+    """An image with these tags, each where Exif wants it."""
     exif = Image.Exif()
     for tag, value in tags.items():
         place = exif if tag in (Base.Make, Base.Model, Base.Orientation) else exif.get_ifd(IFD.Exif)
@@ -146,7 +146,7 @@ def test_damaged_exif_is_empty_and_warns_of_nothing(tmp_path, damaged):
 
 
 def test_no_picture_at_all_says_nothing(tmp_path):
-    (tmp_path / "text.jpg").write_text("no picture")
+    (tmp_path / "text.jpg").write_text("no image")
     assert read_exif(tmp_path / "text.jpg") == Exif()
     assert read_exif(tmp_path / "missing.jpg") == Exif()
 

@@ -12,15 +12,15 @@ from scipy.spatial import cKDTree
 from support import captured
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
-from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header, read_header
+from gsfw.datamanagers.images import Header, read_header
 from gsfw.preparation import features
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.progress import Progress, Silent
-from gsfw.preparation.sift import PictureFeatures, PictureTask, find_features
+from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features
 
 SETTINGS = FeatureSettings(max_size=320, count=1000, jobs=1)
 
@@ -44,29 +44,29 @@ def save(path: Path, pixels: np.ndarray, **options) -> Path:
     return path
 
 
-def task(path: Path, size: int = 320, count: int = 1000) -> PictureTask:
-    return PictureTask(path.name, path, read_header(path), size, count, 320)
+def task(path: Path, size: int = 320, count: int = 1000) -> ImageTask:
+    return ImageTask(path.name, path, read_header(path), size, count, 320)
 
 
-def imagined(count: int, width: int = 4000, height: int = 3000) -> PictureSet:
+def imagined(count: int, width: int = 4000, height: int = 3000) -> ImageSet:
     """A set that nothing is read of."""
     header = Header(width, height, has_alpha=False)
-    return PictureSet(
+    return ImageSet(
         tuple(
-            SourcePicture(f"{number:04d}.jpg", Path("nowhere"), header, Exif())
+            SourceImage(f"{number:04d}.jpg", Path("nowhere"), header, Exif())
             for number in range(count)
         )
     )
 
 
-def three(folder: Path) -> PictureSet:
-    """Three small pictures with many features."""
+def three(folder: Path) -> ImageSet:
+    """Three small images with many features."""
     paths = [save(folder / f"{name}.png", texture(160, 120, ord(name))) for name in "abc"]
-    return captured.picture_set(paths)
+    return captured.image_set(paths)
 
 
 def content(database: Path) -> list[np.ndarray]:
-    """All that a database holds of cameras, pictures and features."""
+    """All that a database holds of cameras, images and features."""
     with pycolmap.Database.open(database) as opened:
         found = [np.array([str(one) for one in opened.read_all_cameras()])]
         found += [np.array([str(one) for one in opened.read_all_rigs()])]
@@ -84,7 +84,7 @@ def assert_same(first: Path, second: Path) -> None:
 
 
 class Interrupting(Progress):
-    """Ctrl-C when so many pictures are done."""
+    """Ctrl-C when so many images are done."""
 
     def __init__(self, at: int) -> None:
         self._at = at
@@ -110,7 +110,7 @@ class Interrupting(Progress):
 
 
 def test_keypoints_of_a_shrunk_picture_lie_where_those_of_the_whole_one_do(tmp_path):
-    # Twice as large a picture of the same thing, with other sizes along x and y after shrinking.
+    # Twice as large an image of the same thing, with other sizes along x and y after shrinking.
     small = texture(240, 161)
     path = save(tmp_path / "large.png", np.kron(small, np.ones((2, 2, 1), np.uint8))[:, :479])
     whole = find_features(task(path, size=480)).keypoints
@@ -167,7 +167,7 @@ def test_nothing_is_found_where_a_picture_is_transparent(tmp_path):
 
 def test_the_database_has_one_camera_for_a_group_and_frames_that_colmap_understands(tmp_path):
     pictures = three(tmp_path / "photos")
-    a, b, c = (picture.name for picture in pictures.pictures)
+    a, b, c = (picture.name for picture in pictures.images)
     groups = (
         CameraGroup(1, "SIMPLE_RADIAL", 160, 120, 150.0, "EXIF", (a, c)),
         CameraGroup(2, "OPENCV", 160, 120, 190.0, "", (b,)),
@@ -193,12 +193,12 @@ def test_the_database_has_one_camera_for_a_group_and_frames_that_colmap_understa
 
 def test_a_picture_that_does_not_decode_is_reported_and_not_in_the_database(tmp_path):
     pictures = three(tmp_path / "photos")
-    broken = pictures.pictures[1].path
+    broken = pictures.images[1].path
     broken.write_bytes(broken.read_bytes()[:900])
     database = tmp_path / "d.db"
     reports = extract_features(database, pictures, captured.one_group(pictures), SETTINGS, Silent())
     assert [bool(report.failure) for report in reports.values()] == [False, True, False]
-    assert reports["b.png"].failure.startswith(f"{broken}: the picture does not decode: ")
+    assert reports["b.png"].failure.startswith(f"{broken}: the image does not decode: ")
     assert (reports["b.png"].count, reports["b.png"].blur_direction) == (0, None)
     with pycolmap.Database.open(database) as opened:
         assert [image.image_id for image in opened.read_all_images()] == [1, 3]
@@ -208,17 +208,17 @@ def test_a_picture_that_does_not_decode_is_reported_and_not_in_the_database(tmp_
 
 def test_a_picture_that_was_replaced_meanwhile_is_reported(tmp_path):
     pictures = three(tmp_path / "photos")
-    save(pictures.pictures[0].path, texture(100, 100))
+    save(pictures.images[0].path, texture(100, 100))
     groups = captured.one_group(pictures)
     reports = extract_features(tmp_path / "d.db", pictures, groups, SETTINGS, Silent())
     assert reports["a.png"].failure == (
-        f"{pictures.pictures[0].path}: the picture was replaced while it was prepared."
+        f"{pictures.images[0].path}: the image was replaced while it was prepared."
     )
 
 
 def test_a_uniform_picture_has_no_features_and_no_direction_of_blur(tmp_path):
     path = save(tmp_path / "grey.png", np.full((120, 160, 3), 90, np.uint8))
-    pictures = captured.picture_set([path])
+    pictures = captured.image_set([path])
     groups = captured.one_group(pictures)
     report = extract_features(tmp_path / "d.db", pictures, groups, SETTINGS, Silent())["grey.png"]
     assert (report.count, report.blur_direction, report.blur_ratio) == (0, None, 1.0)
@@ -239,7 +239,7 @@ def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn
         log.write_text(log.read_text()[:-40])
     looked_at = []
 
-    def watched(one: PictureTask) -> PictureFeatures:
+    def watched(one: ImageTask) -> ImageFeatures:
         looked_at.append(one.name)
         return find_features(one)
 
@@ -272,7 +272,7 @@ def test_a_process_that_is_ended_from_outside_is_named(tmp_path, monkeypatch):
     assert str(caught.value) == (
         "one of 2 processes that look for features was ended from outside, most likely because "
         "memory ran out.\nRun the same command again with fewer processes (jobs=1): it goes on "
-        "with the pictures that are not done. If that does not help, look on smaller pictures "
+        "with the images that are not done. If that does not help, look on smaller images "
         "(feature_size=1000)."
     )
 
@@ -287,7 +287,7 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
 
 
 def test_a_report_survives_json():
-    report = FeatureReport(12, PictureQuality(0.1, 0.2, 0.3, 0.4), 15.0, 0.5)
+    report = FeatureReport(12, ImageQuality(0.1, 0.2, 0.3, 0.4), 15.0, 0.5)
     assert FeatureReport.of(dataclasses.asdict(report)) == report
 
 
@@ -295,14 +295,14 @@ def test_settings_are_chosen_for_the_machine_and_said():
     settings, how = FeatureSettings.for_machine(imagined(50), 2, None, None)
     assert settings == FeatureSettings(1600, 4000, 2)
     assert how == (
-        "features: at most 4000 in each of 50 pictures, on up to 1600 pixels, with 2 cores: "
+        "features: at most 4000 in each of 50 images, on up to 1600 pixels, with 2 cores: "
         "about 73 s, then about 58 s for matching."
     )
 
 
 def test_the_sentence_suits_a_single_picture():
     _, how = FeatureSettings.for_machine(imagined(1), 1, None, None)
-    assert how.startswith("features: at most 4000 in the only picture, on up to 1600 pixels, with")
+    assert how.startswith("features: at most 4000 in the only image, on up to 1600 pixels, with")
 
 
 def test_a_large_set_on_a_small_machine_gets_fewer_features():
@@ -329,9 +329,9 @@ def test_too_few_features_or_more_than_can_be_matched_are_refused(size, count, m
 
 
 def test_features_do_not_depend_on_the_picture_before():
-    def found(name: str, pixels: np.ndarray, folder: Path) -> PictureFeatures:
+    def found(name: str, pixels: np.ndarray, folder: Path) -> ImageFeatures:
         path = save(folder / name, pixels)
-        return find_features(PictureTask(name, path, read_header(path), 320, 1000, 320))
+        return find_features(ImageTask(name, path, read_header(path), 320, 1000, 320))
 
     (photo,) = captured.photos(captured.arc(1))
     glaring = (photo.astype(int) * 6 + 140).clip(0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Which pictures along a path are taken."""
+"""Which images along a path are taken."""
 
 import numpy as np
 import pytest

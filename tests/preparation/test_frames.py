@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from support.small_videos import write_video
 
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.frames import frames_of_videos
+from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.journal import Journal
-from gsfw.preparation.picture_set import SourcePicture
 from gsfw.preparation.progress import Silent
-from gsfw.preparation.workplace import Workplace
+from gsfw.preparation.workspace import Workspace
 
 
-def photo(name: str) -> SourcePicture:
-    return SourcePicture(name, Path(name), Header(64, 48, False, 1), Exif(), "")
+def photo(name: str) -> SourceImage:
+    return SourceImage(name, Path(name), Header(64, 48, False, 1), Exif(), "")
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def taken(tmp_path):
             path = tmp_path / str(place) / name
             write_video(path, 4, 64, 48, draw=lambda number, *_: noise[:, number : number + 64])
             paths.append(path)
-        place = Workplace(tmp_path / "out")
+        place = Workspace(tmp_path / "out")
         beside = [photo(name) for name in photos]
         journal = Journal(place.journal)
         frames = frames_of_videos(paths, 3, beside, place, journal, Silent())

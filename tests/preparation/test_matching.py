@@ -23,14 +23,14 @@ SIZE = (240, 180)
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory) -> Path:
-    """A database with features of a few pictures; two names have spaces, one begins with #."""
+    """A database with features of a few images; two names have spaces, one begins with #."""
     pycolmap.logging.minloglevel = 2
     folder = tmp_path_factory.mktemp("found")
     views = captured.photos(captured.arc(COUNT, step=8.0, width=SIZE[0], height=SIZE[1]))
     paths = list(captured.write(folder / "photos", views))
     for number, name in enumerate(("#1.png", "in the  garden.png", "left over.png")):
         paths[number] = paths[number].rename(paths[number].with_name(name))
-    pictures = captured.picture_set(paths)
+    pictures = captured.image_set(paths)
     settings = FeatureSettings(max_size=240, count=600, jobs=1)
     groups = captured.one_group(pictures, 250.0)
     extract_features(folder / "d.db", pictures, groups, settings, Silent())
@@ -118,7 +118,7 @@ def test_pairs_that_are_there_are_not_matched_again(database, all_matches, monke
         "_match",
         lambda path, pairs, *rest: (matched.extend(pairs), really(path, pairs, *rest)),
     )
-    # Turned around, twice, with itself, and with a picture that is not there: still the same.
+    # Turned around, twice, with itself, and with an image that is not there: still the same.
     more = tuple((second, first) for first, second in plan.pairs)
     odd = ((plan.pairs[0][0], plan.pairs[0][0]), (plan.pairs[0][0], "missing.png"))
     match_pairs(database, PairPlan((*more, *plan.pairs, *odd), ""), 1, Silent())
@@ -181,6 +181,6 @@ def test_all_photos_of_the_shared_capture_register(tmp_path):
     pycolmap.set_random_seed(0)
     models = pycolmap.incremental_mapping(database, tmp_path / "photos", tmp_path / "models")
     assert [model.num_reg_images() for model in models.values()] == [6]
-    assert len(pictures.pictures) == len(cameras.world_to_camera) == 6
+    assert len(pictures.images) == len(cameras.world_to_camera) == 6
     focal = next(iter(models[0].cameras.values())).focal_length
     assert focal == pytest.approx(captured.FOCAL, rel=0.03)

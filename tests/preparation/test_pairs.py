@@ -6,24 +6,24 @@ import pycolmap
 import pytest
 
 from gsfw.core.errors import ConfigError
-from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.preparation import pairs
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.feature_database import FeatureDatabase
+from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.pairs import MatchingRule, PairPlan, plan_pairs
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
 from gsfw.preparation.progress import Silent
-from gsfw.preparation.sift import PictureFeatures
+from gsfw.preparation.sift import ImageFeatures
 
 
-def imagined(groups: dict[str, int], in_order: bool = False) -> PictureSet:
-    """So many pictures of each group."""
+def imagined(groups: dict[str, int], in_order: bool = False) -> ImageSet:
+    """So many images of each group."""
     header = Header(160, 120, has_alpha=False)
-    return PictureSet(
+    return ImageSet(
         tuple(
-            SourcePicture(f"{group}{number:03d}.png", Path("nowhere"), header, Exif(), group)
+            SourceImage(f"{group}{number:03d}.png", Path("nowhere"), header, Exif(), group)
             for group, count in groups.items()
             for number in range(count)
         ),
@@ -31,16 +31,16 @@ def imagined(groups: dict[str, int], in_order: bool = False) -> PictureSet:
     )
 
 
-def stored(folder: Path, pictures: PictureSet, leave_out: str = "") -> Path:
-    """A database of the pictures without any feature."""
-    names = tuple(picture.name for picture in pictures.pictures)
+def stored(folder: Path, pictures: ImageSet, leave_out: str = "") -> Path:
+    """A database of the images without any feature."""
+    names = tuple(picture.name for picture in pictures.images)
     group = CameraGroup(1, "SIMPLE_RADIAL", 160, 120, 150.0, "", names)
-    nothing = PictureQuality(0.0, 0.0, 0.0, 0.0)
+    nothing = ImageQuality(0.0, 0.0, 0.0, 0.0)
     with FeatureDatabase(folder / "d.db", pictures, (group,)) as database:
         for name in names:
             if name != leave_out:
                 keypoints, descriptors = np.zeros((0, 6), np.float32), np.zeros((0, 128), np.uint8)
-                database.write(PictureFeatures(name, nothing, (0.0, 1.0), keypoints, descriptors))
+                database.write(ImageFeatures(name, nothing, (0.0, 1.0), keypoints, descriptors))
     return folder / "d.db"
 
 
@@ -62,10 +62,10 @@ def nearest_by_number(monkeypatch):
     monkeypatch.setattr(pairs, "look_alikes", ranked)
 
 
-def planned(folder: Path, pictures: PictureSet, rule: MatchingRule | None = None) -> PairPlan:
+def planned(folder: Path, pictures: ImageSet, rule: MatchingRule | None = None) -> PairPlan:
     plan = plan_pairs(pictures, rule or MatchingRule(), stored(folder, pictures), Silent())
-    names = [picture.name for picture in pictures.pictures]
-    # Every pair is there once, the earlier picture first.
+    names = [picture.name for picture in pictures.images]
+    # Every pair is there once, the earlier image first.
     assert len(set(plan.pairs)) == len(plan.pairs)
     assert all(names.index(first) < names.index(second) for first, second in plan.pairs)
     return plan
@@ -75,7 +75,7 @@ def planned(folder: Path, pictures: PictureSet, rule: MatchingRule | None = None
 def test_all_pairs_of_few_photos_are_compared(tmp_path, count, number):
     plan = planned(tmp_path, imagined({"a": count}))
     assert len(plan.pairs) == number
-    assert plan.how == (f"pairs: all {number} of {count} pictures, as there are at most 200.")
+    assert plan.how == (f"pairs: all {number} of {count} images, as there are at most 200.")
 
 
 def test_a_picture_that_could_not_be_decoded_is_in_no_pair(tmp_path):
@@ -83,20 +83,20 @@ def test_a_picture_that_could_not_be_decoded_is_in_no_pair(tmp_path):
     database = stored(tmp_path, pictures, leave_out="a001.png")
     plan = plan_pairs(pictures, MatchingRule("exhaustive"), database, Silent())
     assert plan.pairs == tuple(combinations(("a000.png", "a002.png", "a003.png"), 2))
-    assert plan.how == "pairs: all 3 of 3 pictures."
+    assert plan.how == "pairs: all 3 of 3 images."
 
 
 @pytest.mark.parametrize("in_order", [False, True])
 def test_one_picture_has_no_pair(tmp_path, in_order):
     plan = planned(tmp_path, imagined({"a": 1}, in_order))
-    assert plan == PairPlan((), "pairs: none, as there are no two pictures to compare.")
+    assert plan == PairPlan((), "pairs: none, as there are no two images to compare.")
 
 
 def test_look_alikes_of_many_photos_are_compared(tmp_path, nearest_by_number):
     plan = planned(tmp_path, imagined({"a": 201}))
     assert 201 * 15 <= len(plan.pairs) <= 201 * 30
     assert plan.how == (
-        f"pairs: {len(plan.pairs)} of 20100 of 201 pictures: each with the 30 most alike, by a "
+        f"pairs: {len(plan.pairs)} of 20100 of 201 images: each with the 30 most alike, by a "
         "vocabulary of their own features, as there are more than 200."
     )
 
@@ -120,7 +120,7 @@ def test_frames_of_a_video_are_compared_with_their_neighbours_and_to_close_loops
     assert steps == {1, 2, 3, 4, 5, 6, 8, 16, 32, 39}
     assert ("a000.png", "a039.png") in plan.pairs
     assert plan.how == (
-        f"pairs: {len(plan.pairs)} of 780 of 40 pictures: each with its neighbours up to 6 before "
+        f"pairs: {len(plan.pairs)} of 780 of 40 images: each with its neighbours up to 6 before "
         "and after and some further ones, as they follow each other in time, and, to close loops, "
         "with the 10 most alike elsewhere, by a vocabulary of their own features."
     )
@@ -148,7 +148,7 @@ def test_look_alikes_join_two_videos(tmp_path, nearest_by_number):
         (
             MatchingRule(vocabulary=Path("words.bin")),
             "vocabulary=words.bin: there is no such file.\n"
-            "Leave it out to build a vocabulary of the pictures themselves.",
+            "Leave it out to build a vocabulary of the images themselves.",
         ),
     ],
 )

@@ -12,16 +12,16 @@ from gsfw.preparation.retrieval import build_vocabulary, check_vocabulary, look_
 
 COUNT = 10
 STEP = 14.0
-"""Degrees: the first and the last picture show little that is the same."""
+"""Degrees: the first and the last image show little that is the same."""
 
 
 @pytest.fixture(scope="module")
 def arc(tmp_path_factory) -> Path:
-    """A database with features of pictures from around the scene."""
+    """A database with features of images from around the scene."""
     pycolmap.logging.minloglevel = 2
     folder = tmp_path_factory.mktemp("arc")
     views = captured.photos(captured.arc(COUNT, step=STEP, width=240, height=180))
-    pictures = captured.picture_set(captured.write(folder / "photos", views))
+    pictures = captured.image_set(captured.write(folder / "photos", views))
     settings = FeatureSettings(max_size=240, count=800, jobs=1)
     extract_features(folder / "d.db", pictures, captured.one_group(pictures), settings, Silent())
     return folder / "d.db"
@@ -65,7 +65,7 @@ def test_a_vocabulary_can_be_given(arc, vocabulary):
 
 
 def test_too_few_features_for_a_vocabulary_give_no_look_alikes(tmp_path):
-    pictures = captured.picture_set(
+    pictures = captured.image_set(
         captured.write(tmp_path / "photos", [np.full((60, 80, 3), 90, np.uint8)] * 2)
     )
     groups = captured.one_group(pictures)
@@ -83,7 +83,7 @@ def test_building_a_vocabulary_says_nothing(capfd, tmp_path):
 def test_a_file_that_is_no_vocabulary_is_refused(tmp_path, vocabulary):
     advice = (
         "\nExpected a vocabulary tree of COLMAP 3.12 or later (faiss) for SIFT features; leave it "
-        "out to build one of the pictures themselves."
+        "out to build one of the images themselves."
     )
     path = tmp_path / "tree.bin"
     path.write_bytes(bytes(range(250)) * 10)

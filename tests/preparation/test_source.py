@@ -9,14 +9,14 @@ from PIL import Image
 from PIL.ExifTags import Base
 
 from gsfw.core.errors import DataError
-from gsfw.preparation.picture_set import LeftOut
+from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.source import Source, read_source
 
 SERIAL = itertools.count()
 
 
 def photo(path: Path, size: tuple[int, int] = (8, 6), content: str = "", **settings) -> Path:
-    """A picture unlike any other."""
+    """An image unlike any other."""
     path.parent.mkdir(parents=True, exist_ok=True)
     number = next(SERIAL)
     shade = (37 * number % 256, 91 * number % 256, 11 * number % 256)
@@ -37,11 +37,11 @@ def written(path: Path, content: bytes) -> Path:
 
 
 def names(source: Source) -> list[str]:
-    return [picture.name for picture in source.pictures.pictures]
+    return [picture.name for picture in source.images.images]
 
 
 def only_left_out(source: Source) -> LeftOut:
-    (item,) = source.pictures.left_out
+    (item,) = source.images.left_out
     return item
 
 
@@ -56,9 +56,9 @@ def test_pictures_are_sorted_by_the_numbers_in_their_names(tmp_path):
     assert names(source) == ["img_2.webp", "img_9.jpg", "img_10.png"]
     assert source.notes == ()
     assert source.videos == ()
-    assert not source.pictures.in_order
-    assert source.pictures.left_out == ()
-    assert source.pictures.pictures[0].path == tmp_path / "img_2.webp"
+    assert not source.images.in_order
+    assert source.images.left_out == ()
+    assert source.images.images[0].path == tmp_path / "img_2.webp"
 
 
 @pytest.mark.parametrize("name", ["with space.png", "größe.png", "写真 1.png", "e\u0301.png"])
@@ -74,7 +74,7 @@ def test_bytes_in_a_name_that_are_no_text_are_replaced(tmp_path):
         pytest.skip("this file system allows text only")
     source = read_source([tmp_path])
     assert names(source) == ["caf\ufffd.png"]
-    assert source.pictures.pictures[0].path == path
+    assert source.images.images[0].path == path
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_sizes_are_those_of_the_upright_picture(tmp_path):
     exif[Base.Orientation] = 6
     exif[Base.Model] = "Phone"
     photo(tmp_path / "a.jpg", exif=exif)
-    (picture,) = read_source([tmp_path]).pictures.pictures
+    (picture,) = read_source([tmp_path]).images.images
     assert (picture.header.width, picture.header.height) == (6, 8)
     assert picture.header.orientation == 6
     assert picture.exif.model == "Phone"
@@ -129,14 +129,14 @@ def test_folders_in_a_folder_are_groups(tmp_path):
     photos(tmp_path, "cam10/a.png", "cam2/a.png", "cam2/deep/a.png", "a.png")
     source = read_source([tmp_path])
     assert names(source) == ["a.png", "cam2/a.png", "cam2/deep/a.png", "cam10/a.png"]
-    groups = [picture.group for picture in source.pictures.pictures]
+    groups = [picture.group for picture in source.images.images]
     assert groups == ["", "cam2", "cam2/deep", "cam10"]
 
 
 def test_a_single_folder_in_a_folder_is_no_group(tmp_path):
     source = read_source([photos(tmp_path, "day/a.png", "day/b.png")])
     assert names(source) == ["day/a.png", "day/b.png"]
-    assert {picture.group for picture in source.pictures.pictures} == {""}
+    assert {picture.group for picture in source.images.images} == {""}
 
 
 @pytest.mark.parametrize("inner", ["images", "input"])
@@ -180,7 +180,7 @@ def test_several_folders_are_told_apart_by_their_names(tmp_path):
     photos(tmp_path / "day 2", "a.png", "sub/a.png")
     source = read_source([tmp_path / "day 2", tmp_path / "day 1"])
     assert names(source) == ["day 1/a.png", "day 2/a.png", "day 2/sub/a.png"]
-    groups = [picture.group for picture in source.pictures.pictures]
+    groups = [picture.group for picture in source.images.images]
     assert groups == ["day 1", "day 2", "day 2/sub"]
 
 
@@ -210,8 +210,8 @@ def test_what_is_given_twice_is_used_once(tmp_path):
     ):
         source = read_source(paths)
         assert names(source) == ["a.png", "sub/b.png"]
-        assert source.pictures.left_out == ()
-    assert len(read_source([tmp_path / "sub", tmp_path]).pictures.pictures) == 2
+        assert source.images.left_out == ()
+    assert len(read_source([tmp_path / "sub", tmp_path]).images.images) == 2
 
 
 def test_a_link_back_does_not_lead_in_circles(folder):
@@ -239,7 +239,7 @@ def test_videos_and_a_folder_need_no_names_to_tell_them_apart(tmp_path):
 def test_a_video_alone_is_enough(tmp_path):
     video = written(tmp_path / "walk.mp4", b"one")
     source = read_source([video])
-    assert (source.videos, source.pictures.pictures) == ((video,), ())
+    assert (source.videos, source.images.images) == ((video,), ())
 
 
 def test_what_systems_leave_behind_is_not_looked_at(folder):
@@ -250,7 +250,7 @@ def test_what_systems_leave_behind_is_not_looked_at(folder):
     written(folder / ".DS_Store", b"1")
     source = read_source([folder])
     assert names(source) == ["a.png", "b.png"]
-    assert source.pictures.left_out == ()
+    assert source.images.left_out == ()
     assert source.notes == ()
 
 
@@ -302,7 +302,7 @@ def test_of_several_pages_the_first_is_used(folder):
     source = read_source([folder])
     assert names(source) == ["a.png", "b.png", "c.tif", "d.png"]
     assert source.notes == (
-        "the first picture is used of files that hold several: c.tif (3), d.png (2)",
+        "the first image is used of files that hold several: c.tif (3), d.png (2)",
     )
 
 
@@ -330,9 +330,9 @@ def test_other_files_are_counted_only(folder):
     for name in ("list.csv", "a.xmp", "b.xmp", "empty.txt", "LICENSE"):
         written(folder / name, b"" if name == "empty.txt" else b"text")
     source = read_source([folder])
-    assert source.pictures.left_out == ()
+    assert source.images.left_out == ()
     assert source.notes == (
-        "files that hold no picture are not used: 5 (.csv, .txt, .xmp, no extension)",
+        "files that hold no image are not used: 5 (.csv, .txt, .xmp, no extension)",
     )
 
 
@@ -352,7 +352,7 @@ RAW_ADVICE = (
 )
 JPEG = b"\xff\xd8\xff\xe0\0\x10JFIF\0\x01\x01\0\0\x01\0\x01\0\0"
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0"
-CUT_OFF = "the picture is cut off or damaged: its header is not whole"
+CUT_OFF = "the image is cut off or damaged: its header is not whole"
 
 
 @pytest.mark.parametrize(
@@ -362,8 +362,8 @@ CUT_OFF = "the picture is cut off or damaged: its header is not whole"
         ("x.mp4", b"", "the file is empty (0 bytes)", "Copy it again from the camera."),
         (
             "x.jpg",
-            b"not a picture",
-            "it is no PNG, JPEG, WEBP, TIFF or BMP picture, by its content",
+            b"not an image",
+            "it is no PNG, JPEG, WEBP, TIFF or BMP image, by its content",
             "Replace or remove it.",
         ),
         ("x.jpg", JPEG, CUT_OFF, "Copy it again."),
@@ -410,7 +410,7 @@ def test_pixels_of_floating_point_are_left_out(folder):
     assert only_left_out(read_source([folder])) == LeftOut(
         "x.tif",
         "the pixels are floating-point numbers",
-        "Expected 8 or 16 bits per channel; convert the picture to PNG.",
+        "Expected 8 or 16 bits per channel; convert the image to PNG.",
     )
 
 
@@ -418,7 +418,7 @@ def test_a_picture_of_too_many_pixels_is_left_out(folder, monkeypatch):
     photo(folder / "x.png", (40, 30))
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
     assert only_left_out(read_source([folder])) == LeftOut(
-        "x.png", "it has too many pixels to be decoded safely", "Shrink all pictures by one factor."
+        "x.png", "it has too many pixels to be decoded safely", "Shrink all images by one factor."
     )
 
 
@@ -435,7 +435,7 @@ def test_the_later_of_two_equal_files_is_left_out(folder):
     shutil.copy(folder / "b.png", folder / "sub" / "b.png")
     source = read_source([folder])
     assert names(source) == ["a (1).png", "b.png"]
-    assert source.pictures.left_out == (
+    assert source.images.left_out == (
         LeftOut("a.png", "it is the same file as a (1).png"),
         LeftOut("sub/b.png", "it is the same file as b.png"),
     )
@@ -452,11 +452,11 @@ def test_equal_videos_are_used_once(tmp_path):
 def test_raw_files_beside_pictures_of_the_same_shot_need_no_advice(folder):
     written(folder / "a.NEF", b"raw")
     written(folder / "A.heic", b"heic")
-    assert [str(item.reason) for item in read_source([folder]).pictures.left_out] == [
+    assert [str(item.reason) for item in read_source([folder]).images.left_out] == [
         "HEIC files are not read; a.png is used",
         "camera RAW files are not read; a.png is used",
     ]
-    assert {item.advice for item in read_source([folder]).pictures.left_out} == {""}
+    assert {item.advice for item in read_source([folder]).images.left_out} == {""}
 
 
 def test_the_clip_of_a_live_photo_is_no_video(folder):
@@ -493,8 +493,8 @@ def test_a_path_that_is_not_there_is_refused_with_the_nearest(folder):
 
 def test_an_empty_folder_is_refused(tmp_path):
     assert refusal(tmp_path) == (
-        f"{tmp_path}: there is no picture and no video that can be used; found no files.\n"
-        "Give a folder of PNG, JPEG, WEBP, TIFF or BMP pictures, or a video (.mp4, .mov, .avi, "
+        f"{tmp_path}: there is no image and no video that can be used; found no files.\n"
+        "Give a folder of PNG, JPEG, WEBP, TIFF or BMP images, or a video (.mp4, .mov, .avi, "
         ".mkv, .webm, .m4v)."
     )
 
@@ -505,8 +505,8 @@ def test_a_folder_without_anything_usable_says_what_is_in_it(tmp_path):
     written(tmp_path / "x.jpg", b"")
     written(tmp_path / "list.csv", b"1,2")
     assert refusal(tmp_path) == (
-        f"{tmp_path}: there is no picture and no video that can be used; found 3 x HEIC files are "
-        "not read; 1 x the file is empty (0 bytes); 1 x they are no pictures and no videos, by "
+        f"{tmp_path}: there is no image and no video that can be used; found 3 x HEIC files are "
+        "not read; 1 x the file is empty (0 bytes); 1 x they are no images and no videos, by "
         f"their names and contents.\n{HEIC_ADVICE}\nCopy it again from the camera."
     )
 
@@ -514,8 +514,8 @@ def test_a_folder_without_anything_usable_says_what_is_in_it(tmp_path):
 def test_a_single_file_that_is_no_picture_is_refused(tmp_path):
     path = written(tmp_path / "notes.txt", b"text")
     assert refusal(path) == (
-        f"{path}: there is no picture and no video that can be used; found 1 x it is no PNG, "
-        "JPEG, WEBP, TIFF or BMP picture, by its content.\nReplace or remove it."
+        f"{path}: there is no image and no video that can be used; found 1 x it is no PNG, "
+        "JPEG, WEBP, TIFF or BMP image, by its content.\nReplace or remove it."
     )
 
 

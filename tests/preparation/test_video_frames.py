@@ -22,7 +22,7 @@ STARTS = np.cumsum([0] + [4] * 40 + [0] * 40 + [30] * 10 + [4] * 39)
 
 
 def film(path, views, **options) -> Video:
-    """A video of pictures that are given."""
+    """A video of images that are given."""
     write_video(
         path,
         count=len(views),
@@ -109,7 +109,7 @@ def test_frames_that_are_stored_twice_are_taken_once(tmp_path):
     assert len({number // 2 for number in choice.numbers}) == len(choice.numbers)
     assert choice.notes[0].startswith(
         f"{len(choice.numbers)} frames chosen where 40 were asked for: with more of them, the view "
-        "would change by less than 0.5% of a picture's longer side from one to the next"
+        "would change by less than 0.5% of an image's longer side from one to the next"
     )
 
 
@@ -121,7 +121,7 @@ def test_a_camera_that_stands_still_is_told_so(tmp_path):
     assert len(choice.numbers) == 1
     assert choice.notes == (
         "the camera hardly moves (1 frame chosen where 10 were asked for): the view shifts by "
-        "0.00% of a picture's longer side in 0.6 s, and cameras are found only where they move "
+        "0.00% of an image's longer side in 0.6 s, and cameras are found only where they move "
         "around what they show; several cameras that stand still need a calibration",
     )
 
@@ -232,7 +232,7 @@ def test_frames_are_written_by_their_numbers_with_colours_at_full_resolution(tmp
             assert [layer[1:3] for layer in image.layer] == [(1, 1)] * 3
             pixels = np.asarray(image)
         assert pixels.shape == (HEIGHT, WIDTH, 3)
-        assert np.abs(pixels.astype(int) - long_video.picture(number)).mean() < 1.5
+        assert np.abs(pixels.astype(int) - long_video.image(number)).mean() < 1.5
 
 
 def test_frames_that_are_there_are_kept_and_not_decoded_again(tmp_path, long_video, monkeypatch):

@@ -1,7 +1,6 @@
 """Rasterizers as a whole: trusted pictures, batches, forms, refusals."""
 
 import json
-import re
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -132,13 +131,3 @@ def test_colours_are_seen_from_the_camera_and_not_below_zero(rasterizer):
     peak = color.reshape(-1, 3).amax(0) / 0.99
     expected = [0.5 - 0.4886025119029199 * 0.28, 0.5 + 0.4886025119029199 * 0.96, 0.0]
     assert peak.tolist() == pytest.approx(expected, rel=1e-9)
-
-
-def test_distorted_cameras_are_refused(rasterizer):
-    camera = replace(front_camera(), distortion=torch.zeros(1, 4))
-    with pytest.raises(ValueError, match="distortion") as caught:
-        rasterizer.render(random_splats(1), camera)
-    assert re.sub("the [a-z]+ rasterizer", "it", str(caught.value)) == (
-        "cameras.distortion: expected None, because it draws without lens distortion; undistort "
-        "the images first"
-    )

@@ -14,25 +14,25 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import look_at
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.synthetic.raycast import one_thread, rays
 from gsfw.datamanagers.synthetic.stage import Stage, solids
 from gsfw.datamanagers.synthetic.textures import Texture, Waves
-from gsfw.preparation.camera_group import CameraGroup
+from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureSettings, extract_features
+from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import MatchingRule, plan_pairs
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
 from gsfw.preparation.progress import Silent
 
 WIDTH, HEIGHT = 320, 240
 FOCAL = 343.0
 """Pixels: 50 degrees across."""
 DISTANCE = 3.0
-"""Of every camera from the middle of the scene, in its units: the table fills the picture."""
+"""Of every camera from the middle of the scene, in its units: the table fills the image."""
 STEP = 10.0
-"""Degrees from one camera to the next: every picture overlaps with the next ten."""
+"""Degrees from one camera to the next: every image overlaps with the next ten."""
 TARGET = (0.0, 0.0, 0.1)
 SAMPLES = 2
 """Per pixel along each axis."""
@@ -100,7 +100,7 @@ def photos(cameras: Cameras) -> list[np.ndarray]:
 def write(
     folder: Path, pictures: Iterable[np.ndarray], extension: str = ".png"
 ) -> tuple[Path, ...]:
-    """Pictures as photo_000.png and so on; JPEGs with a quality of 95."""
+    """Images as photo_000.png and so on; JPEGs with a quality of 95."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for number, pixels in enumerate(pictures):
@@ -109,35 +109,35 @@ def write(
     return tuple(paths)
 
 
-def picture_set(paths: Iterable[Path], in_order: bool = False, group: str = "") -> PictureSet:
+def image_set(paths: Iterable[Path], in_order: bool = False, group: str = "") -> ImageSet:
     """The set of some files."""
-    return PictureSet(
-        tuple(SourcePicture(path.name, path, read_header(path), Exif(), group) for path in paths),
+    return ImageSet(
+        tuple(SourceImage(path.name, path, read_header(path), Exif(), group) for path in paths),
         in_order=in_order,
     )
 
 
-def one_group(pictures: PictureSet, focal: float = 1.2 * WIDTH) -> tuple[CameraGroup, ...]:
+def one_group(pictures: ImageSet, focal: float = 1.2 * WIDTH) -> tuple[CameraGroup, ...]:
     """One camera for all; the guess at its focal length is wrong by a tenth."""
-    header = pictures.pictures[0].header
-    names = tuple(picture.name for picture in pictures.pictures)
+    header = pictures.images[0].header
+    names = tuple(picture.name for picture in pictures.images)
     return (CameraGroup(1, "SIMPLE_RADIAL", header.width, header.height, focal, "", names),)
 
 
-def database(folder: Path, n: int = 8) -> tuple[Path, PictureSet, Cameras]:
+def database(folder: Path, n: int = 8) -> tuple[Path, ImageSet, Cameras]:
     """A database with features and verified matches of all pairs of an arc, and its truth.
 
-    Takes 5 s for 8 pictures: keep it for a session. All of them register.
+    Takes 5 s for 8 images: keep it for a session. All of them register.
     """
     cameras = arc(n)
-    pictures = picture_set(write(folder / "photos", photos(cameras)))
+    pictures = image_set(write(folder / "photos", photos(cameras)))
     path = folder / "work" / "database.db"
     match_all(path, pictures)
     return path, pictures, cameras
 
 
-def match_all(path: Path, pictures: PictureSet) -> None:
-    """Features and matches of all pairs of a set whose pictures have one size."""
+def match_all(path: Path, pictures: ImageSet) -> None:
+    """Features and matches of all pairs of a set whose images have one size."""
     settings = FeatureSettings(max_size=1600, count=2000, jobs=1)
     extract_features(path, pictures, one_group(pictures), settings, Silent())
     plan = plan_pairs(pictures, MatchingRule("exhaustive"), path, Silent())

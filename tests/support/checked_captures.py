@@ -11,7 +11,7 @@ from PIL import Image
 from gsfw.core.datamanager import DataRequest
 from gsfw.datamanagers.blender import BlenderConfig
 from gsfw.datamanagers.colmap.config import ColmapConfig
-from gsfw.preparation.check.judgement import judge
+from gsfw.preparation.check.examination import judge
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding
 from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH, SmallCapture, write_colmap
@@ -77,7 +77,7 @@ class Written:
     capture: SmallCapture
 
     def change(self, views: Sequence[int], edit: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Write some of the pictures anew."""
+        """Write some of the images anew."""
         for view in views:
             path = self.folder / "images" / self.capture.names[view]
             Image.fromarray(edit(np.asarray(Image.open(path)))).save(path)
@@ -111,13 +111,13 @@ def with_points(capture: SmallCapture, points: np.ndarray) -> SmallCapture:
 
 
 def write_moving(folder: Path, times: Sequence[float], cameras: int, moves: float = 0.2) -> Path:
-    """Standing cameras in the D-NeRF layout, each with a picture at every time.
+    """Standing cameras in the D-NeRF layout, each with an image at every time.
 
     Args:
         folder: where it goes.
-        times: of the pictures.
+        times: of the images.
         cameras: how many.
-        moves: how far, in widths of the picture, a bar moves through it.
+        moves: how far, in widths of the image, a bar moves through it.
     """
     frames = []
     (folder / "train").mkdir(parents=True)

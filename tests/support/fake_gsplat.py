@@ -15,11 +15,9 @@ from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.rasterizers.reference.bin import bin_ellipses
 from gsfw.rasterizers.reference.blend import blend
-from gsfw.rasterizers.reference.canvas import Canvas, CutOffs
-from gsfw.rasterizers.reference.color import view_colors
-from gsfw.rasterizers.reference.layers import brushes
-from gsfw.rasterizers.reference.measure import Measurements
-from gsfw.rasterizers.reference.project import Ellipses, project, visible_extents
+from gsfw.rasterizers.reference.layers import projected_splats
+from gsfw.rasterizers.reference.project import Ellipses, project, view_colors, visible_extents
+from gsfw.rasterizers.reference.tile_buffer import CutOffs, Measurements, TileBuffer
 
 MODELS = {
     "pinhole": CameraModel.PINHOLE,
@@ -153,10 +151,10 @@ class See:
             bins = bin_ellipses(ellipses, self.camera, profile, 1000.0)
             wanted = centres.new_zeros(0) if absgrad else None
             rows, half_size = self.rows, centres.new_ones(2)
-            measured = Absolute(rows, half_size, None, wanted, None, index, centres)
+            measured = Absolute(rows, half_size, None, wanted, None, None, index, centres)
             cut_offs = CutOffs.of(profile, channels.dtype)
-            canvas = Canvas(bins, bins.inside(self.camera), cut_offs, 4.0, measured)
-        return blend(brushes(ellipses, channels), canvas, self.camera)
+            buffer = TileBuffer(bins, bins.inside(self.camera), cut_offs, 4.0, measured)
+        return blend(projected_splats(ellipses, channels), buffer, self.camera)
 
 
 def _channels(

@@ -52,6 +52,11 @@ def no_views(cameras, time=None):
     raise NotImplementedError
 
 
+def no_contributions(weights):
+    """Weighted contributions, where a test has no renderer."""
+    raise NotImplementedError
+
+
 def context_of(
     statistics: RenderStatistics,
     num_rows: int,
@@ -75,4 +80,5 @@ def context_of(
         extent=EXTENT,
         operators=Operators(),
         render=no_views,
+        contributions=no_contributions,
     )

@@ -32,7 +32,7 @@ def pose_errors(model: Any, truth: Mapping[str, np.ndarray]) -> tuple[float, flo
 
     Args:
         model: a pycolmap.Reconstruction.
-        truth: world to camera, [3, 4], by the names of pictures.
+        truth: world to camera, [3, 4], by the names of images.
 
     Returns:
         The largest error of a rotation in degrees, and of a position over the spread of all.
@@ -68,9 +68,9 @@ def matched_capture(
 
     Args:
         folder: an existing one.
-        pictures: how many, with ids from 1.
-        points: each is seen by all pictures.
-        linked: whether two pictures have matches.
+        images: how many, with ids from 1.
+        points: each is seen by all images.
+        linked: whether two images have matches.
         noise: pixels.
         seed: of points, cameras and noise.
     """
@@ -94,12 +94,12 @@ def matched_capture(
 
 
 def partial_model(capture: MatchedCapture, folder: Path, numbers: Iterable[int]) -> Any:
-    """What COLMAP makes of some of the pictures alone: a pycolmap.Reconstruction.
+    """What COLMAP makes of some of the images alone: a pycolmap.Reconstruction.
 
     Args:
-        capture: with these pictures.
+        capture: with these images.
         folder: for files; made where it is missing.
-        numbers: ids of the pictures.
+        numbers: ids of the images.
     """
     from gsfw.preparation.mapping.incremental_mapping import USUAL, incremental_options
     from gsfw.preparation.mapping.mapping_rule import MappingRule

@@ -27,14 +27,15 @@ class OnCuda(Rasterizer):
         """Not those of the rasterizer behind it, which an instance has."""
         return Capabilities(devices=frozenset({"cpu"}))
 
-    def _draw(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         pairs: list[tuple[Tensor, Tensor]] = []
         splats = splats.map(lambda tensor: _Move.apply(tensor, pairs))
         view = _Move.apply(cameras.world_to_camera, pairs)
-        background = settings.background
+        background, weights = settings.background, settings.contribution_weights
         settings = replace(
             settings,
             background=None if background is None else background.to(DEVICE),
+            contribution_weights=None if weights is None else weights.to(DEVICE),
             validation=Validation.CHEAP,
         )
         output = self._rasterizer.render(

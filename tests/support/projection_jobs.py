@@ -12,17 +12,11 @@ from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.kernels.cuda import jobs
 from gsfw.kernels.cuda.launcher import Kernel, address
-from gsfw.rasterizers.reference.color import view_colors
-from gsfw.rasterizers.reference.project import Ellipses, project, visible_extents
-from gsfw.rasterizers.request import PairLimit, request_of
+from gsfw.kernels.render_arguments import POSE_FIELDS, KernelSettings
+from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS, PROJECT_THREADS, TILE
+from gsfw.rasterizers.kernel_arguments import PairLimit, render_call
+from gsfw.rasterizers.reference.project import Ellipses, project, view_colors, visible_extents
 from support.random_scenes import Kind
-
-THREADS = 64
-TILE = 16
-BRUSH_CHANNELS = 11
-SUM_CHANNELS = 6
-POSE_FIELDS = 15
-"""As splat.h and stages.h have them."""
 
 NAMES = {torch.float32: "float", torch.float64: "double"}
 
@@ -102,12 +96,11 @@ class Projection:
 
     @property
     def blocks(self) -> int:
-        return -(-len(self.radii) // THREADS)
+        return -(-len(self.radii) // PROJECT_THREADS)
 
     def run(self, launcher: EmulatedLauncher) -> None:
-        launcher.launch(
-            Kernel("project.cu", f"project<{self.arguments}>"), self.blocks, THREADS, self.job
-        )
+        kernel = Kernel("project.cu", f"project<{self.arguments}>")
+        launcher.launch(kernel, self.blocks, PROJECT_THREADS, self.job)
 
 
 @dataclass
@@ -135,8 +128,8 @@ def projection_of(splats: Splats, cameras: Cameras, settings: RenderSettings) ->
     """Everything for one camera, outputs full of what nobody may read."""
     n, like = len(splats), splats.means
     statistics = RenderStatistics.zeros(like, 1, frozenset())
-    request = request_of(splats, cameras, settings, statistics, PairLimit(1.0, 1, 1))
-    numbers, channels = request.numbers, len(request.background)
+    call = render_call(splats, cameras, settings, statistics, PairLimit(1.0, 1, 1), False)
+    numbers, channels = call.settings, len(call.background)
     named = flat_tensors(splats)
     tensors = named | {
         "world_to_camera": cameras.world_to_camera[0].detach().contiguous(),
@@ -148,7 +141,7 @@ def projection_of(splats: Splats, cameras: Cameras, settings: RenderSettings) ->
     ragged = "false" if named["offsets"] is None else "true"
     wide = {torch.float32: torch.int32, torch.float64: torch.int64}[like.dtype]
     projection = Projection(
-        arguments=f"{name}, {shape}<{name}>, {numbers['sh_degree']}, {ragged}",
+        arguments=f"{name}, {shape}<{name}>, {numbers.sh_degree}, {ragged}",
         tensors=tensors,
         brushes=torch.full((n, stride), torch.nan, dtype=like.dtype),
         depth_keys=torch.full((n,), 7, dtype=wide),
@@ -169,11 +162,11 @@ def projected(scene: Scene, launcher: EmulatedLauncher | None = None) -> Project
     return projection
 
 
-def _job(
-    projection: Projection, cameras: Cameras, numbers: dict[str, float | int | bool]
-) -> jobs.ProjectJob:
+def _job(projection: Projection, cameras: Cameras, numbers: KernelSettings) -> jobs.ProjectJob:
     tensors = projection.tensors
-    view = {name: numbers[name] for name, *_ in jobs.View._fields_ if name in numbers}
+    view = {
+        name: getattr(numbers, name) for name, *_ in jobs.View._fields_ if hasattr(numbers, name)
+    } | {"model": numbers.camera_model}
     columns, rows = -(-cameras.width // TILE), -(-cameras.height // TILE)
     widths = {name: 0 if held is None else held.shape[1:].numel() for name, held in tensors.items()}
     return jobs.ProjectJob(
@@ -185,12 +178,12 @@ def _job(
             color_stride=widths["colors"],
             rest_stride=widths["rest"],
             extras=widths["extra"],
-            color_channels=3 if numbers["sh_degree"] >= 0 else widths["colors"],
-            depth_channels=numbers["depth_channels"],
+            color_channels=3 if numbers.sh_degree >= 0 else widths["colors"],
+            depth_channels=numbers.depth_channels,
         ),
         grid=jobs.Grid(cameras.width, cameras.height, columns, rows),
-        level_min=numbers["level_min"],
-        bounded=numbers["alpha_min"] > 0,
+        level_min=numbers.level_min,
+        bounded=numbers.alpha_min > 0,
         stride=projection.brushes.shape[1],
         brushes=address(projection.brushes),
         depth_keys=address(projection.depth_keys),
@@ -242,7 +235,7 @@ def run_backward(
         accumulate=before is not None,
     )
     kernel = f"project_backward<{projection.arguments}, {'true' if pose else 'false'}>"
-    launcher.launch(Kernel("project_backward.cu", kernel), projection.blocks, THREADS, job)
+    launcher.launch(Kernel("project_backward.cu", kernel), projection.blocks, PROJECT_THREADS, job)
     return written
 
 

@@ -4,7 +4,7 @@ import threading
 
 import torch
 
-from gsfw.datamanagers.upload import Shipment, Upload
+from gsfw.datamanagers.device_images import Shipment, Upload
 
 
 class SlowShip(Upload):

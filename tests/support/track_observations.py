@@ -1,4 +1,4 @@
-"""Made-up colours of points in pictures, with a known dependence on the view."""
+"""Made-up colours of points in images, with a known dependence on the view."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +30,7 @@ def observed(
 
     Args:
         shine: what is added to the colours, by the number of the point and the cosine of the
-            direction with the point's side: the direction it is seen from by some picture.
+            direction with the point's side: the direction it is seen from by some image.
         points: how many.
         views: how many.
         noise: standard deviation of every colour.
@@ -62,7 +62,7 @@ def observed(
 
 
 def exposed(colors: TrackColors) -> tuple[TrackColors, np.ndarray, np.ndarray]:
-    """The same under gains and offsets of each picture, and these, [v, 3]."""
+    """The same under gains and offsets of each image, and these, [v, 3]."""
     random = np.random.default_rng(5)
     count = colors.views.max() + 1
     gains = random.uniform(0.8, 1.2, (count, 3))

@@ -1,7 +1,6 @@
 """Finished models that tests of tradeoff measure."""
 
-from gsfw.commands.open_run import open_run
-from gsfw.commands.run_argument import find_run
+from gsfw.commands.interface.runs import find_run, open_run
 from gsfw.plugins.registry import installed
 from gsfw.studies.tradeoff.finished_model import FinishedModel
 

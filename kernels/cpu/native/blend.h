@@ -127,9 +127,23 @@ struct TileState {
   T* transmittance;
   /// [PIXELS]: transmittance behind the last splat that was drawn.
   T* left;
+  /// [PIXELS]: what each pixel counts in the contributions; unset unless these are measured.
+  T* pixel_weights;
   /// [BLOCKS, channels, LANES]
   T* painted;
 };
+
+/// Fetch what the pixels of a tile count in the contributions, 0 outside the image.
+template <typename T>
+GSFW_FUNCTION void load_pixel_weights(const BlendJob<T>& job, const TilePlace& place, T* to) {
+  for (int i = 0; i < PIXELS; ++i) to[i] = T(0);
+  for (int y = 0; y < place.height; ++y) {
+    const int64_t row = int64_t(place.y + y) * job.grid.width + place.x;
+    for (int x = 0; x < place.width; ++x) {
+      to[block_position(x, y)] = job.pixel_weights ? job.pixel_weights[row + x] : T(1);
+    }
+  }
+}
 
 template <typename T>
 GSFW_FUNCTION void start_tile(const TilePlace& place, const TileState<T>& state, int channels) {
@@ -144,7 +158,8 @@ GSFW_FUNCTION void start_tile(const TilePlace& place, const TileState<T>& state,
 /// Paint one block with one chunk.
 ///
 /// ``CHANNELS`` is 0 where their number is known at run time only. ``sums`` gathers each splat's
-/// weights, lane by lane, when ``MEASURE``. Returns whether any pixel still sees through.
+/// weights, times those of the pixels, lane by lane, when ``MEASURE``. Returns whether any pixel
+/// still sees through.
 template <typename T, int CHANNELS, bool MEASURE>
 GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, int b,
                                const TileState<T>& state, T* sums) {
@@ -152,6 +167,7 @@ GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
   const CutOffs<T> cut = job.cut_offs;
   const Pack<T> x = load(PixelTables<T>::pixels.x[b]), y = load(PixelTables<T>::pixels.y[b]);
   const Pack<T> stop(cut.transmittance_min), one(T(1));
+  const Pack<T> pixel_weight = MEASURE ? load(state.pixel_weights + b * LANES) : one;
   Pack<T> transmittance = load(state.transmittance + b * LANES);
   if (!any(transmittance > stop)) return false;
   Pack<T> left = load(state.left + b * LANES);
@@ -183,7 +199,7 @@ GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
       }
       if (MEASURE) {
         T* at = sums + list[k + j] * LANES;
-        store(at, load(at) + weight);
+        store(at, fma(weight, pixel_weight, load(at)));
       }
     }
     open = any(transmittance > stop);
@@ -215,7 +231,7 @@ GSFW_FUNCTION void finish_tile(const BlendJob<T>& job, const TilePlace& place,
 template <typename T>
 GSFW_FUNCTION int64_t blend_scratch(int stride, int channels) {
   const int64_t lists = (BLOCKS * LIST * sizeof(uint16_t) + (CHUNK + LANES) * sizeof(uint32_t));
-  return (CHUNK + 1) * int64_t(stride) + lists / sizeof(T) + LANES + PIXELS * (2 + channels) +
+  return (CHUNK + 1) * int64_t(stride) + lists / sizeof(T) + LANES + PIXELS * (3 + channels) +
          (CHUNK + 1) * LANES;
 }
 
@@ -234,9 +250,10 @@ void blend_tile(const BlendJob<T>& job, int tile, T* scratch) {
   const TilePlace place = place_of(job.grid, tile);
   Chunk<T> chunk;
   scratch = take_chunk(scratch, job.stride, chunk);
-  TileState<T> state = {scratch, scratch + PIXELS, scratch + 2 * PIXELS};
+  TileState<T> state = {scratch, scratch + PIXELS, scratch + 2 * PIXELS, scratch + 3 * PIXELS};
   T* sums = state.painted + PIXELS * job.channels;
   start_tile(place, state, job.channels);
+  if (MEASURE) load_pixel_weights(job, place, state.pixel_weights);
   const int64_t end = job.tile_starts[tile + 1];
   int32_t drawn = 0;
   bool open = true;

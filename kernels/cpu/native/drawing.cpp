@@ -231,6 +231,7 @@ BlendJob<T> Drawing<T>::blend_job() const {
   job.checkpoints = kept_->checkpoints.get();
   job.chunks_drawn = kept_->chunks_drawn.get();
   job.background = request_.background;
+  job.pixel_weights = request_.pixel_weights;
   return job;
 }
 

@@ -36,6 +36,8 @@ struct DrawingRequest {
   CutOffs<T> cut_offs;
   /// [channels]
   const T* background;
+  /// [h, w]: see ``BlendJob``.
+  const T* pixel_weights;
   int64_t most_pairs;
   int threads;
 };

@@ -1,4 +1,5 @@
-// Drawing as Python sees it: dictionaries of arrays in, a handle for the backward pass out.
+// Drawing as Python sees it: the dataclasses of kernels/render_arguments.py in, a handle for the
+// backward pass out.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 
@@ -22,11 +23,11 @@ constexpr int64_t ANY = -1;
   throw nb::value_error((std::string(name) + ": expected " + expected).c_str());
 }
 
-/// The memory of ``arrays[name]``, null where that is None; checked, never copied.
+/// The memory of the tensor in a field, null where that is None; checked, never copied.
 template <typename T>
-T* array(const nb::dict& arrays, const char* name, std::initializer_list<int64_t> shape,
+T* array(const nb::object& holder, const char* name, std::initializer_list<int64_t> shape,
          nb::ndarray<>* found = nullptr) {
-  nb::object value = arrays[name];
+  nb::object value = holder.attr(name);
   if (value.is_none()) return nullptr;
   nb::ndarray<> tensor = nb::cast<nb::ndarray<>>(value);
   const auto wanted = std::is_same_v<std::remove_const_t<T>, uint8_t>
@@ -57,32 +58,32 @@ bool rise_to(const int64_t* offsets, int64_t count, int64_t last) {
 }
 
 template <typename N>
-N number(const nb::dict& numbers, const char* name) {
-  return nb::cast<N>(numbers[name]);
+N number(const nb::object& holder, const char* name) {
+  return nb::cast<N>(holder.attr(name));
 }
 
 template <typename T>
-ViewParameters<T> view_of(const nb::dict& arrays, const nb::dict& numbers) {
+ViewParameters<T> view_of(const nb::object& inputs, const nb::object& settings) {
   ViewParameters<T> view{};
-  const T* world_to_camera = array<const T>(arrays, "world_to_camera", {4, 4});
-  const T* intrinsics = array<const T>(arrays, "intrinsics", {3, 3});
+  const T* world_to_camera = array<const T>(inputs, "world_to_camera", {4, 4});
+  const T* intrinsics = array<const T>(inputs, "intrinsics", {3, 3});
   for (int i = 0; i < 12; ++i) view.world_to_camera[i] = world_to_camera[i];
   view.focal_x = intrinsics[0];
   view.focal_y = intrinsics[4];
   view.principal_x = intrinsics[2];
   view.principal_y = intrinsics[5];
-  view.width = number<int>(numbers, "width");
-  view.height = number<int>(numbers, "height");
-  view.model = number<int>(numbers, "model");
-  view.jacobian_margin = number<T>(numbers, "jacobian_margin");
-  view.dilation = number<T>(numbers, "dilation");
-  view.compensation_min = number<T>(numbers, "compensation_min");
-  view.alpha_min = number<T>(numbers, "alpha_min");
-  view.near = number<T>(numbers, "near");
-  view.far = number<T>(numbers, "far");
-  view.length_max = number<T>(numbers, "length_max");
-  view.quaternion_min_norm = number<T>(numbers, "quaternion_min_norm");
-  view.antialias = number<bool>(numbers, "antialias");
+  view.width = number<int>(settings, "width");
+  view.height = number<int>(settings, "height");
+  view.model = number<int>(settings, "camera_model");
+  view.jacobian_margin = number<T>(settings, "jacobian_margin");
+  view.dilation = number<T>(settings, "dilation");
+  view.compensation_min = number<T>(settings, "compensation_min");
+  view.alpha_min = number<T>(settings, "alpha_min");
+  view.near = number<T>(settings, "near");
+  view.far = number<T>(settings, "far");
+  view.length_max = number<T>(settings, "length_max");
+  view.quaternion_min_norm = number<T>(settings, "quaternion_min_norm");
+  view.antialias = number<bool>(settings, "antialias");
   return view;
 }
 
@@ -105,7 +106,7 @@ void check_coefficients(const SplatArrays<T>& splats, int64_t rest_rows) {
 }
 
 template <typename T>
-SplatArrays<T> splats_of(const nb::dict& arrays, const nb::dict& numbers) {
+SplatArrays<T> splats_of(const nb::object& arrays, const nb::object& settings) {
   SplatArrays<T> splats{};
   nb::ndarray<> means, colors, rest, extra;
   splats.means = array<const T>(arrays, "means", {ANY, 3}, &means);
@@ -117,40 +118,42 @@ SplatArrays<T> splats_of(const nb::dict& arrays, const nb::dict& numbers) {
   splats.opacities = array<const T>(arrays, "opacities", {n});
   splats.colors = array<const T>(arrays, "colors", {n, ANY}, &colors);
   splats.color_stride = static_cast<int>(colors.shape(1));
-  splats.sh_degree = number<int>(numbers, "sh_degree");
+  splats.sh_degree = number<int>(settings, "sh_degree");
   splats.offsets = array<const int64_t>(arrays, "offsets", {n + 1});
   splats.rest = array<const T>(arrays, "rest", {splats.offsets ? ANY : n, ANY}, &rest);
   splats.rest_stride = splats.rest ? static_cast<int>(rest.shape(1)) : 0;
   splats.extra = array<const T>(arrays, "extra", {n, ANY}, &extra);
   splats.extras = splats.extra ? static_cast<int>(extra.shape(1)) : 0;
   splats.color_channels = splats.sh_degree >= 0 ? 3 : splats.color_stride;
-  splats.depth_channels = number<int>(numbers, "depth_channels");
+  splats.depth_channels = number<int>(settings, "depth_channels");
   check_coefficients(splats, splats.rest ? static_cast<int64_t>(rest.shape(0)) : 0);
   if (!splats.covariances && !(splats.quats && splats.scales)) refuse("quats", "both forms given");
   return splats;
 }
 
 template <typename T>
-CutOffs<T> cut_offs_of(const nb::dict& numbers) {
-  return {number<T>(numbers, "level_min"), number<T>(numbers, "alpha_cap"),
-          number<T>(numbers, "alpha_limit"), number<T>(numbers, "transmittance_min")};
+CutOffs<T> cut_offs_of(const nb::object& settings) {
+  return {number<T>(settings, "level_min"), number<T>(settings, "alpha_cap"),
+          number<T>(settings, "alpha_limit"), number<T>(settings, "transmittance_min")};
 }
 
 /// A picture, with a hold on the arrays it was drawn from.
 template <typename T>
 class Handle {
  public:
-  Handle(const nb::dict& arrays, const nb::dict& numbers, const nb::dict& outputs)
-      : arrays_(arrays), request_{} {
-    request_.view = view_of<T>(arrays, numbers);
-    request_.splats = splats_of<T>(arrays, numbers);
-    request_.cut_offs = cut_offs_of<T>(numbers);
-    request_.most_pairs = number<int64_t>(numbers, "most_pairs");
-    request_.threads = number<int>(numbers, "threads");
+  Handle(const nb::object& inputs, const nb::object& settings, const nb::object& outputs,
+         int threads)
+      : inputs_(inputs), request_{} {
+    request_.view = view_of<T>(inputs, settings);
+    request_.splats = splats_of<T>(inputs.attr("splats"), settings);
+    request_.cut_offs = cut_offs_of<T>(settings);
+    request_.most_pairs = number<int64_t>(settings, "max_pairs");
+    request_.threads = threads;
     const SplatArrays<T>& splats = request_.splats;
     channels_ = splats.color_channels + splats.extras + splats.depth_channels;
-    request_.background = array<const T>(arrays, "background", {channels_});
+    request_.background = array<const T>(inputs, "background", {channels_});
     const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
+    request_.pixel_weights = array<const T>(inputs, "pixel_weights", {h, w});
     const DrawingOutputs<T> to = {array<T>(outputs, "image", {h, w, channels_}),
                                   array<T>(outputs, "alpha", {h, w}),
                                   array<uint8_t>(outputs, "visible", {n}),
@@ -160,21 +163,22 @@ class Handle {
     drawing_ = std::make_unique<Drawing<T>>(request_, to);
   }
 
-  void backward(const nb::dict& gradients) {
+  void backward(const nb::object& gradients) {
+    const nb::object rows = gradients.attr("splats");
     const SplatArrays<T>& splats = request_.splats;
     const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
     const int64_t rest_rows = splats.offsets ? splats.offsets[n] : n;
     DrawingGradients<T> to{};
     to.image = array<const T>(gradients, "image", {h, w, channels_});
     to.alpha = array<const T>(gradients, "alpha", {h, w});
-    to.splats = {array<T>(gradients, "means", {n, 3}),
-                 array<T>(gradients, "quats", {n, 4}),
-                 array<T>(gradients, "scales", {n, 3}),
-                 array<T>(gradients, "covariances", {n, 3, 3}),
-                 array<T>(gradients, "opacities", {n}),
-                 array<T>(gradients, "colors", {n, splats.color_stride}),
-                 array<T>(gradients, "rest", {rest_rows, splats.rest_stride}),
-                 array<T>(gradients, "extra", {n, splats.extras})};
+    to.splats = {array<T>(rows, "means", {n, 3}),
+                 array<T>(rows, "quats", {n, 4}),
+                 array<T>(rows, "scales", {n, 3}),
+                 array<T>(rows, "covariances", {n, 3, 3}),
+                 array<T>(rows, "opacities", {n}),
+                 array<T>(rows, "colors", {n, splats.color_stride}),
+                 array<T>(rows, "rest", {rest_rows, splats.rest_stride}),
+                 array<T>(rows, "extra", {n, splats.extras})};
     to.accumulate = number<bool>(gradients, "accumulate");
     to.pose = array<T>(gradients, "pose", {POSE_FIELDS});
     to.screen_gradient = array<T>(gradients, "screen_gradient", {n});
@@ -199,7 +203,7 @@ class Handle {
 
  private:
   // Never the outputs: the image holds the autograd node that holds this, a cycle for ever.
-  nb::dict arrays_;
+  nb::object inputs_;
   DrawingRequest<T> request_;
   int64_t channels_ = 0;
   std::unique_ptr<Drawing<T>> drawing_;
@@ -208,8 +212,8 @@ class Handle {
 template <typename T>
 void bind_handle(nb::module_& module, const char* name) {
   nb::class_<Handle<T>>(module, name, "One camera's picture, and its way back.")
-      .def(nb::init<const nb::dict&, const nb::dict&, const nb::dict&>(), nb::arg("arrays"),
-           nb::arg("numbers"), nb::arg("outputs"))
+      .def(nb::init<const nb::object&, const nb::object&, const nb::object&, int>(),
+           nb::arg("inputs"), nb::arg("settings"), nb::arg("outputs"), nb::arg("threads"))
       .def("backward", &Handle<T>::backward, nb::arg("gradients"))
       .def("times", &Handle<T>::times)
       .def_prop_ro("pairs", &Handle<T>::pairs);
@@ -230,7 +234,6 @@ void bind_drawing(nb::module_& module) {
   });
   module.attr("PAIR_BYTES") = PAIR_BYTES;
   module.attr("SLOT_FIELDS") = int(SLOT_CHANNELS);
-  module.attr("POSE_FIELDS") = POSE_FIELDS;
   module.def("keep_freed_memory", &keep_freed_memory,
              "Let the process's allocator keep what is freed instead of giving it back.");
 }

@@ -92,6 +92,8 @@ struct BlendJob {
   T* alpha;
   /// [slots]: the sum of weights of each entry; null when not asked for.
   T* contribution;
+  /// [h, w]: what a pixel's weights count in that sum; null for ones.
+  const T* pixel_weights;
 };
 
 template <typename T>

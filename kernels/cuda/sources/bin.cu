@@ -9,9 +9,6 @@
 namespace gsfw {
 namespace cuda {
 
-/// Threads of a block of ``emit`` and of ``find_tiles``.
-constexpr int BIN_THREADS = 256;
-
 /// The lane that has number ``item`` where lane i has those from ``ends`` of lane i - 1 up to its
 /// own; the last lane for numbers beyond. A warp collective; lanes may ask for different numbers.
 __device__ __forceinline__ int lane_of(int item, int ends) {

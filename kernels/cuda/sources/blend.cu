@@ -59,13 +59,20 @@ __device__ __forceinline__ T paint(const T* splat, T alpha, int place, T stop,
   return weight;
 }
 
-/// Paint a chunk on one subtile. ``weights`` [CHUNK] takes each splat's sum over the subtile if
-/// ``MEASURE``; those that are not painted keep what is there.
+/// What a pixel counts in the contributions.
+template <class T>
+__device__ __forceinline__ T pixel_weight_at(const BlendJob& job, const Pixel<T>& at) {
+  return job.pixel_weights && at.inside ? static_cast<const T*>(job.pixel_weights)[at.index] : T(1);
+}
+
+/// Paint a chunk on one subtile. ``weights`` [CHUNK] takes each splat's sum over the subtile, of
+/// weights times ``pixel_weight``, if ``MEASURE``; those that are not painted keep what is there.
 template <class T, int CHANNELS, int CHUNK, bool MEASURE>
 __device__ __forceinline__ void paint_chunk(const BlendJob& job,
                                             const Entries<T, CHANNELS, CHUNK>& entries, int before,
                                             int count, const Pixel<T>& at,
-                                            Painted<T, CHANNELS>& pixel, T* weights) {
+                                            T pixel_weight, Painted<T, CHANNELS>& pixel,
+                                            T* weights) {
   const T cap = T(job.alpha_cap), stop = T(job.transmittance_min);
   for (int base = 0; base < count; base += WARP) {
     if (!__any_sync(FULL_WARP, int(sees_through(pixel)))) return;
@@ -78,7 +85,7 @@ __device__ __forceinline__ void paint_chunk(const BlendJob& job,
       const T alpha = alpha_at(splat, at.x, at.y, pixel.level_min, cap);
       const T weight = paint(splat, alpha, before + place, stop, pixel);
       if constexpr (MEASURE) {
-        const T total = warp_sum(weight);
+        const T total = warp_sum(weight * pixel_weight);
         if (lane_index() == 0) weights[place] = total;
       }
     }
@@ -95,7 +102,7 @@ __device__ __forceinline__ void record_contribution(const BlendJob& job, int64 f
     for (int s = 0; s < SUBTILES; ++s) total += weights[s][place];
     if (job.slots) {
       contribution[job.slots[first + place]] = total;
-    } else if (total > T(0)) {
+    } else if (total != T(0)) {
       atomicAdd(contribution + job.rows[first + place], total);
     }
   }
@@ -131,6 +138,7 @@ __global__ void __launch_bounds__(TILE_PIXELS, RESIDENT_BLOCKS<T, CHANNELS>)
   __shared__ T weights[SUBTILES][MEASURE ? CHUNK : 1];
   const int tile = int(blockIdx.x);
   const Pixel<T> at = pixel_of<T>(job.grid, tile, warp_index(), lane_index());
+  const T pixel_weight = MEASURE ? pixel_weight_at<T>(job, at) : T(1);
   Painted<T, CHANNELS> pixel;
   pixel.transmittance = T(1);
 #pragma unroll
@@ -155,8 +163,8 @@ __global__ void __launch_bounds__(TILE_PIXELS, RESIDENT_BLOCKS<T, CHANNELS>)
       }
     }
     __syncthreads();
-    paint_chunk<T, CHANNELS, CHUNK, MEASURE>(job, entries, int(first - begin), count, at, pixel,
-                                             weights[warp_index()]);
+    paint_chunk<T, CHANNELS, CHUNK, MEASURE>(job, entries, int(first - begin), count, at,
+                                             pixel_weight, pixel, weights[warp_index()]);
     if constexpr (MEASURE) {
       __syncthreads();
       record_contribution<T>(job, first, count, weights);

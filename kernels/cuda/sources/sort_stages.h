@@ -1,5 +1,5 @@
 // What the host hands to the kernels that sort, mirrored field by field in
-// kernels/cuda/sort_jobs.py.
+// kernels/cuda/sort.py.
 #pragma once
 
 #include "platform.h"

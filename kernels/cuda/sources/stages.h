@@ -35,6 +35,9 @@ enum BrushField {
 /// gradient of x and of y.
 enum SumField { SUM_G, SUM_U, SUM_V, SUM_UU, SUM_UV, SUM_VV, SUM_CHANNELS };
 
+/// Threads of a block of ``emit`` and of ``find_tiles``.
+constexpr int BIN_THREADS = 256;
+
 /// Entries of a pose gradient: by rotation, by translation, and by the camera centre.
 constexpr int POSE_FIELDS = 15;
 
@@ -188,6 +191,8 @@ struct BlendJob {
   int* chunk_tiles;
   /// T [n], or T [p] if ``slots`` is given: sums of weights; null where not asked for.
   void* contribution;
+  /// T [h, w]: what a pixel's weights count in these sums; null for ones.
+  const void* pixel_weights;
   /// int32 [p]: where each pair was written when it was emitted; null unless numbered.
   const int* slots;
 };

@@ -1,4 +1,4 @@
-"""Smaller batches are the means of large ones: colours, alpha, masks, depth, cameras."""
+"""Smaller batches are the means of large ones: colours, alpha, masks, maps, cameras."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import pytest
 import torch
 from support.scenes import front_camera, random_splats
 
-from gsfw.core.batch import Batch, MaskMode
+from gsfw.core.batch import Batch, MaskMode, Resampling, ViewMap
 from gsfw.core.loop.area import area_means, shrink_batch
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
@@ -36,7 +36,7 @@ def naive_means(values: torch.Tensor, width: int, height: int) -> torch.Tensor:
 
 def random_batch(**fields) -> Batch:
     generator = torch.Generator().manual_seed(5)
-    views = [replace(front_camera(24, 18), image_index=torch.tensor([i])) for i in range(2)]
+    views = [replace(front_camera(24, 18), camera_index=torch.tensor([i])) for i in range(2)]
     return Batch(
         torch.rand(2, 18, 24, 3, generator=generator), views[0].cat(views), (0, 1), **fields
     )
@@ -88,23 +88,53 @@ def test_pixels_are_valid_where_all_that_they_cover_is():
     assert small.mask_mode is MaskMode.IGNORE
 
 
-def test_depth_is_the_mean_of_the_known():
-    depth = 3 * random_field(0.7)
-    small = shrink_batch(random_batch(depth=depth), 11, 9)
-    assert small.depth is not None
-    known = naive_means((depth[1] > 0).double(), 11, 9)
-    expected = naive_means(depth[1], 11, 9) / torch.where(known > 0, known, 1.0)
-    torch.testing.assert_close(small.depth[1].double(), expected, atol=1e-5, rtol=0)
-    assert bool((small.depth[1] == 0).any()), "somewhere nothing is known"
+@pytest.mark.parametrize("rule", [Resampling.MEAN, Resampling.DEPTH])
+def test_maps_are_means_of_the_known_and_known_where_half_of_a_pixel_is(rule):
+    values = random_field(0.4).expand(2, 18, 24, 3) * torch.tensor([1.0, 2.0, 3.0])
+    raw = torch.where(values > 0, values, torch.nan)
+    small = shrink_batch(random_batch(maps={"m": ViewMap.of(raw, rule)}), 11, 9).maps["m"]
+    part = naive_means((values[1] > 0).double(), 11, 9)
+    expected = naive_means(values[1], 11, 9) / part.clamp(min=1e-9)
+    known = part[..., :1] > 0.5 - 1e-6
+    assert torch.equal(small.known[1], known)
+    assert 0 < int(known.sum()) < known.numel()
+    torch.testing.assert_close(small.values[1].double(), expected * known, atol=1e-5, rtol=0)
+    assert small.rule is rule
+
+
+def test_labels_are_picked_from_the_pixel_in_the_middle():
+    labels = torch.arange(18 * 24.0).view(1, 18, 24, 1).repeat(2, 1, 1, 1)
+    label_map = ViewMap.of(labels, Resampling.NEAREST)
+    small = shrink_batch(random_batch(maps={"labels": label_map}), 8, 6).maps["labels"]
+    assert torch.equal(small.values, labels[:, 1::3, 1::3])
+    assert bool(small.known.all())
+
+
+@pytest.mark.parametrize("rule", Resampling)
+def test_maps_are_unknown_where_a_small_pixel_is_not_valid(rule):
+    mask = random_field() > 0.1
+    full = ViewMap.of(1 + random_field(), rule)
+    small = shrink_batch(random_batch(mask=mask, maps={"m": full}), 11, 9)
+    assert torch.equal(small.maps["m"].known, small.valid)
+    assert float(small.maps["m"].values[~small.valid].abs().max()) == 0
+
+
+def test_the_mean_of_an_error_counts_known_pixels_only():
+    values = torch.tensor([1.0, torch.nan, 3.0, torch.inf]).view(1, 2, 2, 1)
+    found = ViewMap.of(values)
+    assert found.values.flatten().tolist() == [1, 0, 3, 0]
+    assert float(found.mean((found.values - 1).abs().expand(1, 2, 2, 5))) == 1.0
+    nothing = ViewMap.of(torch.zeros(1, 2, 2, 1), Resampling.DEPTH)
+    assert float(nothing.mean(torch.ones(1, 2, 2, 1))) == 0.0
 
 
 def test_everything_else_stays_and_a_full_batch_is_the_same_object():
-    batch = replace(random_batch(), weight=0.5)
+    batch = random_batch()
     assert shrink_batch(batch, 24, 18) is batch
     small = shrink_batch(batch, 10, 7)
-    assert (small.views, small.weight, small.alpha, small.mask) == ((0, 1), 0.5, None, None)
+    assert (small.views, small.alpha, small.mask, small.maps) == ((0, 1), None, None, {})
     assert (small.cameras.width, small.cameras.height) == (10, 7)
-    assert torch.equal(small.cameras.image_index, batch.cameras.image_index)
+    assert torch.equal(small.cameras.camera_index, batch.cameras.camera_index)
 
 
 def test_a_small_rendering_is_the_mean_of_a_large_one():

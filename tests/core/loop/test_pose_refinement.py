@@ -14,9 +14,9 @@ from gsfw.core.loop.pose_refinement import (
     PoseRefinement,
     common_motions,
     motion_matrices,
-    rotation_matrices,
 )
 from gsfw.core.loop.refined_capture import RefinedCapture
+from gsfw.core.maths.rotations import rotation_vector_matrices
 from gsfw.core.maths.similarity import Similarity
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
@@ -47,14 +47,14 @@ def test_rotation_vectors_are_matrix_exponentials(size):
     x, y, z = vectors.unbind(1)
     zero = torch.zeros_like(x)
     cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=1).view(-1, 3, 3)
-    found = rotation_matrices(vectors)
+    found = rotation_vector_matrices(vectors)
     # Below the smallest angle, terms of the third order are left out.
     torch.testing.assert_close(found, torch.linalg.matrix_exp(cross), atol=1e-13, rtol=0)
 
 
 def test_rotations_in_single_precision_are_rotations_however_small():
     for size in (1e-6, 1e-4, 1e-2):
-        rotation = rotation_matrices(torch.full((1, 3), size))[0]
+        rotation = rotation_vector_matrices(torch.full((1, 3), size))[0]
         torch.testing.assert_close(rotation @ rotation.T, torch.eye(3), atol=3e-7, rtol=0)
 
 
@@ -124,7 +124,7 @@ def test_cameras_of_batches_are_the_refined_ones_and_have_a_gradient():
 def test_motions_that_equal_a_similarity_of_the_world_are_taken_out():
     data = FewViews(train=range(6))
     size = 1e-3
-    turn = rotation_matrices(size * torch.tensor([[0.4, -0.7, 0.2]], dtype=torch.float64))[0]
+    turn = rotation_vector_matrices(size * torch.tensor([[0.4, -0.7, 0.2]], dtype=torch.float64))[0]
     shift = size * torch.tensor([0.3, 0.5, -0.6], dtype=torch.float64)
     world = Similarity(1.0 + size, turn, shift)
     poses = PoseRefinement(data, RATE).double()

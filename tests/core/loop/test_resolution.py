@@ -1,4 +1,4 @@
-"""When pictures grow: monotone, full in good time, later where there is little detail."""
+"""When images grow: monotone, full in good time, later where there is little detail."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ BLACK = torch.zeros(3)
 
 
 class Pictures(DataManager):
-    """Grey pictures, with masks where they are given."""
+    """Grey images, with masks where they are given."""
 
     def __init__(self, pictures, masks=None) -> None:
         self.pictures, self.masks, self.loaded = pictures, masks, []
@@ -79,7 +79,7 @@ def of(*pictures: np.ndarray, steps: int = 9000) -> ResolutionSchedule:
     return measured(Pictures(pictures), BLACK, steps)
 
 
-def test_pictures_only_grow_and_are_full_in_the_end():
+def test_images_only_grow_and_are_full_in_the_end():
     for schedule in (of(natural()), of(smooth()), of(noisy())):
         assert factors(schedule) == sorted(factors(schedule), reverse=True)
         assert factors(schedule)[9000:] == [1.0] * 1000
@@ -93,7 +93,7 @@ def test_photographs_start_coarse_and_grow_in_several_steps():
     assert 0.4 * 9000 < schedule.full_from < 0.9 * 9000
 
 
-def test_a_smooth_picture_is_trained_coarse_for_longer_than_a_noisy_one():
+def test_a_smooth_image_is_trained_coarse_for_longer_than_a_noisy_one():
     flat, rich = of(smooth()), of(noisy())
     assert flat.full_from > of(natural()).full_from > rich.full_from > 0
     assert sum(factors(flat)) > 1.5 * sum(factors(rich))
@@ -111,11 +111,11 @@ def test_training_starts_at_the_smallest_size_that_keeps_a_quarter_of_the_detail
     assert planned({2.0: 0.2}, steps=1000) == FULL_SIZE
 
 
-def test_a_picture_without_detail_is_full_after_the_given_steps():
+def test_an_image_without_detail_is_full_after_the_given_steps():
     assert of(np.full((600, 600), 0.5)).stages == ((0, FACTORS[-1]), (9000, 1.0))
 
 
-def test_short_runs_and_small_pictures_are_full_from_the_start():
+def test_short_runs_and_small_images_are_full_from_the_start():
     assert of(natural(), steps=299) == FULL_SIZE
     assert of(natural(), steps=0) == FULL_SIZE
     assert of(natural(90, 300)) == FULL_SIZE
@@ -167,7 +167,7 @@ def test_views_of_several_sizes_are_each_reduced_as_far_as_they_may_be():
     ]
 
 
-def test_full_pictures_are_passed_on_as_they_are():
+def test_full_images_are_passed_on_as_they_are():
     (batch,) = Pictures([natural()]).load(Split.TRAIN, [0], None)
     assert FULL_SIZE.reduce(batch, 0) is batch
     assert of(natural()).reduce(batch, 9000) is batch
@@ -180,14 +180,14 @@ def test_intrinsics_follow_by_the_exact_ratio_per_axis():
     assert torch.equal(cameras.intrinsics[0], batch.cameras.intrinsics[0] * ratios[:, None])
 
 
-def test_notes_say_where_pictures_start_and_when_they_are_full():
+def test_notes_say_where_images_start_and_when_they_are_full():
     assert planned({4.0: 0.4, 2**0.5: 0.9}, steps=1000).note(1000) == (
-        "Pictures start at 1/4 of their size and reach full size after 900 steps "
+        "Images start at 1/4 of their size and reach full size after 900 steps "
         "(resolution_schedule=auto)."
     )
-    assert planned({2.0**1.5: 0.4}, steps=1000).note(1000).startswith("Pictures start at 1/2.8 of")
+    assert planned({2.0**1.5: 0.4}, steps=1000).note(1000).startswith("Images start at 1/2.8 of")
     assert FULL_SIZE.note(150) == (
-        "resolution_schedule=auto leaves all pictures at full size: it takes resolution_steps of "
-        "at least 300 (here 150), and pictures of at least 91 pixels on the short side that keep "
+        "resolution_schedule=auto leaves all images at full size: it takes resolution_steps of "
+        "at least 300 (here 150), and images of at least 91 pixels on the short side that keep "
         "a quarter of their detail when they shrink."
     )

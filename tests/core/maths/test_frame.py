@@ -6,8 +6,9 @@ import pytest
 import torch
 from support.scenes import front_camera, random_splats
 
-from gsfw.core.maths.frame import multiply_quaternions, quaternion_of, transform_splats
+from gsfw.core.maths.frame import transform_splats, with_axes
 from gsfw.core.maths.similarity import Similarity
+from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
@@ -24,53 +25,12 @@ def general(seed: int = 3) -> Similarity:
     return Similarity(2.7, rotation(seed), torch.tensor([5.0, -6.0, 7.0], dtype=torch.float64))
 
 
-def matrix_of(quat: torch.Tensor) -> torch.Tensor:
-    """The textbook rotation matrix of a unit quaternion, wxyz."""
-    w, x, y, z = quat.tolist()
-    return torch.tensor(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ],
-        dtype=torch.float64,
-    )
-
-
 def draw(splats: Splats, similarity: Similarity | None = None) -> torch.Tensor:
     """A picture, from a camera that is moved along."""
     camera = front_camera(dtype=torch.float64)
     if similarity is not None:
         camera = replace(camera, world_to_camera=similarity.camera(camera.world_to_camera))
     return ReferenceRasterizer().render(splats, camera).color
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_quaternions_and_rotation_matrices_agree(seed):
-    quat = quaternion_of(rotation(seed))
-    assert float(quat.norm()) == pytest.approx(1)
-    assert float(quat[0]) >= 0
-    assert torch.allclose(matrix_of(quat), rotation(seed))
-
-
-def test_many_rotation_matrices_have_the_quaternions_of_each():
-    matrices = torch.stack([rotation(seed) for seed in range(8)])
-    expected = torch.stack([quaternion_of(matrix) for matrix in matrices])
-    assert torch.equal(quaternion_of(matrices), expected)
-    assert quaternion_of(matrices[:0]).shape == (0, 4)
-
-
-def test_half_turns_have_a_quaternion_too():
-    for axis in range(3):
-        half = -torch.eye(3, dtype=torch.float64)
-        half[axis, axis] = 1
-        assert torch.allclose(matrix_of(quaternion_of(half)), half)
-
-
-def test_a_product_of_quaternions_turns_by_the_second_first():
-    first, second = rotation(1), rotation(2)
-    product = multiply_quaternions(quaternion_of(first), quaternion_of(second))
-    assert torch.allclose(matrix_of(product), first @ second)
 
 
 @pytest.mark.parametrize("degree", range(5))
@@ -126,3 +86,38 @@ def test_float32_splats_become_float64_and_are_not_changed_by_the_identity():
     for name, tensor in splats.tensors().items():
         assert moved.tensors()[name].dtype == torch.float64
         assert torch.allclose(moved.tensors()[name], tensor.double(), atol=1e-14)
+
+
+def by_covariances(axes: torch.Tensor, splats: Splats) -> Splats:
+    return replace(splats, quats=None, scales=None, covariances=axes @ axes.transpose(1, 2))
+
+
+def test_splats_with_axes_look_as_their_covariances_do():
+    splats = random_splats(40, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(0)
+    axes = 0.1 * torch.randn(40, 3, 3, generator=generator, dtype=torch.float64)
+    given = by_covariances(axes, splats)
+    turned = with_axes(given)
+    assert turned.covariances is None
+    camera, settings = front_camera(dtype=torch.float64), RenderSettings()
+    drawn = [ReferenceRasterizer().render(each, camera, settings).color for each in (given, turned)]
+    torch.testing.assert_close(drawn[0], drawn[1], rtol=0, atol=1e-12)
+
+
+def test_flat_and_vanishing_covariances_have_scales_of_zero():
+    splats = random_splats(2)
+    axes = torch.zeros(2, 3, 3)
+    axes[0, 0, 0], axes[0, 1, 1] = 2.0, 3.0
+    turned = with_axes(by_covariances(axes, splats))
+    assert turned.scales is not None
+    assert turned.quats is not None
+    torch.testing.assert_close(turned.scales, torch.tensor([[0.0, 2, 3], [0, 0, 0]]))
+    torch.testing.assert_close(turned.quats.norm(dim=1), torch.ones(2))
+    assert turned.scales.dtype == turned.quats.dtype == torch.float32
+
+
+def test_splats_that_have_axes_stay_as_they_are():
+    splats = random_splats(3)
+    assert with_axes(splats) is splats
+    none = random_splats(0)
+    assert len(with_axes(by_covariances(torch.zeros(0, 3, 3), none))) == 0

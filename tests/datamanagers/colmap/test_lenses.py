@@ -32,13 +32,13 @@ CPU = torch.device("cpu")
 
 
 def capture_of(views: int) -> SmallCapture:
-    """A picture for each of the first points, which shows nothing but this point."""
+    """An image for each of the first points, which shows nothing but this point."""
     capture = ring(views)
     return replace(capture, points=capture.points[:views], colors=capture.colors[:views])
 
 
 def write(folder: Path, cameras: list[Lens], rule: LensRule | None = None) -> SmallCapture:
-    """A COLMAP data set with one picture of each camera; spots are round as ``rule`` has them."""
+    """A COLMAP data set with one image of each camera; spots are round as ``rule`` has them."""
     capture = capture_of(len(cameras))
     numbered = {
         number: (camera.model, camera.width, camera.height, parameters(camera))
@@ -57,7 +57,7 @@ def write(folder: Path, cameras: list[Lens], rule: LensRule | None = None) -> Sm
 
 
 def point_errors(data: DataManager) -> float:
-    """Pixels between where pictures show their points and where rasterizers put them; the worst."""
+    """Pixels between where images show their points and where rasterizers put them; the worst."""
     views, points = data.views(Split.TRAIN), data.scene.points
     worst = 0.0
     for index, (camera, point) in enumerate(zip(views.cameras, points, strict=True)):
@@ -92,12 +92,12 @@ def test_cameras_of_several_models_and_sizes_share_a_set(tmp_path):
     assert len(set(sizes)) == 4
     assert [int(camera.camera_index[0]) for camera in views.cameras] == [0, 1, 2, 3]
     assert [note.split(" (")[0] for note in data.notes()[1:4]] == [
-        f"1 picture of 1 lens undistorted from {model} to PINHOLE"
+        f"1 image of 1 lens undistorted from {model} to PINHOLE"
         for model in ("OPENCV", "FISHEYE", "FOV")
     ]
 
 
-def test_downscaled_pictures_follow_the_undistorted_camera(tmp_path):
+def test_downscaled_images_follow_the_undistorted_camera(tmp_path):
     write(tmp_path, [lens("OPENCV")] * 2)
     full = ColmapConfig().build(request(tmp_path)).views(Split.TRAIN).cameras[0]
     data = ColmapConfig().build(request(tmp_path, downscale=2.0))
@@ -109,7 +109,7 @@ def test_downscaled_pictures_follow_the_undistorted_camera(tmp_path):
     assert batch.images.shape == (2, small.height, small.width, 3)
 
 
-def test_pictures_smaller_than_their_camera_are_undistorted_as_they_are(tmp_path):
+def test_images_smaller_than_their_camera_are_undistorted_as_they_are(tmp_path):
     capture = write(tmp_path, [lens("OPENCV")] * 2)
     full = ColmapConfig().build(request(tmp_path)).views(Split.TRAIN).cameras[0]
     for name in capture.names:
@@ -140,7 +140,7 @@ def test_blank_pixels_are_masked_out(tmp_path):
     assert "and pixels that no lens saw are masked out" in data.notes()[1]
 
 
-def test_a_lens_that_folds_its_picture_over_names_its_camera(tmp_path):
+def test_a_lens_that_folds_its_image_over_names_its_camera(tmp_path):
     folding = lens("SIMPLE_RADIAL", (-1.5,))
     write(tmp_path, [lens("OPENCV")])
     numbered = {1: (folding.model, WIDTH, HEIGHT, parameters(folding))}
@@ -149,7 +149,7 @@ def test_a_lens_that_folds_its_picture_over_names_its_camera(tmp_path):
         ColmapConfig().build(request(tmp_path))
     assert str(error.value).startswith(
         f"camera 1 of {tmp_path}/sparse/0/cameras.bin: its distortion, SIMPLE_RADIAL (k1=-1.5), "
-        "folds the picture over: "
+        "folds the image over: "
     )
 
 
@@ -160,8 +160,8 @@ def test_panoramas_are_refused(tmp_path):
     with pytest.raises(DataError) as error:
         ColmapConfig().build(request(tmp_path))
     assert str(error.value) == (
-        f"camera 1 of {tmp_path}/cameras.bin: pictures of the model EQUIRECTANGULAR cannot be "
-        "trained on.\nCut them into pictures of pinhole cameras first: a panorama has no image "
+        f"camera 1 of {tmp_path}/cameras.bin: images of the model EQUIRECTANGULAR cannot be "
+        "trained on.\nCut them into images of pinhole cameras first: a panorama has no image "
         "plane."
     )
 

@@ -1,4 +1,4 @@
-"""Which pictures show which points, as a COLMAP model says."""
+"""Which images show which points, as a COLMAP model says."""
 
 import struct
 
@@ -9,11 +9,11 @@ from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap.config import ColmapConfig
 
 TRACKS = [[3, 1], [], [2, 2, 1], [4]]
-"""Numbers of images; the third point was matched twice in one picture."""
+"""Numbers of images; the third point was matched twice in one image."""
 
 
 def write_tracks(folder, suffix):
-    """Four pictures, and points with the tracks above and errors of 0.5, 1.5, ..."""
+    """Four images, and points with the tracks above and errors of 0.5, 1.5, ..."""
     capture = ring(4)
     write_colmap(folder / "sparse" / "0", capture, suffix)
     write_pictures(folder / "images", capture)
@@ -30,7 +30,7 @@ def write_tracks(folder, suffix):
 
 
 def sightings(folder):
-    """What is read, with the names of the pictures."""
+    """What is read, with the names of the images."""
     data = ColmapConfig().build(request(folder))
     data.close()
     found = data.recording.read_sightings()
@@ -39,7 +39,7 @@ def sightings(folder):
 
 
 @pytest.mark.parametrize("suffix", [".bin", ".txt"])
-def test_tracks_are_read_with_each_picture_once(tmp_path, suffix):
+def test_tracks_are_read_with_each_image_once(tmp_path, suffix):
     write_tracks(tmp_path, suffix)
     pairs, errors = sightings(tmp_path)
     names = ring(4).names
@@ -47,7 +47,7 @@ def test_tracks_are_read_with_each_picture_once(tmp_path, suffix):
     assert errors.tolist() == [0.5, 1.5, 2.5, 3.5]
 
 
-def test_pictures_that_are_not_on_disk_show_nothing(tmp_path):
+def test_images_that_are_not_on_disk_show_nothing(tmp_path):
     write_tracks(tmp_path, ".bin")
     names = ring(4).names
     (tmp_path / "images" / names[0]).unlink()

@@ -16,10 +16,11 @@ from support.small_captures import (
 )
 
 from gsfw.core.errors import DataError
+from gsfw.core.maths.rotations import quaternions_of, rotation_vector_matrices
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.writer import write_model
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
-from gsfw.datamanagers.poses import from_quaternion, from_rotation_vector, quaternion_of
+from gsfw.datamanagers.poses import from_quaternion
 from gsfw.datamanagers.transforms import TransformsConfig
 
 SUFFIXES = (".bin", ".txt")
@@ -83,16 +84,16 @@ def test_every_model_is_written_with_its_parameters(tmp_path, suffix, model):
     recording = replace(recording, frames=frames)
     write_model(recording, tmp_path / "sparse", tmp_path / "images", suffix)
     config = ColmapConfig()
-    found = config._recording(tmp_path).frames[0].lens
+    found = config.recording(tmp_path, 1.0).frames[0].lens
     assert found == lens
 
 
-def test_one_focal_length_becomes_two_where_pictures_were_shrunk_unevenly(tmp_path):
+def test_one_focal_length_becomes_two_where_images_were_shrunk_unevenly(tmp_path):
     recording = source(tmp_path).recording
     lens = Lens(140.0, 140.0, 62.0, 50.0, 129, 96, "here", "SIMPLE_RADIAL", (0.1,))
     frames = tuple(replace(frame, lens=lens) for frame in recording.frames)
     write_model(replace(recording, frames=frames), tmp_path / "sparse", tmp_path / "images")
-    found = ColmapConfig()._recording(tmp_path).frames[0].lens
+    found = ColmapConfig().recording(tmp_path, 1.0).frames[0].lens
     assert found.model == "OPENCV"
     assert found.distortion == (0.1, 0.0, 0.0, 0.0)
     slopes = np.array([[0.1, -0.2], [0.3, 0.1]])
@@ -105,22 +106,22 @@ def test_physical_cameras_stay_apart(tmp_path):
     frames = [replace(frame, camera=number % 2) for number, frame in enumerate(recording.frames)]
     recording = replace(recording, frames=tuple(frames))
     write_model(recording, tmp_path / "sparse", tmp_path / "images")
-    found = ColmapConfig()._recording(tmp_path).frames
+    found = ColmapConfig().recording(tmp_path, 1.0).frames
     assert [frame.camera for frame in found] == [0, 1, 0, 1]
 
 
-def test_pictures_elsewhere_are_refused(tmp_path):
+def test_images_elsewhere_are_refused(tmp_path):
     recording = source(tmp_path / "set").recording
     (tmp_path / "other").mkdir()
     with pytest.raises(DataError, match=r"view_000.png is not in .*other, which the model's names"):
         write_model(recording, tmp_path / "sparse", tmp_path / "other")
 
 
-def test_pictures_of_videos_are_refused(tmp_path):
+def test_images_of_videos_are_refused(tmp_path):
     recording = source(tmp_path).recording
     first = recording.frames[0]
     object.__setattr__(first, "shot", "a shot")
-    with pytest.raises(DataError, match=r"is a picture of the video .* a COLMAP model cannot name"):
+    with pytest.raises(DataError, match=r"is an image of the video .* a COLMAP model cannot name"):
         write_model(recording, tmp_path / "sparse", tmp_path / "images")
 
 
@@ -129,8 +130,8 @@ def test_quaternions_are_those_of_their_rotations():
     vectors = [*torch.randn(20, 3, generator=generator, dtype=torch.float64)]
     vectors += [torch.tensor([torch.pi, 0, 0]).double(), torch.zeros(3, dtype=torch.float64)]
     for vector in vectors:
-        rotation = from_rotation_vector(vector)
-        quaternion = quaternion_of(rotation)
+        rotation = rotation_vector_matrices(vector[None])[0]
+        quaternion = tuple(quaternions_of(rotation).tolist())
         assert quaternion[0] >= 0
         back = from_quaternion(quaternion, (0.0, 0.0, 0.0), "here")[:3, :3]
         assert torch.allclose(back, rotation, rtol=0, atol=1e-12)

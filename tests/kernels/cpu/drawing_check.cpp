@@ -39,8 +39,8 @@ struct Case {
   bool split = false, ragged = false;
   int extras = 0, depth_channels = 0, model = 0;
   bool covariances = false, antialias = false, bounded = true;
-  /// Everything that may be left out: contributions, gradient of alpha, pose, screen and absolute
-  /// gradients.
+  /// Everything that may be left out: contributions with weights of the pixels, gradient of alpha,
+  /// pose, screen and absolute gradients.
   bool everything = false;
   /// Some splats that are no splats: not finite, of no size, of immense size, behind the camera.
   bool hostile = false;
@@ -88,7 +88,7 @@ struct Scene {
   Case is;
   int channels;
   std::vector<T> means, quats, scales, covariances, opacities, colors, rest, extra, background;
-  std::vector<T> image_gradient, alpha_gradient;
+  std::vector<T> image_gradient, alpha_gradient, pixel_weights;
   std::vector<int64_t> offsets;
 };
 
@@ -147,6 +147,7 @@ Scene<T> make_scene(const Case& is) {
   scene.background = dice.uniform<T>(scene.channels, 0, 1);
   scene.image_gradient = dice.uniform<T>(pixels * scene.channels, -1, 1);
   if (is.everything) scene.alpha_gradient = dice.uniform<T>(pixels, -1, 1);
+  if (is.everything) scene.pixel_weights = dice.uniform<T>(pixels, -0.2, 1);
   if (is.hostile) make_hostile(scene);
   return scene;
 }
@@ -179,6 +180,7 @@ DrawingRequest<T> request_of(const Scene<T>& scene, int threads) {
   request.cut_offs = {is.bounded ? T(std::log2(1.0 / 255.0)) : T(-1e30), T(0.990001), T(0.99),
                       T(1e-4)};
   request.background = scene.background.data();
+  request.pixel_weights = or_null(scene.pixel_weights);
   request.most_pairs = int64_t(1) << 30;
   request.threads = threads;
   return request;

@@ -1,18 +1,15 @@
 """Instances: every one that can be chosen fits a block's shared memory."""
 
-import re
-
 import pytest
 import torch
-from support.native_programs import ROOT
 
+from gsfw.core.cameras import CameraModel
 from gsfw.kernels.cuda.instances import WIDTHS, Instances
-from gsfw.rasterizers.cuda import picture
+from gsfw.kernels.cuda.source_files import constant, enumerators
+from gsfw.kernels.render_arguments import CAMERA_MODELS
 
 SHARED_BYTES = 48 * 1024
 """What a block may have on any GPU without asking."""
-
-SOURCES = ROOT / "kernels" / "cuda" / "sources"
 
 
 def instances(dtype: torch.dtype, channels: int) -> Instances:
@@ -52,31 +49,34 @@ def test_kernels_are_named_as_c_spells_them():
 
 
 @pytest.mark.parametrize(
-    ("name", "file", "value"),
+    ("header", "name", "value"),
     [
-        ("TILE", "stages.h", picture.TILE),
-        ("PROJECT_THREADS", "splat.h", picture.PROJECT_THREADS),
-        ("BIN_THREADS", "bin.cu", picture.BIN_THREADS),
-        ("WARP", "platform.h", picture.WARP),
+        ("stages.h", "TILE", 16),
+        ("stages.h", "POSE_FIELDS", 3 * 3 + 3 + 3),
+        ("platform.h", "WARP", 32),
+        ("step_stages.h", "FINITE_TENSORS", 16),
     ],
 )
-def test_numbers_that_the_host_shares_with_kernels_are_the_same(name, file, value):
-    text = (SOURCES / file).read_text(encoding="utf-8")
-    found = re.search(rf"constexpr int {name} = (\d+);", text)
-    assert found is not None
-    assert int(found.group(1)) == value
+def test_constants_are_read_from_the_headers_that_define_them(header, name, value):
+    assert constant(header, name) == value
 
 
-@pytest.mark.parametrize(
-    ("name", "last", "value"),
-    [
-        ("BrushField", "BRUSH_CHANNELS", picture.BRUSH_CHANNELS),
-        ("SumField", "SUM_CHANNELS", picture.SUM_CHANNELS),
-    ],
-)
-def test_fields_that_the_host_counts_are_as_many(name, last, value):
-    text = (SOURCES / "stages.h").read_text(encoding="utf-8")
-    found = re.search(rf"enum {name} {{(.*?)}}", text, re.DOTALL)
-    assert found is not None
-    fields = [field.strip() for field in found.group(1).split(",")]
-    assert fields.index(last) == len(fields) - 1 == value
+def test_enumerators_are_numbered_as_the_compiler_numbers_them():
+    assert enumerators("camera.h", "CameraModel") == {
+        "pinhole": 0,
+        "orthographic": 1,
+        "fisheye": 2,
+    }
+    fields = enumerators("stages.h", "SumField")
+    assert list(fields.values()) == list(range(7))
+    assert list(fields)[-1] == "SUM_CHANNELS"
+    assert set(CAMERA_MODELS) == {model.name.lower() for model in CameraModel}
+
+
+def test_constants_that_no_header_defines_are_refused():
+    with pytest.raises(ValueError, match="constexpr") as caught:
+        constant("stages.h", "SIDE")
+    assert str(caught.value) == "stages.h: expected a line 'constexpr int SIDE = NUMBER;'"
+    with pytest.raises(ValueError, match="enumeration") as caught:
+        enumerators("stages.h", "Field")
+    assert str(caught.value) == "stages.h: expected an enumeration Field"

@@ -6,13 +6,14 @@ from dataclasses import replace
 import pytest
 import torch
 from emulation.launcher import EmulatedLauncher
-from support.projection_jobs import BRUSH_CHANNELS, SCENES, Scene, projected, reference_of, scene_of
+from support.projection_jobs import SCENES, Scene, projected, reference_of, scene_of
 from support.scenes import front_camera, random_splats
 from torch import Tensor
 
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh
+from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS
 
 
 def expected_brushes(scene: Scene, stride: int) -> Tensor:

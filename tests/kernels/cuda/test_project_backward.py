@@ -7,10 +7,7 @@ import pytest
 import torch
 from emulation.launcher import EmulatedLauncher
 from support.projection_jobs import (
-    BRUSH_CHANNELS,
-    POSE_FIELDS,
     SCENES,
-    SUM_CHANNELS,
     Backward,
     Expected,
     Projection,
@@ -26,6 +23,8 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh, Splats
+from gsfw.kernels.render_arguments import POSE_FIELDS
+from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS, SUM_CHANNELS
 from gsfw.studies.stress.catalogue import CHANGES
 from gsfw.studies.stress.catalogue.views import CAMERAS
 

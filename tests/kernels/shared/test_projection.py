@@ -7,11 +7,12 @@ import torch
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import DEFAULT, LENGTH_MAX
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
-from gsfw.rasterizers.reference.layers import brushes
-from gsfw.rasterizers.reference.project import project, rotations, visible_extents
+from gsfw.rasterizers.reference.layers import projected_splats
+from gsfw.rasterizers.reference.project import project, visible_extents
 
 N = 64
 
@@ -19,7 +20,7 @@ N = 64
 def turned_camera(model: CameraModel) -> Cameras:
     """A camera with nothing symmetric about it."""
     camera = front_camera(40, 30, dtype=torch.float64)
-    turn = rotations(torch.tensor([[0.9, 0.1, -0.3, 0.2]], dtype=torch.float64))[0]
+    turn = rotation_matrices(torch.tensor([[0.9, 0.1, -0.3, 0.2]], dtype=torch.float64))[0]
     world_to_camera = camera.world_to_camera.clone()
     world_to_camera[0, :3, :3] = turn
     world_to_camera[0, :3, 3] = torch.tensor([0.3, -0.2, 2.5])
@@ -36,7 +37,7 @@ def in_form(splats: Splats, form: str) -> Splats:
         return splats
     assert splats.quats is not None
     assert splats.scales is not None
-    axes = rotations(splats.quats) * splats.scales[:, None]
+    axes = rotation_matrices(splats.quats) * splats.scales[:, None]
     return replace(splats, quats=None, scales=None, covariances=axes @ axes.transpose(1, 2))
 
 
@@ -66,7 +67,7 @@ def by_autograd(
     leaves = {name: splats.tensors()[name].detach().clone().requires_grad_() for name in names}
     pose = camera.world_to_camera.clone().requires_grad_()
     ellipses = project(replace(splats, **leaves), replace(camera, world_to_camera=pose), settings)
-    rows = brushes(ellipses, ellipses.depths[:, None])
+    rows = projected_splats(ellipses, ellipses.depths[:, None])
     wanted = torch.cat([brush_gradients(rows[:, :6], gradients), gradients[:, 2:3]], dim=1)
     found = torch.autograd.grad(rows, [*leaves.values(), pose], wanted)
     return dict(zip(names, found[:-1], strict=True)) | {"pose": found[-1][0, :3]}

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import QUATERNION_MIN_NORM
-from gsfw.rasterizers.reference.project import rotations
 
 
 def quaternions(scale: float) -> tuple[torch.Tensor, torch.Tensor]:
@@ -22,7 +22,7 @@ def test_rotations_and_gradients_are_the_references(request, kind, scale):
     tolerance = 1e-6 if kind == "single" else 1e-14
     quats, gradients = quaternions(scale)
     quats = quats.to(maths.dtype).double().requires_grad_()
-    matrices = rotations(quats)
+    matrices = rotation_matrices(quats)
     (expected,) = torch.autograd.grad(matrices.flatten(1), quats, gradients)
     result = maths.call("rotate", [quats, gradients], 13, QUATERNION_MIN_NORM).double()
     assert (result[:, :9] - matrices.flatten(1)).norm() <= tolerance * matrices.norm()

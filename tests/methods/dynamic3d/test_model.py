@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from support.gaussians import no_views
+from support.gaussians import no_contributions, no_views
 from support.moving_splats import at, seeded
 from support.scenes import front_camera
 from support.tracked_splats import after, move_, tracked
@@ -25,7 +25,7 @@ def context(model: TrackedGaussians, step: int = 0, extent: float = 2.0) -> Step
         step=step, steps=10, batch=Batch(picture, front_camera(), (0,)),
         splats=splats, rendered=RenderOutput(picture, picture[..., :1], statistics),
         target=picture, num_rows=model.num_rows, share=1.0, extent=extent,
-        operators=Operators(), render=no_views,
+        operators=Operators(), render=no_views, contributions=no_contributions,
     )  # fmt: skip
 
 

@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch.nn.functional import normalize
 
+from gsfw.core.maths.rotations import relative_quaternions, unit_matrices
 from gsfw.core.operators import Operators
 from gsfw.methods.dynamic3d.rigidity import Neighbors, rigidity
-from gsfw.methods.dynamic3d.rotation import matrices, relative
 
 
 def drawn(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -26,13 +26,13 @@ def neighbors_of(points: torch.Tensor, k: int = 4) -> Neighbors:
 def multiplied(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
     """first * second, row by row."""
     conjugate = second * torch.tensor([1.0, -1, -1, -1], dtype=second.dtype)
-    return relative(first, conjugate)
+    return relative_quaternions(first, conjugate)
 
 
 def test_a_rigid_motion_costs_nothing():
     points, quats = drawn(30, 3), normalize(drawn(30, 4, seed=1), dim=1)
     turn = normalize(drawn(1, 4, seed=2), dim=1)
-    moved = points @ matrices(turn)[0].T + torch.tensor([0.3, -1.0, 2.0], dtype=torch.float64)
+    moved = points @ unit_matrices(turn)[0].T + torch.tensor([0.3, -1.0, 2.0], dtype=torch.float64)
     turned = multiplied(turn.expand(30, 4), quats)
     for signs in (1.0, -1.0):
         terms = rigidity(neighbors_of(points), moved, signs * 2.5 * turned, quats)
@@ -43,10 +43,10 @@ def test_each_term_is_what_its_equation_says():
     points, quats = drawn(12, 3), normalize(drawn(12, 4, seed=1), dim=1)
     means, now = points + 0.1 * drawn(12, 3, seed=3), quats + 0.1 * drawn(12, 4, seed=4)
     known = neighbors_of(points)
-    turns = relative(normalize(now, dim=1), quats)
+    turns = relative_quaternions(normalize(now, dim=1), quats)
     sums = [0.0, 0.0, 0.0]
     for i in range(12):
-        rotation = matrices(turns[i : i + 1])[0]
+        rotation = unit_matrices(turns[i : i + 1])[0]
         for place, j in enumerate(known.rows[i].tolist()):
             weight = float(known.weights[i, place])
             apart, before = means[j] - means[i], points[j] - points[i]

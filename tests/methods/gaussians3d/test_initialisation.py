@@ -5,13 +5,12 @@ import torch
 from support.scenes import random_splats
 
 from gsfw.core.errors import DataError
+from gsfw.core.maths.focus import fitted_sphere, focus
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.initialisation import (
     LONE_SPACING,
-    fitted_sphere,
-    focus,
     from_points,
     from_splats,
     random_box,

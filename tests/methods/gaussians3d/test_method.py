@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.gaussians import no_views
+from support.gaussians import no_contributions, no_views
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.batch import Batch
@@ -167,7 +167,8 @@ def test_losses_are_weighted_l1_and_dssim_over_valid_pixels():
     context = StepContext(
         step=0, steps=10, batch=batch, splats=random_splats(4),
         rendered=RenderOutput(rendered, torch.ones(1, 12, 16, 1), statistics), target=images,
-        num_rows=4, share=1.0, extent=1.0, operators=operators, render=no_views,
+        num_rows=4, share=1.0, extent=1.0, operators=operators,
+        render=no_views, contributions=no_contributions,
     )  # fmt: skip
     losses = StaticGaussiansConfig(ssim_weight=0.25).build().losses(context)
     l1, dssim = operators.l1_dssim(rendered, images, valid)

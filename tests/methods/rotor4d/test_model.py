@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from support.gaussians import no_views
+from support.gaussians import no_contributions, no_views
 from support.scenes import front_camera, random_splats
 
 from gsfw.core.batch import Batch
@@ -83,6 +83,7 @@ def regularized(model: SlicedGaussians, visible: torch.Tensor, time: float = 0.5
         splats=splats, rendered=RenderOutput(picture, picture[..., :1], statistics),
         target=picture, num_rows=model.num_rows, share=1.0, extent=2.0, operators=Operators(),
         render=no_views,
+        contributions=no_contributions,
     )  # fmt: skip
     return model.regularizers(context)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.gaussians import no_views
+from support.gaussians import no_contributions, no_views
 from support.moving_splats import at, moving_scene, seeded, spacetime
 from support.scenes import front_camera, random_splats
 
@@ -336,6 +336,7 @@ def test_the_lifetime_term_is_the_mean_opacity_at_that_time_without_gradient_to_
         splats=random_splats(20), rendered=RenderOutput(images, images[..., :1], statistics),
         target=images, num_rows=20, share=1.0, extent=1.0, operators=Operators(),
         render=no_views,
+        contributions=no_contributions,
     )  # fmt: skip
     (term,) = model.regularizers(context).values()
     column = model.columns()

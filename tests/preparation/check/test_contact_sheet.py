@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.checked_captures import ball, with_points, write_ball
+from support.tracked_ball import track_ball
 
-from gsfw.preparation.check.contact_sheet import WIDTH, write_contact_sheet
-from gsfw.preparation.check.judgement import judge
+from gsfw.preparation.check.camera_findings import camera_findings
+from gsfw.preparation.check.contact_sheet import (
+    COLORS,
+    WIDTH,
+    Tile,
+    degree_strip,
+    tiles_of,
+    write_contact_sheet,
+)
+from gsfw.preparation.check.examination import judge
 from gsfw.preparation.check.map_view import HELD_OUT, TRAINED, map_views
-from gsfw.preparation.check.tile import Tile, tiles_of
-from gsfw.preparation.check.viewpoint_findings import viewpoint_findings
 from gsfw.preparation.finding import Verdict, Weight
 
 
@@ -21,7 +28,7 @@ def sheet_of(survey, path):
 
 
 def count(pixels, color):
-    return int((np.abs(pixels.astype(int) - color).max(2) < 12).sum())
+    return int((np.abs(np.asarray(pixels).astype(int) - color).max(2) < 12).sum())
 
 
 def test_a_sheet_shows_cameras_of_both_splits_and_points(tmp_path):
@@ -58,7 +65,7 @@ def test_captures_of_hardly_anything_are_drawn(tmp_path, count):
     data = ColmapConfig().build(DataRequest(written.folder, eval_every_nth=0))
     survey = Survey.of(data)
     data.close()
-    assert list(viewpoint_findings(survey))
+    assert list(camera_findings(survey))
     sheet_of(survey, tmp_path / "check.png")
 
 
@@ -81,3 +88,17 @@ def test_a_capture_without_cameras_has_a_sheet_of_its_pictures(tmp_path):
     pixels = np.asarray(Image.open(tmp_path / "a.png"))
     assert len(pixels) < 400
     assert count(pixels, (200, 30, 30)) == 40 * 30
+
+
+def test_points_of_a_matte_ball_are_drawn_as_matte(tmp_path):
+    survey = track_ball(tmp_path / "a").survey()
+    assert survey.view_dependence.shares[0] > 0.8
+    strip = degree_strip(survey, 1200)
+    assert strip.width == 1200
+    assert count(strip, COLORS[0]) > 5 * count(strip, COLORS[2])
+
+
+def test_without_tracks_there_is_no_strip(tmp_path):
+    survey = write_ball(tmp_path / "a").survey()
+    assert survey.view_dependence is None
+    assert degree_strip(survey, 1200) is None

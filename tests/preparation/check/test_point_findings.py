@@ -1,4 +1,4 @@
-"""What points show, and how pictures agree with them."""
+"""What points show, and how images agree with them."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def test_one_camera_that_looks_away_is_named(tmp_path):
     capture = ball()
     capture.poses[5] = np.diag([1.0, -1.0, -1.0, 1.0]) @ capture.poses[5]
     found = write_ball(tmp_path / "a", capture).findings(1)["cameras see no points"]
-    assert (found.weight, found.pictures) == (Weight.LIMIT, ("view_005.png",))
+    assert (found.weight, found.images) == (Weight.LIMIT, ("view_005.png",))
 
 
 def test_pictures_in_another_order_contradict_the_points(tmp_path):
@@ -60,7 +60,7 @@ def test_pictures_in_another_order_contradict_the_points(tmp_path):
     pictures = [(written.folder / "images" / name).read_bytes() for name in names]
     for name, picture in zip(names, reversed(pictures), strict=True):
         (written.folder / "images" / name).write_bytes(picture)
-    assert "pictures contradict points" in written.findings()
+    assert "images contradict points" in written.findings()
 
 
 def test_no_points_is_a_note_where_cameras_look_at_one_point(tmp_path):

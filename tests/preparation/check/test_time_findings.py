@@ -21,7 +21,7 @@ def test_cameras_that_stand_around_what_moves_are_fine(tmp_path):
     found = moving_findings(write_moving(tmp_path / "a", EVEN, 4))
     assert not set(found) & KINDS
     assert "copies" not in found
-    assert found["few views"].found == "32 pictures to train on from 4 places."
+    assert found["few views"].found == "32 images to train on from 4 places."
 
 
 def test_few_times_and_gaps_are_told(tmp_path):

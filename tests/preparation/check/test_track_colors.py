@@ -1,4 +1,4 @@
-"""Colours of matched points, looked up in pictures."""
+"""Colours of matched points, looked up in images."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,7 @@ from support.tracked_ball import SLANT, track_ball
 
 from gsfw.core.datamanager import DataRequest
 from gsfw.datamanagers.colmap.config import ColmapConfig
-from gsfw.preparation.check.track_colors import TrackColors
-from gsfw.preparation.check.track_places import MIN_VIEWS
+from gsfw.preparation.check.track_colors import MIN_VIEWS, TrackColors
 from gsfw.preparation.check.viewpoints import Viewpoints
 
 
@@ -65,7 +64,7 @@ def test_points_in_too_few_views_are_left_out(tmp_path, views):
 
 
 def test_at_most_so_many_points_are_measured_and_always_the_same(tmp_path, monkeypatch):
-    monkeypatch.setattr("gsfw.preparation.check.track_places.MAX_POINTS", 100)
+    monkeypatch.setattr("gsfw.preparation.check.track_colors.MAX_POINTS", 100)
     track_ball(tmp_path / "a")
     first, _ = sampled(tmp_path / "a")
     second, _ = sampled(tmp_path / "a")

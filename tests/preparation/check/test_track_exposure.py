@@ -1,4 +1,4 @@
-"""Exposure from points that pictures share."""
+"""Exposure from points that images share."""
 
 import numpy as np
 from support.track_observations import exposed, observed

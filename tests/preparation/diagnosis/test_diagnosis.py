@@ -14,10 +14,8 @@ from support.captured import arc, photos
 
 from gsfw.core.files.json_text import json_text
 from gsfw.core.maths.camera_path import look_at
-from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header
-from gsfw.preparation.camera_group import CameraGroup
-from gsfw.preparation.camera_grouping import CameraRule, group_cameras
+from gsfw.datamanagers.images import Header
+from gsfw.preparation.camera_grouping import CameraGroup, CameraRule, group_cameras
 from gsfw.preparation.diagnosis.camera_findings import camera_findings
 from gsfw.preparation.diagnosis.diagnosis import Diagnosis, diagnose
 from gsfw.preparation.diagnosis.evidence import Evidence
@@ -35,11 +33,12 @@ from gsfw.preparation.diagnosis.view_findings import view_findings
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
 from gsfw.preparation.finding import Finding, Verdict, Weight
+from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.image_set import ImageSet, LeftOut, SourceImage
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import MatchingRule, plan_pairs
-from gsfw.preparation.picture_set import LeftOut, PictureSet, SourcePicture
 from gsfw.preparation.progress import Silent
 from gsfw.preparation.source import read_source
 
@@ -93,7 +92,7 @@ def prepare(folder: Path, files: Mapping[str, bytes | Pixels]) -> Diagnosis:
     for name, content in files.items():
         data = content if isinstance(content, bytes) else encoded(content, "PNG")
         (folder / "photos" / name).write_bytes(data)
-    pictures = read_source([folder / "photos"]).pictures
+    pictures = read_source([folder / "photos"]).images
     groups = group_cameras(pictures, CameraRule())
     database = folder / "work" / "database.db"
     settings = FeatureSettings(max_size=320, count=1000)
@@ -135,7 +134,7 @@ def test_every_picture_of_a_damaged_capture_has_its_own_reason(tmp_path, sharp):
             "dark.png": (sharp[6] * 0.015).astype(np.uint8),
             "empty.jpg": b"",
             "bright.png": bright(sharp[8]),
-            "text.jpg": b"no picture at all",
+            "text.jpg": b"no image at all",
             "wall.png": wall(),
         },
     )
@@ -150,21 +149,21 @@ def test_every_picture_of_a_damaged_capture_has_its_own_reason(tmp_path, sharp):
     }
     assert {item.name for item in diagnosis.left_out} == {"empty.jpg", "text.jpg"}
     assert kinds(diagnosis) == {
-        "pictures not placed": Weight.LIMIT,
+        "images not placed": Weight.LIMIT,
         "files left out": Weight.LIMIT,
         "motion blur": Weight.NOTE,
     }
     assert diagnosis.verdict is Verdict.LIMITED
-    assert diagnosis.figures[0].startswith("6 of 12 pictures were placed; ")
-    assert diagnosis.figures[-1].startswith("Camera 1 (SIMPLE_RADIAL, 6 pictures) has a focal ")
+    assert diagnosis.figures[0].startswith("6 of 12 images were placed; ")
+    assert diagnosis.figures[-1].startswith("Camera 1 (SIMPLE_RADIAL, 6 images) has a focal ")
 
 
 def test_a_capture_that_is_all_blurred_says_so(tmp_path, sharp):
     diagnosis = prepare(tmp_path, named([blurred(pixels, 6) for pixels in sharp[:5]]))
     assert set(reasons(diagnosis).values()) == {"blurred"}
-    assert diagnosis.findings[0].found == "None of 5 pictures could be placed: blurred (5)."
-    assert diagnosis.findings[0].advice == "Take such pictures again in focus."
-    assert kinds(diagnosis) == {"no cameras": Weight.STOP, "whole capture blurred": Weight.LIMIT}
+    assert diagnosis.findings[0].found == "None of 5 images could be placed: blurred (5)."
+    assert diagnosis.findings[0].advice == "Take such photos again in focus."
+    assert kinds(diagnosis) == {"no cameras": Weight.STOP, "all images blurred": Weight.LIMIT}
     assert diagnosis.model is None
     assert diagnosis.figures == ()
 
@@ -175,18 +174,16 @@ def test_two_groups_that_show_different_things_are_told_with_a_bridge(tmp_path, 
     diagnosis = prepare(tmp_path, named(sharp[:4] + mirrored))
     assert diagnosis.registered == ("0.png", "1.png", "2.png", "3.png")
     assert set(reasons(diagnosis).values()) == {"matched only within its group"}
-    assert [(c.pictures, c.placed) for c in diagnosis.components] == [
+    assert [(c.images, c.placed) for c in diagnosis.components] == [
         (("0.png", "1.png", "2.png", "3.png"), 4),
         (("4.png", "5.png", "6.png"), 0),
     ]
     assert kinds(diagnosis)["separate groups"] is Weight.LIMIT
     finding = next(one for one in diagnosis.findings if one.kind == "separate groups")
-    assert (
-        finding.found == "The pictures fall into 2 groups, of 4 and 3, that hardly a match joins."
-    )
+    assert finding.found == "The images fall into 2 groups, of 4 and 3, that hardly a match joins."
     assert finding.advice.startswith("Take photos between ")
     assert finding.advice.endswith("; if they show different things, prepare each by itself.")
-    assert finding.pictures == ("4.png", "5.png", "6.png")
+    assert finding.images == ("4.png", "5.png", "6.png")
 
 
 def test_three_pictures_are_placed_and_two_are_too_few(tmp_path, sharp):
@@ -196,7 +193,7 @@ def test_three_pictures_are_placed_and_two_are_too_few(tmp_path, sharp):
     assert len(three.registered) == 3
     assert three.verdict is Verdict.GOOD
     two = prepare(tmp_path / "two", named(sharp[:2]))
-    assert two.findings[0].found == "There are only 2 pictures."
+    assert two.findings[0].found == "There are only 2 images."
     assert two.verdict is Verdict.WILL_NOT_TRAIN
 
 
@@ -219,7 +216,7 @@ def test_copies_of_one_picture_are_one_view(tmp_path, sharp):
     finding = next(one for one in diagnosis.findings if one.kind == "one view")
     assert finding.weight is Weight.STOP
     assert finding.found == (
-        "4 pictures show 1 different view: their features are in the same places."
+        "4 images show 1 different view: their features are in the same places."
     )
 
 
@@ -242,7 +239,7 @@ def figures(**changes: object) -> ModelFigures:
         model="SIMPLE_RADIAL",
         width=1000,
         height=800,
-        pictures=50,
+        images=50,
         focal=900.0,
         first_focal=950.0,
         focal_origin="EXIF",
@@ -267,13 +264,13 @@ def figures(**changes: object) -> ModelFigures:
 
 def found_in(model: ModelFigures) -> list[Finding]:
     header, exif = Header(1000, 800, False), Exif(make="Acme", model="One", focal_mm=4.2)
-    pictures = tuple(SourcePicture(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))
+    pictures = tuple(SourceImage(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))
     groups = tuple(
         CameraGroup(number, "SIMPLE_RADIAL", 1000, 800, 950.0, "EXIF", (f"{number}.jpg",))
         for number in (1, 2)
     )
     graph = MatchGraph(("1.jpg", "2.jpg"), ())
-    return list(camera_findings(Evidence(PictureSet(pictures), groups, {}, graph, (), model)))
+    return list(camera_findings(Evidence(ImageSet(pictures), groups, {}, graph, (), model)))
 
 
 def test_a_usual_model_has_no_findings():
@@ -283,24 +280,23 @@ def test_a_usual_model_has_no_findings():
 def test_a_model_without_points_is_hollow():
     (finding,) = found_in(figures(points=1, registered=3))
     assert finding.weight is Weight.STOP
-    assert finding.found == "The cameras of 3 pictures rest on 1 point."
+    assert finding.found == "The cameras of 3 images rest on 1 point."
 
 
 def test_large_errors_and_the_pictures_that_have_them_are_told():
     errors = {"a.jpg": 0.7, "b.jpg": 0.7, "c.jpg": 0.8, "d.jpg": 2.5, "e.jpg": 3.0}
     all_of_it, some = found_in(figures(error=2.1, errors=errors, registered=5))
-    assert all_of_it.found.startswith("Points are 2.1 pixels from where pictures show them (mean)")
-    assert [all_of_it.kind, some.kind] == ["reprojection error", "pictures that fit badly"]
+    assert all_of_it.found.startswith("Points are 2.1 pixels from where images show them (mean)")
+    assert [all_of_it.kind, some.kind] == ["reprojection error", "images that fit badly"]
     (some,) = found_in(figures(errors={**errors, "e.jpg": 0.6}, registered=5))
-    assert some.found == ("1 of 5 pictures are 1.5 pixels or more off where 0.7 are usual: d.jpg.")
+    assert some.found == ("1 of 5 images are 1.5 pixels or more off where 0.7 are usual: d.jpg.")
 
 
 def test_short_tracks_are_told():
     tracks = TrackFigures(2.3, 0.8, 15.0, 5.0, 0.0, 0.1)
     (finding,) = found_in(figures(tracks=tracks))
     assert (
-        finding.found
-        == "A point is seen by 2.3 pictures (mean), and 80 % of the points by two only."
+        finding.found == "A point is seen by 2.3 images (mean), and 80 % of the points by two only."
     )
 
 
@@ -308,7 +304,7 @@ def test_pictures_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutt
     (finding,) = found_in(figures(stretch=Stretch(0.8, 30.0, 1000)))
     assert finding.kind == "rolling shutter"
     assert finding.found == (
-        "Pictures are stretched by 0.8 pixels at their edges (median), each in another way, 30 "
+        "Images are stretched by 0.8 pixels at their edges (median), each in another way, 30 "
         "times what noise explains."
     )
 
@@ -318,7 +314,7 @@ def test_focal_lengths_are_compared_with_what_was_said():
     (finding,) = found_in(figures(cameras=(replace(camera, first_focal=700.0),)))
     assert finding.kind == "focal length unlike EXIF"
     assert finding.found == (
-        "Camera 1 (50 pictures) has a focal length of 900 pixels, where EXIF says 700."
+        "Camera 1 (50 images) has a focal length of 900 pixels, where EXIF says 700."
     )
     given = replace(camera, first_focal=700.0, focal_origin="given")
     assert found_in(figures(cameras=(given,)))[0].kind == "focal length unlike the given one"
@@ -331,7 +327,7 @@ def test_one_lens_has_one_focal_length():
     other = replace(camera, number=2, width=800, height=1000, focal=1080.0)
     (finding,) = found_in(figures(cameras=(camera, other)))
     assert finding.found == (
-        "Pictures of one camera and lens have different focal lengths: 900 pixels for 1000x800, "
+        "Images of one camera and lens have different focal lengths: 900 pixels for 1000x800, "
         "1080 pixels for 800x1000."
     )
     assert found_in(figures(cameras=(camera, replace(other, focal=930.0)))) == []
@@ -341,7 +337,7 @@ def test_distortion_that_no_lens_has_is_told():
     bent = replace(figures().cameras[0], distortion={"k": -1.2})
     (finding,) = found_in(figures(cameras=(bent,)))
     assert finding.found == (
-        "Camera 1 (50 pictures) moves the corners of its pictures by 61 % inwards."
+        "Camera 1 (50 images) moves the corners of its images by 61 % inwards."
     )
     fisheye = replace(bent, model="OPENCV_FISHEYE")
     assert found_in(figures(cameras=(fisheye,))) == []
@@ -349,20 +345,20 @@ def test_distortion_that_no_lens_has_is_told():
 
 def test_a_wall_and_a_watermark_are_told():
     links = tuple(Link(a, b, 90, 80, 0.2, flat=True, turn=0.3) for a, b in ("ab", "bc", "ac"))
-    nothing = PictureQuality(0.0, 0.5, 0.2, 0.0)
+    nothing = ImageQuality(0.0, 0.5, 0.2, 0.0)
     features = {name: FeatureReport(500, nothing, 0.0, 1.0) for name in "abc"}
     graph = MatchGraph(tuple("abc"), links, 0.3)
-    flat, still = view_findings(Evidence(PictureSet(()), (), features, graph, (), None))
+    flat, still = view_findings(Evidence(ImageSet(()), (), features, graph, (), None))
     assert (flat.kind, still.kind) == ("flat scene", "something stands still")
-    assert flat.found == "In 100 % of 3 pairs of pictures all matches lie in one plane."
+    assert flat.found == "In 100 % of 3 pairs of images all matches lie in one plane."
     assert still.found == (
-        "30 % of the matches of two pictures stay in place while the view moves (median)."
+        "30 % of the matches of two images stay in place while the view moves (median)."
     )
 
 
 def test_files_that_need_nothing_to_be_done_are_a_note():
     left_out = (LeftOut("a.jpg", "it is the same file as b.jpg"),)
-    evidence = Evidence(PictureSet((), left_out), (), {}, MatchGraph(("b.jpg",), ()), (), None)
+    evidence = Evidence(ImageSet((), left_out), (), {}, MatchGraph(("b.jpg",), ()), (), None)
     placed = replace(evidence, models=(frozenset({"b.jpg"}),))
     (finding,) = registration_findings(placed)
     assert finding.weight is Weight.NOTE

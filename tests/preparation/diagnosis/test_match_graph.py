@@ -6,19 +6,19 @@ import pycolmap
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.preparation.diagnosis.link import JOINED, Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
 from gsfw.preparation.exif import Exif
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.image_set import ImageSet, SourceImage
 
 FLAT = int(pycolmap.TwoViewGeometryConfiguration.PLANAR_OR_PANORAMIC)
 DEEP = int(pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED)
 
 
-def pictures(*names: str) -> PictureSet:
+def pictures(*names: str) -> ImageSet:
     header = Header(1000, 500, False)
-    return PictureSet(tuple(SourcePicture(name, Path(name), header, Exif()) for name in names))
+    return ImageSet(tuple(SourceImage(name, Path(name), header, Exif()) for name in names))
 
 
 def graph(names: str, *links: tuple[str, str, int, int]) -> MatchGraph:
@@ -28,7 +28,7 @@ def graph(names: str, *links: tuple[str, str, int, int]) -> MatchGraph:
 def write(
     path: Path, places: list[np.ndarray], kind: int, homography: np.ndarray | None = None
 ) -> None:
-    """Pictures whose features all match, one to one."""
+    """Images whose features all match, one to one."""
     with pycolmap.Database.open(path) as database:
         camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_RADIAL", 900.0, 1000, 500)
         database.write_camera(camera, use_camera_id=True)
@@ -129,8 +129,8 @@ def test_components_are_joined_through_others_and_by_enough_matches():
         ("f", "g", 20, 0),
     )
     first, second = found.components(placed=["c", "e"])
-    assert (first.pictures, first.placed) == (("c", "e"), 2)
-    assert (second.pictures, second.placed) == (("a", "b", "d"), 0)
+    assert (first.images, first.placed) == (("c", "e"), 2)
+    assert (second.images, second.placed) == (("a", "b", "d"), 0)
 
 
 def test_the_best_link_has_most_verified_matches():

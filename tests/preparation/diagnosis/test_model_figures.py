@@ -7,9 +7,8 @@ import pycolmap
 import pytest
 
 from gsfw.core.files.json_text import json_text
-from gsfw.preparation.camera_group import CameraGroup
-from gsfw.preparation.diagnosis.model_figures import ModelFigures
-from gsfw.preparation.diagnosis.triangulation_angles import widest_angles
+from gsfw.preparation.camera_grouping import CameraGroup
+from gsfw.preparation.diagnosis.model_figures import ModelFigures, widest_angles
 from gsfw.preparation.mapping.observations import Observations
 
 FOCAL = 400.0
@@ -22,13 +21,13 @@ def reconstruction(
     turns: tuple[float, ...] = (),
     offsets: dict[int, tuple[float, float]] | None = None,
 ) -> Any:
-    """A model of pictures named 1.jpg and so on that look along z.
+    """A model of images named 1.jpg and so on that look along z.
 
     Args:
-        centers: of the pictures, which are counted from 1.
-        points: position, and the pictures that see it.
+        centers: of the images, which are counted from 1.
+        points: position, and the images that see it.
         turns: degrees about the y axis, where not 0.
-        offsets: pixels by which all points of a picture are seen off their places.
+        offsets: pixels by which all points of an image are seen off their places.
     """
     camera = pycolmap.Camera(
         camera_id=1,
@@ -92,7 +91,7 @@ def test_errors_agree_with_those_of_colmap() -> None:
     noise.rig_from_world_rotation_stddev = 0.01
     model = pycolmap.synthesize_dataset(options)
     pycolmap.synthesize_noise(noise, model)
-    # All points are seen by all pictures, so that both means are the same.
+    # All points are seen by all images, so that both means are the same.
     expected = model.compute_mean_reprojection_error()
     assert ModelFigures.of(model).error == pytest.approx(expected, rel=1e-9)
 
@@ -129,9 +128,9 @@ def test_angles_do_not_depend_on_how_many_are_computed_at_once(
     options.track_length = 4
     model = pycolmap.synthesize_dataset(options)
     seen = Observations.of(model)
-    centers = np.array([model.image(int(n)).projection_center() for n in seen.picture_ids])
+    centers = np.array([model.image(int(n)).projection_center() for n in seen.image_ids])
     whole = widest_angles(seen, centers)
-    monkeypatch.setattr("gsfw.preparation.diagnosis.triangulation_angles.AT_ONCE", 100)
+    monkeypatch.setattr("gsfw.preparation.diagnosis.model_figures.AT_ONCE", 100)
     assert (widest_angles(seen, centers) == whole).all()
 
 
@@ -156,7 +155,7 @@ def test_cameras_are_compared_with_what_was_assumed() -> None:
     group = CameraGroup(1, "SIMPLE_RADIAL", WIDTH, HEIGHT, 500.0, "EXIF", ("1.jpg",))
     model = reconstruction(ROW, [((1, 0, 10), (1, 2, 3))])
     (camera,) = ModelFigures.of(model, [group]).cameras
-    assert (camera.number, camera.model, camera.pictures) == (1, "SIMPLE_RADIAL", 3)
+    assert (camera.number, camera.model, camera.images) == (1, "SIMPLE_RADIAL", 3)
     assert (camera.width, camera.height) == (WIDTH, HEIGHT)
     assert (camera.focal, camera.first_focal, camera.focal_origin) == (400.0, 500.0, "EXIF")
     assert camera.focal_ratio == pytest.approx(0.8)

@@ -1,13 +1,13 @@
 from pathlib import Path
 
-from gsfw.datamanagers.picture_quality import PictureQuality
-from gsfw.datamanagers.pictures import Header
+from gsfw.datamanagers.images import Header
 from gsfw.preparation.diagnosis.link import Link
 from gsfw.preparation.diagnosis.match_graph import MatchGraph
 from gsfw.preparation.diagnosis.unregistered import Unregistered, why_unregistered
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.image_set import ImageSet, SourceImage
 
 PLACED = ("a", "b", "c")
 
@@ -21,7 +21,7 @@ def report(
     blur: float = 0.6,
     failure: str = "",
 ) -> FeatureReport:
-    quality = PictureQuality(sharpness, brightness, contrast, clipped)
+    quality = ImageQuality(sharpness, brightness, contrast, clipped)
     return FeatureReport(count, quality, 40.0 if count else None, blur, failure)
 
 
@@ -32,10 +32,10 @@ def why(
     models: tuple[frozenset[str], ...] = (),
     still: float = 0.0,
 ) -> Unregistered:
-    """Why picture x is not placed, beside a usual a, b, c and d."""
+    """Why image x is not placed, beside a usual a, b, c and d."""
     names = ("a", "b", "c", "d", "x")
     header = Header(1000, 500, False)
-    pictures = PictureSet(tuple(SourcePicture(n, Path(n), header, Exif()) for n in names))
+    pictures = ImageSet(tuple(SourceImage(n, Path(n), header, Exif()) for n in names))
     reports = {name: report() for name in names[:-1]} | {"x": other}
     graph = MatchGraph(names, links, still)
     largest = (frozenset(placed),) if placed else ()
@@ -43,9 +43,9 @@ def why(
 
 
 def test_a_picture_that_does_not_decode_says_why():
-    found = why(report(0, failure="x.jpg: the picture does not decode: truncated."))
+    found = why(report(0, failure="x.jpg: the image does not decode: truncated."))
     assert found.reason == "does not decode"
-    assert found.found == "x.jpg: the picture does not decode: truncated."
+    assert found.found == "x.jpg: the image does not decode: truncated."
     assert found.advice == "Replace the file, or remove it."
     assert found.path == Path("x")
 
@@ -107,14 +107,14 @@ def test_few_matches_name_the_best_partner_and_where_to_take_photos():
         "features were found where 2,000 are usual."
     )
     assert found.advice == "Take photos between it and c, each overlapping the next by two thirds."
-    assert "It has nothing in common with any picture" in why(report()).found
+    assert "It has nothing in common with any image" in why(report()).found
 
 
 def test_a_group_of_its_own_is_told_with_a_bridge():
     found = why(report(), Link("d", "x", 90, 70, 0.1), Link("b", "d", 40, 0))
     assert found.reason == "matched only within its group"
     assert found.found == (
-        "It and 1 other picture match each other only; the largest model has 3 pictures."
+        "It and 1 other image match each other only; the largest model has 3 images."
     )
     assert found.advice.startswith("Take photos between b and d (40 features look alike")
 
@@ -123,7 +123,7 @@ def test_a_model_of_its_own_is_a_group_even_if_some_matches_lead_elsewhere():
     links = Link("d", "x", 90, 70, 0.1), Link("b", "d", 40, 32, 0.1)
     found = why(report(), *links, models=(frozenset({"d", "x"}),))
     assert found.found == (
-        "It and 1 other picture make up a model of their own; the largest model has 3 pictures."
+        "It and 1 other image make up a model of their own; the largest model has 3 images."
     )
     assert found.advice == "Take photos between b and d (32 verified matches)."
 
@@ -134,7 +134,7 @@ def test_copies_are_told_apart_from_pictures_that_share_a_caption():
     )
     found = why(report(), Link("a", "x", 900, 800, 1e-4), still=0.4)
     assert found.reason == "matched, but not placed"
-    assert found.advice == "Crop or mask what is in the same place in all pictures."
+    assert found.advice == "Crop or mask what is in the same place in all images."
 
 
 def test_turning_on_the_spot_is_the_reason_where_no_depth_is_told():

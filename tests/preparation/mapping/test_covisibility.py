@@ -6,10 +6,9 @@ import pytest
 from support.matched_captures import matched_capture, partial_model
 
 from gsfw.preparation.mapping import mapping as mapping_module
-from gsfw.preparation.mapping.covisibility import cut_loose, held_together
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
-from gsfw.preparation.mapping.observations import Observations
+from gsfw.preparation.mapping.observations import Observations, cut_loose, held_together
 from gsfw.preparation.progress import Silent
 
 
@@ -42,7 +41,7 @@ def test_what_global_mapping_placed_anywhere_is_placed_anew(
     capture = matched_capture(tmp_path, 9)
     model = partial_model(capture, tmp_path / "part", range(1, 8))
     monkeypatch.setattr(mapping_module, "run_global", lambda *arguments: [model])
-    # Two pictures that see hardly any points are turned away from where they belong.
+    # Two images that see hardly any points are turned away from where they belong.
     for number in (6, 7):
         for feature in model.image(number).get_observation_point2D_idxs()[5:]:
             model.delete_observation(number, feature)
@@ -54,7 +53,7 @@ def test_what_global_mapping_placed_anywhere_is_placed_anew(
     mapping = map_cameras(capture.database, tmp_path / "models", rule, Silent())
     assert mapping.sizes == (9,)
     assert mapping.how == (
-        "global mapping (GLOMAP), with 2 pictures placed anew by incremental mapping"
+        "global mapping (GLOMAP), with 2 images placed anew by incremental mapping"
     )
     rotation, distance = capture.errors(pycolmap.Reconstruction(mapping.models[0]))
     assert rotation < 0.1
@@ -73,5 +72,5 @@ def test_pictures_of_other_global_models_are_not_lost(
     mapping = map_cameras(
         capture.database, tmp_path / "models", MappingRule(mapper="global"), Silent()
     )
-    assert mapping.how.endswith("with 1 pictures placed anew by incremental mapping")
+    assert mapping.how.endswith("with 1 images placed anew by incremental mapping")
     assert mapping.sizes == (6, 4)

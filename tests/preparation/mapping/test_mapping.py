@@ -22,7 +22,7 @@ SHARED_DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
 class Watched(Progress):
-    """Keeps what it is told; may press Ctrl-C when so many pictures are done."""
+    """Keeps what it is told; may press Ctrl-C when so many images are done."""
 
     def __init__(self, interrupt_at: int | None = None) -> None:
         self.interrupt_at = interrupt_at
@@ -117,7 +117,7 @@ def test_rendered_photos_give_the_poses_that_they_were_rendered_with(tmp_path: P
     database, pictures, cameras = captured.database(tmp_path, 6)
     mapping = map_cameras(database, tmp_path / "models", RULE, Silent())
     assert mapping.sizes == (6,)
-    names = [picture.name for picture in pictures.pictures]
+    names = [picture.name for picture in pictures.images]
     truth = dict(zip(names, cameras.world_to_camera[:, :3].numpy(), strict=True))
     rotation, distance = pose_errors(pycolmap.Reconstruction(mapping.models[0]), truth)
     assert rotation < 0.5
@@ -185,7 +185,7 @@ def test_few_matches_are_tried_again_with_relaxed_thresholds(tmp_path: Path) -> 
     mapping = map_cameras(capture.database, tmp_path / "models", RULE, Silent())
     assert mapping.sizes == (10,)
     assert mapping.how == (
-        "incremental mapping (COLMAP), relaxed thresholds (0 pictures by usual ones)"
+        "incremental mapping (COLMAP), relaxed thresholds (0 images by usual ones)"
     )
     assert capture.errors(pycolmap.Reconstruction(mapping.models[0]))[0] < 0.3
 
@@ -238,7 +238,7 @@ def test_continuing_adds_pictures_that_have_been_matched_since(tmp_path: Path) -
     assert after.merged == 1
     assert after.seconds > before.seconds
     assert after.how == (
-        "incremental mapping (COLMAP), continued with relaxed thresholds (+4 pictures)"
+        "incremental mapping (COLMAP), continued with relaxed thresholds (+4 images)"
     )
     assert sorted(path.name for path in models.iterdir()) == ["0", "1", "joined-0"]
     assert after.models == (models / "joined-0",)
@@ -284,7 +284,7 @@ def test_a_missing_database_is_named_and_not_created(tmp_path: Path) -> None:
     with pytest.raises(DataError) as missing:
         map_cameras(path, tmp_path, RULE, Silent())
     assert str(missing.value) == (
-        f"{path} is missing: it holds the features and matches of the pictures.\n"
+        f"{path} is missing: it holds the features and matches of the images.\n"
         "Run the same command with a new out=DIR, so that they are computed anew."
     )
     assert not path.exists()
@@ -293,9 +293,7 @@ def test_a_missing_database_is_named_and_not_created(tmp_path: Path) -> None:
 def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "database.db"
     path.write_bytes(b"not a database" * 100)
-    with pytest.raises(
-        DataError, match=r"COLMAP could not read the pictures with .*database\.db: "
-    ):
+    with pytest.raises(DataError, match=r"COLMAP could not read the images with .*database\.db: "):
         map_cameras(path, tmp_path, RULE, Silent())
 
 

@@ -21,7 +21,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> MatchedCapture:
 def merged(
     capture: MatchedCapture, folder: Path, *groups: Sequence[int], turned: bool = True
 ) -> tuple[list[Any], int]:
-    """Models of some of the pictures, each in coordinates of its own, after merging."""
+    """Models of some of the images, each in coordinates of its own, after merging."""
     models = [partial_model(capture, folder / "parts", group) for group in groups]
     for number, model in enumerate(models):
         turn = pycolmap.Rotation3d(np.array([0.1, 0.5, 0.2]) * number * turned)
@@ -63,7 +63,7 @@ def test_a_model_of_pictures_that_the_largest_has_disappears(
 
 
 def test_models_whose_matches_deny_that_they_belong_together_stay_apart(tmp_path: Path) -> None:
-    # Of two other scenes, whose pictures have the same names: the shared one fits neither.
+    # Of two other scenes, whose images have the same names: the shared one fits neither.
     (tmp_path / "one").mkdir()
     (tmp_path / "other").mkdir()
     one = matched_capture(tmp_path / "one", 12)
@@ -84,7 +84,7 @@ def test_the_pairs_that_may_bridge_models_come_most_promising_first(tmp_path: Pa
     database = pycolmap.Database.open(capture.database)
     database.delete_two_view_geometry(2, 8)
     database.close()
-    # Pictures 2 and 8 look alike, but are not verified; picture 2 is linked to 5, 6, 7 and 9.
+    # Images 2 and 8 look alike, but are not verified; image 2 is linked to 5, 6, 7 and 9.
     model = partial_model(capture, tmp_path / "parts", range(5, 10))
     folder = tmp_path / "0"
     folder.mkdir()

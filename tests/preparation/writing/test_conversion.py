@@ -28,7 +28,7 @@ from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.transforms import TransformsConfig
 from gsfw.preparation.progress import Silent
 from gsfw.preparation.writing.conversion import ConversionRule, convert
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.image_output import OutputRule
 
 CPU = torch.device("cpu")
 LAYOUTS = {"colmap": ColmapConfig, "transforms": TransformsConfig}
@@ -133,13 +133,14 @@ def check_frames(before, after):
 
 
 def pixels(data):
-    """Every picture as training gets it, by the order of names."""
+    """Every image as training gets it, by the order of names."""
     found = {}
     for split in Split:
         views = data.views(split)
         for number, name in enumerate(views.names):
             (batch,) = data.load(split, [number], CPU)
-            parts = [batch.images, batch.valid, batch.alpha, batch.depth]
+            maps = [part for item in batch.maps.values() for part in (item.values, item.known)]
+            parts = [batch.images, batch.valid, batch.alpha, *maps]
             found[name] = [part for part in parts if part is not None]
     return [found[name] for name in sorted(found)]
 
@@ -173,7 +174,7 @@ def test_every_format_comes_back_from_a_transforms_file(tmp_path, name):
     before = (STILL | MOVING)[name](tmp_path / "given")
     after, found = again(before, tmp_path / "out", layout="transforms")
     check_frames(before, after)
-    # Pictures of videos become JPEG files.
+    # Images of videos become JPEG files.
     check_pixels(before, after, 0.05 if name == "synchronised-videos" else 0.0)
     assert torch.allclose(after.recording.points, before.recording.points, rtol=0, atol=1e-9)
     times = [frame.time for frame in by_name(before)]
@@ -181,7 +182,7 @@ def test_every_format_comes_back_from_a_transforms_file(tmp_path, name):
     held = [split is Split.EVAL for split in splits(before)]
     assert [split is Split.EVAL for split in splits(after)] == held
     assert (splits(after)[0] is None) == (splits(before)[0] is None)
-    assert found.pictures == len(times)
+    assert found.images == len(times)
 
 
 @pytest.mark.parametrize("name", MOVING)
@@ -201,7 +202,7 @@ def test_pictures_of_videos_become_files(tmp_path):
     frame = by_name(after)[0]
     assert (frame.name, frame.shot) == ("images/cam00/000000.jpg", None)
     count = len(after.recording.frames)
-    assert f"{count} pictures of 3 videos are JPEG files now" in found.notes
+    assert f"{count} images of 3 videos are JPEG files now" in found.notes
 
 
 def test_what_moves_is_still_marked(tmp_path):
@@ -257,8 +258,8 @@ def test_depths_come_along(tmp_path, lens):
     after, found = again(before, tmp_path / "out", output=OutputRule(lens))
     assert found.layout == "transforms"
     check_pixels(before, after, 1e-6)
-    assert by_name(after)[0].depth.unit == 0.002
-    assert by_name(after)[1].depth is None
+    assert by_name(after)[0].maps["depth"].unit == 0.002
+    assert by_name(after)[1].maps == {}
 
 
 def test_a_distorted_data_set_is_undistorted_as_training_does_it(tmp_path):
@@ -288,7 +289,7 @@ def test_a_split_that_colmap_cannot_hold_is_listed_and_named(tmp_path):
     assert (out / "sparse/0/test.txt").read_text() == "test/r_3.png\n"
     assert found.notes == (
         "the world stays as it was, with z upwards; readers of this layout take -y to be up",
-        "a COLMAP model cannot say what is held out (1 of 4 pictures, listed in "
+        "a COLMAP model cannot say what is held out (1 of 4 images, listed in "
         "sparse/0/test.txt): train with holdout=test/r_3.png, or use layout=transforms",
     )
     held = ColmapConfig().build(request(out, eval_names=("test/r_3.png",)))
@@ -311,15 +312,14 @@ def test_times_that_colmap_cannot_hold_are_noted(tmp_path):
     before = MOVING["dnerf"](tmp_path / "given")
     _, found = again(before, tmp_path / "out", layout="colmap")
     assert (
-        "a COLMAP model cannot hold times, which 4 pictures have: use layout=transforms to keep "
-        "them"
+        "a COLMAP model cannot hold times, which 4 images have: use layout=transforms to keep them"
     ) in found.notes
 
 
 def test_points_without_tracks_are_noted(tmp_path):
     _, found = again(colmap(tmp_path / "given"), tmp_path / "out")
     assert found.notes == (
-        "points have no tracks (which pictures saw them): gsfw needs none, other programs may",
+        "points have no tracks (which images saw them): gsfw needs none, other programs may",
     )
 
 
@@ -330,7 +330,7 @@ def test_times_of_pictures_that_are_left_out_are_noted(tmp_path):
     )
     _, found = again(before, tmp_path / "out")
     assert (
-        "times go from 0 to 3 now, as pictures from 0 to 4 that were neither trained nor evaluated "
+        "times go from 0 to 3 now, as images from 0 to 4 that were neither trained nor evaluated "
         "on are left out"
     ) in found.notes
 
@@ -382,7 +382,7 @@ def test_pictures_are_never_written_over(tmp_path):
     with pytest.raises(OutputError) as error:
         convert(before.recording, tmp_path, ConversionRule(), Silent())
     assert str(error.value) == (
-        f"{tmp_path}/images/view_000.png is one of the pictures that are read, and would be "
+        f"{tmp_path}/images/view_000.png is one of the images that are read, and would be "
         "written over.\nChoose another place with out=DIR."
     )
     assert (tmp_path / "sparse/0/cameras.bin").is_file()

@@ -1,4 +1,4 @@
-"""Data sets of estimated cameras: pictures, models and tracks that fit together."""
+"""Data sets of estimated cameras: images, models and tracks that fit together."""
 
 import errno
 import io
@@ -19,14 +19,14 @@ from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError, OutputError
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.reader import read_model
-from gsfw.datamanagers.pictures import read_header
+from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.undistortion import LensRule
 from gsfw.preparation.exif import Exif
-from gsfw.preparation.picture_set import PictureSet, SourcePicture
+from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.progress import Progress, Silent
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.data_set import write_data_set
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.image_output import OutputRule
 
 CPU = torch.device("cpu")
 KEEP = OutputRule("keep")
@@ -44,7 +44,7 @@ def picture(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray
 
 
 def points() -> np.ndarray:
-    """Around the middle of the ring, up to what the corners of pictures show."""
+    """Around the middle of the ring, up to what the corners of images show."""
     return 1.7 * ring(VIEWS).points
 
 
@@ -80,16 +80,16 @@ def estimate(camera, names=None) -> pycolmap.Reconstruction:
     return model
 
 
-def photos(folder: Path, names=None, **settings) -> PictureSet:
-    """The pictures of an estimate, as files."""
+def photos(folder: Path, names=None, **settings) -> ImageSet:
+    """The images of an estimate, as files."""
     taken = []
     for view in range(VIEWS):
         name = names[view] if names else f"view_{view}.png"
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(picture(view)).save(path, **settings)
-        taken.append(SourcePicture(name, path, read_header(path), Exif()))
-    return PictureSet(tuple(taken))
+        taken.append(SourceImage(name, path, read_header(path), Exif()))
+    return ImageSet(tuple(taken))
 
 
 def loaded(out: Path):
@@ -141,7 +141,7 @@ def test_points_land_on_their_moved_observations(tmp_path, model):
     found = write_data_set(estimate(lens(model)), taken, tmp_path, OutputRule(), Silent())
     written = pycolmap.Reconstruction(tmp_path / "sparse/0")
     check_tracks(written)
-    assert (found.pictures, found.points) == (VIEWS, written.num_points3D())
+    assert (found.images, found.points) == (VIEWS, written.num_points3D())
     seen = 0
     for image in written.images.values():
         for observation in image.get_observation_points2D():
@@ -170,7 +170,7 @@ def test_what_falls_outside_leaves_the_tracks(tmp_path):
         assert (places <= found.sizes[0]).all()
     gone = estimated.num_points3D() - written.num_points3D()
     assert found.notes == (
-        f"{gone} points, which fewer than two undistorted pictures show, are left out",
+        f"{gone} points, which fewer than two undistorted images show, are left out",
     )
 
 
@@ -200,7 +200,7 @@ def test_pictures_of_pinholes_are_copied(tmp_path):
             estimate(lens(model, distortion)), taken, out, OutputRule(), Silent()
         )
         assert {frame.lens.model for frame in frames(loaded(out))} == {"PINHOLE"}
-        for one in taken.pictures:
+        for one in taken.images:
             assert (out / "images" / one.name).read_bytes() == one.path.read_bytes()
     assert found.lens == "PINHOLE, as OPENCV was next to straight"
     assert found.sizes == ((WIDTH, HEIGHT),)
@@ -210,7 +210,7 @@ def test_kept_files_stay_byte_for_byte(tmp_path):
     names = [f"view_{view}.jpg" for view in range(VIEWS)]
     taken = photos(tmp_path / "photos", names, quality=80)
     found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, KEEP, Silent())
-    for one in taken.pictures:
+    for one in taken.images:
         assert (tmp_path / "images" / one.name).read_bytes() == one.path.read_bytes()
     assert found.lens == "OPENCV as given"
     assert found.bytes == sum(
@@ -231,7 +231,7 @@ def test_all_readers_find_the_model(tmp_path):
     ]
 
 
-def turned(folder: Path, names) -> PictureSet:
+def turned(folder: Path, names) -> ImageSet:
     """JPEG files that lie on their side, with a tag that turns them upright."""
     exif = Image.Exif()
     exif[Base.Orientation], exif[Base.Make] = 6, "A maker"
@@ -241,8 +241,8 @@ def turned(folder: Path, names) -> PictureSet:
         path.parent.mkdir(parents=True, exist_ok=True)
         lying = Image.fromarray(picture(view)).transpose(Image.Transpose.ROTATE_90)
         lying.save(path, quality=98, subsampling=0, exif=exif, icc_profile=PROFILE)
-        taken.append(SourcePicture(name, path, read_header(path), Exif()))
-    return PictureSet(tuple(taken))
+        taken.append(SourceImage(name, path, read_header(path), Exif()))
+    return ImageSet(tuple(taken))
 
 
 @pytest.mark.parametrize("rule", [OutputRule(), KEEP], ids=["pinhole", "keep"])
@@ -260,14 +260,14 @@ def test_turned_pictures_are_written_upright_without_the_tag(tmp_path, rule):
         assert [layer[1:3] for layer in image.layer] == [(1, 1)] * 3
         if rule is KEEP:
             assert np.abs(np.asarray(image).astype(int) - picture(1)).max() < 12
-    assert "4 pictures that only an EXIF tag turned are stored upright" in found.notes
+    assert "4 images that only an EXIF tag turned are stored upright" in found.notes
     assert loaded(tmp_path / "out").views(Split.TRAIN).names == tuple(names)
 
 
 def test_a_turned_tiff_becomes_an_upright_png(tmp_path):
     names = [f"view_{view}.tif" for view in range(VIEWS)]
     taken = photos(tmp_path / "photos", names)
-    for one in taken.pictures:
+    for one in taken.images:
         with Image.open(one.path) as image:
             lying = image.transpose(Image.Transpose.ROTATE_90)
         lying.save(one.path, tiffinfo={Base.Orientation.value: 6})
@@ -289,18 +289,17 @@ def test_names_may_have_folders_and_fit_what_is_written(tmp_path):
         with Image.open(item) as image:
             assert image.format == "PNG"
     assert found.notes == (
-        "3 pictures have another name, which fits their format: left/a.webp is left/a_2.png, for "
-        "one",
+        "3 images have another name, which fits their format: left/a.webp is left/a_2.png, for one",
     )
 
 
 def test_alpha_is_kept(tmp_path):
     taken = photos(tmp_path / "photos")
-    for one in taken.pictures:
+    for one in taken.images:
         alpha = np.full((HEIGHT, WIDTH, 1), 255, np.uint8)
         alpha[:, :100] = 0
         Image.fromarray(np.concatenate([picture(0), alpha], axis=2)).save(one.path)
-    taken = PictureSet(tuple(replace(one, header=read_header(one.path)) for one in taken.pictures))
+    taken = ImageSet(tuple(replace(one, header=read_header(one.path)) for one in taken.images))
     write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
     (batch,) = loaded(tmp_path / "out").load(Split.TRAIN, [0], CPU)
     assert batch.alpha is not None
@@ -315,7 +314,7 @@ def test_what_no_lens_saw_is_masked(tmp_path, monkeypatch):
     found = write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
     CameraPlan.of.cache_clear()
     assert "masks/ marks what lenses did not see" in found.notes
-    assert (found.pictures, found.masks) == (4, 4)
+    assert (found.images, found.masks) == (4, 4)
     (batch,) = loaded(tmp_path).load(Split.TRAIN, [0], CPU)
     assert batch.valid is not None
     assert 0.5 < float(batch.valid.float().mean()) < 1
@@ -330,7 +329,7 @@ def test_the_number_of_jobs_changes_nothing(tmp_path):
         files = sorted(path for path in out.rglob("*") if path.is_file())
         contents.append([(path.relative_to(out), path.read_bytes()) for path in files])
     assert contents[0] == contents[1]
-    assert len(contents[0]) > len(taken.pictures)
+    assert len(contents[0]) > len(taken.images)
 
 
 def test_images_that_are_not_registered_are_left_out(tmp_path):
@@ -340,7 +339,7 @@ def test_images_that_are_not_registered_are_left_out(tmp_path):
     names = ("view_0.png", "view_2.png", "view_3.png")
     assert loaded(tmp_path).views(Split.TRAIN).names == names
     assert sorted(item.name for item in (tmp_path / "images").iterdir()) == [*names]
-    assert found.pictures == 3
+    assert found.images == 3
 
 
 def test_nothing_of_an_earlier_estimate_stays(tmp_path):
@@ -355,11 +354,11 @@ def test_nothing_of_an_earlier_estimate_stays(tmp_path):
 
 
 class Interrupted(Progress):
-    """Somebody presses Ctrl-C after the second picture."""
+    """Somebody presses Ctrl-C after the second image."""
 
     @contextmanager
     def stage(self, name, total):
-        assert (name, total) == ("pictures", VIEWS)
+        assert (name, total) == ("images", VIEWS)
 
         def advance(done):
             if done == 2:
@@ -392,7 +391,7 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
     def full(handle):
         raise OSError(errno.ENOSPC, "no space")
 
-    monkeypatch.setattr("gsfw.core.loop.run_folder.os.fsync", full)
+    monkeypatch.setattr("gsfw.core.files.atomic.os.fsync", full)
     with pytest.raises(OutputError) as error:
         write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
     assert str(error.value) == (
@@ -403,10 +402,10 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
 
 def test_photos_are_never_written_over(tmp_path):
     taken = photos(tmp_path / "images")
-    before = [one.path.read_bytes() for one in taken.pictures]
-    with pytest.raises(OutputError, match=r"view_0.png is one of the pictures that are read"):
+    before = [one.path.read_bytes() for one in taken.images]
+    with pytest.raises(OutputError, match=r"view_0.png is one of the images that are read"):
         write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
-    assert [one.path.read_bytes() for one in taken.pictures] == before
+    assert [one.path.read_bytes() for one in taken.images] == before
 
 
 def test_a_lens_that_folds_the_picture_is_refused(tmp_path):

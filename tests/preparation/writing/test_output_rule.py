@@ -3,7 +3,7 @@
 import pytest
 
 from gsfw.core.errors import ConfigError
-from gsfw.preparation.writing.output_rule import OutputRule
+from gsfw.preparation.writing.image_output import OutputRule
 
 
 @pytest.mark.parametrize(

@@ -25,10 +25,10 @@ from support.scenes import front_camera, random_splats
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.kernels.cpu.native_module import native
-from gsfw.rasterizers.cpu import painter
+from gsfw.rasterizers.cpu import rasterizer
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
 
-painter.num_threads = lambda: 2  # Whatever this machine has.
+rasterizer.num_threads = lambda: 2  # Whatever this machine has.
 SMOOTH = RenderSettings(profile=DEFAULT.without_cutoffs())
 
 def draw(count=3000, size=64, settings=None):

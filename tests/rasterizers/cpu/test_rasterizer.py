@@ -17,9 +17,8 @@ from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 from gsfw.rasterizers.cpu.config import CpuConfig
-from gsfw.rasterizers.cpu.painter import CpuPainter
-from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
-from gsfw.rasterizers.request import PairLimit, request_of
+from gsfw.rasterizers.cpu.rasterizer import CpuBackend, CpuRasterizer
+from gsfw.rasterizers.kernel_arguments import PairLimit
 
 needs_native = pytest.mark.skipif(not instruction_sets(), reason=NOT_BUILT)
 
@@ -31,26 +30,21 @@ def test_more_pairs_than_allowed_are_refused_with_their_bytes():
     with pytest.raises(ConfigError) as caught:
         CpuRasterizer(pairs_mb=0.1).render(splats, front_camera(40, 30), smooth)
     assert str(caught.value) == (
-        "this picture needs 360000 bytes for 6000 pairs of a splat and a tile that it reaches; "
+        "this image needs 360000 bytes for 6000 pairs of a splat and a tile that it reaches; "
         "rasterizer.pairs_mb=0.1 does not allow that.\n"
-        "Draw a smaller image, keep splats from growing this large, or raise the limit."
+        "Render a smaller image, keep splats from growing this large, or raise the limit."
     )
     CpuRasterizer(pairs_mb=0.4).render(splats, front_camera(40, 30), smooth)
 
 
 @needs_native
 def test_more_pairs_than_can_be_numbered_are_refused_whatever_is_allowed():
-    splats = random_splats(1)
-    settings = RenderSettings()
-    statistics = CpuRasterizer().render(splats, front_camera()).statistics
-    request = request_of(
-        splats, front_camera(), settings, statistics, PairLimit(1e9, 60, CpuPainter.most_pairs)
-    )
-    assert request.numbers["most_pairs"] == 2**32 - 1
-    assert str(request.refuse(2**33)).splitlines() == [
-        "this picture needs 515396075520 bytes for 8589934592 pairs of a splat and a tile that it "
+    limit = PairLimit(1e9, 60, CpuBackend.max_pairs)
+    assert limit.count == 2**32 - 1
+    assert str(limit.refuse(2**33)).splitlines() == [
+        "this image needs 515396075520 bytes for 8589934592 pairs of a splat and a tile that it "
         "reaches; rasterizer.pairs_mb=1e+09 does not allow that.",
-        "No more than 4294967295 pairs can be numbered: draw a smaller image.",
+        "No more than 4294967295 pairs can be numbered: render a smaller image.",
     ]
 
 
@@ -80,7 +74,7 @@ def test_it_can_do_everything_with_the_same_bits_each_time():
     able = CpuConfig().capabilities()
     assert able.determinism is Determinism.BITWISE
     everything = Needs(frozenset(CameraModel), frozenset(Feature), channels=1000)
-    assert able.lacking(everything, "cpu") == ["feature 'lens distortion'"]
+    assert able.lacking(everything, "cpu") == []
     assert able.lacking(Needs(), "cuda") == ["device 'cuda'"]
     assert instruction_sets()[-1] == "scalar"
 

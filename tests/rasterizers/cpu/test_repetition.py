@@ -35,7 +35,7 @@ def use_threads(monkeypatch):
     """Sets the number of threads, whatever this machine has."""
 
     def use(threads: int) -> None:
-        monkeypatch.setattr("gsfw.rasterizers.cpu.painter.num_threads", lambda: threads)
+        monkeypatch.setattr("gsfw.rasterizers.cpu.rasterizer.num_threads", lambda: threads)
 
     return use
 

@@ -100,9 +100,9 @@ def test_more_pairs_than_allowed_are_refused_with_their_bytes():
     with pytest.raises(ConfigError) as caught:
         emulated(pairs_mb=0.1).render(splats, front_camera(40, 30), smooth)
     assert str(caught.value) == (
-        "this picture needs 288000 bytes for 6000 pairs of a splat and a tile that it reaches; "
+        "this image needs 288000 bytes for 6000 pairs of a splat and a tile that it reaches; "
         "rasterizer.pairs_mb=0.1 does not allow that.\n"
-        "Draw a smaller image, keep splats from growing this large, or raise the limit."
+        "Render a smaller image, keep splats from growing this large, or raise the limit."
     )
     emulated(pairs_mb=0.4).render(splats, front_camera(40, 30), smooth)
 
@@ -112,8 +112,8 @@ def test_more_channels_than_are_drawn_at_once_are_refused():
     with pytest.raises(ValueError, match="channels") as caught:
         emulated().render(splats, front_camera())
     assert str(caught.value) == (
-        "splats: expected at most 40 channels with those of extra and depth, found 41; draw them "
-        "in several passes"
+        "splats: expected at most 40 channels with those of extra and depth, found 41; render "
+        "them in several passes"
     )
 
 
@@ -129,10 +129,9 @@ def test_it_says_what_it_can_do():
     assert able.devices == {"cuda"}
     assert able.determinism is Determinism.NONE
     assert CudaConfig(deterministic=True).capabilities().determinism is Determinism.BITWISE
-    everything = Needs(features=frozenset(Feature), channels=1000)
+    everything = Needs(features=frozenset(Feature), channels=1000, extra_channels=10)
     assert replace(able, unavailable="").lacking(everything, "cuda") == [
-        "feature 'lens distortion'",
-        "1000 channels (at most 40)",
+        "1012 channels (10 extra, 2 for depth), of which it renders at most 40 at once",
     ]
 
 

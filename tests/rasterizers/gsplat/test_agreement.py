@@ -161,3 +161,35 @@ def test_no_splats_make_the_background_and_can_be_differentiated(adapter, extras
         output.color.sum().backward()
         assert torch.equal(background.grad, torch.full((3,), 48.0))
         assert empty.means.grad.shape == (0, 3)
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize("model", CameraModel)
+def test_contributions_agree_with_the_reference(adapter, model, antialias):
+    asked = RenderSettings(profile=GSPLAT_1_5, antialias=antialias)
+    splats, cameras, _ = Kind(3, (33, 20), model, cameras=3).scene(torch.float32)
+    weights = torch.randn(3, 20, 33, 1, generator=torch.Generator().manual_seed(1))
+    for given_weights in (None, weights):
+        found = adapter.contributions(splats, cameras, given_weights, asked)
+        expected = ReferenceRasterizer().contributions(splats, cameras, given_weights, asked)
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+        assert found.abs().max() > 0.1
+
+
+def test_contributions_are_measured_while_gradients_are(adapter):
+    splats = random_splats(20).map(torch.Tensor.requires_grad_)
+    statistics = GRADIENTS | {Statistic.CONTRIBUTION}
+    asked = RenderSettings(statistics=statistics, profile=GSPLAT_1_5)
+    output = adapter.render(splats, front_camera(), asked)
+    output.color.square().sum().backward()
+    expected = ReferenceRasterizer().contributions(splats, front_camera(), None, asked)
+    assert output.statistics.contribution is not None
+    torch.testing.assert_close(output.statistics.contribution, expected, rtol=1e-4, atol=1e-4)
+    assert output.statistics.absgrad is not None
+    assert (output.statistics.absgrad > 0).any()
+    assert splats.means.grad is not None
+
+
+def test_no_splats_contribute_nothing(adapter):
+    asked = RenderSettings(profile=GSPLAT_1_5)
+    assert adapter.contributions(random_splats(0), front_camera(), None, asked).shape == (1, 0)

@@ -29,7 +29,7 @@ def test_torch_without_cuda_is_said_first(monkeypatch):
 def test_a_machine_without_gpu_is_said(monkeypatch, gpu):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert package.unavailable() == (
-        "torch sees no GPU here, and gsplat draws on nothing else; use a machine with one"
+        "torch sees no GPU here, and gsplat renders on nothing else; use a machine with one"
     )
 
 
@@ -84,7 +84,7 @@ def test_kernels_that_cannot_be_compiled_are_one_message(fake, monkeypatch):
         package.load()
     assert str(caught.value) == (
         "gsplat 1.5.3 cannot be loaded: RuntimeError: Error building extension 'gsplat_cuda'\n"
-        "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl), or draw with "
+        "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl), or render with "
         "rasterizer=auto."
     )
 
@@ -96,6 +96,6 @@ def test_neither_kernels_nor_a_compiler_is_one_message(fake, monkeypatch):
     assert str(caught.value) == (
         "gsplat 1.5.3 came without compiled kernels, and found no CUDA toolkit (nvcc) to compile "
         "them with.\n"
-        "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl) or the toolkit, or draw "
-        "with rasterizer=auto."
+        "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl) or the toolkit, or "
+        "render with rasterizer=auto."
     )

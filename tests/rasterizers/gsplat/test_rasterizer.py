@@ -27,10 +27,8 @@ def test_it_declares_what_gsplat_does_without_importing_it(monkeypatch):
     assert able.details == {"gsplat": "1.5.3"}
     everything = Needs(frozenset(CameraModel), frozenset(Feature), 1000, profile="default")
     assert able.lacking(everything, "cuda") == [
-        "feature 'contribution'",
         "feature 'float64'",
-        "feature 'lens distortion'",
-        "numerics 'default' (it draws only with 'gsplat-1.5')",
+        "numerics 'default' (it renders only with 'gsplat-1.5')",
     ]
     assert able.lacking(Needs(profile="gsplat-1.5"), "cpu") == ["device 'cpu'"]
     assert 10 < able.preference < 20  # Between the cpu and the cuda rasterizer.
@@ -61,15 +59,7 @@ def test_tensors_on_the_cpu_are_refused():
 def test_float64_is_refused(adapter):
     splats, camera = random_splats(5, dtype=torch.float64), front_camera(dtype=torch.float64)
     assert refused(adapter, splats, camera) == (
-        "splats.means: expected float32, which is all that gsplat draws, found torch.float64"
-    )
-
-
-def test_distorted_lenses_are_refused(adapter):
-    camera = replace(front_camera(), distortion=torch.zeros(1, 4))
-    assert refused(adapter, random_splats(5), camera) == (
-        "cameras.distortion: expected None, because the gsplat rasterizer draws without lens "
-        "distortion; undistort the images first"
+        "splats.means: expected float32, which is all that gsplat renders, found torch.float64"
     )
 
 
@@ -82,14 +72,6 @@ def test_intrinsics_that_want_a_gradient_are_refused(adapter):
     )
     with torch.no_grad():
         adapter.render(random_splats(5), camera, SETTINGS)
-
-
-def test_contribution_is_refused(adapter):
-    asked = replace(SETTINGS, statistics=frozenset({Statistic.CONTRIBUTION}))
-    assert refused(adapter, random_splats(5), front_camera(), asked) == (
-        "settings.statistics: expected no contribution, which gsplat does not measure; use "
-        "another rasterizer"
-    )
 
 
 def test_absgrad_over_more_channels_than_one_pass_is_refused(adapter):
@@ -108,7 +90,7 @@ def test_absgrad_over_more_channels_than_one_pass_is_refused(adapter):
 def test_constants_that_gsplat_does_not_draw_with_are_refused(adapter, profile):
     asked = RenderSettings(profile=profile)
     assert refused(adapter, random_splats(5), front_camera(), asked) == (
-        "settings.profile: expected 'gsplat-1.5', because gsplat 1.5.3 draws with no other "
+        "settings.profile: expected 'gsplat-1.5', because gsplat 1.5.3 renders with no other "
         f"constants, found {profile.name!r}; use profile=gsplat-1.5, or another rasterizer"
     )
 

@@ -46,7 +46,7 @@ def test_another_profile_is_refused_before_anything_is_read(works_here):
         check(settings(rasterizer="gsplat", profile="default"), installed())
     assert caught.value.message == (
         "rasterizer 'gsplat' does not fit:\n"
-        "  method '3dgs' needs numerics 'default' (it draws only with 'gsplat-1.5')"
+        "  method '3dgs' needs numerics 'default' (it renders only with 'gsplat-1.5')"
     )
 
 

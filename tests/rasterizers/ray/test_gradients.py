@@ -7,13 +7,13 @@ import torch
 from support.scenes import front_camera, random_splats, turned_camera
 
 from gsfw.core.cameras import CameraModel
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh
 from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
 from gsfw.rasterizers.ray.volume import Volume
-from gsfw.rasterizers.reference.project import rotations
 
 SMOOTH = RenderSettings(profile=DEFAULT.without_cutoffs(), depth=Depth.ACCUMULATED)
 MODES = {
@@ -29,7 +29,7 @@ def scene(form, extra=False):
     splats = random_splats(3, 1, seed=3, dtype=torch.float64)
     splats = replace(splats, scales=3 * splats.scales)
     if form == "covariances":
-        axes = rotations(splats.quats) * splats.scales[:, None]
+        axes = rotation_matrices(splats.quats) * splats.scales[:, None]
         splats = replace(splats, quats=None, scales=None, covariances=axes @ axes.transpose(1, 2))
     return replace(splats, extra=splats.means.clone()) if extra else splats
 

@@ -9,6 +9,7 @@ from support.scenes import front_camera, random_splats, turned_camera
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.maths.rays import pixel_rays
+from gsfw.core.maths.rotations import rotation_matrices
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
@@ -16,7 +17,6 @@ from gsfw.rasterizers.ray.footprint import pixel_steps
 from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
 from gsfw.rasterizers.reference.lens import project_points
-from gsfw.rasterizers.reference.project import rotations
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 RAY = RayRasterizer()
@@ -51,7 +51,7 @@ def test_orthographic_pictures_are_those_of_the_reference(form, settings):
     # Parallel rays make the projection affine, and splatting exact.
     splats = random_splats(60, 2, dtype=torch.float64)
     if form == "covariances":
-        axes = rotations(splats.quats) * splats.scales[:, None]
+        axes = rotation_matrices(splats.quats) * splats.scales[:, None]
         splats = replace(splats, quats=None, scales=None, covariances=axes @ axes.transpose(1, 2))
     splats = replace(splats, extra=splats.means)
     camera = turned_camera(CameraModel.ORTHOGRAPHIC)
@@ -154,7 +154,7 @@ def test_alpha_is_the_largest_along_the_ray(model):
     camera = eye_camera(13, 9, 4.0, model)
     found = BARE.render(splats, camera, SMOOTH).alpha[0, :, :, 0]
     rays = pixel_rays(camera)[0].view(-1, 6)
-    axes = rotations(splats.quats)[0] / splats.scales[0]
+    axes = rotation_matrices(splats.quats)[0] / splats.scales[0]
     low, high = torch.full((len(rays), 1), 1e-9), torch.full((len(rays), 1), 30.0)
     low = low.double() if model is not CameraModel.ORTHOGRAPHIC else low.double() - 30
     high = high.double()

@@ -14,8 +14,8 @@ from gsfw.core.ranges import check_ranges
 from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.core.splats import Sh
 from gsfw.rasterizers import gsfw_rasterizers
+from gsfw.rasterizers.ray.camera_rays import rays_of, tiles
 from gsfw.rasterizers.ray.config import RayConfig
-from gsfw.rasterizers.ray.eye import rays_of, tiles
 from gsfw.rasterizers.ray.gaussians import place, within_reach
 from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
@@ -44,7 +44,6 @@ def test_it_says_what_it_cannot_do_and_who_can():
     assert capabilities["ray"].lacking(everything, "cpu") == [
         "feature 'absgrad'",
         "feature 'antialias'",
-        "feature 'lens distortion'",
         "feature 'screen gradient'",
     ]
     needs = {"settings": RenderSettings(antialias=True).needs()}
@@ -66,9 +65,6 @@ def test_what_it_cannot_do_is_refused_when_asked_for_directly():
     settings = RenderSettings(antialias=True, statistics=frozenset({Statistic.ABSGRAD}))
     with pytest.raises(ValueError, match="settings: the ray rasterizer has no absgrad and no anti"):
         RayRasterizer().render(splats, camera, settings)
-    distorted = replace(camera, distortion=torch.zeros(1, 4))
-    with pytest.raises(ValueError, match=r"cameras\.distortion: expected None, because the ray"):
-        RayRasterizer().render(splats, distorted)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +95,7 @@ def test_what_a_tile_leaves_out_is_not_seen_by_its_rays(model):
         met = within_reach(gaussians, some, reaches)
         channels = torch.ones(len(gaussians.rows), 1, dtype=torch.float64)
         offsets = torch.empty(len(tile), 0, dtype=torch.float64)
-        touched = Peak().paint(some, offsets, gaussians, channels, DEFAULT).touched
+        touched = Peak().blend(some, offsets, gaussians, channels, DEFAULT).touched
         assert not touched[:, ~met].any()
         kept.append(met.float().mean().item())
     assert min(kept) < 0.5, "most of them are left out"

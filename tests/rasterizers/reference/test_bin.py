@@ -79,9 +79,9 @@ def test_more_pairs_than_allowed_are_refused_with_their_bytes():
     with pytest.raises(ConfigError) as caught:
         bin_ellipses(ellipses, camera, DEFAULT.without_cutoffs(), pairs_mb=0.01)
     assert str(caught.value) == (
-        "this picture needs 64000 bytes for 1000 pairs of a splat and a tile that it reaches; "
+        "this image needs 64000 bytes for 1000 pairs of a splat and a tile that it reaches; "
         "rasterizer.pairs_mb=0.01 does not allow that.\n"
-        "Draw a smaller image, keep splats from growing this large, or raise the limit."
+        "Render a smaller image, keep splats from growing this large, or raise the limit."
     )
     with pytest.raises(ConfigError, match="does not allow that"):
         bin_ellipses(ellipses, camera, DEFAULT, pairs_mb=0.001)

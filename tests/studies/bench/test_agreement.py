@@ -22,8 +22,8 @@ class Off(ReferenceRasterizer):
         super().__init__()
         self._error = error
 
-    def _draw(self, splats, cameras, settings):
-        output = super()._draw(splats, cameras, settings)
+    def _render(self, splats, cameras, settings):
+        output = super()._render(splats, cameras, settings)
         return replace(output, color=output.color + self._error)
 
 

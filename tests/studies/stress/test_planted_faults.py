@@ -40,11 +40,11 @@ class Faulty(Rasterizer):
     def capabilities(cls) -> Capabilities:
         return ReferenceRasterizer.capabilities()
 
-    def _draw(self, splats, cameras, settings):
+    def _render(self, splats, cameras, settings):
         return self._change(Drawing(splats, cameras, settings), self._as_it_is)
 
     def _as_it_is(self, drawing: Drawing) -> RenderOutput:
-        return self._reference._draw(drawing.splats, drawing.cameras, drawing.settings)
+        return self._reference._render(drawing.splats, drawing.cameras, drawing.settings)
 
 
 def verdict(rasterizer: Rasterizer, name: str, dtype: torch.dtype = torch.float32) -> CaseResult:

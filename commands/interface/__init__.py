@@ -1,0 +1,1 @@
+"""The command line: arguments, help, console, progress, signals, and the argument RUN."""

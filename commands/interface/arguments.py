@@ -1,0 +1,218 @@
+"""Arguments: ``key=value``, ``--key value`` and bare words in any order, read into options."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+from gsfw.core.config import replace_at
+from gsfw.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from gsfw.plugins.settings import Layer
+
+FLAGS = ("help", "json", "debug", "dry_run")
+"""Keys that mean true where they stand as ``--key`` alone, for every verb."""
+
+_PAIR = re.compile(r"(?:--)?([A-Za-z_][\w.\-]*)=(.*)", re.DOTALL)
+_OPTION = re.compile(r"--([A-Za-z_][\w.\-]*)")
+
+
+class HelpRequested(Exception):
+    """``--help`` was given; carries the text to show."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """The words after the verb."""
+
+    words: tuple[str, ...]
+    """Words that are neither keys nor values, such as RUN."""
+    pairs: tuple[tuple[str, str], ...]
+    """Keys (with underscores) and texts, in order."""
+
+    @property
+    def values(self) -> Mapping[str, str]:
+        """Texts by key; of a key that was given twice, the last."""
+        return dict(self.pairs)
+
+    def flag(self, name: str) -> bool:
+        """True if a flag is on.
+
+        Raises:
+            ConfigError: its value is neither true nor false.
+        """
+        text = self.values.get(name, "false").lower()
+        if text not in ("true", "1", "yes", "on", "false", "0", "no", "off"):
+            raise ConfigError(f"{name}={text}: expected true or false, found {text!r}.")
+        return text in ("true", "1", "yes", "on")
+
+
+def parse(tokens: Sequence[str]) -> Arguments:
+    """Tell keys, values and words apart.
+
+    Raises:
+        ConfigError: ``--key`` is not followed by a value.
+    """
+    words: list[str] = []
+    pairs: list[tuple[str, str]] = []
+    remaining = list(tokens)
+    while remaining:
+        token = "--help" if remaining[0] == "-h" else remaining[0]
+        del remaining[0]
+        if pair := _PAIR.fullmatch(token):
+            pairs.append((_key(pair[1]), _expanded(pair[2])))
+        elif option := _OPTION.fullmatch(token):
+            key = _key(option[1])
+            if key in FLAGS:
+                pairs.append((key, "true"))
+            elif not remaining or _OPTION.match(remaining[0]):
+                raise ConfigError(f"{token}: a value is missing.", f"Write {key}=VALUE.")
+            else:
+                pairs.append((key, _expanded(remaining.pop(0))))
+        else:
+            words.append(token)
+    return Arguments(tuple(words), tuple(pairs))
+
+
+def _key(text: str) -> str:
+    return text.replace("-", "_")
+
+
+def _expanded(text: str) -> str:
+    """``~/`` after a key is left alone by most shells."""
+    return str(Path(text).expanduser()) if text == "~" or text.startswith("~/") else text
+
+
+def layers(arguments: Arguments) -> list[Layer]:
+    """The settings that were given: each ``config=FILE``, then what was typed.
+
+    Raises:
+        ConfigError: a word is no ``key=value``, or a file cannot be read.
+    """
+    from gsfw.plugins.config_file import read_config
+    from gsfw.plugins.settings import COMMAND_LINE, Layer
+
+    files = [read_config(Path(text)) for key, text in arguments.pairs if key == "config"]
+    typed = {key: text for key, text in arguments.pairs if key != "config" and key not in FLAGS}
+    return [*files, Layer(COMMAND_LINE, typed)]
+
+
+def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a dataclass field
+    """An option that is given as a bare word; required, unless it has a default."""
+    metadata = {"word": name}
+    if default is None:
+        return field(metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+def words(name: str) -> Any:  # noqa: ANN401 - a dataclass field
+    """An option that is given as one or more bare words, after all other words of its verb."""
+    return field(default=(), metadata={"word": name, "many": True})
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Options of a verb; the docstring's first line says what the verb does."""
+
+    examples: ClassVar[tuple[str, ...]] = ()
+    """Command lines for the help."""
+
+    json: bool = False
+    """Print one JSON document on standard output, and nothing else there."""
+    debug: bool = False
+    """Show the traceback of an error."""
+
+
+VerbOptions = TypeVar("VerbOptions", bound=Options)
+
+
+def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptions:
+    """Options of a verb that has no settings of a method.
+
+    Raises:
+        HelpRequested: ``--help`` was given.
+        ConfigError: a key is unknown, a value has the wrong type, a word is missing or too many.
+    """
+    from gsfw.commands.interface.help import options_help
+
+    arguments = parse(tokens)
+    if arguments.flag("help"):
+        raise HelpRequested(options_help(verb, kind))
+    places = [item for item in fields(kind) if "word" in item.metadata]
+    given = _placed(verb, kind, arguments.words)
+    for item in places[len(given) :]:
+        required = item.default is MISSING or item.metadata.get("many", False)
+        if required and item.name not in arguments.values:
+            raise ConfigError(
+                f"gsfw {verb}: {item.metadata['word']} is missing.", f"See gsfw {verb} --help."
+            )
+        if item.default is MISSING:
+            given[item.name] = ""
+    return _with_values(verb, kind(**given), arguments.values)
+
+
+def _placed(verb: str, kind: type[Options], found: Sequence[Any]) -> dict[str, Any]:
+    """Bare words by the names of their options.
+
+    Raises:
+        ConfigError: there are too many.
+    """
+    places = [item for item in fields(kind) if "word" in item.metadata]
+    if places and places[-1].metadata.get("many") and len(found) >= len(places):
+        found = [*found[: len(places) - 1], tuple(found[len(places) - 1 :])]
+    for extra in found[len(places) :]:
+        raise ConfigError(*_stray_word(verb, kind, extra))
+    return dict(zip([item.name for item in places], found, strict=False))
+
+
+def _with_values(verb: str, options: VerbOptions, values: Mapping[str, str]) -> VerbOptions:
+    from gsfw.plugins.keys import keys, suggest_key
+    from gsfw.plugins.values import describe
+    from gsfw.plugins.values import parse as parse_value
+
+    known = {key.name: key for key in keys(options)}
+    for name, text in values.items():
+        if name == "help":
+            continue
+        if name not in known:
+            raise ConfigError(
+                f"gsfw {verb}: unknown key {name!r}.{suggest_key(name, known)}",
+                f"All keys: gsfw {verb} --help",
+            )
+        try:
+            options = replace_at(options, name, parse_value(known[name].kind, text))
+        except ValueError:
+            raise ConfigError(
+                f"{name}={text}: expected {describe(known[name].kind)}, found {text!r}.",
+                f"{name}: {known[name].help}",
+            ) from None
+    return options
+
+
+def _stray_word(verb: str, kind: type[Options], text: str) -> tuple[str, str]:
+    if text in (item.name for item in fields(kind)):
+        return f"gsfw {verb}: {text} is given without a value.", f"Write {text}=VALUE."
+    return f"gsfw {verb}: unexpected {text!r}.", f"See gsfw {verb} --help."
+
+
+@dataclass(kw_only=True)
+class RunOptions(Options):
+    """Options of every verb that opens a run."""
+
+    run: str = word("RUN")
+    """A run folder, a checkpoint, a model file (.gsfw), or latest."""
+    data: str = ""
+    """Where the data set is now. Empty: where it was in training; a model file needs none."""
+    device: str = ""
+    """Where to draw: auto, cpu, cuda or cuda:N. Empty: where it was trained; auto for a file."""
+
+    def changed(self) -> Layer | None:
+        """Settings that differ from the run's own; ``None`` for none."""
+        from gsfw.plugins.settings import COMMAND_LINE, Layer
+
+        given = {key: text for key in ("data", "device") if (text := getattr(self, key))}
+        return Layer(COMMAND_LINE, given) if given else None

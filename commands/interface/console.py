@@ -1,0 +1,100 @@
+"""Console: text for people, and the one JSON document of a verb for programs."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from gsfw.core.files.json_text import json_text
+
+WIDTH_OF_FILES = 160
+"""Columns of a table that is not shown on a terminal."""
+
+
+class LoggedWarnings(logging.Handler):
+    """Shows warnings that any part of gsfw logs on the screen, without their tracebacks."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(logging.WARNING)
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show one warning."""
+        self._console.warn(record.getMessage())
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show them for the time of one verb."""
+        logger = logging.getLogger("gsfw")
+        logger.addHandler(self)
+        try:
+            yield
+        finally:
+            logger.removeHandler(self)
+
+
+class Console:
+    """Standard output: text for people, or, with ``json=true``, one document and nothing else."""
+
+    def __init__(self, json_only: bool = False) -> None:
+        self.json_only = json_only
+
+    def say(self, text: str = "") -> None:
+        """A line for people; on standard error where standard output belongs to a program."""
+        stream = sys.stderr if self.json_only else sys.stdout
+        stream.write(f"{text}\n")
+        stream.flush()
+
+    def warn(self, text: str) -> None:
+        """A line on standard error."""
+        sys.stderr.write(f"warning: {text}\n")
+
+    def table(self, columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
+        """A table for people; nothing with ``json=true``."""
+        if not self.json_only:
+            self.say(render_table(columns, rows, title))
+
+    def result(self, document: Mapping[str, Any] | Sequence[Any]) -> None:
+        """Print the document for programs with ``json=true``; call it once, at the end."""
+        if self.json_only:
+            sys.stdout.write(json_text(document, indent=1) + "\n")
+            sys.stdout.flush()
+
+
+def render_table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    title: str = "",
+    widths: Sequence[int] = (),
+) -> str:
+    """A table as text, as wide as the terminal; the last column wraps.
+
+    Args:
+        columns: headings; all empty for none.
+        rows: cells.
+        title: a line above.
+        widths: of the first columns at least, so that several tables line up.
+    """
+    from rich.console import Console as Screen
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(columns))
+    for index, column in enumerate(columns):
+        table.add_column(
+            column,
+            header_style="bold",
+            no_wrap=index < len(columns) - 1,
+            min_width=widths[index] if index < len(widths) else None,
+        )
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    screen = Screen(width=None if sys.stdout.isatty() else WIDTH_OF_FILES)
+    with screen.capture() as captured:
+        if title:
+            screen.print(Text(title, style="bold"))
+        screen.print(table)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())

@@ -1,0 +1,106 @@
+"""Help: what can be typed, taken from the registry and from the configuration classes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from inspect import cleandoc
+from typing import TYPE_CHECKING, Any
+
+from gsfw.commands.interface.console import render_table
+
+if TYPE_CHECKING:
+    from gsfw.commands.interface.arguments import Options
+    from gsfw.plugins.keys import Key
+    from gsfw.plugins.registry import Registry
+    from gsfw.plugins.settings import Settings
+
+COMMON = ("json", "debug")
+"""Options of every verb, which come last in its help."""
+
+
+def main_help(registry: Registry) -> str:
+    """The verbs, one line each, and two examples."""
+    verbs = registry.slot("command")
+    width = max(len(name) for name in verbs)
+    return "\n".join(
+        [
+            "usage: gsfw VERB [key=value ...]",
+            "",
+            "Gaussian splatting, static and dynamic.",
+            "",
+            *(f"  {name:{width}}  {spec.description}" for name, spec in verbs.items()),
+            "",
+            "examples:",
+            "  gsfw train method=3dgs",
+            "  gsfw train method=3dgs data=DIR strategy=mcmc steps=7000 out=runs/first",
+            "",
+            "More on a verb: gsfw VERB --help. Version: gsfw --version.",
+        ]
+    )
+
+
+def options_help(verb: str, kind: type[Options]) -> str:
+    """Usage, words, keys and examples of a verb."""
+    from gsfw.plugins.keys import field_help, keys
+
+    explained = field_help(kind)
+    words = [item for item in fields(kind) if "word" in item.metadata]
+    make: Any = kind
+    blank = make(**{item.name: "" for item in words})
+    rows = [(item.metadata["word"], "", explained[item.name]) for item in words]
+    options = [key for key in keys(blank) if key.name not in {item.name for item in words}]
+    options.sort(key=lambda key: key.name in COMMON)
+    usage = " ".join(["usage: gsfw", verb, *(item.metadata["word"] for item in words)])
+    return "\n".join(
+        [
+            f"{usage} [key=value ...]",
+            "",
+            cleandoc(kind.__doc__ or ""),
+            "",
+            render_table(("", "", ""), [*rows, *map(_row, options)]),
+            *_examples(kind.examples),
+        ]
+    )
+
+
+def settings_help(verb: str, settings: Settings, registry: Registry) -> str:
+    """Every key of a method with the parts that were chosen, in groups."""
+    from gsfw.plugins.keys import SLOT_KEYS, keys
+
+    method = settings.method
+    choices = [
+        (f"{slot}={settings.choices[slot].name}", "name", ", ".join(registry.slot(slot)))
+        for slot in SLOT_KEYS
+    ]
+    presets = ", ".join(settings.config.presets)
+    run = [
+        ("config=FILE", "path", "Settings of a file, such as a run's config.yaml; repeatable."),
+        ("preset=default", "name", f"Settings that go together: {presets}."),
+    ]
+    groups: dict[str, list[tuple[str, str, str]]] = {"parts": choices, "": run}
+    for key in keys(settings.config):
+        groups.setdefault(key.name.rpartition(".")[0], []).append(_row(key))
+    widths = [
+        max(len(row[column]) for rows in groups.values() for row in rows) for column in (0, 1)
+    ]
+    lines = [
+        f"usage: gsfw {verb} method={method.name} [key=value ...]",
+        "",
+        f"{method.description}{f' ({method.paper})' if method.paper else ''}",
+    ]
+    for group, rows in groups.items():
+        part = settings.choices.get(group)
+        title = f"{group} {part.name}" if part else group or "run"
+        lines += ["", render_table(("", "", ""), rows, title, widths)]
+    return "\n".join(lines)
+
+
+def _row(key: Key) -> tuple[str, str, str]:
+    from gsfw.plugins.values import as_text, describe
+
+    return f"{key.name}={as_text(key.value)}", describe(key.kind).removeprefix("a "), key.help
+
+
+def _examples(lines: Sequence[str]) -> Iterable[str]:
+    return ["", "examples:", *(f"  {line}" for line in lines)] if lines else []

@@ -1,0 +1,173 @@
+"""Checks of a rasterizer's inputs."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, degree_of
+from gsfw.core.render_settings import RenderSettings, Statistic
+from gsfw.core.splats import Sh, Splats
+
+ANY = -1
+"""A size in an expected shape that may be any number."""
+
+
+def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> None:
+    """Check shapes, dtypes and devices, but no values.
+
+    Raises:
+        ValueError: naming the field, what was expected and what was found.
+    """
+    has_axes = splats.quats is not None and splats.scales is not None
+    if has_axes == (splats.covariances is not None) or (splats.quats is None) != (
+        splats.scales is None
+    ):
+        raise ValueError("splats: give either quats and scales, or covariances")
+    if cameras.width < 1 or cameras.height < 1:
+        raise ValueError(f"cameras: image size {cameras.width}x{cameras.height} has no pixel")
+    if len(cameras) == 0:
+        raise ValueError("cameras: expected at least one, found none")
+    _check_shapes(splats, cameras)
+    named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
+    named |= {"cameras.world_to_camera": cameras.world_to_camera}
+    named |= {"cameras.intrinsics": cameras.intrinsics}
+    if settings.background is not None:
+        named["settings.background"] = settings.background
+        if len(settings.background) != splats.channels:
+            raise ValueError(
+                f"settings.background: expected {splats.channels} channels, "
+                f"found {len(settings.background)}"
+            )
+    if settings.contribution_weights is not None:
+        named["settings.contribution_weights"] = settings.contribution_weights
+        _check_contribution_weights(settings.contribution_weights, cameras, settings)
+    for name, tensor in named.items():
+        if tensor.dtype != splats.means.dtype or not tensor.dtype.is_floating_point:
+            raise ValueError(f"{name}: expected {splats.means.dtype}, found {tensor.dtype}")
+        if tensor.device != splats.means.device:
+            raise ValueError(
+                f"{name}: expected device {splats.means.device}, found {tensor.device}"
+            )
+
+
+def _check_contribution_weights(
+    weights: Tensor, cameras: Cameras, settings: RenderSettings
+) -> None:
+    name = "settings.contribution_weights"
+    _check_shape(name, weights, (len(cameras), cameras.height, cameras.width, 1))
+    if Statistic.CONTRIBUTION not in settings.statistics:
+        raise ValueError(f"{name}: expected Statistic.CONTRIBUTION in settings.statistics")
+
+
+def _check_shapes(splats: Splats, cameras: Cameras) -> None:
+    n, c = len(splats), len(cameras)
+    expected = {
+        "means": (n, 3),
+        "opacities": (n,),
+        "colors": (n, ANY),
+        "rest": (n, ANY, 3),
+        "quats": (n, 4),
+        "scales": (n, 3),
+        "covariances": (n, 3, 3),
+        "extra": (n, ANY),
+    }
+    colors = splats.colors
+    if isinstance(colors, Sh):
+        expected["colors"] = (n, ANY, 3)
+        if colors.offsets is not None:
+            expected["rest"] = (ANY, 3)
+            _check_shape("splats.colors.offsets", colors.offsets, (n + 1,))
+        if not 0 <= colors.degree <= MAX_DEGREE:
+            raise ValueError(f"splats.colors: expected degree 0 to 4, found {colors.degree}")
+    for name, tensor in splats.tensors().items():
+        _check_shape(f"splats.{name}", tensor, expected[name])
+    if isinstance(colors, Sh):
+        _check_parts(colors)
+        _check_type_of_offsets(colors, splats.means.device)
+    _check_shape("cameras.world_to_camera", cameras.world_to_camera, (c, 4, 4))
+    _check_shape("cameras.intrinsics", cameras.intrinsics, (c, 3, 3))
+
+
+def _check_parts(colors: Sh) -> None:
+    if colors.offsets is not None and colors.rest is None:
+        raise ValueError("splats.colors: expected rest beside offsets, found None")
+    if colors.offsets is None:
+        degree_of(colors.width)
+    if colors.rest is not None and colors.coefficients.shape[1] != 1:
+        raise ValueError(
+            "splats.colors: expected one constant coefficient beside rest, "
+            f"found {colors.coefficients.shape[1]}"
+        )
+
+
+def _check_type_of_offsets(colors: Sh, device: torch.device) -> None:
+    offsets = colors.offsets
+    if offsets is None:
+        return
+    name = "splats.colors.offsets"
+    if offsets.dtype != torch.int64:
+        raise ValueError(f"{name}: expected torch.int64, found {offsets.dtype}")
+    if offsets.device != device:
+        raise ValueError(f"{name}: expected device {device}, found {offsets.device}")
+
+
+def _check_shape(name: str, tensor: Tensor, expected: tuple[int, ...]) -> None:
+    fits = tensor.dim() == len(expected) and all(
+        size in (ANY, found) for size, found in zip(expected, tensor.shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if size == ANY else str(size) for size in expected)
+        raise ValueError(f"{name}: expected shape [{wanted}], found {list(tensor.shape)}")
+
+
+def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> None:
+    """Check that every value is finite and in its range.
+
+    Raises:
+        ValueError: naming the field, how many rows are wrong, and the first of them.
+    """
+    named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
+    named["cameras.world_to_camera"] = cameras.world_to_camera
+    named["cameras.intrinsics"] = cameras.intrinsics
+    if settings.background is not None:
+        named["settings.background"] = settings.background
+    if settings.contribution_weights is not None:
+        named["settings.contribution_weights"] = settings.contribution_weights
+    for name, tensor in named.items():
+        _refuse(name, ~tensor.isfinite(), "finite values", tensor)
+    if splats.scales is not None:
+        _refuse("splats.scales", splats.scales < 0, "scales >= 0", splats.scales)
+    if isinstance(splats.colors, Sh):
+        _check_values_of_offsets(splats.colors)
+    opacities = splats.opacities
+    _refuse("splats.opacities", (opacities < 0) | (opacities > 1), "values in [0, 1]", opacities)
+    focal = torch.stack([cameras.intrinsics[:, 0, 0], cameras.intrinsics[:, 1, 1]], dim=1)
+    _refuse("cameras.intrinsics", focal <= 0, "focal lengths > 0", focal)
+    skew = cameras.intrinsics[:, 0, 1]
+    _refuse("cameras.intrinsics", skew != 0, "no skew", skew)
+
+
+def _check_values_of_offsets(colors: Sh) -> None:
+    if colors.offsets is None or colors.rest is None:
+        return
+    name, lengths = "splats.colors.offsets", colors.offsets.diff()
+    _refuse(name, lengths < 0, "row lengths >= 0", lengths)
+    ends, expected = colors.offsets[[0, -1]].tolist(), [0, len(colors.rest)]
+    if ends != expected:
+        raise ValueError(
+            f"{name}: expected {expected[0]} first and the {expected[1]} rows of rest last, "
+            f"found {ends[0]} and {ends[1]}"
+        )
+
+
+def _refuse(name: str, wrong: Tensor, expected: str, values: Tensor) -> None:
+    rows = wrong.flatten(1).any(1) if wrong.dim() > 1 else wrong
+    count = int(rows.sum())
+    if count:
+        first = int(rows.nonzero()[0])
+        raise ValueError(
+            f"{name}: expected {expected}; {count} of {len(rows)} rows are not, "
+            f"the first is row {first}: {values[first].detach().flatten().tolist()[:16]}"
+        )

@@ -1,0 +1,71 @@
+"""ImageCache: decoded images within a memory budget, decoded by threads ahead of use."""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from gsfw.datamanagers.images import DecodedImage
+
+
+class ImageCache:
+    """Keeps the images that were used last; what is asked for never depends on what is kept."""
+
+    def __init__(
+        self, decode: Callable[[int], DecodedImage], sizes: Sequence[int], budget: int
+    ) -> None:
+        """Nothing is decoded yet.
+
+        Args:
+            decode: gives an image by its number; called from several threads.
+            sizes: bytes that each image takes once decoded.
+            budget: bytes that all of them may take; one image is kept even if it takes more.
+        """
+        self.sizes = sizes
+        self._decode = decode
+        self._budget = budget
+        self._held: OrderedDict[int, Future[DecodedImage]] = OrderedDict()
+        self._used = 0
+        self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1), "gsfw-decode")
+
+    def get(self, index: int) -> DecodedImage:
+        """The image, waiting for it to be decoded if need be.
+
+        Raises:
+            DataError: it does not decode.
+        """
+        return self.request(index).result()
+
+    def prefetch(self, indices: Sequence[int]) -> dict[int, Future[DecodedImage]]:
+        """Start decoding, as far as half of the budget goes: the rest stays for what is in use.
+
+        Gives the images that were started or are held already, by their number.
+        """
+        ahead, started = 0, {}
+        for index in indices:
+            ahead += self.sizes[index]
+            if 2 * ahead > self._budget:
+                break
+            started[index] = self.request(index)
+        return started
+
+    def close(self) -> None:
+        """Stop decoding and free the images."""
+        self._pool.shutdown(cancel_futures=True)
+        self._held.clear()
+        self._used = 0
+
+    def request(self, index: int) -> Future[DecodedImage]:
+        """The image as soon as it is decoded; cancelled where others need its room before."""
+        if index in self._held:
+            self._held.move_to_end(index)
+            return self._held[index]
+        while self._held and self._used + self.sizes[index] > self._budget:
+            oldest, future = self._held.popitem(last=False)
+            future.cancel()
+            self._used -= self.sizes[oldest]
+        self._used += self.sizes[index]
+        self._held[index] = self._pool.submit(self._decode, index)
+        return self._held[index]

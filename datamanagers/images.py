@@ -1,0 +1,225 @@
+"""DecodedImage files: headers, decoding to upright 8-bit colours, masks.
+
+Policy on EXIF orientation: it is always applied, and a camera describes the upright image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Num, UInt8
+from PIL import Image, UnidentifiedImageError
+from PIL.ExifTags import Base
+
+from gsfw.core.errors import DataError
+from gsfw.datamanagers.area import shrink, shrink_mask, shrink_values, to_pixels, to_values
+from gsfw.datamanagers.fitted_map import FittedMap
+from gsfw.datamanagers.warp import Warp
+
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
+"""Of image files; also what is tried, in this order, where a path has no extension."""
+
+FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
+"""What Pillow may read; told by content, not by extension."""
+UPRIGHT = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+"""What turns an image with this EXIF orientation upright (CIPA DC-008, tag 274)."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of an image without decoding it."""
+
+    width: int
+    """Pixels of the upright image."""
+    height: int
+    has_alpha: bool
+    orientation: int = 1
+    """The EXIF orientation that was applied; 1 when there is none."""
+
+    def __str__(self) -> str:
+        size = f"{self.width}x{self.height} pixels"
+        return size if self.orientation == 1 else f"{size} (EXIF orientation {self.orientation})"
+
+
+@dataclass(frozen=True)
+class DecodedImage:
+    """A decoded image."""
+
+    pixels: UInt8[np.ndarray, "h w d"]
+    """Red, green, blue, and alpha where the file has it (d = 3 or 4); straight colours."""
+    mask: Bool[np.ndarray, "h w"] | None = None
+    """True where a pixel is valid; ``None`` when all are."""
+    maps: Mapping[str, FittedMap] = field(default_factory=dict)
+    """Per-view maps by name, undistorted."""
+
+
+def read_header(path: Path) -> Header:
+    """Look at the beginning of an image file.
+
+    Raises:
+        DataError: it is no image that can be decoded.
+    """
+    with _opened(path) as image:
+        if image.mode == "F":
+            raise DataError(
+                f"{path}: the pixels are floating-point numbers.",
+                "Expected 8 or 16 bits per channel; convert the image to PNG.",
+            )
+        orientation = _orientation(image)
+        width, height = image.size if orientation < 5 else image.size[::-1]
+        has_alpha = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+        return Header(width, height, has_alpha, orientation)
+
+
+def fit_image(
+    pixels: UInt8[np.ndarray, "h w d"],
+    valid: Bool[np.ndarray, "h w"] | None,
+    width: int,
+    height: int,
+    warp: Warp | None = None,
+) -> DecodedImage:
+    """A decoded image, undistorted and shrunk; rounded to 8 bits once."""
+    fitted = fit_mask(valid, width, height, warp)
+    if warp is None:
+        return DecodedImage(shrink(pixels, width, height), fitted)
+    values = warp.colors(to_values(pixels))
+    return DecodedImage(to_pixels(shrink_values(values, width, height)), fitted)
+
+
+def fit_mask(
+    valid: Bool[np.ndarray, "h w"] | None, width: int, height: int, warp: Warp | None = None
+) -> Bool[np.ndarray, "h2 w2"] | None:
+    """The mask of a fitted image; ``None`` when all of its pixels are valid."""
+    if warp is not None:
+        valid = warp.mask(valid)
+    return None if valid is None else shrink_mask(valid, width, height)
+
+
+def load_mask(mask: Path, path: Path, header: Header) -> Bool[np.ndarray, "h w"]:
+    """Decode the mask of the image at ``path``.
+
+    Raises:
+        DataError: it does not decode, or its size is not the image's.
+    """
+    bright = decode_mask(mask)
+    if bright.shape != (header.height, header.width):
+        raise DataError(
+            f"{mask}: the mask is {bright.shape[1]}x{bright.shape[0]} pixels, "
+            f"its image {path} is {header.width}x{header.height}.",
+            "A mask needs the size of its (upright) image.",
+        )
+    return bright
+
+
+def decode(path: Path, header: Header) -> UInt8[np.ndarray, "h w d"]:
+    """The upright image as 8-bit RGB, or RGBA where its header says that it has alpha.
+
+    16-bit colours keep their upper 8 bits; grey, palette and CMYK are converted.
+
+    Raises:
+        DataError: it does not decode.
+    """
+    with _opened(path) as image:
+        upright = _upright(image)
+        if upright.mode.startswith("I"):
+            grey = np.asarray(upright).clip(0, 65535).astype(np.uint16) >> 8
+            return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+        return np.array(upright.convert("RGBA" if header.has_alpha else "RGB"))
+
+
+def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:
+    """True where a mask is bright; black and white may be 0 and 255, or 0 and 1.
+
+    Raises:
+        DataError: it does not decode.
+    """
+    with _opened(path) as image:
+        values = np.asarray(_upright(image).convert("L"))
+        return values > values.max() // 2
+
+
+NUMBERS = {"1": 1, "L": 1, "I": 1, "I;16": 1, "I;16B": 1, "F": 1, "P": 1, "LA": 2, "RGB": 3}
+NUMBERS |= {"RGBA": 4}
+"""Pillow's modes whose pixels are read as numbers, and how many each pixel has."""
+
+
+def numbers_header(path: Path) -> tuple[tuple[int, int, int], np.dtype[np.generic]]:
+    """Height, width and channels of the upright image, and its type: see ``decode_numbers``.
+
+    Raises:
+        DataError: it is no image that can be decoded to numbers.
+    """
+    with _opened(path) as image:
+        if image.mode not in NUMBERS:
+            raise DataError(
+                f"{path}: pixels of the mode {image.mode} are no plain numbers.",
+                "Convert the image to grey or RGB, or to .npy.",
+            )
+        width, height = image.size if _orientation(image) < 5 else image.size[::-1]
+        bits = {"F": np.float32}.get(image.mode, np.uint16 if image.mode[0] == "I" else np.uint8)
+        return (height, width, NUMBERS[image.mode]), np.dtype(bits)
+
+
+def decode_numbers(path: Path) -> Num[np.ndarray, "h w d"]:
+    """The upright image's numbers as they are stored, of 1, 8, 16 or 32 bits.
+
+    A palette's numbers are its indices; of 16-bit RGB only the upper 8 bits are read.
+
+    Raises:
+        DataError: it does not decode.
+    """
+    with _opened(path) as image:
+        values = np.asarray(_upright(image))
+    if values.dtype == bool:
+        values = values.astype(np.uint8)
+    return values if values.ndim == 3 else values[..., None]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    try:
+        with Image.open(path, formats=FORMATS) as image:
+            yield image
+    except DataError:
+        raise
+    except Exception as error:  # Pillow's decoders raise whatever a broken file makes them.
+        raise DataError(
+            f"{path}: {_reason(path, error)}",
+            "Replace the file, or remove it: images that are missing are left out.",
+        ) from error
+
+
+def _reason(path: Path, error: Exception) -> str:
+    if not path.exists():
+        return "there is no such file."
+    size = path.stat().st_size
+    if size == 0:
+        return "the file is empty (0 bytes)."
+    if isinstance(error, UnidentifiedImageError):
+        return f"these {size} bytes are no {', '.join(FORMATS)} image."
+    return f"the image does not decode: {error}"
+
+
+def _orientation(image: Image.Image) -> int:
+    # Pillow turns TIFF upright itself, and would decode a whole PNG to look for late EXIF.
+    if image.format == "TIFF" or (image.format == "PNG" and "exif" not in image.info):
+        return 1
+    orientation = image.getexif().get(Base.Orientation, 1)
+    return orientation if orientation in UPRIGHT else 1
+
+
+def _upright(image: Image.Image) -> Image.Image:
+    orientation = _orientation(image)
+    return image.transpose(UPRIGHT[orientation]) if orientation != 1 else image

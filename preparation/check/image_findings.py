@@ -1,0 +1,194 @@
+"""Findings about decoded images: damage, blur, exposure, copies, masks and orientation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gsfw.preparation.blur import blur_findings
+from gsfw.preparation.check.image_sample import SampledImage
+from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.finding import Finding, Weight, listed
+from gsfw.preparation.image_quality import CLIPPED, EMPTY
+
+UNEVEN = 0.1
+"""Standard deviation of the logarithm of brightness at the same points: fox has 0.02, plush 0.04,
+and a camera that halves its exposure for some images 0.2 and more."""
+UNEVEN_WITHOUT_POINTS = 0.4
+"""The same of whole images, which differ because they show different things: 0.1 to 0.27."""
+SAME = 0.03
+"""Root mean square difference of two images as 16x16 grey pixels, in standard deviations of these
+pixels: another JPEG quality makes about 0.01, the next photo of fox or plush 0.1 and more."""
+
+
+def image_findings(survey: Survey) -> Iterator[Finding]:
+    """Everything that the sampled images show."""
+    yield from _damaged(survey)
+    yield from _empty(survey)
+    yield from _blur(survey)
+    yield from _clipped(survey)
+    yield from _uneven(survey)
+    yield from _drifting(survey)
+    yield from _copies(survey)
+    yield from _masked(survey)
+    yield from _turned(survey)
+
+
+def _damaged(survey: Survey) -> Iterator[Finding]:
+    failures = survey.sample.failures
+    if failures:
+        names = survey.viewpoints.named([view for view, _ in failures])
+        yield Finding(
+            "damaged images",
+            Weight.STOP,
+            f"{len(failures)} of {survey.sample.tried} images do not decode: {failures[0][1]}",
+            "Training ends with an error when it comes to one.",
+            "Replace them, or remove them: missing images are left out.",
+            names,
+        )
+
+
+def _empty(survey: Survey) -> Iterator[Finding]:
+    images = survey.sample.images
+    empty = [image for image in images if image.contrast < EMPTY]
+    if empty:
+        names = survey.viewpoints.named([image.view for image in empty])
+        yield Finding(
+            "empty images",
+            Weight.STOP if 2 * len(empty) > len(images) else Weight.LIMIT,
+            f"{len(empty)} of {len(images)} images are of one colour: {listed(names)}.",
+            "They teach that nothing is there.",
+            "Remove them; if alpha or masks made them empty, check which side is which.",
+            names,
+        )
+
+
+def _textured(survey: Survey) -> list[SampledImage]:
+    return [image for image in survey.sample.images if image.contrast >= EMPTY]
+
+
+def _blur(survey: Survey) -> Iterator[Finding]:
+    names = survey.viewpoints.names
+    yield from blur_findings([(names[image.view], image.quality) for image in _textured(survey)])
+
+
+def _clipped(survey: Survey) -> Iterator[Finding]:
+    images = _textured(survey)
+    worst = sorted(images, key=lambda image: -image.quality.clipped)
+    clipped = [image for image in worst if image.quality.clipped > CLIPPED]
+    if clipped:
+        names = survey.viewpoints.named([image.view for image in clipped])
+        yield Finding(
+            "clipped images",
+            Weight.LIMIT,
+            f"{len(clipped)} of {len(images)} images are pure white or black in up to "
+            f"{100 * clipped[0].quality.clipped:.0f} % of what counts: {listed(names)}.",
+            "Nothing is left there that depth could be found from.",
+            "Expose for the bright parts; mask what is plain, or name it as background=.",
+            names,
+        )
+
+
+def _uneven(survey: Survey) -> Iterator[Finding]:
+    images, agreement = survey.sample.images, survey.agreement
+    if agreement is not None:
+        gains, limit, how = agreement.gains, UNEVEN, "at the same points"
+    else:
+        gains = np.array([image.quality.brightness for image in images])
+        gains = gains / max(float(np.median(gains)), 1e-6) if len(gains) else gains
+        limit, how = UNEVEN_WITHOUT_POINTS, "as a whole"
+    known = np.flatnonzero(np.isfinite(gains) & (gains > 1e-3))
+    if len(known) < 3:
+        return
+    gains = gains[known]
+    if float(np.log(gains).std()) > limit:
+        order = np.argsort(-np.abs(np.log(gains)))
+        names = survey.viewpoints.named([images[known[i]].view for i in order[:10]])
+        yield Finding(
+            "uneven exposure",
+            Weight.LIMIT,
+            f"Images are {gains.min():.2f} to {gains.max():.2f} times as bright as usual {how}.",
+            "Differences become fog in front of the cameras.",
+            "Train with exposure=true; next time fix exposure and white balance.",
+            names,
+        )
+
+
+def _drifting(survey: Survey) -> Iterator[Finding]:
+    found = survey.view_dependence
+    if found is not None and found.drifts:
+        before, after = (255 * float(np.median(d)) for d in (found.exposed, found.deviation))
+        yield Finding(
+            "exposure drifts",
+            Weight.NOTE,
+            f"A point's colours differ by {before:.1f} grey levels, and by {after:.1f} once each "
+            "image has its own gains and offsets.",
+            "Without these, spherical harmonics learn the exposure of each side as if it shone.",
+            "exposure=true gives images their own (held-out ones are drawn without, and measure "
+            "lower); next time fix exposure and white balance.",
+        )
+
+
+def _copies(survey: Survey) -> Iterator[Finding]:
+    """Images that are the same although another place, or the same twice, took them."""
+    images, viewpoints = _textured(survey), survey.viewpoints
+    copies: list[int] = []
+    for i, image in enumerate(images):
+        for other in images[:i]:
+            if _may_be_alike(survey, image, other) or image.print.shape != other.print.shape:
+                continue
+            difference = float(np.sqrt(np.square(image.print - other.print).mean()))
+            if difference < SAME * float(image.print.std()):
+                copies.append(image.view)
+                break
+    if copies:
+        names = viewpoints.named(copies)
+        yield Finding(
+            "copies",
+            Weight.LIMIT,
+            f"{len(copies)} of {len(images)} images are nearly the same as another: "
+            f"{listed(names)}.",
+            "They show nothing new, count twice, and a held-out copy of a trained image makes "
+            "figures too good.",
+            "Remove them; if their poses differ, one of the poses is wrong.",
+            names,
+        )
+
+
+def _may_be_alike(survey: Survey, one: SampledImage, other: SampledImage) -> bool:
+    """A camera that stands still takes the same image again at another time."""
+    viewpoints = survey.viewpoints
+    if viewpoints.times is None or viewpoints.times[one.view] == viewpoints.times[other.view]:
+        return False
+    return bool(viewpoints.place_of[one.view] == viewpoints.place_of[other.view])
+
+
+def _masked(survey: Survey) -> Iterator[Finding]:
+    images = survey.sample.images
+    hidden = [image for image in images if image.valid == 0 or image.covered == 0]
+    if hidden:
+        names = survey.viewpoints.named([image.view for image in hidden])
+        yield Finding(
+            "nothing left of images",
+            Weight.STOP if len(hidden) == len(images) else Weight.LIMIT,
+            f"Masks or alpha leave nothing of {len(hidden)} of {len(images)} images: "
+            f"{listed(names)}.",
+            "They teach nothing, or that nothing is there.",
+            "Check the masks; if they are dark where pixels count, datamanager.invert_masks=true.",
+            names,
+        )
+
+
+def _turned(survey: Survey) -> Iterator[Finding]:
+    turned = survey.files.turned
+    if turned:
+        yield Finding(
+            "turned images",
+            Weight.NOTE,
+            f"{len(turned)} of {len(survey.viewpoints)} images carry an EXIF orientation, which "
+            f"gsfw applies: {listed(turned)}.",
+            "Their cameras have to describe the upright images.",
+            "If results are sideways, remove that tag from the files.",
+            turned,
+        )

@@ -1,0 +1,58 @@
+"""Room on the disk, looked at before COLMAP writes: on a full one it aborts the whole process."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from gsfw.core.errors import OutputError
+from gsfw.preparation.input_files import InputFile
+
+ROOM = 32_000_000
+"""Bytes that the database may grow by from one look to the next, with the log of its changes."""
+CHUNK = 1 << 20
+"""Bytes that are read at once."""
+
+
+def check_room(path: Path) -> None:
+    """Check that a database can grow.
+
+    Args:
+        path: of its file, in a folder that exists.
+
+    Raises:
+        OutputError: the disk is full, or nearly so.
+    """
+    free = shutil.disk_usage(path.parent).free
+    if free < ROOM:
+        raise OutputError(
+            f"the disk is nearly full: {path} may need {ROOM // 1_000_000} MB more, and "
+            f"{free // 1_000_000} MB are free.",
+            "Free some space, and the same command goes on; or choose another place with out=DIR.",
+        )
+
+
+def find_copies(files: Sequence[InputFile]) -> dict[InputFile, InputFile]:
+    """Each file whose content has come before, and the first file that has it."""
+    sizes = {file: file.path.stat().st_size for file in files}
+    common = Counter(sizes.values())
+    first: dict[tuple[int, bytes], InputFile] = {}
+    copies = {}
+    for file, size in sizes.items():
+        if common[size] == 1:
+            continue
+        original = first.setdefault((size, _digest(file.path)), file)
+        if original is not file:
+            copies[file] = original
+    return copies
+
+
+def _digest(path: Path) -> bytes:
+    digest = hashlib.blake2b()
+    with path.open("rb") as stream:
+        while chunk := stream.read(CHUNK):
+            digest.update(chunk)
+    return digest.digest()

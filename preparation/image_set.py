@@ -1,0 +1,60 @@
+"""ImageSet: the photos or frames that a data set is made of, and what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from gsfw.datamanagers.images import Header
+from gsfw.preparation.exif import Exif
+
+
+@dataclass(frozen=True)
+class SourceImage:
+    """One photo, or one frame of a video that was written to a file."""
+
+    name: str
+    """Unique; its path below images/ in the result, with forward slashes."""
+    path: Path
+    header: Header
+    """Header of the upright image."""
+    exif: Exif
+    """EXIF data of the file; empty for frames of videos."""
+    group: str = ""
+    """The folder or the video it comes from; empty where there is only one."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A file that is not used, and why."""
+
+    name: str
+    reason: str
+    """A short clause, such as "the file is empty (0 bytes)"."""
+    advice: str = ""
+    """Remedy; empty where nothing needs to be done."""
+
+
+@dataclass(frozen=True)
+class ImageSet:
+    """All images, sorted by name in the order of the numbers in it; none is there twice."""
+
+    images: tuple[SourceImage, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    in_order: bool = False
+    """True if images of a group follow each other in time, as the frames of a video do."""
+
+    @cached_property
+    def by_name(self) -> Mapping[str, SourceImage]:
+        """Images by their names."""
+        return {image.name: image for image in self.images}
+
+    @cached_property
+    def groups(self) -> Mapping[str, tuple[SourceImage, ...]]:
+        """Images by their groups, both in order."""
+        names = dict.fromkeys(image.group for image in self.images)
+        return {
+            name: tuple(image for image in self.images if image.group == name) for name in names
+        }

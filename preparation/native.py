@@ -1,0 +1,105 @@
+"""Native signals: what ends a program stays Python's to handle, although COLMAP would take it."""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from gsfw.core.errors import DataError, UserError
+from gsfw.core.files.atomic import readable_write_errors
+
+ADVICE = (
+    "Run the same command with a new out=DIR, so that features and matches are computed anew; if "
+    "it fails again, report it with what is in DIR/work/log."
+)
+SOURCE_LINE = re.compile(r"^\[[\w.]+:\d+\]\s*")
+"""Where in COLMAP's source an exception comes from, as its messages begin."""
+NEVER = 4
+"""A level of severity that no line has."""
+
+
+def load_colmap() -> None:
+    """Import pycolmap, and leave the signals that end a program as they were.
+
+    By itself the import makes SIGTERM print a stack trace and end the program at once, without
+    the cleaning up that Python's handlers allow; and it fails when Ctrl-C comes in its midst.
+
+    Raises:
+        ImportError, RuntimeError: it is not installed, or does not fit the machine.
+        KeyboardInterrupt: after the import, if Ctrl-C came.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        import pycolmap  # Others cannot set handlers.
+
+        return
+    came: list[int] = []
+
+    def remember(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    if before[signal.SIGINT] is signal.default_int_handler:
+        signal.signal(signal.SIGINT, remember)
+    try:
+        import pycolmap  # noqa: F401 - to be loaded is all
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def readable_native_errors(task: str, database: Path) -> Iterator[None]:
+    """Turn exceptions of pycolmap into one that users can act on.
+
+    Args:
+        task: what was tried, such as "compute camera poses".
+        database: COLMAP's database that was worked on.
+
+    Raises:
+        DataError: pycolmap threw.
+    """
+    try:
+        yield
+    except UserError:
+        raise
+    except (RuntimeError, ValueError, IndexError, MemoryError) as error:
+        raise native_failure(task, database, str(error)) from error
+
+
+def native_failure(task: str, database: Path, said: str) -> DataError:
+    """An error about a native call.
+
+    Args:
+        task: what was tried, such as "compute camera poses".
+        database: COLMAP's database that was worked on.
+        said: what COLMAP said; its last line is shown.
+    """
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    reason = SOURCE_LINE.sub("", lines[-1]).rstrip(".") if lines else "it stopped without a word"
+    return DataError(f"COLMAP could not {task} with {database}: {reason}.", ADVICE)
+
+
+def log_into(folder: Path) -> None:
+    """Let COLMAP write into files of a folder from now on, named by date and process.
+
+    Raises:
+        OutputError: the folder cannot be made.
+    """
+    from pycolmap import logging
+
+    with readable_write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    logging.alsologtostderr = False
+    logging.logtostderr = False
+    logging.stderrthreshold = NEVER
+    # A file of one level takes those of the graver ones, too.
+    logging.set_log_destination(logging.INFO, str(folder / "colmap-"))
+    for level in (logging.WARNING, logging.ERROR, logging.FATAL):
+        logging.set_log_destination(level, "")

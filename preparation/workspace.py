@@ -1,0 +1,119 @@
+"""Workspace: the folder of a prepared data set, and what is kept of the work on it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from gsfw.core.errors import OutputError
+from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.files.folder_lock import LOCK, only_one
+
+OTHERS = "another gsfw prepare"
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Where everything is, below one folder."""
+
+    path: Path
+
+    @property
+    def images(self) -> Path:
+        """Images of the data set."""
+        return self.path / "images"
+
+    @property
+    def sparse(self) -> Path:
+        """The folder of its model."""
+        return self.path / "sparse"
+
+    @property
+    def report(self) -> Path:
+        """The report for programs."""
+        return self.path / "prepare.json"
+
+    @property
+    def sheet(self) -> Path:
+        """The contact sheet."""
+        return self.path / "prepare.png"
+
+    @property
+    def work(self) -> Path:
+        """State for resuming the same command; not needed to train."""
+        return self.path / "work"
+
+    @property
+    def journal(self) -> Path:
+        """Which stages are finished."""
+        return self.work / "stages.json"
+
+    @property
+    def frames(self) -> Path:
+        """Frames that were taken from videos."""
+        return self.work / "frames"
+
+    @property
+    def database(self) -> Path:
+        """COLMAP's features and matches."""
+        return self.work / "database.db"
+
+    @property
+    def models(self) -> Path:
+        """COLMAP's models of the distorted images."""
+        return self.work / "models"
+
+    @property
+    def log(self) -> Path:
+        """COLMAP's log."""
+        return self.work / "log"
+
+    @contextmanager
+    def claimed(self, inputs: tuple[Path, ...]) -> Iterator[None]:
+        """Take the folder, and keep it from others.
+
+        Raises:
+            OutputError: it holds something else or an input, is in use, or cannot be written to.
+        """
+        self._check_apart(inputs)
+        with readable_write_errors(self.path):
+            held = sorted(self.path.iterdir()) if self.path.is_dir() else []
+        # Users may remove work/, and have one of their own where they have never been.
+        if held and not ((self.work / LOCK).is_file() or self.report.is_file()):
+            raise OutputError(
+                f"out={self.path} is not empty, and not a folder of gsfw prepare "
+                f"(it holds {held[0].name}{' and more' if len(held) > 1 else ''}).",
+                "Give a new folder; nothing in this one was touched.",
+            )
+        with only_one(self.work, OTHERS):
+            yield
+
+    def _check_apart(self, inputs: tuple[Path, ...]) -> None:
+        """Check that no input lies where the result will be written.
+
+        Raises:
+            OutputError: one does.
+        """
+        out = self.path.resolve()
+        for given in inputs:
+            if out == given.resolve() or out in given.resolve().parents:
+                raise OutputError(
+                    f"out={self.path} holds {given}, which the result is made from.",
+                    "Give a folder of its own: what is there already stays as it is.",
+                )
+
+    def remove(self, *paths: Path) -> None:
+        """Remove files and folders that stages have left.
+
+        Raises:
+            OutputError: they cannot be removed.
+        """
+        for path in paths:
+            with readable_write_errors(path):
+                if path.is_dir():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink(missing_ok=True)

@@ -1,0 +1,205 @@
+"""Autograd: the kernels of a backend as one differentiable function."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import Depth, RenderSettings
+from gsfw.core.splats import Sh, Splats
+from gsfw.kernels.render_arguments import (
+    POSE_FIELDS,
+    KernelGradients,
+    SplatArrays,
+    SplatGradients,
+)
+from gsfw.rasterizers.kernel_arguments import (
+    PairLimit,
+    RenderCall,
+    active_degree,
+    render_call,
+    rendered_channels,
+    row_of,
+)
+from gsfw.rasterizers.kernel_backend import ForwardPass, KernelBackend, StageLog, TooManyPairs
+
+
+def render(
+    backend: KernelBackend,
+    log: StageLog,
+    pairs_mb: float,
+    splats: Splats,
+    cameras: Cameras,
+    settings: RenderSettings,
+) -> RenderOutput:
+    """Render checked inputs, differentiably.
+
+    Args:
+        backend: the kernels.
+        log: takes the times of the stages.
+        pairs_mb: memory for tile intersections (pairs of a splat and a tile), in megabytes.
+        splats: the splats.
+        cameras: the cameras, each of which gives one image.
+        settings: the settings of the call.
+
+    Raises:
+        ConfigError: an image has more tile intersections than fit into ``pairs_mb``.
+        ValueError: an input has a property that the kernels do not support.
+    """
+    _check(backend, cameras)
+    statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
+    channels, size = rendered_channels(splats, settings), splats.means.element_size()
+    limit = PairLimit(pairs_mb, backend.pair_bytes(channels, size), backend.max_pairs)
+    inputs, offsets = _inputs(splats, cameras)
+    wanted = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in inputs)
+    call = render_call(splats, cameras, settings, statistics, limit, wanted)
+    image, alpha = _Render.apply(backend, call, log, offsets, *inputs)
+    return _output(image, alpha[..., None], splats, settings, statistics)
+
+
+def _check(backend: KernelBackend, cameras: Cameras) -> None:
+    if cameras.intrinsics.requires_grad and torch.is_grad_enabled():
+        raise ValueError(
+            f"cameras.intrinsics: expected a tensor without gradient, because the {backend.name} "
+            "rasterizer has none by intrinsics; use the reference rasterizer"
+        )
+
+
+def _inputs(splats: Splats, cameras: Cameras) -> tuple[list[Tensor | None], Tensor | None]:
+    """The tensors that an image can be differentiated by, and the offsets of ragged colours.
+
+    All are contiguous, in the order of ``SplatGradients``, the pose last. Rows of colours are flat.
+    Coefficients that the active degree leaves out entirely are left out.
+    """
+    colors, rest, offsets = splats.colors, None, None
+    if isinstance(colors, Sh):
+        if colors.rest is not None and active_degree(colors) != 0:
+            rest, offsets = colors.rest.flatten(1), colors.offsets
+        colors = colors.coefficients.flatten(1)
+    tensors = [splats.means, splats.quats, splats.scales, splats.covariances, splats.opacities]
+    tensors += [colors, rest, splats.extra, cameras.world_to_camera]
+    flat = [None if tensor is None else tensor.contiguous() for tensor in tensors]
+    return flat, None if offsets is None else offsets.contiguous()
+
+
+class _Render(torch.autograd.Function):
+    """One image per camera, each kept for the backward pass."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401
+        backend: KernelBackend,
+        call: RenderCall,
+        log: StageLog,
+        offsets: Tensor | None,
+        *tensors: Any,  # noqa: ANN401 - a tensor or None, by position.
+    ) -> tuple[Tensor, Tensor]:
+        cameras, like = call.cameras, call.background
+        shape = (len(cameras), cameras.height, cameras.width)
+        image, alpha = like.new_empty(*shape, len(like)), like.new_empty(shape)
+        rows: list[Any] = [None if held is None else held.detach() for held in tensors[:-1]]
+        splats = SplatArrays(*[*rows, offsets])
+        passes = [
+            _render_one(backend, call, splats, image, alpha, index) for index in range(len(cameras))
+        ]
+        log.record(passes)
+        ctx.set_materialize_grads(False)
+        ctx.save_for_backward(*tensors, offsets, image)
+        ctx.call, ctx.log, ctx.passes = call, log, passes
+        return image, alpha
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, image: Tensor | None, alpha: Tensor | None) -> Any:  # noqa: ANN401
+        *inputs, _, _, rendered = ctx.saved_tensors
+        *rows_wanted, pose_wanted = ctx.needs_input_grad[4:]
+        call: RenderCall = ctx.call
+        image = torch.zeros_like(rendered) if image is None else image.contiguous()
+        gradients = [
+            torch.empty_like(tensor) if wanted else None
+            for tensor, wanted in zip(inputs, rows_wanted, strict=True)
+        ]
+        poses = image.new_zeros(len(call.cameras), POSE_FIELDS)
+        for index, one in enumerate(ctx.passes):
+            one.backward(
+                KernelGradients(
+                    rendered=rendered[index],
+                    image=image[index],
+                    alpha=None if alpha is None else alpha[index].contiguous(),
+                    splats=SplatGradients(*gradients),
+                    accumulate=index > 0,
+                    pose=poses[index] if pose_wanted else None,
+                    screen_gradient=row_of(call.statistics.screen_gradient, index),
+                    absgrad=row_of(call.statistics.absgrad, index),
+                )
+            )
+        ctx.log.record(ctx.passes)
+        pose = _pose_gradient(poses, call.cameras.world_to_camera) if pose_wanted else None
+        return None, None, None, None, *gradients, pose
+
+
+def _render_one(
+    backend: KernelBackend,
+    call: RenderCall,
+    splats: SplatArrays,
+    image: Tensor,
+    alpha: Tensor,
+    index: int,
+) -> ForwardPass:
+    """Render the image of camera ``index``.
+
+    Raises:
+        ConfigError: it has more tile intersections than it may have.
+    """
+    inputs, outputs = call.inputs(splats, index), call.outputs(image, alpha, index)
+    try:
+        return backend.render(inputs, call.settings, outputs)
+    except TooManyPairs as refused:
+        raise call.limit.refuse(refused.count) from None
+
+
+def _pose_gradient(
+    sums: Float[Tensor, "c 15"], world_to_camera: Float[Tensor, "c 4 4"]
+) -> Float[Tensor, "c 4 4"]:
+    """Join the sums of the kernels: by rotation, by translation, and by the camera centre.
+
+    The centre is -R^T t, on which the directions of spherical harmonics depend.
+    """
+    rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3]
+    by_rotation, by_translation = sums[:, :9].view(-1, 3, 3), sums[:, 9:12]
+    by_center = sums[:, 12:]
+    gradient = torch.zeros_like(world_to_camera)
+    gradient[:, :3, :3] = by_rotation - translation[:, :, None] * by_center[:, None, :]
+    gradient[:, :3, 3] = by_translation - (rotation @ by_center[:, :, None])[:, :, 0]
+    return gradient
+
+
+def _output(
+    image: Tensor,
+    alpha: Tensor,
+    splats: Splats,
+    settings: RenderSettings,
+    statistics: RenderStatistics,
+) -> RenderOutput:
+    """Split the rendered channels."""
+    extras = 0 if splats.extra is None else splats.extra.shape[1]
+    color, extra, depth = image, None, None
+    if image.shape[-1] > splats.channels:
+        color, extra, depth = image.tensor_split([splats.channels, splats.channels + extras], dim=3)
+    if settings.background is not None and settings.background.requires_grad:
+        color = color + (1.0 - alpha) * settings.background
+    if depth is not None and settings.depth is Depth.EXPECTED:
+        depth = depth[..., :1] / depth[..., 1:].clamp(min=settings.profile.depth_epsilon)
+    return RenderOutput(
+        color=color,
+        alpha=alpha,
+        statistics=statistics,
+        depth=None if settings.depth is Depth.NONE else depth,
+        extra=None if splats.extra is None else extra,
+    )

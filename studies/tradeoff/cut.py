@@ -1,0 +1,53 @@
+"""Cut: a smaller model for export, without Gaussians of little use and without colour bands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gsfw.core.capabilities import Feature, Needs, check_fit
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import ConfigError
+from gsfw.core.splats import Splats
+from gsfw.plugins.automatic import rasterizer_capabilities
+from gsfw.plugins.registry import installed
+from gsfw.plugins.restore import Restored
+from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
+from gsfw.studies.tradeoff.edits import ShTruncation
+from gsfw.studies.tradeoff.finished_model import is_still
+from gsfw.studies.tradeoff.subject import Subject
+
+
+def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Splats], Splats]:
+    """What is done to the splats of a run before they are written.
+
+    Args:
+        restored: the run; contributions are measured from its training cameras.
+        keep: part of the Gaussians, in (0, 1].
+        sh_degree: of what is left of colours; ``None`` for all.
+
+    Raises:
+        ConfigError: some are to be left out of a model that moves, or nothing can tell which.
+    """
+    kept = None if keep == 1 else _most_useful(restored, keep)
+
+    def edit(splats: Splats) -> Splats:
+        splats = splats if kept is None else kept(splats)
+        return splats if sh_degree is None else ShTruncation(sh_degree)(splats)
+
+    return edit
+
+
+def _most_useful(restored: Restored, keep: float) -> Kept:
+    composition = restored.composition
+    parts, settings = composition.parts, composition.plan.settings
+    if not is_still(composition):
+        raise ConfigError(
+            f"keep={keep:g}: the model moves, and what a Gaussian adds differs from time to time.",
+            "Leave keep out.",
+        )
+    name = composition.settings.choices["rasterizer"].name
+    needs = {f"keep={keep:g}": Needs(features=frozenset({Feature.CONTRIBUTION}))}
+    check_fit(name, needs, rasterizer_capabilities(installed()), parts.device.type)
+    subject = Subject(parts.model, parts.rasterizer, settings, is_still=True)
+    scores = contributions(subject, parts.data.views(Split.TRAIN).cameras)
+    return Kept(most_useful(scores, keep))

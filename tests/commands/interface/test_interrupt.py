@@ -1,0 +1,76 @@
+"""Tests of gsfw.commands.interface.interrupt."""
+
+import signal
+
+import pytest
+
+from gsfw.commands.interface.interrupt import (
+    ENDING,
+    interrupted_once,
+    leave_on_signal,
+    stop_on_signal,
+)
+from gsfw.core.callback import Control
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_asks_to_stop_and_the_second_stops_at_once(number, capsys):
+    control = Control()
+    with stop_on_signal(control) as interrupt:
+        assert not interrupt.received
+        signal.raise_signal(number)
+        assert interrupt.received
+        assert control.stop_reason == f"interrupted by {number.name}"
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+    assert "stopping after this step, with a checkpoint" in capsys.readouterr().err
+
+
+def test_afterwards_signals_are_handled_as_before():
+    before = signal.getsignal(signal.SIGTERM)
+    with stop_on_signal(Control()):
+        assert signal.getsignal(signal.SIGTERM) is not before
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_elsewhere_a_signal_ends_the_program_as_its_own_end_does(number):
+    # Under nohup, tests are started with signals ignored.
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with pytest.raises(SystemExit) as caught, leave_on_signal():
+            signal.raise_signal(number)
+        assert caught.value.code == 128 + number
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
+
+
+def test_a_signal_that_is_ignored_stays_ignored():
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with leave_on_signal():
+            signal.raise_signal(signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_impatience_does_not_spoil_an_orderly_end(capsys):
+    def interrupt_twice():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), interrupted_once("stopping"):
+        interrupt_twice()
+    assert capsys.readouterr().err == "\nstopping\n"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_training_still_stops_after_its_step():
+    control = Control()
+    with leave_on_signal(), stop_on_signal(control):
+        signal.raise_signal(signal.SIGTERM)
+    assert control.stop_reason == "interrupted by SIGTERM"

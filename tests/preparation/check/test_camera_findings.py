@@ -1,0 +1,112 @@
+"""Where cameras stand."""
+
+import numpy as np
+import pytest
+from support.checked_captures import ball, write_ball
+from support.small_captures import HEIGHT, WIDTH, write_colmap_cameras
+
+from gsfw.preparation.finding import Weight
+
+
+def arc(count: int, degrees: float) -> np.ndarray:
+    angles = np.radians(np.linspace(0, degrees, count))
+    return np.stack([np.cos(angles), np.sin(angles), 0.3 + 0.1 * np.cos(9 * angles)], axis=1)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    return write_ball(tmp_path_factory.mktemp("good") / "ball")
+
+
+def test_a_ring_around_a_thing_has_nothing_to_find(good):
+    assert good.findings() == {}
+
+
+def test_places_are_counted_whatever_their_order(good):
+    viewpoints = good.survey().viewpoints
+    assert len(viewpoints.places) == 24
+    np.testing.assert_array_equal(viewpoints.places[viewpoints.place_of], np.arange(24))
+
+
+def test_angles_between_views_are_those_of_the_ring(good):
+    angles = good.survey().angles
+    # 24 places around 360 degrees; a point is seen from all sides, as nothing hides it here.
+    assert np.nanmedian(angles.nearest) == pytest.approx(15, abs=3)
+    assert angles.widest > 120
+
+
+def test_three_pictures_do_not_train(tmp_path):
+    found = write_ball(tmp_path / "a", ball(count=3)).findings()
+    assert found["few views"].weight is Weight.STOP  # One of the three is held out.
+    assert found["few views"].found == "2 images to train on."
+    assert "holdout_every=0" in found["few views"].advice
+
+
+def test_ten_pictures_train_with_limits(tmp_path):
+    assert write_ball(tmp_path / "a", ball(count=12)).findings()["few views"].weight is Weight.LIMIT
+
+
+def test_cameras_in_one_place_do_not_train(tmp_path):
+    centers = np.tile([1.0, 0.0, 0.3], (24, 1))
+    found = write_ball(tmp_path / "a", ball(centers)).findings()["no baseline"]
+    assert found.weight is Weight.STOP
+    assert found.found == "All 21 images were taken from one place."
+
+
+def test_a_small_step_to_the_side_is_a_small_baseline(tmp_path):
+    for degrees, kind in ((1.0, "no baseline"), (4.0, "small baseline"), (9.0, None)):
+        found = write_ball(tmp_path / str(degrees), ball(arc(24, degrees))).findings()
+        assert {"no baseline", "small baseline"} & set(found) == ({kind} if kind else set())
+
+
+def test_cameras_on_a_line_are_told(tmp_path):
+    line = np.stack([np.ones(24), np.linspace(-0.5, 0.5, 24), np.full(24, 0.3)], axis=1)
+    assert "cameras on a line" in write_ball(tmp_path / "a", ball(line)).findings()
+    line[::2, 2] += 0.1
+    assert "cameras on a line" not in write_ball(tmp_path / "b", ball(line)).findings()
+
+
+def test_views_far_apart_are_told(tmp_path):
+    assert "views far apart" in write_ball(tmp_path / "a", ball(count=7)).findings()
+
+
+def test_an_open_side_is_a_note(tmp_path):
+    found = write_ball(tmp_path / "a", ball(arc(24, 150.0))).findings()["open side"]
+    assert found.weight is Weight.NOTE
+    assert 200 < int(found.found.split()[5]) < 225
+
+
+def test_held_out_views_far_from_the_others_are_told(tmp_path):
+    centers = arc(24, 60.0)
+    centers[0] = [-0.2, 1.0, 0.3]  # Held out: the first by name, with every 8th.
+    centers[8] = [-0.3, -1.0, 0.3]
+    centers[16] = [0.3, -1.0, 0.3]
+    assert "held-out views far away" in write_ball(tmp_path / "a", ball(centers)).findings()
+
+
+def test_a_focal_length_that_no_camera_has_is_told(tmp_path):
+    for focal, odd in ((400.0, True), (70.0, False), (15.0, True)):
+        params = (focal, focal, 32.0, 24.0)
+        written = write_ball(tmp_path / str(focal), ball(points=2000), params=params)
+        found = written.findings(1)
+        assert ("field of view" in found) is odd
+        assert not odd or found["field of view"].weight is Weight.LIMIT
+
+
+def test_pixels_that_are_not_square_are_told(tmp_path):
+    params = (70.0, 90.0, 32.0, 24.0)
+    found = write_ball(tmp_path / "a", params=params).findings(1)
+    assert found["pixels not square"].found.startswith("Pixels of 24 of 24 images are 0.778")
+
+
+def test_a_focal_length_for_each_picture_is_told(tmp_path):
+    for spread, odd in ((1.0, True), (0.0, False)):
+        capture = ball()
+        written = write_ball(tmp_path / str(spread), capture)
+        cameras = {
+            number + 1: ("PINHOLE", WIDTH, HEIGHT, (focal, focal, 32.0, 24.0))
+            for number, focal in enumerate(70 + spread * np.arange(24))
+        }
+        model = written.folder / "sparse" / "0"
+        write_colmap_cameras(model, capture, cameras, list(cameras))
+        assert ("focal lengths differ" in written.findings(1)) is odd

@@ -1,0 +1,92 @@
+"""Signals after COLMAP was loaded, in a process of their own: it is loaded only once."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.preparation.native import native_failure, readable_native_errors
+
+LOADED = """
+import os, signal, sys
+from gsfw.preparation import native
+
+class Signal:
+    def find_spec(self, name, path=None, target=None):
+        if name == "pycolmap._core":
+            os.kill(os.getpid(), signal.SIGINT)
+
+if sys.argv[1] == "during":
+    sys.meta_path.insert(0, Signal())
+try:
+    native.load_colmap()
+    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM))
+except KeyboardInterrupt:
+    print("pycolmap" in sys.modules, "interrupted")
+print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+"""
+ENDED = """
+import os, signal, sys
+from gsfw.preparation.native import load_colmap
+
+signal.signal(signal.SIGTERM, lambda *_: sys.exit("cleaned up"))
+load_colmap()
+os.kill(os.getpid(), signal.SIGTERM)
+"""
+
+
+def run(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", script, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+@pytest.mark.parametrize(("moment", "said"), [("during", "True interrupted\nTrue\n")])
+def test_ctrl_c_waits_until_colmap_is_loaded(moment, said):
+    assert run(LOADED, moment).stdout == said
+
+
+def test_sigterm_still_lets_python_clean_up():
+    ended = run(ENDED)
+    assert (ended.returncode, ended.stderr) == (1, "cleaned up\n")
+
+
+ADVICE = (
+    "Run the same command with a new out=DIR, so that features and matches are computed anew; if "
+    "it fails again, report it with what is in DIR/work/log."
+)
+
+
+def test_what_colmap_throws_becomes_a_message_with_advice() -> None:
+    with (
+        pytest.raises(DataError) as failure,
+        readable_native_errors("do it", Path("work/database.db")),
+    ):
+        raise ValueError("[sfm.cc:77] Check failed: it is so.")
+    assert failure.value.message == (
+        "COLMAP could not do it with work/database.db: Check failed: it is so."
+    )
+    assert failure.value.advice == ADVICE
+
+
+def test_of_a_log_the_last_line_is_shown() -> None:
+    error = native_failure(
+        "do it", Path("d.db"), "I2026 [sfm.cc:1] begun\n\nValueError: broken\n\n"
+    )
+    assert error.message == "COLMAP could not do it with d.db: ValueError: broken."
+
+
+def test_a_process_that_ends_without_a_word_is_said_to() -> None:
+    error = native_failure("do it", Path("d.db"), "")
+    assert error.message == "COLMAP could not do it with d.db: it stopped without a word."
+
+
+def test_errors_of_users_pass_unchanged() -> None:
+    with pytest.raises(ConfigError, match=r"^theirs$"), readable_native_errors("do it", Path("d")):
+        raise ConfigError("theirs")
+
+
+def test_other_errors_pass_unchanged() -> None:
+    with pytest.raises(OSError, match="full"), readable_native_errors("do it", Path("d")):
+        raise OSError("the disk is full")

@@ -1,0 +1,81 @@
+"""Files of images that are written anew: formats, colour profiles, EXIF."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+from PIL.ExifTags import Base
+
+from gsfw.datamanagers.images import decode_mask, read_header
+from gsfw.preparation.writing.image_output import StoredImage, encoded, encoded_mask
+
+PIXELS = np.arange(24 * 16 * 3, dtype=np.uint32).reshape(16, 24, 3).astype(np.uint8)
+PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+def stored(path, mode="RGB", **settings) -> StoredImage:
+    Image.fromarray(PIXELS).convert(mode).save(path, **settings)
+    return StoredImage.read(path, read_header(path))
+
+
+def rewritten(picture: StoredImage) -> Image.Image:
+    return Image.open(io.BytesIO(picture.rewritten(PIXELS, 95)))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "format_name"),
+    [("jpg", "JPEG"), ("png", "PNG"), ("webp", "PNG"), ("tif", "PNG"), ("bmp", "PNG")],
+)
+def test_jpeg_stays_jpeg_and_all_else_becomes_png(tmp_path, suffix, format_name):
+    picture = stored(tmp_path / f"a.{suffix}")
+    assert rewritten(picture).format == picture.rewritten_format == format_name
+    if format_name == "PNG":
+        assert np.array_equal(np.asarray(rewritten(picture)), PIXELS)
+
+
+def test_formats_are_told_by_content(tmp_path):
+    Image.fromarray(PIXELS).save(tmp_path / "a.png", "JPEG")
+    picture = StoredImage.read(tmp_path / "a.png", read_header(tmp_path / "a.png"))
+    assert picture.format == "JPEG"
+
+
+def test_several_pictures_in_one_jpeg_count_as_a_jpeg(tmp_path):
+    image = Image.fromarray(PIXELS)
+    image.save(tmp_path / "a.jpg", "MPO", save_all=True, append_images=[image])
+    picture = StoredImage.read(tmp_path / "a.jpg", read_header(tmp_path / "a.jpg"))
+    assert picture.format == picture.rewritten_format == "JPEG"
+
+
+def test_profiles_of_other_colours_are_dropped(tmp_path):
+    assert rewritten(stored(tmp_path / "a.jpg", icc_profile=PROFILE)).info["icc_profile"] == PROFILE
+    for mode in ("L", "CMYK"):
+        grey = stored(tmp_path / "a.jpg", mode, icc_profile=PROFILE)
+        assert "icc_profile" not in rewritten(grey).info
+
+
+def test_exif_that_cannot_be_written_is_dropped(tmp_path):
+    exif = Image.Exif()
+    exif[Base.Make] = "A maker"
+    picture = stored(tmp_path / "a.webp", exif=exif)
+    assert rewritten(picture).getexif()[Base.Make] == "A maker"
+    exif[Base.ImageDescription] = "x" * 100_000
+    assert not rewritten(stored(tmp_path / "a.png", exif=exif)).getexif()
+
+
+@pytest.mark.filterwarnings("ignore:Corrupt EXIF data")
+def test_broken_exif_is_dropped(tmp_path):
+    picture = stored(tmp_path / "a.jpg", exif=b"Exif\0\0II*\0\x08\0\0\0\xff\xff")
+    assert rewritten(picture).format == "JPEG"
+    assert not rewritten(picture).getexif()
+
+
+def test_masks_are_read_as_they_were(tmp_path):
+    mask = PIXELS[..., 0] > 100
+    (tmp_path / "mask.png").write_bytes(encoded_mask(mask))
+    assert np.array_equal(decode_mask(tmp_path / "mask.png"), mask)
+
+
+def test_colours_of_jpegs_are_not_subsampled():
+    with Image.open(io.BytesIO(encoded(PIXELS, "JPEG", 95))) as image:
+        assert [layer[1:3] for layer in image.layer] == [(1, 1)] * 3

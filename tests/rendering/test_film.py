@@ -1,0 +1,98 @@
+"""Films from frames on disk."""
+
+import builtins
+import sys
+from types import SimpleNamespace
+
+import pytest
+import torch
+from PIL import Image
+
+from gsfw.core.errors import OutputError, UnavailableError
+from gsfw.rendering.film import choose_format, write_film, write_picture
+
+
+@pytest.fixture
+def frames(tmp_path):
+    """Three grey frames of odd size, each brighter than the last."""
+    return [
+        write_picture(tmp_path / "frames" / f"{i:04d}.png", torch.full((31, 45, 3), 0.2 + 0.3 * i))
+        for i in range(3)
+    ]
+
+
+@pytest.fixture
+def no_encoder(monkeypatch):
+    """A machine without PyAV."""
+    imported = builtins.__import__
+
+    def refuse(name, *arguments, **settings):
+        if name == "av":
+            raise ImportError(name)
+        return imported(name, *arguments, **settings)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+
+
+def test_a_picture_is_clamped_and_rounded(tmp_path):
+    values = torch.tensor([[[-1.0, 0.5, 2.0]]])
+    with Image.open(write_picture(tmp_path / "a.png", values)) as picture:
+        assert picture.getpixel((0, 0)) == (0, 128, 255)
+
+
+def test_a_webp_shows_every_frame_for_its_time(frames, tmp_path):
+    (path,) = write_film(tmp_path / "film", frames, 25, "webp")
+    assert path == tmp_path / "film.webp"
+    with Image.open(path) as film:
+        assert (film.n_frames, film.size) == (3, (45, 31))
+        film.seek(1)
+        film.load()
+        assert film.info["duration"] == 40
+
+
+def test_an_mp4_has_every_frame_and_an_even_size(frames, tmp_path):
+    av = pytest.importorskip("av", reason="PyAV is not installed (extra video)")
+    assert choose_format("auto") == "mp4"
+    (path,) = write_film(tmp_path / "film", frames, 25, "mp4")
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.average_rate) == ("h264", 25)
+        pictures = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+    assert [picture.shape for picture in pictures] == [(30, 44, 3)] * 3
+    means = [picture.mean() / 255 for picture in pictures]
+    assert means == pytest.approx([0.2, 0.5, 0.8], abs=0.02)
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["film.mp4", "frames"]
+
+
+def test_no_film_is_made_where_none_is_wanted(frames, tmp_path):
+    assert write_film(tmp_path / "film", frames, 25, "none") == []
+    assert choose_format("none") == "none"
+
+
+def test_without_an_encoder_auto_is_webp(no_encoder):
+    assert choose_format("auto") == "webp"
+    assert choose_format("webp") == "webp"
+
+
+def test_without_an_encoder_mp4_says_what_to_install(no_encoder):
+    with pytest.raises(UnavailableError) as error:
+        choose_format("mp4")
+    assert str(error.value) == (
+        "video=mp4 needs an encoder, and PyAV is not installed.\n"
+        "Install it with: pip install 'gsfw[video]' (or: pip install av). "
+        "video=webp needs nothing more."
+    )
+
+
+def test_an_encoder_without_the_codec_is_none(monkeypatch):
+    poor = SimpleNamespace(codecs_available={"mpeg4"}, __version__="1.2")
+    monkeypatch.setitem(sys.modules, "av", poor)
+    assert choose_format("auto") == "webp"
+    with pytest.raises(UnavailableError, match=r"the installed PyAV 1\.2 has no libx264"):
+        choose_format("mp4")
+
+
+def test_a_place_that_cannot_be_written_is_one_message(frames, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_film(tmp_path / "file" / "film", frames, 25, "webp")
