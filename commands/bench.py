@@ -1,8 +1,8 @@
-"""`gsfw bench`: what drawing and a training step cost on this machine, stage by stage."""
+"""`gsfw bench`: times of rendering and of a training step on this machine, stage by stage."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,21 +14,22 @@ from gsfw.core.config import AUTO
 if TYPE_CHECKING:
     import torch
 
-    from gsfw.studies.bench.entrants import Candidate
+    from gsfw.commands.interface.console import Console
     from gsfw.studies.bench.rounds import Bench
     from gsfw.studies.bench.workload import Workload
+    from gsfw.studies.entrants import Entrant
 
 WARM_UP = 2
-"""Rounds before those that count: memory is allocated, caches are filled, threads are started."""
+"""Rounds before the measured ones, to allocate memory, fill caches and start threads."""
 
 
 @dataclass(kw_only=True)
 class BenchOptions(Options):
-    """Measure how long drawing and a training step take.
+    """Measure how long rendering and a training step take.
 
     On the CPU times are CPU time over all threads, and wall time beside it; on a GPU, time of the
     GPU and wall time: medians over the repeats. Several rasterizers or numbers of threads take
-    turns, so that all see the machine in the same state.
+    turns, so that all find the machine in the same state.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
@@ -47,25 +48,25 @@ class BenchOptions(Options):
     """An npz file of splats and cameras, or random:COUNT for splats at 1920x1080. Empty: 100,000
     random splats in front of one camera."""
     copies: int = 1
-    """So many copies of the workload along x, and as many along y, around the one that is seen."""
+    """Number of copies of the workload along x, and along y, around the visible one; odd."""
     size: str = ""
-    """Of the pictures, WIDTHxHEIGHT; empty: the workload's own."""
+    """Size of the images, WIDTHxHEIGHT; empty: the workload's own."""
     threads: tuple[int, ...] = (1,)
     """Numbers of threads to measure with, separated by commas."""
     repeats: int = 20
-    """How often each is measured, after a warm-up."""
+    """Number of measurements of each, after a warm-up."""
     sparse: bool = False
-    """Measure a step in which Adam moves only what is seen, too."""
+    """Measure a step in which Adam updates visible rows only, too."""
     agreement: int = -1
-    """Compare with the float64 reference, on the workload and this many random scenes."""
+    """Compare with the float64 reference on the workload and on this many random scenes; -1: no."""
     first_use: bool = False
-    """Measure how long a new process takes to its first picture, too."""
+    """Measure the time of a new process to its first image, too."""
     sort: int = 0
-    """Compare our sort with torch's on so many splats, where kernels run on a GPU."""
+    """Compare our sort with torch's for this many splats, where kernels run on a GPU; 0: no."""
 
 
 def run(arguments: list[str]) -> int:
-    """Measure, and show the figures."""
+    """Measure, and print the figures."""
     options = read("bench", BenchOptions, arguments)
     check(options)
     from gsfw.commands.interface.progress import load_torch
@@ -73,35 +74,61 @@ def run(arguments: list[str]) -> int:
     load_torch()
 
     from gsfw.commands.interface.console import Console
+    from gsfw.core.capabilities import Feature, Needs
     from gsfw.core.render_settings import RenderSettings
     from gsfw.plugins.registry import installed
-    from gsfw.studies.bench.device import warm_up
-    from gsfw.studies.bench.entrants import choose
-    from gsfw.studies.bench.limits import measure_limits, process_memory
+    from gsfw.studies.bench.machine import measure_limits, process_memory
     from gsfw.studies.bench.pairs import contributing_pairs
     from gsfw.studies.bench.report import document
     from gsfw.studies.bench.rounds import Bench
-    from gsfw.studies.bench.table import show
+    from gsfw.studies.bench.timing import warm_up
+    from gsfw.studies.entrants import choose_on_device
 
-    console = Console(options.json)
-    registry = installed()
-    device, candidates = choose(options.rasterizer, options.device, registry)
+    console, registry = Console(options.json), installed()
+    needs = {"gsfw bench": Needs(features=frozenset({Feature.GRADIENT, Feature.SH}))}
+    entrants = choose_on_device(options.rasterizer, options.device, registry, needs)
+    device = entrants[0].device
     workload = _workload(options, device)
     console.say(f"{workload.name}: {workload.description}")
     on_cpu = device.type == "cpu"
     limits = measure_limits() if on_cpu else None
     with _as_in_training(device):
         threads = options.threads if on_cpu else (0,)
-        bench = Bench(workload, candidates, threads, registry, options.sparse)
+        bench = Bench(workload, entrants, threads, registry, options.sparse)
         warm_up(device)
         _measure(bench, options.repeats)
-        memory = process_memory()  # Before the count, which takes more than what is measured.
+        memory = process_memory()  # Before the count, which takes more than the measurements.
         pairs = contributing_pairs(workload.splats, workload.cameras, RenderSettings())
-        result = document(bench, options.repeats, pairs, limits, memory)
-        result |= _more(options, workload, candidates, device)
-    show(console, result)
-    console.result(result)
+        report = document(bench, options.repeats, pairs, limits, memory)
+        report |= _more(options, workload, entrants)
+    show(console, report)
+    console.result(report)
     return 0
+
+
+def show(console: Console, report: Mapping[str, Any]) -> None:
+    """Print the document of a measurement as tables and sentences."""
+    from gsfw.studies.bench.report import (
+        clock_tables,
+        heading,
+        limits_line,
+        more_tables,
+        sentences,
+    )
+
+    for line in heading(report):
+        console.say(line)
+    for table in clock_tables(report):
+        console.say()
+        console.table(*table)
+    console.say()
+    for line in sentences(report):
+        console.say(line)
+    for table in more_tables(report):
+        console.say()
+        console.table(*table)
+    if "limits" in report:
+        console.say(limits_line(report["limits"]))
 
 
 def check(options: BenchOptions) -> None:
@@ -149,9 +176,8 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _workload(options: BenchOptions, device: torch.device) -> Workload:
-    """What is drawn, where it is drawn."""
-    from gsfw.studies.bench.scene import RANDOM, built_in, random_workload
-    from gsfw.studies.bench.workload import read_workload
+    """The workload that the options describe, on the device."""
+    from gsfw.studies.bench.workload import RANDOM, built_in, random_workload, read_workload
 
     if options.workload.startswith(RANDOM):
         workload = random_workload(options.workload, device)
@@ -163,30 +189,26 @@ def _workload(options: BenchOptions, device: torch.device) -> Workload:
     return workload.sized(*_size(options.size)) if options.size else workload
 
 
-def _more(
-    options: BenchOptions,
-    workload: Workload,
-    candidates: Mapping[str, Candidate],
-    device: torch.device,
-) -> dict[str, Any]:
-    """What is measured only where it is asked for."""
+def _more(options: BenchOptions, workload: Workload, entrants: Sequence[Entrant]) -> dict[str, Any]:
+    """Measurements that are made on request."""
     from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
     from gsfw.studies.bench.agreement import agreement, agreement_at_random
     from gsfw.studies.bench.first_use import first_use
     from gsfw.studies.bench.sort import compare_sorts
 
     found: dict[str, Any] = {}
-    if options.agreement >= 0:
+    device, scenes = entrants[0].device, options.agreement
+    if scenes >= 0:
         found["agreement"] = {
-            name: {"workload": agreement(item, workload.splats, workload.cameras)}
-            for name, item in candidates.items()
+            item.name: {"workload": agreement(item, workload.splats, workload.cameras)}
+            for item in entrants
         }
-    if options.agreement > 0:
-        for name, item in candidates.items():
-            worst = agreement_at_random(item, options.agreement, device)
-            found["agreement"][name][f"{options.agreement} random scenes"] = worst
+    if scenes > 0:
+        for item in entrants:
+            worst = agreement_at_random(item, scenes, device)
+            found["agreement"][item.name][f"{scenes} random scenes"] = worst
     if options.first_use:
-        found["first_use"] = {name: first_use(name, str(device)) for name in candidates}
+        found["first_use"] = {item.name: first_use(item.name, str(device)) for item in entrants}
     if options.sort and device.type == "cuda":
         found["sorts"] = compare_sorts(cuda_launcher(device), device, options.sort)
     return found
@@ -194,7 +216,7 @@ def _more(
 
 @contextmanager
 def _as_in_training(device: torch.device) -> Iterator[None]:
-    """As training sets torch up, and with kept memory; puts the number of threads back."""
+    """Set up torch and memory as training does; restores the number of threads."""
     import torch
 
     from gsfw.core.loop.determinism import deterministic
@@ -217,12 +239,12 @@ def _measure(bench: Bench, repeats: int) -> None:
 
 
 def _progress(rounds: range) -> Iterable[int]:
-    """The rounds, showing on a terminal how far it is."""
+    """The rounds, with a progress bar on a terminal."""
     from rich.console import Console as Screen
     from rich.progress import track
 
     screen = Screen(stderr=True)
     if not screen.is_terminal:
         return rounds
-    # Drawn between rounds only: a thread that redraws it would count as CPU time of the stages.
+    # Updated between rounds only: the CPU time of an updating thread would count for the stages.
     return track(rounds, description="rounds", console=screen, transient=True, auto_refresh=False)

@@ -1,18 +1,18 @@
-"""`gsfw stress`: holds backends and dynamic methods to the catalogue of extremes."""
+"""`gsfw stress`: runs backends and dynamic methods through the catalogue of extremes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import Options, read
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.plugins.registry import Registry
-    from gsfw.studies.stress.entrant import Entrant
     from gsfw.studies.stress.plane import PlaneErrors
     from gsfw.studies.stress.result import CaseResult
     from gsfw.studies.stress.runner import StressPlan
@@ -25,7 +25,7 @@ NONE = "none"
 
 @dataclass(kw_only=True)
 class StressOptions(Options):
-    """Draw a catalogue of extremes, and measure errors against the reference in float64.
+    """Render a catalogue of extremes, and measure errors against the reference in float64.
 
     Exit codes: 0 every case has passed; 1 some have failed; 2 a mistake in the command.
     """
@@ -38,38 +38,38 @@ class StressOptions(Options):
     )
 
     rasterizer: tuple[str, ...] = ()
-    """Backends to hold to it; empty: all that run here and draw what the reference draws."""
+    """Backends, each with settings if need be (cuda:deterministic); empty: all that run here and
+    render by splatting's rule."""
     method: tuple[str, ...] = ()
     """Dynamic methods for the cases of time; empty: all; none: none of them."""
     dtype: tuple[Literal["float32", "float64"], ...] = ("float32", "float64")
-    """Types in which it is drawn."""
+    """Types to render in."""
     only: tuple[str, ...] = ()
     """Names or patterns of cases, or sections, such as shape,*/fisheye; empty: all."""
     out: str = "stress.png"
-    """Where the heat map of errors over scale, depth, anisotropy and opacity goes; none: nowhere.
-    """
+    """File for the heat map of errors over scale, depth, anisotropy and opacity; none: no file."""
     list: bool = False
     """List the cases; run nothing."""
 
 
 def run(arguments: list[str]) -> int:
-    """Measure, and tell."""
+    """Measure, and print the results."""
     options = read("stress", StressOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
 
     from gsfw.commands.interface.console import Console
-    from gsfw.commands.stress_report import document, list_cases, tell
+    from gsfw.core.capabilities import Needs
     from gsfw.plugins.registry import installed
-    from gsfw.studies.stress.entrant import entrants
+    from gsfw.studies.entrants import choose_all
     from gsfw.studies.stress.runner import StressPlan
 
     console, registry = Console(options.json), installed()
     if options.list:
-        list_cases(console, options.only)
+        _list_cases(console, options.only)
         return 0
-    chosen, missing = entrants(options.rasterizer, registry)
+    chosen, missing = choose_all(options.rasterizer, registry, {"gsfw stress": Needs()})
     methods = _methods(options.method, registry)
     dtypes: tuple[str, ...] = tuple(dict.fromkeys(options.dtype))
     plan = StressPlan(chosen, methods, dtypes, options.only)
@@ -77,18 +77,18 @@ def run(arguments: list[str]) -> int:
         console.say(f"rasterizer {name} is left out: {why}")
     results = _measured(console, plan, registry)
     planes = _planes(console, plan, registry, options.out)
-    tell(console, results)
+    _show(console, results)
     if planes:
         console.say(f"written: {options.out}")
-    console.result(document(results, planes, missing, options.out if planes else ""))
+    console.result(_document(results, planes, missing, options.out if planes else ""))
     return FAILED if any(result.faults for result in results) else 0
 
 
 def _methods(names: Sequence[str], registry: Registry) -> list[str]:
-    """The methods that are asked for.
+    """The dynamic methods to run.
 
     Raises:
-        ConfigError: one is not there, or is not dynamic.
+        ConfigError: one is not installed, or is not dynamic.
     """
     from gsfw.core.errors import ConfigError
     from gsfw.studies.stress.moving_case import dynamic_methods
@@ -101,15 +101,14 @@ def _methods(names: Sequence[str], registry: Registry) -> list[str]:
         if name not in dynamic:
             registry.find("method", name)
             raise ConfigError(
-                f"method={name}: it is not dynamic, and cases of time are all that methods are "
-                "held to.",
+                f"method={name}: it is not dynamic, and all cases for methods are cases of time.",
                 f"Dynamic methods: {', '.join(dynamic) or 'none'}; method=none leaves them out.",
             )
     return wanted
 
 
 def _measured(console: Console, plan: StressPlan, registry: Registry) -> list[CaseResult]:
-    """All results, with a bar."""
+    """Run all cases, with a progress bar."""
     from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.stress.runner import run as measure_all
 
@@ -122,20 +121,15 @@ def _measured(console: Console, plan: StressPlan, registry: Registry) -> list[Ca
 
 
 def _planes(console: Console, plan: StressPlan, registry: Registry, out: str) -> list[PlaneErrors]:
-    """Errors over planes, drawn to a file; none where no file is asked for."""
+    """Measure errors over planes and write the heat map; nothing where no file is wanted."""
     from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.stress.heat_map import write_heat_map
-    from gsfw.studies.stress.plane import PLANES, Plane, PlaneOracle, plane_errors
+    from gsfw.studies.stress.plane import PLANES, PlaneOracle, plane_errors
     from gsfw.studies.stress.runner import reference
 
     if out == NONE or not plan.entrants:
         return []
-    jobs: list[tuple[Entrant, str, Plane]] = [
-        (entrant, dtype, plane)
-        for entrant in plan.entrants
-        for dtype in plan.dtypes
-        for plane in PLANES
-    ]
+    jobs = list(product(plan.entrants, plan.dtypes, PLANES))
     oracle, found = PlaneOracle(reference(registry)), []
     with StageBars(console).stage("planes", len(jobs)) as advance:
         for entrant, dtype, plane in jobs:
@@ -143,3 +137,68 @@ def _planes(console: Console, plan: StressPlan, registry: Registry, out: str) ->
             advance(len(found))
     write_heat_map(Path(out), found)
     return found
+
+
+def _show(console: Console, results: Sequence[CaseResult]) -> None:
+    """Print a table for each backend and dtype, the failures, and the totals."""
+    from gsfw.studies.stress.result import tables, totals
+
+    for table in () if console.json_only else tables(results):
+        console.say()
+        console.table(*table)
+    failed = [result for result in results if result.faults]
+    if failed:
+        console.say("\nfailed:")
+    for result in failed:
+        console.say(f"  {result.backend}, {result.dtype}, {result.name}: {result.faults[0]}")
+        for fault in result.faults[1:]:
+            console.say(f"    {fault}")
+    console.say()
+    for total in totals(results):
+        console.say(str(total))
+
+
+def _document(
+    results: Sequence[CaseResult],
+    planes: Sequence[PlaneErrors],
+    missing: Mapping[str, str],
+    image: str,
+) -> dict[str, Any]:
+    """The JSON document.
+
+    Args:
+        results: of all cases.
+        planes: errors over planes.
+        missing: reasons of rasterizers that are left out, by name.
+        image: file of the heat map; empty when there is none.
+    """
+    from gsfw.studies.stress.result import totals
+
+    return {
+        "kind": "stress",
+        "cases": [result.document() for result in results],
+        "totals": [total.document() for total in totals(results)],
+        "planes": [errors.document() for errors in planes],
+        "missing": dict(missing),
+        "picture": image,
+    }
+
+
+def _list_cases(console: Console, only: Sequence[str]) -> None:
+    """Print the names of cases, and why float32 cannot do better where it cannot.
+
+    Raises:
+        ConfigError: a pattern matches no case.
+    """
+    from gsfw.studies.stress.catalogue import CASES, chosen
+    from gsfw.studies.stress.moving_case import MOVING_CASES
+    from gsfw.studies.stress.runner import NAMES
+
+    refusals = {name: ", ".join(case.refusal) for name, case in CASES.items() if case.refusal}
+    notes = {case.name: case.conditioning for case in CASES.values()}
+    notes |= {case.name: case.conditioning for case in MOVING_CASES}
+    notes |= {name: f"must be refused: {parts}" for name, parts in refusals.items()}
+    names = chosen(NAMES, only)
+    console.table(["case", "note"], [[name, notes[name]] for name in names])
+    console.say(f"{len(names)} cases")
+    console.result({"cases": [{"name": name, "note": notes[name]} for name in names]})

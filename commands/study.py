@@ -1,4 +1,4 @@
-"""`gsfw study FILE`: makes the runs of a table that are not there yet, and shows the table."""
+"""`gsfw study FILE`: makes the missing runs of a table, and prints the table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from gsfw.core.callback import Control
     from gsfw.studies.comparison import SceneTable
     from gsfw.studies.planned_run import PlannedRun
-    from gsfw.studies.result_store import ResultStore
+    from gsfw.studies.result import ResultStore
     from gsfw.studies.runner import Ended, Runner
     from gsfw.studies.study import Study
 
@@ -27,7 +27,7 @@ OTHERS = "another study, or a run that one left behind,"
 
 @dataclass(kw_only=True)
 class Budget:
-    """What a study may cost."""
+    """Bounds of a study."""
 
     minutes: float | None = None
     """Start no further run after so many minutes; the same command goes on another time."""
@@ -54,11 +54,11 @@ class StudyOptions(Options):
     jobs: int = 1
     """Runs at a time, which share the cores."""
     dry: bool = False
-    """Say what would be run and about how long it takes; run nothing."""
+    """Print the runs to make and their estimated time; run nothing."""
     table: bool = False
     """Make the tables again from results.json; run nothing."""
     again: bool = False
-    """Make finished runs again (with only: those), for instance after a change of the code."""
+    """Make finished runs again (those of only), for instance after a change of the code."""
     keep_runs: bool = True
     """Keep the checkpoints of finished runs."""
     budget: Budget = field(default_factory=Budget)
@@ -72,9 +72,9 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import RUNS
     from gsfw.core.files.folder_lock import only_one
-    from gsfw.studies.result_store import ResultStore
+    from gsfw.studies.report import RESULTS
+    from gsfw.studies.result import ResultStore
     from gsfw.studies.study_file import read_study
-    from gsfw.studies.writing import RESULTS
 
     console = Console(options.json)
     study = read_study(Path(options.file))
@@ -108,7 +108,7 @@ def _check(options: StudyOptions) -> None:
 def _plan(
     console: Console, study: Study, folder: Path, options: StudyOptions
 ) -> tuple[list[PlannedRun], list[str]]:
-    """The runs that were asked for, and scenes whose data is not there.
+    """The chosen runs, and the scenes whose data is missing.
 
     Raises:
         DataError: none of them has its data.
@@ -140,7 +140,7 @@ def _make(
     lock: int | None,
     missing: Sequence[str],
 ) -> int:
-    """Run, tell, and write the report, however it ends."""
+    """Make the runs, and write the report at any end."""
     from gsfw.commands.failure import INTERRUPTED
     from gsfw.commands.interface.interrupt import stop_on_signal
     from gsfw.core.callback import Control
@@ -182,8 +182,8 @@ def _make(
 
 
 def _tell(console: Console, ended: Ended) -> None:
-    """One line for a run that has ended."""
-    from gsfw.studies.columns import KNOWN
+    """Print a line for a run that has ended."""
+    from gsfw.studies.comparison import KNOWN
 
     name = ended.run.cell.name
     head = f"[{ended.number}/{ended.total}] {name}: "
@@ -205,7 +205,7 @@ def _tell(console: Console, ended: Ended) -> None:
 
 
 def _tell_rest(console: Console, runner: Runner, control: Control, options: StudyOptions) -> None:
-    """Why runs are left, and how to go on."""
+    """Print why runs are left, and how to go on."""
     if not runner.pending:
         return
     why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
@@ -222,8 +222,8 @@ def _dry(
     options: StudyOptions,
     missing: Sequence[str],
 ) -> int:
-    """List the runs, what would become of each, and an estimate."""
-    from gsfw.studies.estimate import Estimate
+    """List the runs with their prospects, and an estimate."""
+    from gsfw.studies.runner import Estimate
 
     estimate = Estimate(store.results.values())
     rows: list[list[str]] = []
@@ -247,7 +247,7 @@ def _dry(
 
 
 def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
-    """What would become of a run."""
+    """Prospect of a run in words."""
     from gsfw.plugins.values import as_text
 
     known = store.results.get(planned.cell.key)
@@ -273,10 +273,9 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
 
 
 def _table(console: Console, study: Study, store: ResultStore, options: StudyOptions) -> int:
-    """The tables from what is kept."""
+    """Print the tables of the kept results."""
     from gsfw.core.errors import DataError
-    from gsfw.studies.report import documents
-    from gsfw.studies.writing import shown_results
+    from gsfw.studies.report import documents, shown_results
 
     tables = _report(console, study, store, options)
     if not shown_results(study, store):
@@ -291,21 +290,16 @@ def _table(console: Console, study: Study, store: ResultStore, options: StudyOpt
 def _report(
     console: Console, study: Study, store: ResultStore, options: StudyOptions
 ) -> list[SceneTable]:
-    """Write the files, and show the tables."""
-    from gsfw.studies.report import cell_text, heading
+    """Write the files, and print the tables."""
+    from gsfw.studies.report import table_of
 
     tables = _write(study, store, options)
     _warn_of_columns(console, study, store)
     for table in tables:
-        columns = ["", *(heading(column) for column in table.columns)]
-        rows = [
-            [line.row, *(cell_text(column, line) for column in table.columns)]
-            for line in table.lines
-            if line.figures
-        ]
+        shown = table_of(table)
         console.say()
-        if rows:
-            console.table(columns, rows, table.scene)
+        if shown.rows:
+            console.table(*shown)
         else:
             console.say(table.scene)
         for line in table.lines:
@@ -318,10 +312,10 @@ def _report(
 
 
 def _warn_of_columns(console: Console, study: Study, store: ResultStore) -> None:
-    """Name columns that may be misspelt: neither do they have a name, nor any result a figure."""
+    """Warn of columns that may be misspelt: without a known name and without a figure."""
     from gsfw.plugins.registry import did_you_mean
-    from gsfw.studies.columns import KNOWN
-    from gsfw.studies.writing import shown_results
+    from gsfw.studies.comparison import KNOWN
+    from gsfw.studies.report import shown_results
 
     measured = {key: None for result in shown_results(study, store) for key in result.figures}
     for name in study.columns:
@@ -332,7 +326,7 @@ def _warn_of_columns(console: Console, study: Study, store: ResultStore) -> None
 
 def _write(study: Study, store: ResultStore, options: StudyOptions) -> list[SceneTable]:
     """Write the files that are made of results; the tables in them."""
-    from gsfw.studies.writing import write_report
+    from gsfw.studies.report import write_report
 
     words = ["gsfw", "study", options.file]
     words += ["root=DATA"] if any("data" in scene for scene in study.scenes.values()) else []
@@ -345,7 +339,7 @@ def _runs(number: int) -> str:
 
 
 def _duration(seconds: float) -> str:
-    """As people say it: 40 s, 12 min, 3.5 h."""
+    """A duration for people: 40 s, 12 min, 3.5 h."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

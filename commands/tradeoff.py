@@ -1,8 +1,15 @@
-"""`gsfw tradeoff`: of a finished model with RUN, of variants that it trains with settings."""
+"""`gsfw tradeoff`: quality, size and speed of a finished model, or of variants that it trains."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, parse
+
+if TYPE_CHECKING:
+    from gsfw.studies.tradeoff.recommendation import Wish
 
 HOW = (
     "With a RUN it varies that finished model: gsfw tradeoff latest.\n"
@@ -10,6 +17,24 @@ HOW = (
     "budget.minutes=15.\n"
     "More: gsfw tradeoff --help."
 )
+
+
+@dataclass
+class Target:
+    """Bounds that must be reached."""
+
+    psnr: float | None = None
+    """Least PSNR of the recommended variant on held-out views, in dB."""
+
+
+@dataclass
+class Budget:
+    """Bounds that must not be exceeded."""
+
+    mb: float | None = None
+    """Largest file of the recommended variant, in megabytes."""
+    ms: float | None = None
+    """Longest time to render a view, in milliseconds, spread included."""
 
 
 def run(tokens: list[str]) -> int:
@@ -33,6 +58,33 @@ def run(tokens: list[str]) -> int:
 def names_a_run(arguments: Arguments) -> bool:
     """Whether a finished model is meant: settings have keys, and only RUN stands alone."""
     return bool(arguments.words) or "run" in arguments.values
+
+
+def wish_of(target: Target, budget: Budget) -> Wish:
+    """The bounds of a recommendation."""
+    from gsfw.studies.tradeoff.recommendation import Wish
+
+    return Wish(target.psnr, budget.mb, budget.ms)
+
+
+def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> None:
+    """Refuse impossible numbers before anything is loaded.
+
+    Args:
+        numbers: value and least value of options, by key.
+        budget: every field of which has to be positive.
+
+    Raises:
+        ConfigError: names the key, the value, and the expected range.
+    """
+    from gsfw.core.errors import ConfigError
+
+    for name, (value, least) in numbers.items():
+        if value < least:
+            raise ConfigError(f"{name}={value}: expected {least} or more.")
+    for name, limit in vars(budget).items():
+        if limit is not None and not limit > 0:
+            raise ConfigError(f"budget.{name}={limit:g}: expected a number above 0.")
 
 
 def _help() -> str:

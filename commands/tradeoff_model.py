@@ -1,4 +1,4 @@
-"""`gsfw tradeoff RUN`: what a finished model can give up, and what that costs."""
+"""`gsfw tradeoff RUN`: quality, size and speed of variants of a finished model."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.commands.tradeoff import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
-    from gsfw.studies.tradeoff.recommendation import Recommendation
-    from gsfw.studies.tradeoff.record_store import RecordStore
+    from gsfw.studies.tradeoff.record import RecordStore
     from gsfw.studies.tradeoff.runner import Runner
 
 AxisName = Literal[
@@ -27,30 +27,11 @@ AxisName = Literal[
     "backend",
     "combined",
 ]
-DOCUMENT, TABLE, PLOT = "tradeoff.json", "tradeoff.csv", "tradeoff.png"
-
-
-@dataclass
-class Target:
-    """What must be reached."""
-
-    psnr: float | None = None
-    """PSNR that the recommended variant has at least, in dB."""
-
-
-@dataclass
-class Budget:
-    """What may be spent."""
-
-    mb: float | None = None
-    """Megabytes that the file of the recommended variant has at most."""
-    ms: float | None = None
-    """Milliseconds that drawing a view takes at most, spread included."""
 
 
 @dataclass(kw_only=True)
 class ModelOptions(RunOptions):
-    """Vary what can be varied of a finished model, without training, and measure what it costs."""
+    """Vary a finished model without training, and measure quality, size and speed."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw tradeoff latest",
@@ -59,36 +40,37 @@ class ModelOptions(RunOptions):
     )
 
     axes: tuple[AxisName, ...] = ()
-    """What is varied, each by itself; empty: everything. combined gives up several things."""
+    """Axes to vary, each by itself; empty: all. combined varies several at a time."""
     views: int = 16
-    """Most held-out views that accuracy is measured on, spread evenly."""
+    """Most held-out views for the accuracy, spread evenly."""
     repeats: int = 5
-    """Rounds in which every variant is drawn for its time."""
+    """Rounds in which every variant is rendered for its time."""
     target: Target = field(default_factory=Target)
-    """What the recommended variant must reach."""
+    """Bounds that the recommended variant must reach."""
     budget: Budget = field(default_factory=Budget)
-    """What the recommended variant may cost."""
+    """Bounds that the recommended variant must not exceed."""
     out: str = ""
     """Folder for tradeoff.json, .csv and .png. Empty: tradeoff/ in the run, or beside the model
-    file. What is measured there already is not measured again."""
+    file. Variants that are measured there already are not measured again."""
 
 
 def run(arguments: list[str]) -> int:
-    """Measure, show, and recommend."""
+    """Measure, print, and recommend."""
     options = read("tradeoff", ModelOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
     load_torch()
-    _check(options)
+    check_numbers({"views": (options.views, 1), "repeats": (options.repeats, 1)}, options.budget)
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
     from gsfw.studies.tradeoff.catalogue import catalogue
+    from gsfw.studies.tradeoff.files import DOCUMENT
     from gsfw.studies.tradeoff.finished_model import FinishedModel
     from gsfw.studies.tradeoff.flip import left_out as without_flip
-    from gsfw.studies.tradeoff.record_store import RecordStore
+    from gsfw.studies.tradeoff.record import RecordStore
     from gsfw.studies.tradeoff.runner import Runner
     from gsfw.studies.tradeoff.variant import AXES
 
@@ -116,22 +98,8 @@ def run(arguments: list[str]) -> int:
     return 0
 
 
-def _check(options: ModelOptions) -> None:
-    """Refuse numbers that measure nothing, before anything is loaded."""
-    from gsfw.core.errors import ConfigError
-
-    for name in ("views", "repeats"):
-        value = getattr(options, name)
-        if value < 1:
-            raise ConfigError(f"{name}={value}: expected 1 or more.")
-    budget = options.budget
-    for name, limit in (("budget.mb", budget.mb), ("budget.ms", budget.ms)):
-        if limit is not None and not limit > 0:
-            raise ConfigError(f"{name}={limit:g}: expected a number above 0.")
-
-
 def _clock(model: FinishedModel) -> str:
-    """What times depend on besides the model: those of other conditions are not mixed."""
+    """Everything besides the model that times depend on; different times are not mixed."""
     import torch
 
     from gsfw.studies.origin import origin
@@ -148,7 +116,7 @@ def _wanted(axis: str, options: ModelOptions) -> bool:
 def _tell_beginning(
     console: Console, model: FinishedModel, store: RecordStore, left_out: list[LeftOut]
 ) -> None:
-    """What is measured, and what is not."""
+    """Print the views, the axes that are left out, and the variants that are known."""
     from gsfw.studies.tradeoff.finished_model import PHOTOS
 
     said = f"{model.name}, step {model.restored.step}: {len(model.views)} held-out views"
@@ -167,7 +135,7 @@ def _tell_beginning(
 
 
 def _measure(console: Console, runner: Runner, repeats: int) -> None:
-    """Everything that is missing, with bars and the time that is left."""
+    """Measure the missing variants and times, with progress bars."""
     from gsfw.commands.interface.progress import StageBars
 
     bars = StageBars(console)
@@ -189,55 +157,28 @@ def _report(
     left_out: list[LeftOut],
     options: ModelOptions,
 ) -> dict[str, Any]:
-    """Write the files, show the table and the recommendation; the document."""
-    from gsfw.core.files.atomic import write_atomically
-    from gsfw.studies.tradeoff.hyperparameters import Session, write_hyperparameters
-    from gsfw.studies.tradeoff.pareto_plot import write_pareto_plot
-    from gsfw.studies.tradeoff.report import (
-        HEADINGS,
-        csv_text,
-        documents,
-        in_order,
-        lines,
-        metrics,
-    )
+    """Write the files, and print the table and the recommendation; the document."""
+    from gsfw.studies.tradeoff.files import PLOT, TABLE, write_model_files
+    from gsfw.studies.tradeoff.recommendation import recommend
+    from gsfw.studies.tradeoff.report import in_order, offers, table, usual_wish
 
     records = in_order(list(store.records.values()))
-    recommended = _recommended(store, options)
-    document = {
-        **_about(model, left_out),
-        "recommended": {"text": recommended.text, "command": recommended.command},
-        "variants": documents(records),
-    }
-    folder = store.path.parent
-    store.write(document)
-    write_atomically(folder / TABLE, csv_text(records).encode())
-    write_pareto_plot(folder / PLOT, records)
-    sessions = [
-        Session(f"{r.axis} {r.name}", {"axis": r.axis, "variant": r.name}, metrics(r))
-        for r in records
-    ]
-    write_hyperparameters(folder, sessions)
+    more = [f"{key}={getattr(options, key)}" for key in ("data", "device") if getattr(options, key)]
+    wish = wish_of(options.target, options.budget)
+    recommended = recommend(offers(records, options.run, more), wish, usual_wish(records))
+    document = write_model_files(store, recommended, _about(model, left_out))
     console.say()
-    console.table(HEADINGS, lines(records), "each given up by itself")
+    console.table(*table(records))
     for record in records:
         if record.failure:
-            console.say(f"{record.axis} {record.name} cannot be drawn: {record.failure}")
+            console.say(f"{record.axis} {record.name} cannot be rendered: {record.failure}")
     console.say(f"\n{recommended.text}")
     console.say(f"written: {store.path}, {TABLE}, {PLOT}")
-    return {"written": str(store.path), **document}
-
-
-def _recommended(store: RecordStore, options: ModelOptions) -> Recommendation:
-    from gsfw.studies.tradeoff.recommendation import Wish, recommend
-
-    wish = Wish(options.target.psnr, options.budget.mb, options.budget.ms)
-    more = [f"{key}={getattr(options, key)}" for key in ("data", "device") if getattr(options, key)]
-    return recommend(list(store.records.values()), wish, options.run, more)
+    return document
 
 
 def _about(model: FinishedModel, left_out: list[LeftOut]) -> dict[str, Any]:
-    """What was measured, where, and against what."""
+    """The model, the views and the machine, for the document."""
     import torch
 
     from gsfw.studies.origin import origin

@@ -1,4 +1,4 @@
-"""`gsfw tradeoff data=DIR ...`: trains variants of a run, and says which one to take."""
+"""`gsfw tradeoff data=DIR ...`: trains variants of a run, and recommends one of them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import Arguments, Options, layers, read
+from gsfw.commands.tradeoff import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -20,38 +21,26 @@ if TYPE_CHECKING:
     from gsfw.studies.tradeoff.training.sizing import Sizing
 
 USUAL_METHOD = "3dgs"
-"""What is trained where no method is given."""
+"""The default method."""
 
 OWN = ("axes", "jobs", "repeats", "target", "budget", "out", "json", "debug", "dry_run")
-"""Beginnings of keys that are this verb's; all others are settings of the runs."""
+"""Beginnings of this verb's own keys; all others are settings of the runs."""
 
 OTHERS = "another tradeoff, or a run that one left behind,"
 
 
 @dataclass
-class Target:
-    """What must be reached."""
+class TrainingBudget(Budget):
+    """Bounds that must not be exceeded."""
 
-    psnr: float | None = None
-    """PSNR on held-out views that the recommended variant has at least, in dB."""
-
-
-@dataclass
-class Budget:
-    """What may be spent."""
-
-    mb: float | None = None
-    """Megabytes that the splats of the recommended variant take at most."""
-    ms: float | None = None
-    """Milliseconds that drawing a view takes at most, spread included."""
     minutes: float | None = None
-    """Of training in all. The length and, where downscale is not given, the size of the pictures
-    are chosen to fit; the same command goes on with what is left."""
+    """Duration of all training. Length and, without downscale, size of the images are chosen to
+    fit; the same command goes on with the remaining runs."""
 
 
 @dataclass(kw_only=True)
 class TrainingOptions(Options):
-    """Without a RUN: train variants of a run, and measure what each gives up and gains."""
+    """Without a RUN: train variants of a run, and measure quality, size and speed of each."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw tradeoff data=DIR target.psnr=30 budget.mb=20 budget.minutes=15",
@@ -59,23 +48,23 @@ class TrainingOptions(Options):
     )
 
     axes: tuple[str, ...] = ()
-    """What is varied, of sh_degree, sh, cap, steps, resolution, strategy and antialias. Empty:
+    """Axes to vary: sh_degree, sh, cap, steps, resolution, strategy, antialias. Empty:
     sh_degree,cap,steps,resolution. With steps the better half of all variants gets runs of twice
-    the length, twice; without, all have one length."""
+    the length, twice; without steps, all runs have one length."""
     target: Target = field(default_factory=Target)
-    """What the recommended variant must reach."""
-    budget: Budget = field(default_factory=Budget)
-    """What may be spent."""
+    """Bounds that the recommended variant must reach."""
+    budget: TrainingBudget = field(default_factory=TrainingBudget)
+    """Bounds that must not be exceeded."""
     jobs: int = 0
     """Runs at a time, which share the cores; 0: two, where there are two cores and no GPU."""
     repeats: int = 5
-    """Rounds in which every variant is drawn for its time."""
+    """Rounds in which every variant is rendered for its time."""
     out: str = ""
     """Folder of the runs and of tradeoff.json, .csv and .png. Empty: runs/tradeoffs/DATA."""
 
 
 def run(arguments: Arguments) -> int:
-    """Train, measure, show, and recommend."""
+    """Train, measure, print, and recommend."""
     started = time.monotonic()
     options, given = _split(arguments)
     _check(options)
@@ -89,10 +78,10 @@ def run(arguments: Arguments) -> int:
     from gsfw.core.files.folder_lock import only_one
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.plugins.registry import installed
-    from gsfw.studies.result_store import ResultStore
+    from gsfw.studies.report import RESULTS
+    from gsfw.studies.result import ResultStore
     from gsfw.studies.tradeoff.training.experiment import Experiment, by_when, default_folder
     from gsfw.studies.tradeoff.training.trainer import Workshop
-    from gsfw.studies.writing import RESULTS
 
     console, registry, control = Console(options.json), installed(), Control()
     base = _base(given, registry)
@@ -131,7 +120,7 @@ def _split(arguments: Arguments) -> tuple[TrainingOptions, dict[str, Any]]:
 
 
 def _check(options: TrainingOptions) -> None:
-    """Refuse numbers that mean nothing, before anything is loaded."""
+    """Refuse unknown axes and impossible numbers before anything is loaded."""
     from gsfw.core.errors import ConfigError
     from gsfw.plugins.registry import did_you_mean
     from gsfw.studies.tradeoff.training.axes import NAMES
@@ -142,17 +131,12 @@ def _check(options: TrainingOptions) -> None:
                 f"axes={name}: there is no such axis.{did_you_mean(name, NAMES)}",
                 f"Without a RUN there are {', '.join(NAMES)}.",
             )
-    for name, least in (("jobs", 0), ("repeats", 1)):
-        value = getattr(options, name)
-        if value < least:
-            raise ConfigError(f"{name}={value}: expected {least} or more.")
-    for name, limit in vars(options.budget).items():
-        if limit is not None and not limit > 0:
-            raise ConfigError(f"budget.{name}={limit:g}: expected a number above 0.")
+    numbers = {"jobs": (options.jobs, 0), "repeats": (options.repeats, 1)}
+    check_numbers(numbers, options.budget)
 
 
 def _base(given: Mapping[str, Any], registry: Registry) -> Base:
-    """The base; a key that is nearly one of this verb's is told as such.
+    """The base; a key that is nearly one of this verb's gets that suggestion.
 
     Raises:
         ConfigError: a setting is unknown or wrong.
@@ -179,18 +163,17 @@ def _base(given: Mapping[str, Any], registry: Registry) -> Base:
 def _request(options: TrainingOptions, data: str) -> Request:
     from gsfw.studies.tradeoff.training.axes import DEFAULT
     from gsfw.studies.tradeoff.training.experiment import Request
-    from gsfw.studies.tradeoff.training.halving import Goal
 
-    goal = Goal(options.target.psnr, options.budget.mb)
-    return Request(options.axes or DEFAULT, goal, options.budget.minutes, data)
+    wish = wish_of(options.target, options.budget)
+    return Request(options.axes or DEFAULT, wish, options.budget.minutes, data)
 
 
 def _make(
     console: Console, experiment: Experiment, options: TrainingOptions, control: Control
 ) -> None:
-    """Choose, say what was chosen, and train; a stop leaves the rest for another time."""
+    """Choose length and size, and train; after a stop the same command goes on."""
     from gsfw.commands.interface.progress import StageBars
-    from gsfw.studies.tradeoff.training.speed import Stopped
+    from gsfw.studies.tradeoff.training.trainer import Stopped
 
     _tell_beginning(console, experiment)
     bars = StageBars(console)
@@ -209,7 +192,7 @@ def _make(
                 advance(number)
                 _tell(console, ended)
     if control.stop_reason is None and not experiment.is_drawn:
-        with bars.stage("rounds of drawing", options.repeats) as advance:
+        with bars.stage("rounds of rendering", options.repeats) as advance:
             for number in experiment.draw(options.repeats):
                 advance(number)
     missing = len(experiment.without_flip)
@@ -220,7 +203,7 @@ def _make(
 
 
 def _tell_beginning(console: Console, experiment: Experiment) -> None:
-    """What is there, and what is not."""
+    """Print the views and the axes that are left out."""
     capture = experiment.capture
     console.say(
         f"{capture.views} views to train on, {capture.held_out} held out, "
@@ -233,7 +216,7 @@ def _tell_beginning(console: Console, experiment: Experiment) -> None:
 def _tell_sizing(
     console: Console, experiment: Experiment, sizing: Sizing, options: TrainingOptions
 ) -> None:
-    """What was chosen and why, and how long it will take."""
+    """Print length and size, the reason for them, and the duration."""
     lengths = ", ".join(str(steps) for steps in experiment.search.lengths)
     at = f"downscale={sizing.downscale:g}"
     console.say(f"runs of {lengths} steps at {at}, {experiment.shop.jobs} at a time")
@@ -245,18 +228,18 @@ def _tell_sizing(
         )
         if experiment.fewer_to_start is not None:
             console.say(
-                f"random_points={experiment.fewer_to_start}: pictures of that size have no use for "
+                f"random_points={experiment.fewer_to_start}: images of that size have no use for "
                 "more, and short runs would end before the rest are gone"
             )
     elif options.budget.minutes is not None:
         console.say(
-            f"steps and downscale are as given: what fits into {options.budget.minutes:g} minutes "
-            "is trained"
+            "steps and downscale are as given: runs that fit into "
+            f"{options.budget.minutes:g} minutes are trained"
         )
 
 
 def _tell(console: Console, ended: Ended) -> None:
-    """One line for a run that has ended."""
+    """Print a line for a run that has ended."""
     from gsfw.studies.tradeoff.training.trainer import PSNR
 
     cell = ended.run.cell
@@ -276,12 +259,11 @@ def _tell(console: Console, ended: Ended) -> None:
 def _report(
     console: Console, experiment: Experiment, options: TrainingOptions, control: Control
 ) -> dict[str, Any]:
-    """Write the files, show the table and the recommendation; the document."""
+    """Write the files, and print the table and the recommendation; the document."""
     from gsfw.core.errors import DataError
-    from gsfw.studies.tradeoff.recommendation import Wish
-    from gsfw.studies.tradeoff.training.recommendation import recommend
-    from gsfw.studies.tradeoff.training.report import HEADINGS, lines, spread_text
-    from gsfw.studies.tradeoff.training.writing import write_files
+    from gsfw.studies.tradeoff.files import write_training_files
+    from gsfw.studies.tradeoff.recommendation import recommend
+    from gsfw.studies.tradeoff.training.report import offers, spread_text, table, usual_wish
 
     found = experiment.found()
     if not any(item.is_baseline for item in found):
@@ -289,12 +271,12 @@ def _report(
             console.say("stopped before the baseline was made; the same command goes on")
             raise KeyboardInterrupt
         raise DataError(*experiment.why_nothing())
-    wish = Wish(options.target.psnr, options.budget.mb, options.budget.ms)
-    recommended = recommend(found, wish)
+    wish = wish_of(options.target, options.budget)
+    recommended = recommend(offers(found), wish, usual_wish(found))
     about, folder = experiment.about(), experiment.shop.folder
-    document = write_files(folder, found, recommended, about)
+    document = write_training_files(folder, found, recommended, about)
     console.say()
-    console.table(HEADINGS, lines(found), f"accuracy at downscale={about['downscale']:g}")
+    console.table(*table(found, f"accuracy at downscale={about['downscale']:g}"))
     console.say(spread_text(found))
     console.say(f"\n{recommended.text}")
     console.say(f"written: {folder}/tradeoff.json, .csv, .png; tensorboard --logdir {folder}/tb")
@@ -304,7 +286,7 @@ def _report(
 def _tell_rest(
     console: Console, experiment: Experiment, control: Control, options: TrainingOptions
 ) -> None:
-    """Why runs are left, and how to go on."""
+    """Print why runs are left, and how to go on."""
     left = experiment.left()
     if left:
         why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"

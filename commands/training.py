@@ -11,7 +11,6 @@ import torch
 from gsfw.commands.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.interrupt import stop_on_signal
-from gsfw.commands.requirements import RequirementsReport
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
@@ -24,6 +23,7 @@ from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
 from gsfw.plugins.snapshot import snapshot
+from gsfw.studies.requirements.report import RequirementsReport
 
 
 def describe(composition: Composition) -> str:
@@ -47,7 +47,7 @@ def run_training(trainer: Trainer, console: Console) -> int:
     """
     folder = trainer.folder
     keep_freed_memory()
-    report = RequirementsReport(trainer, console)
+    report = RequirementsReport(trainer)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
         recorded = tracebacks_in(folder, lambda: trainer.step > 0)

@@ -1,1 +1,1 @@
-"""Studies: tables of training runs that are made once, kept, and shown again."""
+"""Studies: measurements of runs, models and rasterizers, and tables of training runs."""

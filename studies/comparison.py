@@ -1,4 +1,4 @@
-"""Comparison: the results of a study row by row: means over seeds, spreads, the best, ties."""
+"""Comparison: tables of a study's results: means over seeds, spreads, the best, and ties."""
 
 from __future__ import annotations
 
@@ -6,22 +6,82 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import mean, stdev
 
-from gsfw.studies.columns import Column, find_column
-from gsfw.studies.result import Failure, Result
+from gsfw.studies.result import Failure, Result, RunKey
 from gsfw.studies.study import Study
 
 
 @dataclass(frozen=True)
+class Column:
+    """A figure of a table."""
+
+    name: str
+    """Key among a result's figures."""
+    heading: str
+    digits: int | None = None
+    """Digits after the point; ``None`` for three significant digits."""
+    best: str = ""
+    """high or low: the more accurate end. Empty for figures that are no accuracy."""
+    unit: str = ""
+
+    def text(self, value: float) -> str:
+        """A value as text."""
+        if self.digits is None:
+            return f"{value:.3g}"
+        return f"{value:,.{self.digits}f}"
+
+    def better(self, value: float, than: float) -> bool:
+        """Whether one value is more accurate than another."""
+        return value < than if self.best == "low" else value > than
+
+
+KNOWN = {
+    column.name: column
+    for column in (
+        Column("psnr", "PSNR", 2, "high", "dB"),
+        Column("moving_psnr", "moving PSNR", 2, "high", "dB"),
+        Column("ssim", "SSIM", 4, "high"),
+        Column("moving_ssim", "moving SSIM", 4, "high"),
+        Column("lpips", "LPIPS", 4, "low"),
+        Column("flip", "FLIP", 4, "low"),
+        Column("flicker_static", "static flicker", 5, "low"),
+        Column("flicker_moving", "moving flicker", 5, "low"),
+        Column("num_gaussians", "Gaussians", 0),
+        Column("total_floats", "floats", 0),
+        Column("sh_floats", "colour floats", 0),
+        Column("sh_share", "of all bands", 2),
+        Column("steps", "steps", 0),
+        Column("skipped_steps", "skipped steps", 0),
+        Column("train_seconds", "training", 0, unit="s"),
+        Column("wall_seconds", "wall clock", 0, unit="s"),
+        Column("render_ms", "render", 1, unit="ms"),
+        Column("megabytes", "model", 2, unit="MB"),
+        Column("checkpoint_megabytes", "checkpoint", 1, unit="MB"),
+        Column("splats_megabytes", "splats.ply", 1, unit="MB"),
+    )
+}
+
+
+def find_column(name: str) -> Column:
+    """The column of a figure; an unknown figure gets a column with its own name."""
+    return KNOWN.get(name) or Column(name, name.replace("_", " "))
+
+
+def heading(column: Column) -> str:
+    """Heading of a column with its unit."""
+    return f"{column.heading} ({column.unit})" if column.unit else column.heading
+
+
+@dataclass(frozen=True)
 class Figure:
-    """One figure of a row on a scene, over its seeds."""
+    """One figure of a row on a scene over its seeds."""
 
     mean: float
     spread: float | None
-    """Standard deviation over the seeds; ``None`` where there is only one."""
+    """Standard deviation over the seeds; ``None`` for a single seed."""
     seeds: int
     is_best: bool = False
     is_tie: bool = False
-    """Whether it cannot be told from the best: their means differ by no more than both spreads."""
+    """Whether its mean differs from the best by no more than both spreads."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +90,9 @@ class Line:
 
     row: str
     figures: Mapping[str, Figure]
-    """By column; what was not measured is absent."""
+    """Figures by column; figures that were not measured are absent."""
     note: str = ""
-    """Why there are no figures, or fewer than there should be; empty when all is well."""
+    """Reason of missing figures; empty when all are there."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +106,10 @@ class SceneTable:
 
 def compare(
     study: Study,
-    results: Mapping[tuple[str, str, int], Result],
-    failures: Mapping[tuple[str, str, int], Failure],
+    results: Mapping[RunKey, Result],
+    failures: Mapping[RunKey, Failure],
 ) -> list[SceneTable]:
-    """A table per scene; scenes of which nothing is known are left out."""
+    """A table for each scene; scenes without results and failures are left out."""
     tables: list[SceneTable] = []
     columns = tuple(find_column(name) for name in study.columns)
     for scene in study.scenes:
@@ -66,8 +126,8 @@ def _line(
     study: Study,
     scene: str,
     row: str,
-    results: Mapping[tuple[str, str, int], Result],
-    failures: Mapping[tuple[str, str, int], Failure],
+    results: Mapping[RunKey, Result],
+    failures: Mapping[RunKey, Failure],
 ) -> Line:
     reason = study.skipped(row, scene)
     if reason:
@@ -100,7 +160,7 @@ def _figure(values: Sequence[float]) -> Figure:
 
 
 def _judged(columns: Iterable[Column], lines: Sequence[Line]) -> list[Line]:
-    """The lines with the best of each column marked, and what cannot be told from it."""
+    """The lines with the best of each column and its ties marked."""
     figures = [dict(line.figures) for line in lines]
     for column in columns:
         present = [found for found in figures if column.name in found]
@@ -111,7 +171,7 @@ def _judged(columns: Iterable[Column], lines: Sequence[Line]) -> list[Line]:
         for value in values:
             if column.better(value.mean, best.mean):
                 best = value
-        # A row with one seed is taken to vary as much as any that was measured on this scene.
+        # A row with one seed gets the largest spread of the scene.
         usual = max((value.spread for value in values if value.spread is not None), default=0.0)
         for found, value in zip(present, values, strict=True):
             spreads = [usual if one.spread is None else one.spread for one in (value, best)]

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from gsfw.charts.dots import Dot, Group, dot_figure
 from gsfw.charts.style import write_figure
-from gsfw.studies.comparison import SceneTable
-from gsfw.studies.report import heading
+from gsfw.studies.comparison import Column, Figure, SceneTable, heading
 
 MOST_PANELS = 3
 

@@ -1,4 +1,4 @@
-"""Origin: which machine and which versions made a result."""
+"""Origin: the machine and the versions that made a result."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from pathlib import Path
 from gsfw.plugins.specs import PROJECT
 
 SOURCE = Path(__file__).resolve().parents[1]
-"""The repository, where gsfw runs from one; else the installed package."""
+"""Folder of the repository, where gsfw runs from one; else of the installed package."""
 
 
 def origin() -> dict[str, str | int | None]:
-    """What the time and the last bits of a result depend on besides its settings."""
+    """Everything besides settings that the time and the last bits of a result depend on."""
     return {
         "gsfw": metadata.version(PROJECT),
         "commit": _commit(),
         "torch": metadata.version("torch"),
         "python": platform.python_version(),
-        "cpu": _cpu(),
+        "cpu": processor(),
         "cores": cores(),
     }
 
@@ -45,8 +45,8 @@ def _commit() -> str | None:
     return done.stdout.strip() or None
 
 
-def _cpu() -> str:
-    """Model of the processor, as the system calls it."""
+def processor() -> str:
+    """Model of the processor, as the system names it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""PlannedRun: a cell of a study with its settings resolved, its folder, and how far it has come."""
+"""PlannedRun: a cell of a study with its resolved settings, its folder and its progress."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from gsfw.plugins.values import as_text, plain
 from gsfw.studies.study import NEUTRAL, Cell, slug
 
 DIGITS = 10
-"""Of a fingerprint: enough to tell the runs of any study apart."""
+"""Length of a fingerprint: enough to tell the runs of any study apart."""
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run of a study, ready to be made."""
+    """A run of a study, ready to start."""
 
     cell: Cell
     data: Path | None
-    """Where its data is; ``None`` for the built-in scene."""
+    """Path of its data; ``None`` for the built-in scene."""
     settings: Mapping[str, Any]
-    """Every value that its result depends on, by dotted key; ``data`` as the study has it."""
+    """Every value that the result depends on, by dotted key; ``data`` as the study has it."""
     folder: RunFolder
     chosen: frozenset[str] = frozenset()
-    """Keys to which the study gives other values than their defaults."""
+    """Keys whose values in the study differ from their defaults."""
 
     @property
     def fingerprint(self) -> str:
-        """The same for the same settings."""
+        """Short hash of the settings."""
         return fingerprint(self.settings)
 
     def comparable(self, stored: Mapping[str, Any]) -> dict[str, Any]:
-        """The settings by which it is told whether a stored result is its own.
+        """The settings that have to equal those of a stored result.
 
         A setting that gsfw did not have yet when the result was made counts only where the study
-        gives it another value: its default is taken to mean what was done before.
+        gives it another value: its default should mean the earlier behaviour.
 
         Args:
             stored: settings of the result.
@@ -54,11 +54,11 @@ class PlannedRun:
 
     @property
     def steps(self) -> int:
-        """How long it trains."""
+        """Number of training steps."""
         return int(self.settings["steps"])
 
     def arguments(self) -> list[str]:
-        """What one would type after ``gsfw train``."""
+        """Arguments of ``gsfw train``."""
         given = dict(self.cell.settings)
         if self.data is not None:
             given["data"] = self.data
@@ -68,11 +68,11 @@ class PlannedRun:
         ]
 
     def is_finished(self) -> bool:
-        """Whether its folder holds a whole result."""
+        """Whether its folder holds a complete result."""
         return self.folder.summary.is_file()
 
     def steps_done(self) -> int | None:
-        """Steps of its last checkpoint; ``None`` where it has none to go on from."""
+        """Steps of its last checkpoint; ``None`` where it cannot be resumed."""
         checkpoint = self.folder.latest_checkpoint()
         if checkpoint is None or not self.folder.config.is_file():
             return None
@@ -80,19 +80,19 @@ class PlannedRun:
 
 
 def fingerprint(settings: Mapping[str, Any]) -> str:
-    """A short name for settings."""
+    """A short hash of settings."""
     text = json_text(dict(sorted(settings.items())))
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
 def data_path(cell: Cell, root: Path) -> Path | None:
-    """Where a cell's data should be; ``None`` for the built-in scene."""
+    """Path of a cell's data; ``None`` for the built-in scene."""
     written = cell.settings.get("data")
     return (root / Path(str(written)).expanduser()).absolute() if written else None
 
 
 def is_missing(cell: Cell, root: Path) -> bool:
-    """Whether a cell's data is not there."""
+    """Whether a cell's data is missing."""
     path = data_path(cell, root)
     return path is not None and not path.exists()
 
@@ -100,11 +100,11 @@ def is_missing(cell: Cell, root: Path) -> bool:
 def plan_runs(
     cells: Sequence[Cell], registry: Registry, root: Path, folder: Path
 ) -> list[PlannedRun]:
-    """Resolve and check the settings of runs whose data is there.
+    """Resolve and check the settings of runs whose data exists.
 
     Args:
         cells: of the study.
-        registry: what is installed.
+        registry: everything installed.
         root: where relative data paths begin.
         folder: of the study.
 
@@ -134,7 +134,7 @@ def _planned(cell: Cell, registry: Registry, root: Path, folder: Path) -> Planne
 
 
 def _chosen(resolved: Settings) -> frozenset[str]:
-    """Keys whose values someone gave, and which are not those that they have by themselves."""
+    """Given keys whose values differ from their defaults."""
     config = resolved.config
     parts = {slot: type(getattr(config, slot))() for slot in resolved.choices}
     defaults = {key.name: plain(key.value) for key in keys(replace(type(config)(), **parts))}

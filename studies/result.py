@@ -1,4 +1,4 @@
-"""Result: the figures of a finished run of a study, small enough to keep and to send."""
+"""Result: the figures of a finished run of a study, and the file that keeps them."""
 
 from __future__ import annotations
 
@@ -6,59 +6,62 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.studies.json_store import JsonStore, Keyed
 from gsfw.studies.origin import origin
 from gsfw.studies.planned_run import PlannedRun, fingerprint
 
 MEGABYTE = 1e6
 """Bytes, as disks are sold."""
 
+ADVICE = "Move the file away to begin anew: finished runs are found again in their folders."
+
+RunKey = tuple[str, str, int]
+"""Scene, row and seed of a run."""
+
 
 @dataclass(frozen=True)
-class Result:
+class Result(Keyed):
     """A finished run."""
 
     row: str
     scene: str
     seed: int
     fingerprint: str
-    """Of the settings."""
+    """Short hash of the settings."""
     given: Mapping[str, Any]
-    """Settings as the study file had them."""
+    """Settings as the study file has them."""
     settings: Mapping[str, Any]
-    """Every value that the result depends on."""
+    """Every value that the result depends on, by dotted key."""
     figures: Mapping[str, int | float]
-    """Metrics, counts, seconds, megabytes, by name."""
+    """Metrics, counts, seconds and megabytes by name."""
     protocol: Mapping[str, Any] = field(default_factory=dict)
-    """How the metrics are measured."""
+    """Rules by which the metrics are measured."""
     origin: Mapping[str, Any] = field(default_factory=dict)
-    """Machine and versions that made it."""
+    """Machine and versions of the run."""
     date: str = ""
-    """When it was made: year-month-day."""
+    """Year-month-day of the run."""
     run: str = ""
-    """Its folder, which may be gone."""
+    """Folder of the run, which may be gone."""
 
     @property
-    def key(self) -> tuple[str, str, int]:
+    def key(self) -> RunKey:
         """Scene, row and seed."""
         return self.scene, self.row, self.seed
 
     def is_of(self, run: PlannedRun) -> bool:
-        """Whether making a run would lead to it again."""
+        """Whether the run has the settings of this result."""
         return self.fingerprint == fingerprint(run.comparable(self.settings))
-
-    def document(self) -> dict[str, Any]:
-        """As plain data."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
-class Failure:
-    """A run that ended without a result."""
+class Failure(Keyed):
+    """A run that has ended without a result."""
 
     row: str
     scene: str
@@ -66,26 +69,45 @@ class Failure:
     error: str
     advice: str = ""
     resumable: bool = False
-    """Whether it was cut off, and goes on from its checkpoint; else it starts anew."""
+    """Whether the run was cut off and can go on from its checkpoint; else it starts anew."""
     date: str = ""
-    """When: year-month-day."""
+    """Year-month-day of the failure."""
 
     @property
-    def key(self) -> tuple[str, str, int]:
+    def key(self) -> RunKey:
         """Scene, row and seed."""
         return self.scene, self.row, self.seed
 
-    def document(self) -> dict[str, Any]:
-        """As plain data."""
-        return asdict(self)
+
+class ResultStore(JsonStore[Result | Failure]):
+    """The last result or failure of each run of a study."""
+
+    def __init__(self, path: Path, title: str) -> None:
+        """Read the file where it exists.
+
+        Raises:
+            DataError: the file is damaged, or a newer gsfw has written it.
+        """
+        lists: dict[str, type[Result | Failure]] = {"results": Result, "failures": Failure}
+        super().__init__(path, lists, {"title": title}, ADVICE, in_order=True)
+
+    @property
+    def results(self) -> dict[RunKey, Result]:
+        """Results by key."""
+        return {r.key: r for r in self.records.values() if isinstance(r, Result)}
+
+    @property
+    def failures(self) -> dict[RunKey, Failure]:
+        """Failures by key."""
+        return {r.key: r for r in self.records.values() if isinstance(r, Failure)}
 
 
 def collect(run: PlannedRun, wall_seconds: float | None = None) -> Result:
-    """The result of a finished run, from its folder.
+    """Read the result of a finished run from its folder.
 
     Args:
-        run: whose folder is read.
-        wall_seconds: from start to end of its process, where it was made in one go.
+        run: a finished run.
+        wall_seconds: from start to end of its process; ``None`` for a run that was interrupted.
 
     Raises:
         DataError: its result file is damaged.
@@ -124,7 +146,7 @@ def today() -> str:
 
 
 def _figures(document: Mapping[str, Any], prefix: str = "") -> dict[str, int | float]:
-    """Every number of a summary by dotted key; lists, such as curves over time, stay behind."""
+    """Every number of a summary by dotted key; lists, such as curves over time, are left out."""
     figures: dict[str, int | float] = {}
     for key, value in document.items():
         if isinstance(value, Mapping):
@@ -135,7 +157,7 @@ def _figures(document: Mapping[str, Any], prefix: str = "") -> dict[str, int | f
 
 
 def _required(folder: RunFolder) -> dict[str, int | float]:
-    """Floats of all parameters and of colours, and the latter's part of what all bands have."""
+    """Floats of all parameters and of colours, and the colours' part of what all bands need."""
     try:
         found = json.loads(folder.requirements.read_text(encoding="utf-8"))
         total, colors, full = found["total_floats"], found["sh_floats"], found["sh_floats_full"]
@@ -146,11 +168,11 @@ def _required(folder: RunFolder) -> dict[str, int | float]:
 
 
 def _checkpoint(folder: RunFolder) -> tuple[dict[str, int | float], int | None]:
-    """What the last checkpoint and the exported splats tell.
+    """Read the last checkpoint, and the size of the exported splats.
 
     Returns:
         Megabytes of the model's own tensors, of the whole checkpoint, and of splats.ply, as far
-        as they are there; and the threads that trained.
+        as they exist; and the number of training threads.
     """
     sizes: dict[str, int | float] = {}
     threads = None

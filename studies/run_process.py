@@ -1,4 +1,4 @@
-"""RunProcess: one training run in a process of its own, which no other run can disturb."""
+"""RunProcess: one training run in a process of its own."""
 
 from __future__ import annotations
 
@@ -15,36 +15,37 @@ from dataclasses import dataclass
 from typing import Any
 
 from gsfw.plugins.config_file import read_config
+from gsfw.studies.origin import cores
 from gsfw.studies.planned_run import PlannedRun
 
 COMMAND = (sys.executable, "-m", "gsfw")
-"""The gsfw that this is, whatever PATH says."""
+"""This gsfw, whatever PATH says."""
 
 INTERRUPTED = 130
-"""Exit code of a run that a signal has stopped; it has left a checkpoint."""
+"""Exit code of a run that was stopped by a signal and has written a checkpoint."""
 
 SIGNALLED = {129: "SIGHUP", 143: "SIGTERM"}
-"""Exit codes of a run that a signal has ended before it could stop after a step."""
+"""Exit codes of a run that was ended by a signal before it could stop after a step."""
 
 PATIENCE = 30.0
-"""Seconds that a run is given to write its checkpoint when it has to stop."""
+"""Seconds for writing a checkpoint after a request to stop."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended."""
+    """The end of a run's process."""
 
     finished: bool
     seconds: float
-    """Since its process was started."""
+    """Since the process was started."""
     resumed: bool
-    """Whether it went on from a checkpoint, so that these are not all its seconds."""
+    """Whether the run went on from a checkpoint, so that these are not all its seconds."""
     stopped: bool = False
-    """Whether it was asked to end, and goes on from its checkpoint another time."""
+    """Whether it was asked to end; it goes on from its checkpoint another time."""
     error: str = ""
     advice: str = ""
     resumable: bool = False
-    """Whether it was cut off from outside, and may go on."""
+    """Whether it was cut off from outside and can go on."""
 
 
 class RunProcess:
@@ -59,12 +60,12 @@ class RunProcess:
         """Start it.
 
         Args:
-            run: that is made, or goes on.
-            threads: it may use; ``None`` leaves that to the libraries.
-            lock: an open file that it holds as long as it lives.
+            run: to make or to continue.
+            threads: that the process may use; ``None`` leaves that to the libraries.
+            lock: an open file that the process holds as long as it lives.
 
         Raises:
-            ConfigError: it would go on, and the settings beside its checkpoint are damaged.
+            ConfigError: the settings beside the run's checkpoint are damaged.
         """
         self.run = run
         self._asked_to_stop = False
@@ -75,7 +76,7 @@ class RunProcess:
         else:
             shutil.rmtree(run.folder.path, ignore_errors=True)  # Nothing in it can go on.
             arguments = ["train", *run.arguments()]
-        # Files and not pipes: a pipe that nobody reads stops who writes.
+        # Files and not pipes: a full pipe that nobody reads blocks its writer.
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed when it has ended
         self._messages = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = subprocess.Popen(
@@ -85,7 +86,7 @@ class RunProcess:
             stderr=self._messages,
             env=_environment(threads),
             pass_fds=() if lock is None or os.name == "nt" else (lock,),
-            # Ctrl-C is for the study, which then asks its runs to stop, each once.
+            # Ctrl-C goes to the study alone, which then asks its runs to stop, each once.
             start_new_session=True,
         )
 
@@ -95,7 +96,7 @@ class RunProcess:
         return time.monotonic() - self._started
 
     def poll(self) -> Outcome | None:
-        """How it ended; ``None`` while it is at work."""
+        """The outcome; ``None`` while the process runs."""
         code = self._process.poll()
         if code is None:
             return None
@@ -108,13 +109,13 @@ class RunProcess:
         self._messages.close()
 
     def stop(self, once_more: bool = False) -> None:
-        """Ask it to end with a checkpoint, which takes a moment; once more, to end at once."""
+        """Ask the process to end with a checkpoint; once more, to end at once."""
         if once_more or not self._asked_to_stop:
             self._asked_to_stop = True
             self._process.terminate()
 
     def wait(self) -> None:
-        """Wait until it has ended; when it does not, end it."""
+        """Wait until the process has ended; kill it after ``PATIENCE`` seconds."""
         try:
             self._process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
@@ -143,7 +144,7 @@ class RunProcess:
         return Outcome(False, self.seconds, self.resumed, False, error, advice, cut_off)
 
     def _document(self) -> Mapping[str, Any]:
-        """What it wrote for programs; empty where it could not."""
+        """The run's JSON document; empty where it has written none."""
         try:
             document = json.loads(self._text(self._output))
         except ValueError:
@@ -156,7 +157,7 @@ class RunProcess:
 
 
 def _moved_data(run: PlannedRun) -> list[str]:
-    """Where a run's data is, if that is not where it was."""
+    """The argument that names a run's data where it has moved."""
     before = read_config(run.folder.config, everything=True).values.get("data")
     if run.data is None or str(run.data.resolve()) == before:
         return []
@@ -168,3 +169,12 @@ def _environment(threads: int | None) -> dict[str, str]:
     if threads is not None:
         environment["OMP_NUM_THREADS"] = str(threads)
     return environment
+
+
+def threads_per_run(jobs: int) -> int | None:
+    """Threads of each of several runs at a time; ``None`` leaves a single one as it is."""
+    if jobs == 1:
+        return None
+    text = os.environ.get("OMP_NUM_THREADS", "")
+    available = int(text) if text.isdecimal() and int(text) > 0 else cores()
+    return max(1, available // jobs)

@@ -1,4 +1,4 @@
-"""Runner: makes the runs of a study that are not there yet, some at a time, and keeps each."""
+"""Runner: makes the missing runs of a study, several at a time, and estimates their time."""
 
 from __future__ import annotations
 
@@ -6,58 +6,99 @@ import math
 import shutil
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from statistics import mean
 
 from gsfw.core.callback import Control
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.studies.estimate import Estimate
 from gsfw.studies.planned_run import PlannedRun
-from gsfw.studies.result import Failure, Result, collect, today
-from gsfw.studies.result_store import ResultStore
-from gsfw.studies.run_process import Outcome, RunProcess
-from gsfw.studies.threads import threads_per_run
+from gsfw.studies.result import Failure, Result, ResultStore, collect, today
+from gsfw.studies.run_process import Outcome, RunProcess, threads_per_run
 
 POLL_SECONDS = 0.1
-"""Between looks at the processes; nothing against what a run takes."""
+"""Between looks at the processes; next to nothing against the length of a run."""
+
+START_SECONDS = 8.0
+"""Start and end of a process around its training, about; where nothing is measured yet."""
+
+STEP_SECONDS = 0.1
+"""Of a step, where nothing is measured yet: half-resolution images on two cores, about."""
+
+
+class Estimate:
+    """Duration of runs, from results of the same cell; else of the scene, of the row, of any."""
+
+    def __init__(self, results: Iterable[Result]) -> None:
+        timed = [r for r in results if r.figures.get("steps") and "train_seconds" in r.figures]
+        self._measured = [
+            (result.row, result.scene, result.figures["train_seconds"] / result.figures["steps"])
+            for result in timed
+        ]
+        self._starts = [
+            max(0.0, result.figures["wall_seconds"] - result.figures["train_seconds"])
+            for result in timed
+            if "wall_seconds" in result.figures
+        ]
+
+    def seconds(self, run: PlannedRun) -> float:
+        """Seconds that a run takes from its last checkpoint on."""
+        left = run.steps - (run.steps_done() or 0)
+        start = mean(self._starts) if self._starts else START_SECONDS
+        return start + left * self._step_seconds(run)
+
+    def _step_seconds(self, run: PlannedRun) -> float:
+        row, scene = run.cell.row, run.cell.scene
+        same_cell = [s for r, c, s in self._measured if (r, c) == (row, scene)]
+        same_scene = [s for _, c, s in self._measured if c == scene]
+        same_row = [s for r, _, s in self._measured if r == row]
+        for alike in (same_cell, same_scene, same_row, [s for _, _, s in self._measured]):
+            if alike:
+                return mean(alike)
+        return STEP_SECONDS
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether any run is known."""
+        return bool(self._measured)
 
 
 @dataclass(frozen=True)
 class RunnerSettings:
-    """How runs are made."""
+    """Settings of the runner."""
 
     jobs: int = 1
     """Runs at a time."""
     minutes: float | None = None
-    """After which no further run is started; ``None`` for no limit."""
+    """Time after which no further run starts; ``None`` for no limit."""
     again: bool = False
-    """Whether finished runs are made again."""
+    """Make finished runs again."""
     keep_runs: bool = True
-    """Whether checkpoints of finished runs stay."""
+    """Keep the checkpoints of finished runs."""
     on_time: bool = False
-    """Whether no run is started that should not end within the minutes, and those that have not
-    ended then are stopped."""
+    """Start only runs that should end within the minutes, and stop those that do not."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A run has ended, one way or another."""
+    """The end of a run."""
 
     run: PlannedRun
     result: Result | None
     failure: Failure | None
-    """Neither: it was asked to stop, and goes on another time."""
+    """``None``, like ``result``, for a run that was stopped and goes on another time."""
     seconds: float
+    """Since its process was started."""
     number: int
     """Runs that have ended in this session, this one included."""
     total: int
-    """Runs there were to make."""
+    """Runs of this session."""
     seconds_left: float
-    """Estimated time until all are made."""
+    """Estimated time until all runs are made."""
 
 
 class Runner:
-    """Makes runs; what is finished with the same settings is kept as it is."""
+    """Makes runs; runs that are finished with the same settings are kept."""
 
     def __init__(
         self,
@@ -67,24 +108,24 @@ class Runner:
         control: Control,
         lock: int | None = None,
     ) -> None:
-        """See what there is to do.
+        """Find the runs that are missing.
 
         Args:
             plan: runs, in order.
-            store: where results are kept.
+            store: of their results.
             settings: of the runner.
-            control: that may ask it to stop.
+            control: may request a stop.
             lock: an open file that every process holds as long as it lives.
 
         Raises:
-            OutputError: a result that was found could not be written.
+            OutputError: a result that was found cannot be written.
         """
         self._store, self._settings, self._control = store, settings, control
         self._lock = lock
         self.pending: deque[PlannedRun] = deque()
-        """Runs that are not made yet; what is left of them at the end says why it is."""
+        """Runs that are not made yet, in order."""
         self.kept = 0
-        """Runs whose results were there."""
+        """Number of runs that had results."""
         self.working: list[RunProcess] = []
         for run in plan:
             if settings.again or not self._is_kept(run):
@@ -94,11 +135,11 @@ class Runner:
         self._total = len(self.pending)
 
     def _is_kept(self, run: PlannedRun) -> bool:
-        """Whether a run's result is there, in the file or at least in its folder."""
+        """Whether a run has a result, in the store or in its folder; the store then has it."""
         known = self._store.results.get(run.cell.key)
         if known is not None and known.is_of(run):
             given = run.cell.relevant
-            if known.given != given:  # Written otherwise, and meaning the same.
+            if known.given != given:  # Other words for the same settings.
                 self._store.keep(replace(known, given=given))
             return True
         if not run.is_finished():
@@ -111,12 +152,12 @@ class Runner:
         return True
 
     def run(self) -> Iterator[Ended]:
-        """Make the runs, and tell of each when it has ended.
+        """Make the runs; yields each when it has ended.
 
-        A stop that ``control`` asks for, or an exception, ends the processes with a checkpoint.
+        A requested stop or an exception ends the processes with a checkpoint.
 
         Raises:
-            OutputError: a result could not be written.
+            OutputError: a result cannot be written.
         """
         minutes = self._settings.minutes
         until = math.inf if minutes is None else time.monotonic() + 60 * minutes
@@ -140,7 +181,7 @@ class Runner:
                 process.wait()
 
     def _start(self, seconds: float) -> Iterator[Ended]:
-        """Start as many processes as there may be; those runs that cannot go on."""
+        """Start processes up to the number of jobs; yields runs that cannot go on."""
         while len(self.working) < self._settings.jobs:
             run = self._next(seconds)
             if run is None:
@@ -161,14 +202,14 @@ class Runner:
                 yield self._ended(run, outcome)
 
     def _next(self, seconds: float) -> PlannedRun | None:
-        """The first run that may be started, where so many seconds are left; ``None`` for none."""
+        """The first run that fits into the seconds that are left; ``None`` for none."""
         if not self._settings.on_time or seconds == math.inf:
             return self.pending[0] if self.pending else None
         estimate = Estimate(self._store.results.values())
         return next((run for run in self.pending if estimate.seconds(run) <= seconds), None)
 
     def _look(self) -> Iterator[Ended]:
-        """Those processes that have ended."""
+        """Yield the runs whose processes have ended."""
         for process in list(self.working):
             outcome = process.poll()
             if outcome is not None:
@@ -180,7 +221,7 @@ class Runner:
         if outcome.finished:
             try:
                 result = collect(run, None if outcome.resumed else outcome.seconds)
-            except DataError as error:  # As when the disk went full without a word.
+            except DataError as error:  # For example because the disk was full.
                 outcome = replace(outcome, finished=False, error=error.message, advice=error.advice)
         if result is not None:
             self._store.keep(result)
@@ -189,27 +230,12 @@ class Runner:
         elif outcome.stopped:
             self.pending.append(run)
         else:
-            cell = run.cell
-            failure = Failure(
-                cell.row,
-                cell.scene,
-                cell.seed,
-                outcome.error,
-                outcome.advice,
-                outcome.resumable,
-                today(),
-            )
-            self._store.keep_failure(failure)
-        left = len(self.pending) + len(self.working)
-        return Ended(
-            run,
-            result,
-            failure,
-            outcome.seconds,
-            self._total - left,
-            self._total,
-            self.seconds_left(),
-        )
+            cell, said = run.cell, (outcome.error, outcome.advice, outcome.resumable)
+            failure = Failure(cell.row, cell.scene, cell.seed, *said, today())
+            self._store.keep(failure)
+        number = self._total - len(self.pending) - len(self.working)
+        seconds, left = outcome.seconds, self.seconds_left()
+        return Ended(run, result, failure, seconds, number, self._total, left)
 
     def seconds_left(self) -> float:
         """Estimated time until all runs are made."""

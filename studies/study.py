@@ -1,4 +1,4 @@
-"""Study: a table of runs: rows that are compared, on scenes, with seeds and exceptions."""
+"""Study: a table of runs: rows that are compared on scenes, with seeds and exceptions."""
 
 from __future__ import annotations
 
@@ -12,60 +12,60 @@ from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import did_you_mean
 
 COLUMNS = ("psnr", "ssim", "num_gaussians", "megabytes", "train_seconds", "render_ms")
-"""What is shown where a study does not say."""
+"""Default columns."""
 
 
 NEUTRAL = ("out", "log_every", "eval_every", "checkpoint_every", "cache_mb", "gpu_cache_mb")
-"""Settings that change no result: a finished run stays finished where they are changed."""
+"""Settings that change no result: a finished run stays finished when they change."""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What is different for some cells of the table."""
+    """Different settings, seeds or a reason to skip, for some cells of the table."""
 
     rows: tuple[str, ...]
-    """Names or patterns such as 4d*."""
+    """Names or patterns of rows, for example 4d*."""
     scenes: tuple[str, ...]
-    """The same for scenes."""
+    """Names or patterns of scenes."""
     seeds: tuple[int, ...] | None = None
     """Seeds of these cells; ``None`` for those of the study."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of these cells, which win."""
+    """Settings of these cells; they override all others."""
     skip: str = ""
-    """Why these cells are left out; empty: they are not."""
+    """Reason to leave these cells out; empty for none."""
 
     def covers(self, row: str, scene: str) -> bool:
-        """Whether it is meant for a cell."""
+        """Whether the rule applies to a cell."""
         return matches(row, self.rows) and matches(scene, self.scenes)
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One run of a study, as its file describes it."""
+    """One run of a study, as described by its file."""
 
     row: str
     scene: str
     settings: Mapping[str, Any]
-    """By dotted key, with the seed; ``data`` as it is written."""
+    """Settings by dotted key, with the seed; ``data`` as it is written."""
 
     @property
     def relevant(self) -> dict[str, Any]:
-        """Those settings that its result depends on."""
+        """The settings that the result depends on."""
         return {key: value for key, value in self.settings.items() if key not in NEUTRAL}
 
     @property
     def seed(self) -> int:
-        """Of every generator."""
+        """Seed of every generator."""
         return int(self.settings["seed"])
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """Scene, row and seed, by which results are found again."""
+        """Scene, row and seed."""
         return self.scene, self.row, self.seed
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for people."""
         return f"{self.row} on {self.scene}, seed {self.seed}"
 
 
@@ -74,23 +74,23 @@ class Study:
     """A table of runs."""
 
     name: str
-    """Of its folder."""
+    """Name of its folder."""
     title: str
     rows: Mapping[str, Mapping[str, Any]]
     """Settings of each row, by dotted key."""
     scenes: Mapping[str, Mapping[str, Any]]
-    """Settings of each scene; ``data`` names its folder or file, from a root."""
+    """Settings of each scene; ``data`` is a path relative to a root."""
     about: str = ""
     """A paragraph for the report."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Of every run; a scene's win over these, a row's over a scene's, a rule's over all."""
+    """Settings of every run; overridden by a scene's, then by a row's, then by a rule's."""
     seeds: tuple[int, ...] = (42,)
     rules: tuple[Rule, ...] = ()
     columns: tuple[str, ...] = COLUMNS
-    """Figures that are shown, in order."""
+    """Names of the shown figures, in order."""
 
     def cells(self, only: Sequence[str] = ()) -> list[Cell]:
-        """Every run, scene by scene; what ``only`` names where it is not empty.
+        """The runs scene by scene; those that ``only`` names where it is not empty.
 
         Args:
             only: names or patterns of rows and of scenes. Those of rows limit the rows, those of
@@ -128,13 +128,13 @@ class Study:
         return [Cell(row, scene, {**settings, "seed": seed}) for seed in seeds]
 
     def skipped(self, row: str, scene: str) -> str:
-        """Why a cell is left out; empty where it is not."""
+        """Reason to leave a cell out; empty for none."""
         reasons = (rule.skip for rule in self.rules if rule.covers(row, scene))
         return next((reason for reason in reasons if reason), "")
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:
-    """Whether any of the patterns fits a name, or is it: names may hold brackets."""
+    """Whether a name equals or fits any of the patterns; names may hold brackets."""
     return any(pattern == name or fnmatchcase(name, pattern) for pattern in patterns)
 
 

@@ -1,4 +1,4 @@
-"""Study files: a study as YAML, read by a safe loader; mistakes are told with their place."""
+"""Study files: a study as YAML, read by a safe loader; messages name the place of a mistake."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ KEYS = ("title", "about", "settings", "seeds", "rows", "scenes", "rules", "colum
 RULE_KEYS = ("rows", "scenes", "seeds", "settings", "skip")
 
 RESERVED = {"out": "the study chooses the folders", "seed": "write it under seeds:"}
-"""Settings that a study gives itself, and what to do instead."""
+"""Settings that a study chooses itself, and the remedy."""
 
 
 def read_study(path: Path) -> Study:
-    """The study that a file describes.
+    """Read the study of a file.
 
     Raises:
         ConfigError: the file is missing, malformed, or has a key that studies do not have; says
@@ -55,7 +55,7 @@ def read_study(path: Path) -> Study:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that is there twice, of which PyYAML keeps the last and drops the other."""
+    """Refuses repeated keys, of which PyYAML keeps the last and drops the others."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:  # noqa: ANN401 - as PyYAML
         node = super().compose_mapping_node(anchor)
@@ -163,7 +163,7 @@ def _rule(
 
 
 def _patterns(where: str, key: str, found: object, known: Mapping[str, object]) -> tuple[str, ...]:
-    """One name or several, each of which has to fit something."""
+    """One name or several, each of which has to fit a known name."""
     listed = found if isinstance(found, list) else [found]
     patterns = [str(item) for item in listed]
     for pattern in patterns:
@@ -199,6 +199,6 @@ def _text(where: str, key: str, found: object) -> str:
 
 
 def _kind(found: object) -> str:
-    """What something of a YAML document is, in words."""
+    """Kind of a YAML value, in words."""
     names = {dict: "settings", list: "a list", str: "text", type(None): "nothing"}
     return names.get(type(found), f"{found!r}")

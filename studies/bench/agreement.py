@@ -1,4 +1,4 @@
-"""Agreement: how near a rasterizer's pictures and gradients are to the float64 reference."""
+"""Agreement: distance of a rasterizer's images and gradients to the float64 reference."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
-from gsfw.studies.bench.entrants import Candidate
-from gsfw.studies.bench.scene import SEED, scattered
+from gsfw.studies.bench.workload import SEED, scattered
+from gsfw.studies.entrants import Entrant
 
 FLIP = 1e-5
-"""A pixel further off than this has another list of splats: a rounding at a cut-off."""
+"""A pixel with a larger error has another list of splats, by a rounding at a cut-off."""
 
 RANDOM_SPLATS, RANDOM_SIZE = 2000, (160, 104)
 """Of each random scene: large splats, about 50 to each pixel as in the larger scenes."""
@@ -27,20 +27,21 @@ REFERENCE_CHUNK_MB, REFERENCE_PAIRS_MB = 64.0, 16384.0
 Errors = Mapping[str, float]
 
 
-def agreement(candidate: Candidate, splats: Splats, cameras: Cameras) -> Errors:
+def agreement(entrant: Entrant, splats: Splats, cameras: Cameras) -> Errors:
     """Errors of one scene: |found - expected| / |expected| in L2, unless said otherwise.
 
-    ``picture``; ``largest``, of any number of the picture; ``flips``, pixels that are off by more
-    than 1e-5; and ``gradient of NAME``, of every field and the pose, from one random gradient.
+    ``picture``: the image; ``largest``: the largest absolute error of a color; ``flips``: number of
+    pixels with an error above 1e-5; ``gradient of NAME``: of every field and the pose, from one
+    random gradient of the image.
     """
     reference = ReferenceRasterizer(REFERENCE_CHUNK_MB, REFERENCE_PAIRS_MB)
-    expected = _drawn(
+    expected = _rendered(
         reference,
         splats.map(lambda tensor: tensor.double()),
         cameras.to(dtype=torch.float64),
-        candidate.settings,
+        entrant.settings,
     )
-    found = _drawn(candidate.rasterizer, splats, cameras, candidate.settings)
+    found = _rendered(entrant.rasterizer, splats, cameras, entrant.settings)
     difference = (found["picture"].double() - expected["picture"]).abs()
     errors = {name: _distance(found[name], tensor) for name, tensor in expected.items()}
     errors["largest"] = float(difference.max())
@@ -48,22 +49,22 @@ def agreement(candidate: Candidate, splats: Splats, cameras: Cameras) -> Errors:
     return errors
 
 
-def agreement_at_random(candidate: Candidate, scenes: int, device: torch.device) -> Errors:
-    """The largest of each error over random scenes, and all flips together."""
+def agreement_at_random(entrant: Entrant, scenes: int, device: torch.device) -> Errors:
+    """The largest of each error over random scenes, and the sum of all flips."""
     errors: dict[str, list[float]] = {}
     for seed in range(SEED, SEED + scenes):
         scene = scattered(RANDOM_SPLATS, *RANDOM_SIZE, device, seed)
-        for name, error in agreement(candidate, *scene).items():
+        for name, error in agreement(entrant, *scene).items():
             errors.setdefault(name, []).append(error)
     # The largest of a tensor is NaN if one of its numbers is.
     worst = {name: float(torch.tensor(found).amax()) for name, found in errors.items()}
     return worst | {"flips": sum(errors.get("flips", ()))}
 
 
-def _drawn(
+def _rendered(
     rasterizer: Rasterizer, splats: Splats, cameras: Cameras, settings: RenderSettings
 ) -> dict[str, Tensor]:
-    """The picture, and the gradients from one random gradient of it."""
+    """The image, and the gradients from one random gradient of it."""
     splats = splats.map(lambda tensor: tensor.detach().clone().requires_grad_())
     pose = cameras.world_to_camera.clone().requires_grad_()
     output = rasterizer.render(splats, replace(cameras, world_to_camera=pose), settings)
@@ -79,6 +80,6 @@ def _drawn(
 
 
 def _distance(found: Tensor, expected: Tensor) -> float:
-    """|found - expected| / |expected|; of what is 0, the difference itself."""
+    """|found - expected| / |expected|; the difference itself where ``expected`` is 0."""
     size = float(expected.norm())
     return float((found.double() - expected).norm()) / (size if size > 0.0 else 1.0)

@@ -1,4 +1,4 @@
-"""First use: from starting Python to the first picture, before and after kernels were compiled."""
+"""First use: seconds from the start of Python to the first image, with and without a cache."""
 
 from __future__ import annotations
 
@@ -18,36 +18,35 @@ import torch
 device = torch.device(sys.argv[2])
 (torch.zeros(1, device=device) + 1).item()
 imported = time.perf_counter()
-from gsfw.studies.bench.entrants import choose
-from gsfw.studies.bench.scene import scattered
+from gsfw.studies.bench.workload import scattered
+from gsfw.studies.entrants import entrant_of
 from gsfw.plugins.registry import installed
-_, candidates = choose([sys.argv[1]], sys.argv[2], installed())
-(candidate,) = candidates.values()
+entrant = entrant_of(sys.argv[1], installed(), device)
 splats, cameras = scattered(1000, 640, 420, device)
 splats = splats.map(lambda tensor: tensor.requires_grad_())
 ready = time.perf_counter()
-output = candidate.rasterizer.render(splats, cameras, candidate.settings)
+output = entrant.rasterizer.render(splats, cameras, entrant.settings)
 output.color.sum().item()
-drawn = time.perf_counter()
+rendered = time.perf_counter()
 output.color.sum().backward()
 splats.means.grad.sum().item()
-seconds = [imported - began, ready - imported, drawn - ready, time.perf_counter() - drawn]
+seconds = [imported - began, ready - imported, rendered - ready, time.perf_counter() - rendered]
 names = ["torch", "gsfw", "first_picture", "first_backward"]
 print(json.dumps({f"{name}_seconds": round(took, 3) for name, took in zip(names, seconds)}))
 """
-"""Runs in a process of its own, since what is measured happens once in each."""
+"""Runs in a process of its own: everything it measures happens once in a process."""
 
 LIMIT_SECONDS = 120.0
 
 
 def first_use(rasterizer: str, device: str) -> dict[str, dict[str, float]]:
-    """Seconds of each part with an empty cache of kernels, and with what that has left there.
+    """Seconds of each part with an empty cache of kernels (cold) and with a filled one (warm).
 
-    ``torch`` is importing it and touching the device; ``gsfw`` is importing it and building the
-    rasterizer and a small scene; then come the first picture of a process, and its backward pass.
+    ``torch``: importing it and touching the device; ``gsfw``: importing it, building the rasterizer
+    and a small scene; ``first_picture`` and ``first_backward``: rendering and its backward pass.
 
     Raises:
-        UnavailableError: the process fails; says how.
+        UnavailableError: the process fails; says why.
     """
     with tempfile.TemporaryDirectory(prefix="gsfw-bench-") as cache:
         environment = os.environ | {FOLDER: cache}
@@ -68,12 +67,12 @@ def _child(arguments: list[str], environment: dict[str, str]) -> dict[str, float
     except subprocess.CalledProcessError as error:
         reason = (error.stderr or "").strip().rpartition("\n")[2]
         raise UnavailableError(
-            f"a new process did not draw with rasterizer {arguments[0]}: {reason}",
+            f"a new process did not render with rasterizer {arguments[0]}: {reason}",
             "Leave first_use out, or see gsfw doctor.",
         ) from None
     except subprocess.TimeoutExpired:
         raise UnavailableError(
-            f"a new process did not draw with rasterizer {arguments[0]} within "
+            f"a new process did not render with rasterizer {arguments[0]} within "
             f"{LIMIT_SECONDS:.0f} s.",
             "Leave first_use out, or see gsfw doctor.",
         ) from None

@@ -1,4 +1,4 @@
-"""Sort: our radix sort beside torch.sort, on what a picture sorts."""
+"""Sort: our radix sort beside torch.sort, on the keys of an image."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from torch import Tensor
 
 from gsfw.kernels.cuda.launcher import Launcher
 from gsfw.kernels.cuda.sort import radix_sort
-from gsfw.studies.bench.scene import FULL_HD, SEED
 from gsfw.studies.bench.timing import timings_on
+from gsfw.studies.bench.workload import FULL_HD, SEED
 
 TILE = 16
 """Side of a tile in pixels."""
 
 REACH = 3
-"""Each splat meets so many tiles along each axis."""
+"""Number of tiles along each axis that a splat intersects."""
 
 WARM_UP, REPEATS = 3, 20
 
@@ -26,14 +26,14 @@ DEPTH_BITS = 32
 
 
 def compare_sorts(launcher: Launcher, device: torch.device, splats: int) -> list[dict[str, Any]]:
-    """Sort by depth (32 bits) and pairs by tile (as many bits as 1920x1080 has tiles need).
+    """Sort splats by depth (32 bits), and tile intersections by tile (bits for 1920x1080 pixels).
 
-    The pairs are those of ``splats`` random squares of 3x3 tiles, splat after splat, as a picture
-    emits them. Each sort gets the same numbers and has to give the same order.
+    The intersections are those of ``splats`` random squares of 3x3 tiles, splat after splat, as
+    binning emits them. Both sorts get the same numbers and have to give the same order.
 
     Returns:
-        Of each sort: keys, bits, milliseconds of both (median, and distance of the quartiles), and
-        whether the results are the same.
+        For each kind of keys: their number and bits, milliseconds of both sorts (median and
+        distance of the quartiles), and whether the results are equal.
     """
     generator = torch.Generator(device).manual_seed(SEED)
     columns, rows = (-(-side // TILE) for side in FULL_HD)
@@ -47,7 +47,7 @@ def compare_sorts(launcher: Launcher, device: torch.device, splats: int) -> list
 
 
 def _tiles(splats: int, columns: int, rows: int, generator: torch.Generator) -> Int[Tensor, " p"]:
-    """The tile of each pair, in 16 bits."""
+    """The tile of each intersection, in 16 bits."""
     device = generator.device
 
     def first(limit: int) -> Tensor:

@@ -1,4 +1,4 @@
-"""Timing: readings of two clocks, by name, and their medians."""
+"""Timing: readings of two clocks by name, their medians, and the memory and clocks of a GPU."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ import torch
 
 from gsfw.core.loop.device import wait_for
 from gsfw.core.rasterizer import StageTime
-from gsfw.studies.bench import device as bench_device
+
+WARM_UP_SECONDS = 1.0
+WARM_UP_SIDE = 4096
+"""Of the matrices whose product brings a GPU to its clocks under load."""
 
 
 class Timings:
-    """What stages took, one reading per repeat: CPU time of the whole process, and wall time."""
+    """Times of stages, one reading per repeat: CPU time of the whole process, and wall time."""
 
     def __init__(self) -> None:
         self._readings: dict[str, list[StageTime]] = {}
@@ -26,7 +29,7 @@ class Timings:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Measure what happens inside."""
+        """Measure the time of the block."""
         # The clocks are read in the same order twice, so both see one reading of the other.
         cpu, wall = time.process_time_ns(), time.perf_counter_ns()
         yield
@@ -38,10 +41,10 @@ class Timings:
         return self._readings[name][-1]
 
     def figures(self) -> Mapping[str, float]:
-        """Of every stage: NAME_ms, NAME_wall_ms, NAME_min_ms and NAME_min_wall_ms.
+        """NAME_ms, NAME_wall_ms, NAME_min_ms, NAME_min_wall_ms and NAME_spread_ms of every stage.
 
-        Medians and least values; those with ``wall`` are wall time, the others CPU time, or time
-        of the GPU. NAME_spread_ms is the distance of the quartiles, of wall time.
+        The first two are medians, ``min`` is the least value, and ``spread`` is the distance of the
+        quartiles of wall time. Figures without ``wall`` are CPU time, or time of the GPU.
         """
         figures: dict[str, float] = {}
         for name, readings in self._readings.items():
@@ -54,7 +57,7 @@ class Timings:
 
 
 class GpuTimings(Timings):
-    """The same on a GPU: time between marks in what it has to do, and wall time.
+    """Times of stages on a GPU: time between marks in its stream, and wall time.
 
     The host waits for the GPU before the outermost stage begins and where it ends, and nowhere
     within: stages inside it overlap as they do in training, and their wall time is that of the GPU.
@@ -68,32 +71,68 @@ class GpuTimings(Timings):
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Measure what happens inside."""
+        """Measure the time of the block."""
         outermost = self._depth == 0
         if outermost:
             wait_for(self._device)
-        wall, begin = time.perf_counter_ns(), bench_device.mark(self._device)
+        wall, begin = time.perf_counter_ns(), mark(self._device)
         self._depth += 1
         try:
             yield
         finally:
             self._depth -= 1
-        end = bench_device.mark(self._device)
+        end = mark(self._device)
         if not outermost:
             self._passed.append((name, begin, end))
             return
         wait_for(self._device)
         wall = time.perf_counter_ns() - wall
-        self.add(name, StageTime(bench_device.milliseconds(begin, end), wall / 1e6))
+        self.add(name, StageTime(milliseconds(begin, end), wall / 1e6))
         for inner, *marks in self._passed:
-            took = bench_device.milliseconds(*marks)
+            took = milliseconds(*marks)
             self.add(inner, StageTime(took, took))
         self._passed.clear()
 
 
 def timings_on(device: torch.device) -> Timings:
-    """The clocks for what runs on ``device``."""
+    """The clocks of a device."""
     return GpuTimings(device) if device.type == "cuda" else Timings()
+
+
+def mark(device: torch.device) -> torch.cuda.Event:
+    """Record an event in the current stream of the GPU."""
+    event = torch.cuda.Event(enable_timing=True)
+    event.record(torch.cuda.current_stream(device))
+    return event
+
+
+def milliseconds(begin: torch.cuda.Event, end: torch.cuda.Event) -> float:
+    """Time between two events on the GPU's clock; both must have completed."""
+    return begin.elapsed_time(end)
+
+
+def begin_peak(device: torch.device) -> float:
+    """Reset the peak of memory; megabytes that are allocated now, and 0 on the CPU."""
+    if device.type != "cuda":
+        return 0.0
+    torch.cuda.reset_peak_memory_stats(device)
+    return torch.cuda.memory_allocated(device) / 1e6
+
+
+def peak_mb(device: torch.device) -> float:
+    """Peak of allocated memory since ``begin_peak`` in megabytes, and 0 on the CPU."""
+    return torch.cuda.max_memory_allocated(device) / 1e6 if device.type == "cuda" else 0.0
+
+
+def warm_up(device: torch.device) -> None:
+    """Keep a GPU busy for a second: an idle one runs at a fraction of its clock."""
+    if device.type != "cuda":
+        return
+    matrix = torch.ones(WARM_UP_SIDE, WARM_UP_SIDE, device=device)
+    end = time.perf_counter() + WARM_UP_SECONDS
+    while time.perf_counter() < end:
+        torch.mm(matrix, matrix)
+        wait_for(device)
 
 
 def total(readings: list[StageTime]) -> StageTime:
@@ -104,7 +143,7 @@ def total(readings: list[StageTime]) -> StageTime:
 
 
 def _spread(values: list[float]) -> float:
-    """Between the quartiles."""
+    """Distance of the quartiles."""
     ordered = sorted(values)
     last = len(ordered) - 1
     return ordered[round(0.75 * last)] - ordered[round(0.25 * last)]

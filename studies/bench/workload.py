@@ -1,4 +1,7 @@
-"""Workload: the splats and cameras that a measurement draws, and how they are read from a file."""
+"""Workload: splats and cameras to render, from a file or at random.
+
+Random splats fill an image as those of a trained scene do.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.errors import DataError
+from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.input_checks import check_values
 from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients
 from gsfw.core.render_settings import RenderSettings
@@ -33,7 +36,7 @@ FIELDS = (
     "width",
     "height",
 )
-"""What a file holds; more is left alone."""
+"""Arrays of a file; others are ignored."""
 
 ADVICE = (
     "A workload is an npz file with means [n, 3], quats [n, 4] (wxyz), scales [n, 3] and "
@@ -42,21 +45,37 @@ ADVICE = (
 )
 
 MAX_SIDE = 32_768
-"""Of a picture, in pixels: more is a mistake, and would be noticed as lack of memory only."""
+"""Of an image, in pixels: a larger one is a mistake, which only a lack of memory would reveal."""
+
+SPLATS, WIDTH, HEIGHT = 100_000, 640, 420
+"""Number of splats and size of the image of the built-in workload."""
+FOCAL = 0.75
+"""In widths of the image."""
+NEAREST, FURTHEST = 1.2, 3.2
+"""View depths."""
+SPREAD = 1.25
+"""Reach of the splats, where the edges of the image are at 1: a third of them is unseen."""
+SMALLEST_SCALE, LARGEST_SCALE = 1e-4, 0.02
+"""Standard deviations of 100,000 splats, in scene units: up to 3 pixels far, 8 pixels near."""
+SEED = 42
+
+RANDOM = "random:"
+"""Beginning of the name of a workload of random splats; their number follows."""
+FULL_HD = (1920, 1080)
 
 
 @dataclass(frozen=True)
 class Workload:
-    """What is drawn; float32."""
+    """Splats and cameras to render; float32."""
 
     name: str
-    """The file, or how the splats were made."""
+    """Path of the file, or the way in which the splats were made."""
     splats: Splats
     cameras: Cameras
 
     @property
     def description(self) -> str:
-        """What it is, as a phrase."""
+        """Numbers of splats and cameras, and sizes, as a phrase."""
         splats, cameras = self.splats, self.cameras
         colors = splats.colors
         kind = f"SH degree {colors.degree}" if isinstance(colors, Sh) else "RGB"
@@ -69,10 +88,10 @@ class Workload:
         return replace(self, splats=splats, cameras=self.cameras.to(device))
 
     def copied(self, copies: int) -> Workload:
-        """``copies`` x ``copies`` of it side by side along the world's x and y, seen as before.
+        """``copies`` x ``copies`` of the splats side by side along the world's x and y.
 
-        They are as far apart as the splats' centres reach, and the cameras stay with the one in the
-        middle: what gsplat's own profile does with its "scene_grid" to stand for a large scene.
+        The copies are as far apart as the splats' centres reach, and the cameras stay with the one
+        in the middle. The "scene_grid" of gsplat's own profiler stands for a large scene like this.
         """
         if copies == 1:
             return self
@@ -87,7 +106,7 @@ class Workload:
         return replace(self, name=name, splats=replace(splats, means=means))
 
     def sized(self, width: int, height: int) -> Workload:
-        """The same in pictures of another size, whose axes are stretched to it."""
+        """The same in images of another size, whose axes are stretched to it."""
         return replace(self, cameras=self.cameras.resized(width, height))
 
 
@@ -95,7 +114,7 @@ def read_workload(path: Path) -> Workload:
     """Read a workload from an npz file.
 
     Raises:
-        DataError: it is absent, no npz file, lacks a field, or holds a wrong shape or value.
+        DataError: it is absent, is no npz file, lacks a field, or holds a wrong shape or value.
     """
     arrays = _arrays(path)
     for name, shapes in _expected(arrays).items():
@@ -118,7 +137,7 @@ def _arrays(path: Path) -> Mapping[str, Array]:
     """Every field, as float32.
 
     Raises:
-        DataError: the file is absent, no npz file, lacks a field, or holds one without numbers.
+        DataError: the file is absent, is no npz file, lacks a field, or holds one without numbers.
     """
     if not path.is_file():
         raise DataError(f"workload={path}: there is no such file.", ADVICE)
@@ -140,7 +159,7 @@ def _arrays(path: Path) -> Mapping[str, Array]:
             raise DataError(
                 f"workload={path}: {name}: expected numbers, found {raw[name].dtype}.", ADVICE
             )
-    with np.errstate(over="ignore"):  # What float32 cannot hold becomes inf, which is refused.
+    with np.errstate(over="ignore"):  # Too large for float32 becomes inf, which is refused.
         return {name: np.array(value, dtype=np.float32) for name, value in raw.items()}
 
 
@@ -172,10 +191,10 @@ def _splats(arrays: Mapping[str, Array]) -> Splats:
 
 
 def _cameras(path: Path, arrays: Mapping[str, Array]) -> Cameras:
-    """The cameras; intrinsics that are given once hold for all.
+    """The cameras; a single matrix of intrinsics holds for all.
 
     Raises:
-        DataError: the size of the pictures is no size.
+        DataError: the size of the images is not valid.
     """
     sides = {name: float(arrays[name].reshape(())) for name in ("width", "height")}
     for name, side in sides.items():
@@ -189,3 +208,58 @@ def _cameras(path: Path, arrays: Mapping[str, Array]) -> Cameras:
     intrinsics = torch.from_numpy(arrays["intrinsics"]).view(-1, 3, 3)
     intrinsics = intrinsics.expand(len(poses), 3, 3).contiguous()
     return Cameras(poses, intrinsics, int(sides["width"]), int(sides["height"]))
+
+
+def scattered(
+    count: int, width: int, height: int, device: torch.device, seed: int = SEED
+) -> tuple[Splats, Cameras]:
+    """Random splats in front of one camera and around its image; the same for the same seed.
+
+    Sizes and opacities are distributed as in the workload "garden" of docs/performance.md. Sizes
+    shrink with the square root of the number of splats, so that 50 to 62 of them contribute to each
+    pixel of any image, from 100,000 to 5,000,000 splats.
+    """
+    generator = torch.Generator(device).manual_seed(seed)
+
+    def uniform(columns: int, low: float, high: float) -> Tensor:
+        numbers = torch.rand(count, columns, generator=generator, device=device)
+        return low + (high - low) * numbers
+
+    focal = FOCAL * width
+    shrink = (SPLATS / max(count, 1)) ** 0.5
+    depth = uniform(1, NEAREST, FURTHEST)
+    edges = 0.5 * SPREAD / focal * torch.tensor([width, height], device=device)
+    splats = Splats(
+        means=torch.cat([uniform(2, -1.0, 1.0) * edges * depth, depth], dim=1),
+        quats=torch.randn(count, 4, generator=generator, device=device),
+        scales=uniform(3, SMALLEST_SCALE * shrink, LARGEST_SCALE * shrink),
+        opacities=uniform(1, 0.0, 1.0)[:, 0],
+        colors=uniform(3, 0.0, 1.0),
+    )
+    intrinsics = torch.tensor([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    return splats, Cameras(torch.eye(4)[None], intrinsics[None], width, height).to(device)
+
+
+def built_in(device: torch.device) -> Workload:
+    """The default workload, with 13.4 million contributing pairs.
+
+    The random numbers come from the CPU, so that it is the same on every device.
+    """
+    splats, cameras = scattered(SPLATS, WIDTH, HEIGHT, torch.device("cpu"))
+    return Workload("built in", splats, cameras).to(device)
+
+
+def random_workload(text: str, device: torch.device) -> Workload:
+    """A workload of random splats at 1920x1080.
+
+    Raises:
+        ConfigError: ``text`` is not ``random:COUNT``.
+    """
+    given = text.removeprefix(RANDOM)
+    count = int(given) if given.isdecimal() else 0
+    if not 1 <= count < 2**31:
+        raise ConfigError(
+            f"workload={text}: expected a number of splats after {RANDOM}, found {given!r}.",
+            f"Write it in digits: workload={RANDOM}1000000",
+        )
+    return Workload(text, *scattered(count, *FULL_HD, device))

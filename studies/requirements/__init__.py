@@ -1,1 +1,1 @@
-"""What a scene required of a model: where its floats went, what each bought, what was left out."""
+"""Requirements of a run: the floats of its model by purpose, and the PSNR that each part gains."""

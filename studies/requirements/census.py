@@ -1,4 +1,4 @@
-"""Census: what the floats of a model are for."""
+"""Census: the floats of a model by purpose."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from gsfw.core.model import PrimitiveModel
 
 FLOAT_BYTES = 4
 CONSTANT, BANDS = "sh_dc", "sh_rest"
-"""Columns of SH coefficients, as built-in models name them; bands are known by a flag as well."""
+"""Columns of SH coefficients in built-in models; a flag marks bands as well."""
 BAND = "SH band "
-"""How names of groups of SH coefficients begin; the band's number follows."""
+"""Beginning of the names of groups of SH coefficients; the band's number follows."""
 TIME = "time parameters"
 PURPOSES = {
     "means": "positions",
@@ -26,38 +26,38 @@ PURPOSES = {
     "log_scales": "rotations and sizes",
     "opacity_logits": "opacities",
 }
-"""What columns of these names are for; all others go by their own names."""
+"""Purposes of columns of these names; all others go by their own names."""
 
 
 @dataclass(frozen=True)
 class Census:
-    """The floats of a model, counted."""
+    """Numbers of floats of a model."""
 
     floats: Mapping[str, int]
-    """By purpose; all that it takes to draw the model."""
+    """Floats that rendering needs, by purpose."""
     for_training: Mapping[str, int]
-    """By name; moments and columns that only training needs."""
+    """Floats that only training needs, by name: moments and columns."""
     rows_by_degree: tuple[int, ...]
-    """How many rows have each SH degree, from 0 on; empty without spherical harmonics."""
+    """Number of rows with each SH degree, from 0 on; empty without spherical harmonics."""
     highest_degree: int
-    """That rows could have: of the settings where rows differ in it; 0 without bands."""
+    """Highest possible degree: that of the settings where rows differ in it; 0 without bands."""
     rows_without_time: int
-    """Rows that have no time parameters in a model of which others do."""
+    """Number of rows without time parameters in a model of which others have some."""
 
     @property
     def sh_floats(self) -> int:
-        """Those of spherical harmonics."""
+        """Floats of spherical harmonics."""
         names = (band_name(band) for band in range(MAX_DEGREE + 1))
         return sum(self.floats.get(name, 0) for name in names)
 
     @property
     def sh_floats_full(self) -> int:
-        """Of the same rows, all at the highest degree."""
+        """Floats of spherical harmonics if all rows had the highest degree."""
         return sum(self.rows_by_degree) * 3 * num_coefficients(self.highest_degree)
 
     @staticmethod
     def of(model: PrimitiveModel, optimizer: Optimizer, degree: int | None) -> Census:
-        """Count.
+        """Count the floats of a model.
 
         Args:
             model: whose floats are counted.
@@ -86,27 +86,27 @@ class Census:
 
 
 def band_name(band: int) -> str:
-    """What the coefficients of an SH band are called."""
+    """Name of the coefficients of an SH band."""
     return f"{BAND}{band}"
 
 
 def _floats(values: Tensor) -> int:
-    """Numbers of four bytes that a tensor takes as much memory as."""
+    """Size of a tensor in numbers of four bytes."""
     return -(-values.nbytes // FLOAT_BYTES)
 
 
 def is_drawn(column: Column, is_temporal: bool) -> bool:
-    """Whether it takes a column to draw its model; others are there for training alone."""
+    """Whether rendering needs a column; others exist for training alone."""
     return column.trained or is_temporal
 
 
 def is_bands(name: str, column: Column) -> bool:
-    """Whether a column has the SH coefficients above the constant one."""
+    """Whether a column holds the SH coefficients above the constant one."""
     return name == BANDS or column.bands
 
 
 def _purposes(name: str, column: Column, is_temporal: bool) -> dict[str, int]:
-    """The floats of a column by what they are for."""
+    """The floats of a column by purpose."""
     if is_temporal:
         return {TIME: _floats(column.values)}
     if name == CONSTANT:
@@ -124,14 +124,14 @@ def _purposes(name: str, column: Column, is_temporal: bool) -> dict[str, int]:
 
 
 def _lengths(column: Column) -> Int[Tensor, " n"]:
-    """How many coefficients above the constant one each row has."""
+    """Number of coefficients above the constant one of each row."""
     if column.offsets is not None:
         return column.offsets.diff()
     return torch.full((column.num_rows,), column.values.shape[1])
 
 
 def _rows_by_degree(columns: Mapping[str, Column]) -> tuple[int, ...]:
-    """How many rows have each degree."""
+    """Number of rows with each degree."""
     for name, column in columns.items():
         if is_bands(name, column):
             # Degree d has (d + 1)^2 - 1 coefficients above the constant one.
@@ -144,7 +144,7 @@ def _rows_by_degree(columns: Mapping[str, Column]) -> tuple[int, ...]:
 def _highest_degree(
     columns: Mapping[str, Column], rows: tuple[int, ...], degree: int | None
 ) -> int:
-    """That of the settings where rows differ in it; else the one that all have."""
+    """Degree of the settings where rows differ in it; else the degree of all rows."""
     found = max(len(rows) - 1, 0)
     is_ragged = any(
         is_bands(name, column) and column.layout is Layout.RAGGED
@@ -154,7 +154,7 @@ def _highest_degree(
 
 
 def _empty_rows(temporal: Mapping[str, Column]) -> Bool[Tensor, " n"]:
-    """Rows that have no value in any temporal column."""
+    """Rows without a value in any temporal column."""
     if not temporal:
         return torch.zeros(0, dtype=torch.bool)
     empty = [

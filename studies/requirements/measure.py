@@ -1,4 +1,4 @@
-"""Measure: the requirements of a run that has just been trained."""
+"""Measure: the requirements of a trained run."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gsfw.studies.requirements.worth import MOST_CAMERAS, Worth
 from gsfw.studies.tradeoff.subject import Subject
 
 WITHOUT_BAND = "PSNR with this band and those below it, less PSNR with those below it alone."
-UNDRAWN_BAND = "Training ended before this band was drawn."
+UNUSED_BAND = "Training ended before this band was rendered."
 HELD_STILL = (
-    "PSNR as it is, less PSNR with every view drawn as the model is at time {:g} of 0 to 1."
+    "PSNR as it is, less PSNR with every view rendered as the model is at time {:g} of 0 to 1."
 )
 PROTOCOL = (
     "PSNR is the mean over the views below, of the finished model with something left out; nothing "
     "was trained anew, which would make up for a part of it. The least useful Gaussians are those "
     f"that add the least alpha times transmittance to up to {MOST_CAMERAS} training views."
 )
-NEEDED = "Not measured: there is no picture without them."
-OTHERS = "Not measured: gsfw does not know how to draw this model without them."
+NEEDED = "Not measured: there is no image without them."
+OTHERS = "Not measured: gsfw does not know how to render this model without them."
 ALWAYS = ("positions", "rotations and sizes", "opacities", band_name(0))
 """Groups that every Gaussian needs."""
 
@@ -33,7 +33,7 @@ ALWAYS = ("positions", "rotations and sizes", "opacities", band_name(0))
 def measure(
     parts: TrainingParts, plan: TrainingPlan, step: int, settings: Mapping[str, Any]
 ) -> Requirements:
-    """Count the floats of a finished model, and draw it without some of them.
+    """Count the floats of a finished model, and render it without some of them.
 
     Nothing of the run is changed: neither its model, nor its optimizer, nor its generator.
 
@@ -44,7 +44,7 @@ def measure(
         settings: of the run, as plain data by dotted key.
 
     Raises:
-        DataError: a picture does not decode.
+        DataError: an image does not decode.
     """
     started = time.perf_counter()
     subject = Subject(
@@ -86,7 +86,7 @@ def _group(name: str, floats: int, worth: Worth) -> FloatGroup:
     if name in ALWAYS:
         return FloatGroup(name, floats, None, NEEDED)
     if name.startswith(BAND):
-        return FloatGroup(name, floats, 0.0, UNDRAWN_BAND)
+        return FloatGroup(name, floats, 0.0, UNUSED_BAND)
     return FloatGroup(name, floats, None, OTHERS)
 
 
@@ -95,5 +95,5 @@ def _not_measured(worth: Worth) -> tuple[str, ...]:
     if worth.split is Split.TRAIN:
         found.append("No view is held out: PSNR is that of views the model was trained on.")
     if not worth.least_useful:
-        found.append("The rasterizer does not measure what each Gaussian contributes.")
+        found.append("The rasterizer does not measure the contribution of each Gaussian.")
     return tuple(found)

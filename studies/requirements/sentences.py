@@ -1,4 +1,4 @@
-"""Sentences: what was left out of a model, what it hardly needs, and what to try."""
+"""Sentences: missing and unneeded parts of a model, and settings to try."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from gsfw.studies.requirements.census import Census
 from gsfw.studies.requirements.worth import Worth
 
 HARDLY_DB = 0.05
-"""What brings less than this is hardly needed: seeds differ by as much."""
+"""Gain in dB below which a part is hardly needed: seeds differ by as much."""
 MENTIONED = 0.25
-"""A smaller part of the Gaussians is not worth a word: some always add next to nothing."""
+"""Smallest part of the Gaussians to mention: some always add next to nothing."""
 
 
 def left_out(census: Census, num_rows: int) -> tuple[str, ...]:
-    """What some rows do not have that others have, or could have had by the settings."""
+    """Parts that some rows lack and others have, or could have by the settings."""
     found = [
         f"{_bands(degree + 1, census.highest_degree)} of {percent(count / num_rows)} of the "
         "Gaussians"
@@ -29,9 +29,9 @@ def left_out(census: Census, num_rows: int) -> tuple[str, ...]:
 
 
 def could_go(census: Census, worth: Worth, settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """What the model hardly needs, with the settings that leave it out, where there are some."""
+    """Parts that the model hardly needs, with settings that leave them out."""
     found = (
-        _undrawn_bands(census, worth),
+        _unused_bands(census, worth),
         _idle_bands(worth, settings),
         _idle_rows(worth, settings),
     )
@@ -39,7 +39,7 @@ def could_go(census: Census, worth: Worth, settings: Mapping[str, Any]) -> tuple
 
 
 def headline(census: Census, worth: Worth, settings: Mapping[str, Any], num_rows: int) -> str:
-    """All of it in a line."""
+    """A summary in one line."""
     if not census.rows_by_degree:
         said = [f"{sum(census.floats.values()):,} floats"]
     else:
@@ -55,21 +55,21 @@ def headline(census: Census, worth: Worth, settings: Mapping[str, Any], num_rows
 
 
 def _upper_bands(worth: Worth) -> str:
-    """What the bands above the first brought; the first, where it is all there is."""
+    """Gain of the bands above the first; of the first, if it is the only one."""
     top = len(worth.bands)
     first = min(2, top)
     return _bought(first, worth) if top else ""
 
 
-def _undrawn_bands(census: Census, worth: Worth) -> str:
+def _unused_bands(census: Census, worth: Worth) -> str:
     first, top = len(worth.bands) + 1, len(census.rows_by_degree) - 1
     if first > top:
         return ""
-    return f"{_bands(first, top)}: training ended before they were drawn"
+    return f"{_bands(first, top)}: training ended before they were rendered"
 
 
 def _idle_bands(worth: Worth, settings: Mapping[str, Any]) -> str:
-    """The upper bands that together bring hardly anything; empty when they do."""
+    """The upper bands that together gain hardly anything; empty for none."""
     degree = len(worth.bands)
     while degree and sum(worth.bands[degree - 1 :]) < HARDLY_DB:
         degree -= 1
@@ -79,7 +79,7 @@ def _idle_bands(worth: Worth, settings: Mapping[str, Any]) -> str:
 
 
 def _idle_rows(worth: Worth, settings: Mapping[str, Any]) -> str:
-    """The least useful Gaussians that bring hardly anything; empty when all parts do."""
+    """The least useful Gaussians that gain hardly anything; empty for none."""
     idle = [item for item in worth.least_useful if item.bought_db < HARDLY_DB]
     idle = [item for item in idle if item.part >= MENTIONED]
     if not idle:
@@ -92,13 +92,13 @@ def _idle_rows(worth: Worth, settings: Mapping[str, Any]) -> str:
 
 
 def _try(settings: Mapping[str, Any], ways: Mapping[str, object]) -> str:
-    """Those settings that this run has and could set differently."""
+    """The settings of ``ways`` that this run has with another value."""
     there = [f"{key}={v}" for key, v in ways.items() if key in settings and settings[key] != v]
     return f" (try {' or '.join(there)})" if there else ""
 
 
 def _bought(first: int, worth: Worth) -> str:
-    """What the bands from ``first`` on brought together."""
+    """Gain of the bands from ``first`` on."""
     db = decibels(sum(worth.bands[first - 1 :]))
     return f"{_bands(first, len(worth.bands))} bought {db}"
 
@@ -108,12 +108,12 @@ def _bands(first: int, last: int) -> str:
 
 
 def decibels(value: float) -> str:
-    """A gain as people read it."""
+    """A gain for people."""
     return f"{round(value, 2) + 0.0:.2f} dB"  # Adding zero takes the sign from a rounded -0.
 
 
 def percent(part: float) -> str:
-    """A part of the whole as people read it."""
+    """A part of the whole for people."""
     percent = 100 * part
     if 0 < percent < 0.01:
         return "under 0.01 %"

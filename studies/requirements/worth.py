@@ -1,7 +1,7 @@
-"""Worth: what parts of a finished model bring, measured by drawing it without them.
+"""Worth: PSNR that parts of a finished model gain, measured by rendering without them.
 
-Nothing is trained anew: a model that is trained without something from the start makes up for a
-part of it, so that what is measured here is rather too much than too little.
+Nothing is trained anew: a model that is trained without a part from the start makes up for some of
+it, so that these gains are rather too large than too small.
 """
 
 from __future__ import annotations
@@ -22,37 +22,38 @@ from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.metrics import psnr
 from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
-from gsfw.studies.tradeoff.sh_truncation import ShTruncation
+from gsfw.studies.tradeoff.edits import ShTruncation
+from gsfw.studies.tradeoff.finished_model import evenly
 from gsfw.studies.tradeoff.subject import Edit, Subject
 
 MOST_VIEWS = 8
-"""On which PSNR is measured, spread evenly over the held-out ones."""
+"""Most views for PSNR, spread evenly over the held-out ones."""
 MOST_CAMERAS = 24
-"""Of training views from which contributions are measured, spread evenly."""
+"""Most training views for contributions, spread evenly."""
 PARTS = (0.1, 0.25, 0.5)
-"""Of the Gaussians, the least useful ones, that are left out."""
+"""Parts of the Gaussians, the least useful ones, that are left out."""
 STILL_TIME = 0.5
-"""At which a model is drawn that is held still: the middle of the sequence."""
+"""Time at which a moving model is held still: the middle of the sequence."""
 
 
 @dataclass(frozen=True)
 class Worth:
-    """PSNR on some views, and what it loses without parts of the model."""
+    """PSNR on some views, and its loss without parts of the model."""
 
     views: tuple[str, ...]
     split: Split
     psnr: float
     bands: tuple[float, ...]
-    """What each SH band above the constant one brings, from band 1 on, in dB."""
+    """Gain of each SH band above the constant one, from band 1 on, in dB."""
     least_useful: tuple[LeastUseful, ...]
-    """Empty where contributions cannot be measured."""
+    """Gains of the least useful Gaussians; empty where contributions cannot be measured."""
     motion: Motion | None
-    """``None`` for data without times."""
+    """Gain of motion; ``None`` for data without times."""
 
     @staticmethod
     @torch.no_grad()
     def of(subject: Subject, data: DataManager, device: torch.device) -> Worth:
-        """Measure. Nothing of the model is changed.
+        """Measure; the model is not changed.
 
         Args:
             subject: the model as it is.
@@ -60,12 +61,12 @@ class Worth:
             device: where it is drawn.
 
         Raises:
-            DataError: a picture does not decode.
+            DataError: an image does not decode.
         """
         moves = not subject.is_still
         split = Split.EVAL if len(data.views(Split.EVAL)) else Split.TRAIN
         names = data.views(split).names
-        chosen = _evenly(len(names), MOST_VIEWS)
+        chosen = evenly(len(names), MOST_VIEWS)
         held = subject.splats(torch.tensor(STILL_TIME, device=device))
         degree, scores = _drawn_degree(held), _scores(subject, data)
         variants: list[Edit] = [
@@ -74,7 +75,7 @@ class Worth:
             *(Kept(most_useful(scores, 1 - part)) for part in _parts(scores)),
             *([lambda splats: held] if moves else []),
         ]
-        batches = _pictures(data, split, chosen, device)
+        batches = _photos(data, split, chosen, device)
         found = _psnr(subject, batches, variants)
         whole, pruned = found[0], found[1 + degree :]
         steps = pairwise(found[: degree + 1])
@@ -91,24 +92,18 @@ class Worth:
         )
 
 
-def _evenly(count: int, most: int) -> list[int]:
-    """At most so many of ``count`` places, spread evenly."""
-    chosen = min(count, most)
-    return [round((index + 0.5) * count / chosen - 0.5) for index in range(chosen)]
-
-
 def _drawn_degree(splats: Splats) -> int:
-    """The highest that any of them has and that is drawn."""
+    """The highest SH degree in use."""
     colors = splats.colors
     return min(colors.degree, degree_of(colors.width)) if isinstance(colors, Sh) else 0
 
 
 def _scores(subject: Subject, data: DataManager) -> Float[Tensor, " n"]:
-    """How much each row adds to the training views; nothing where that cannot be measured."""
+    """Contribution of each row to the training views; empty where it cannot be measured."""
     if Feature.CONTRIBUTION not in subject.rasterizer.capabilities().features:
         return torch.zeros(0, dtype=torch.float64)
     cameras = data.views(Split.TRAIN).cameras
-    return contributions(subject, [cameras[i] for i in _evenly(len(cameras), MOST_CAMERAS)])
+    return contributions(subject, [cameras[i] for i in evenly(len(cameras), MOST_CAMERAS)])
 
 
 def _parts(scores: Float[Tensor, " n"]) -> Sequence[float]:
@@ -116,12 +111,12 @@ def _parts(scores: Float[Tensor, " n"]) -> Sequence[float]:
 
 
 def _share(scores: Float[Tensor, " n"], part: float) -> float:
-    """Of what all rows add, what the least useful of them do."""
+    """Part of the whole contribution that the least useful rows hold."""
     total, kept = scores.sum(), scores[most_useful(scores, 1 - part)].sum()
     return float((total - kept) / total.clamp_min(1e-30))
 
 
-def _pictures(
+def _photos(
     data: DataManager, split: Split, views: Sequence[int], device: torch.device
 ) -> Iterator[Batch]:
     """The photos of some views, one at a time."""
@@ -131,7 +126,7 @@ def _pictures(
 
 
 def _psnr(subject: Subject, batches: Iterable[Batch], variants: Sequence[Edit]) -> list[float]:
-    """The mean over views of each variant's PSNR."""
+    """Mean PSNR of each variant over the views."""
     background = subject.settings.background
     assert background is not None
     found: list[list[float]] = []
@@ -139,6 +134,6 @@ def _psnr(subject: Subject, batches: Iterable[Batch], variants: Sequence[Edit]) 
         target = batch.target(background)[0]
         valid = None if batch.valid is None else batch.valid[0]
         splats = subject.splats(batch.time)
-        pictures = (subject.draw(edit(splats), batch.cameras) for edit in variants)
-        found.append([psnr(picture, target, valid) for picture in pictures])
+        images = (subject.image(edit(splats), batch.cameras) for edit in variants)
+        found.append([psnr(image, target, valid) for image in images])
     return [sum(values) / len(values) for values in zip(*found, strict=True)]

@@ -1,1 +1,1 @@
-"""Stress: the catalogue of extremes, which every backend, dtype and dynamic method is held to."""
+"""Stress: a catalogue of extremes for every backend, dtype and dynamic method."""

@@ -1,4 +1,4 @@
-"""StressCase: one extreme, and what is asked of a backend that meets it."""
+"""StressCase: one extreme with its expectations, and the small scenes of the cases."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class Section(Enum):
     TIME = "time"
     PRECISION = "precision"
     FOUND = "found"
-    """What a search for the worst has found, kept."""
+    """Worst cases of a search."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a rasterizer is given."""
+    """Input of a rasterizer."""
 
     splats: Splats
     cameras: Cameras
     settings: RenderSettings
 
     def double(self) -> Drawing:
-        """The same, to the last bit, in float64."""
+        """The same input, to the last bit, in float64."""
         background = self.settings.background
         if background is not None:
             wanted = background.requires_grad
@@ -56,7 +56,7 @@ class Drawing:
         )
 
     def to(self, device: torch.device) -> Drawing:
-        """The same on another device."""
+        """The same input on another device."""
         background = self.settings.background
         if background is not None:
             background = background.detach().to(device).requires_grad_(background.requires_grad)
@@ -67,7 +67,7 @@ class Drawing:
         )
 
     def needs(self) -> Needs:
-        """What it asks of a rasterizer."""
+        """Needs of this input."""
         splats, colors = self.splats, self.splats.colors
         asked = {
             Feature.GRADIENT: True,
@@ -88,38 +88,38 @@ class StressCase:
     """One extreme."""
 
     name: str
-    """Section, what is extreme, and how it is drawn: ``shape/needles/fisheye``."""
+    """Section, extreme property and way of rendering: ``shape/needles/fisheye``."""
     make: Callable[[], Drawing]
-    """What is drawn, in the numbers of float32; the same at every call."""
+    """Makes the input, in the numbers of float32; the same at every call."""
     truth: Callable[[], Drawing] | None = None
-    """What it should look like, in float64, where that is not what ``make`` says: before it was
-    rounded, for instance. Pictures are compared with it, and no gradients."""
+    """Makes the input of the expected image in float64, where it differs from ``make``, for example
+    before rounding. Images are compared with it, and no gradients."""
     conditioning: str = ""
-    """Why float32 cannot meet the ordinary tolerances here; it must then be no worse than the
-    reference is in float32. Empty: the ordinary tolerances hold."""
+    """Why float32 cannot meet the ordinary tolerances; it must then be no worse than the reference
+    in float32. Empty: the ordinary tolerances hold."""
     at_a_cut_off: int = 0
-    """So many splats lie on a cut-off, where any rounding decides whether they are drawn: pixels
-    may differ by as many flips, and gradients are not compared."""
+    """Number of splats on a cut-off, where any rounding decides whether they show: pixels may
+    differ by as many flips, and gradients are not compared."""
     bound: float = 1e-5
-    """With ``truth``: how far the picture may be from it, in relative L2."""
+    """With ``truth``: largest distance of the image from it, in relative L2."""
     refusal: tuple[str, ...] = ()
-    """Parts of the message with which it must be refused; empty: it must be drawn."""
+    """Parts of the message of the expected refusal; empty: the case must be rendered."""
     refused_number: int = 0
-    """The message must hold a number of at least this, as one of a count that has not overflowed;
-    0: any message does."""
+    """The message must hold a number of at least this, for example of a count that has not
+    overflowed; 0: any message does."""
 
     @property
     def section(self) -> Section:
-        """Where it is in the catalogue."""
+        """Section of the catalogue."""
         return Section(self.name.partition("/")[0])
 
 
 Change = Callable[[Splats], Splats]
-"""What makes ordinary splats extreme."""
+"""Makes ordinary splats extreme."""
 
 
 def coefficients(splats: Splats) -> Tensor:
-    """Those of splats whose colours depend on the direction.
+    """SH coefficients of splats.
 
     Raises:
         TypeError: their colours are plain channels.
@@ -127,3 +127,49 @@ def coefficients(splats: Splats) -> Tensor:
     if not isinstance(splats.colors, Sh):
         raise TypeError("these splats have plain channels")
     return splats.colors.coefficients
+
+
+def random_splats(
+    n: int, degree: int = 1, seed: int = 0, dtype: torch.dtype = torch.float32
+) -> Splats:
+    """Splats in a unit cube around the origin, in quats-and-scales form."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.rand(*shape, generator=generator, dtype=torch.float64)
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(*shape, generator=generator, dtype=torch.float64)
+
+    return Splats(
+        means=(2 * uniform(n, 3) - 1).to(dtype),
+        opacities=(0.1 + 0.85 * uniform(n)).to(dtype),
+        colors=Sh((0.4 * normal(n, (degree + 1) ** 2, 3)).to(dtype), degree),
+        quats=normal(n, 4).to(dtype),
+        scales=(0.02 + 0.15 * uniform(n, 3)).to(dtype),
+    )
+
+
+def front_camera(
+    width: int = 40, height: int = 30, distance: float = 4.0, dtype: torch.dtype = torch.float32
+) -> Cameras:
+    """One pinhole camera that looks along +z at the origin."""
+    world_to_camera = torch.eye(4, dtype=torch.float64)
+    world_to_camera[2, 3] = distance
+    intrinsics = torch.tensor(
+        [[1.2 * width, 0.0, width / 2], [0.0, 1.2 * width, height / 2], [0.0, 0.0, 1.0]],
+        dtype=torch.float64,
+    )
+    return Cameras(world_to_camera[None].to(dtype), intrinsics[None].to(dtype), width, height)
+
+
+def layers(count: int, opacity: float, channels: int = 1) -> Splats:
+    """Splats of the same place and shape, in the order of their rows."""
+    shades = torch.linspace(0, 1, count)[:, None]
+    return Splats(
+        means=torch.zeros(count, 3),
+        opacities=torch.full((count,), opacity),
+        colors=shades.repeat(1, channels),
+        quats=torch.ones(count, 4),
+        scales=torch.tensor([[1.0, 0.8, 0.6]]).repeat(count, 1),
+    )

@@ -1,4 +1,4 @@
-"""Drawn: everything that a rasterizer draws and differentiates, and how far it is from another."""
+"""Drawn: all images, statistics and gradients of a rasterizer, and their distances."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from gsfw.core.splats import Splats
 from gsfw.studies.stress.case import Drawing
 
 Drawn = Mapping[str, Tensor]
-"""Pictures, statistics and, as "gradient of NAME", gradients, by name; on the CPU."""
+"""Images, statistics and, as "gradient of NAME", gradients, by name; on the CPU."""
 
 PICTURES = ("color", "alpha", "depth", "extra")
 STATISTICS = ("radii", "screen_gradient", "absgrad", "contribution")
 GRADIENT = "gradient of "
 
 FROM_ONE = ("alpha", "gradient of background")
-"""What is 1 minus something: it has the rounding of 1, however small it is."""
+"""Differences from 1: they have the rounding of 1, however small they are."""
 
 
 def leaves(splats: Splats) -> Splats:
-    """The same splats, with tensors that gather gradients."""
+    """The same splats as leaves that gather gradients."""
     return splats.map(lambda tensor: tensor.detach().clone().requires_grad_())
 
 
 def draw_everything(rasterizer: Rasterizer, drawing: Drawing) -> Drawn:
-    """Draw, and go back from fixed random weights of every picture.
+    """Render, and go back from fixed random weights of every image.
 
     The gradients are those of every input, pose included, and of a background that wants its own.
     """
@@ -52,7 +52,7 @@ def draw_everything(rasterizer: Rasterizer, drawing: Drawing) -> Drawn:
 
 
 def mixed(output: RenderOutput) -> Tensor:
-    """A loss in which every number of every picture has its own weight."""
+    """A loss in which every number of every image has its own weight."""
     generator = torch.Generator().manual_seed(0)
     total = output.color.new_zeros(())
     for name in PICTURES:
@@ -64,14 +64,14 @@ def mixed(output: RenderOutput) -> Tensor:
 
 
 def distance(found: Tensor, expected: Tensor, name: str) -> float:
-    """|found - expected| / |expected|, in L2; of what is almost 0, the difference itself."""
+    """|found - expected| / |expected| in L2; the difference where ``expected`` is almost 0."""
     size = expected.double().norm().item()
     size = max(size, 1.0) if name in FROM_ONE else size if size > 1e-30 else 1.0
     return (found.double() - expected.double()).norm().item() / size
 
 
 def same_bits(first: Drawn, second: Drawn) -> bool:
-    """Whether two drawings are equal; of NaN the place counts."""
+    """Whether two results have equal bits, with NaN in the same places."""
     return first.keys() == second.keys() and all(
         torch.equal(tensor.nan_to_num(nan=0.0), second[name].nan_to_num(nan=0.0))
         and torch.equal(tensor.isnan(), second[name].isnan())

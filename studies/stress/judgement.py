@@ -16,27 +16,27 @@ from gsfw.core.numerics import NumericsProfile
 from gsfw.studies.stress.drawn import PICTURES, Drawn, distance
 
 PIXEL = 1e-5
-"""A pixel that is further off has flipped."""
+"""A pixel with a larger error has flipped."""
 FLIP = 1e-2
-"""Most by which a pixel may differ whose list of splats does."""
+"""Largest error of a pixel that has flipped."""
 FLIPS = 5e-4
-"""Most pixels that may flip, of all; always one."""
+"""Largest part of the pixels that may flip; one pixel always may."""
 GRADIENT, SMOOTH_GRADIENT, FLIPPED_GRADIENT = 1e-3, 1e-4, 1e-2
-"""Of gradients and statistics: with cut-offs, without, and where a pixel has flipped."""
+"""Bounds of gradients and statistics: with cut-offs, without, and where a pixel has flipped."""
 FLOAT64 = 1e-12
 
 ILL_PICTURE = 1e-4
-"""What an ill-conditioned picture may be off by in any case."""
+"""Largest error of an ill-conditioned image in any case."""
 NO_WORSE = 3.0
-"""No worse than plain float32 means by at most this factor: each rounds in its own places."""
+"""Factor by which a backend may exceed the errors of plain float32, since each rounds elsewhere."""
 HOPELESS = 0.1
-"""Where plain float32 is off by this much, float64 cannot be trusted to tell who is right."""
+"""Error of plain float32 from which on even float64 is not trusted."""
 FLOAT64_GAIN = 1e-6
-"""Float64, which has 29 bits more, is off by at most this part of what plain float32 is."""
+"""Largest error of float64, which has 29 bits more, as part of the error of plain float32."""
 
 
 def not_finite(found: Drawn) -> list[str]:
-    """What holds a NaN or an infinity."""
+    """Names of everything with a NaN or an infinity."""
     return [f"{name} is not finite" for name, tensor in found.items() if not _is_finite(tensor)]
 
 
@@ -45,7 +45,7 @@ def _is_finite(tensor: Tensor) -> bool:
 
 
 def flips(found: Tensor, expected: Tensor) -> int:
-    """Pixels of one picture that are off by more than rounding explains."""
+    """Number of pixels whose error exceeds rounding."""
     return int((_per_pixel(found, expected) > PIXEL).sum())
 
 
@@ -57,7 +57,7 @@ def _per_pixel(found: Tensor, expected: Tensor) -> Tensor:
 def faults_of_float64(
     found: Drawn, expected: Drawn, bounds: Mapping[str, float] = MappingProxyType({})
 ) -> list[str]:
-    """Where a float64 backend is further from the reference than rounding explains."""
+    """Faults of a float64 backend whose error exceeds rounding."""
     return [
         _too_far(name, found[name], tensor, bounds.get(name, FLOAT64))
         for name, tensor in expected.items()
@@ -66,7 +66,7 @@ def faults_of_float64(
 
 
 def faults_of_float32(found: Drawn, expected: Drawn, profile: NumericsProfile) -> list[str]:
-    """Where a float32 backend misses the tolerances of ordinary scenes."""
+    """Faults of a float32 backend by the tolerances of ordinary scenes."""
     faults, flipped = not_finite(found), 0
     if faults:
         return faults
@@ -87,7 +87,7 @@ def faults_of_float32(found: Drawn, expected: Drawn, profile: NumericsProfile) -
 
 
 def _faults_of_picture(found: Tensor, expected: Tensor, name: str) -> tuple[int, list[str]]:
-    """How many pixels have flipped, and what is wrong."""
+    """Number of flipped pixels, and the faults of an image."""
     difference = _per_pixel(found, expected)
     flipped = difference > PIXEL
     count, faults = int(flipped.sum()), []
@@ -102,7 +102,7 @@ def _faults_of_picture(found: Tensor, expected: Tensor, name: str) -> tuple[int,
 
 
 def faults_of_flips(found: Drawn, expected: Drawn, splats: int) -> list[str]:
-    """Where a picture differs by more than some splats that lie on a cut-off may change it."""
+    """Faults of an image beyond the flips of some splats on a cut-off."""
     differences = {
         name: _per_pixel(found[name], expected[name]) for name in PICTURES if name in found
     }
@@ -114,7 +114,7 @@ def faults_of_flips(found: Drawn, expected: Drawn, splats: int) -> list[str]:
 
 
 def faults_where_ill(found: Drawn, expected: Drawn, plain: Drawn) -> list[str]:
-    """Where a float32 backend is worse than plain float32, of an ill-conditioned case."""
+    """Faults of a float32 backend that is worse than plain float32, for an ill-conditioned case."""
     faults = not_finite(found)
     for name, tensor in expected.items():
         conditioned = distance(plain[name], tensor, name)

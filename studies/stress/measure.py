@@ -1,4 +1,4 @@
-"""Measure: what a backend makes of a case, held against the reference in float64."""
+"""Measure: the result of a backend for a case, compared with the reference in float64."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from gsfw.core.capabilities import Determinism
 from gsfw.core.errors import UserError
 from gsfw.core.numerics import DEFAULT, PROFILES, NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
+from gsfw.studies.entrants import Entrant
 from gsfw.studies.stress.case import Drawing, StressCase
 from gsfw.studies.stress.drawn import (
     GRADIENT,
@@ -22,7 +23,6 @@ from gsfw.studies.stress.drawn import (
     draw_everything,
     same_bits,
 )
-from gsfw.studies.stress.entrant import Entrant
 from gsfw.studies.stress.judgement import (
     faults_of_flips,
     faults_of_float32,
@@ -89,13 +89,13 @@ def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Orac
     except Exception as error:  # Whatever a backend raises is its result.
         return _raised(result, case, error)
     if case.refusal:
-        return replace(result, faults=("was drawn, and has to be refused",))
+        return replace(result, faults=("was rendered, and has to be refused",))
     result = _compared(result, case, found, drawing, oracle)
     return _repeated(result, entrant, [same_bits(found, other) for other in again])
 
 
 def _profile_of(entrant: Entrant, drawing: Drawing) -> NumericsProfile:
-    """The case's own; of a backend that draws with one profile only, that one."""
+    """The profile of the case; that of the backend where it has only one."""
     profile, only = drawing.settings.profile, entrant.capabilities.profile
     return PROFILES[only] if only in PROFILES and profile == DEFAULT else profile
 
@@ -105,14 +105,14 @@ def _with_profile(drawing: Drawing, profile: NumericsProfile) -> Drawing:
 
 
 def _raised(result: CaseResult, case: StressCase, error: Exception) -> CaseResult:
-    """A refusal, if it is one and is asked for; else a fault."""
+    """A refusal where the case asks for it; else a fault."""
     message = " ".join(str(error).split())
     if not isinstance(error, ValueError | UserError):
         return replace(result, faults=(f"fails with {type(error).__name__}: {message}",))
     result = replace(result, refused=message)
     missing = [part for part in case.refusal if part not in message]
     if not case.refusal:
-        return replace(result, faults=("was refused, and has to be drawn",))
+        return replace(result, faults=("was refused, and has to be rendered",))
     if not missing and max(map(int, NUMBER.findall(message)), default=0) < case.refused_number:
         missing = [f"a number of at least {case.refused_number}"]
     if missing:
@@ -163,13 +163,13 @@ def _compared(
 
 
 def _repeated(result: CaseResult, entrant: Entrant, same: Sequence[bool]) -> CaseResult:
-    """Hold a backend to what it says of its repeatability."""
+    """Compare a backend with its claim of determinism."""
     if not same:
         return result
     result = replace(result, deterministic=all(same))
     if all(same) or entrant.capabilities.determinism is Determinism.NONE:
         return result
-    fault = f"has other bits when drawn again (threads: {', '.join(map(str, entrant.threads))})"
+    fault = f"has other bits when rendered again (threads: {', '.join(map(str, entrant.threads))})"
     return replace(result, faults=(*result.faults, fault))
 
 
@@ -180,7 +180,7 @@ def _drawn_with(threads: int, entrant: Entrant, drawing: Drawing) -> Drawn:
 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
-    """Let torch, and with it native kernels, use so many."""
+    """Set the number of threads of torch, and with it of native kernels."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

@@ -1,4 +1,4 @@
-"""MovingCase: an extreme of time, for every dynamic method that has what it is an extreme of.
+"""MovingCase: an extreme of time, for every dynamic method with the columns that it changes.
 
 What is made extreme are columns, by name: a method that has a column ``log_durations`` gets the
 cases of it, whoever wrote the method; of one that has not they are listed as not claimed. Methods
@@ -21,16 +21,15 @@ from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
-from gsfw.studies.stress.case import Section
-from gsfw.studies.stress.scene import random_splats
+from gsfw.studies.stress.case import Section, random_splats
 
 Fill = Callable[[Tensor, torch.Generator], Tensor]
-"""New values of a column, from the old ones."""
+"""Gives new values of a column from the old ones."""
 
 ROWS = 200
 SPREAD = 0.1
-"""Standard deviation of what networks and grids are filled with, and of how far rows move from one
-time to the next."""
+"""Standard deviation of the values of networks and grids, and of the motion of rows from one time
+to the next."""
 INSIDE = (0.0, 0.25, 0.5, 1.0)
 OUTSIDE = (-10.0, -1.0, -1e-6, 0.0, 0.5, 1.0, 1.0 + 1e-6, 2.0, 10.0)
 
@@ -41,25 +40,26 @@ class MovingCase:
 
     name: str
     columns: Mapping[str, Fill] = field(default_factory=dict)
-    """What is written into columns; a method without one of them makes no claim."""
+    """New values by column; a method without one of these columns does not run the case."""
     times: tuple[float, ...] = INSIDE
     truth: Mapping[str, Fill] = field(default_factory=dict)
-    """What is written into the float64 model instead, where it is to look the same; by name."""
+    """New values of columns in the float64 model where they differ, by name; both should look the
+    same."""
     parameters: float = SPREAD
     """Standard deviation of trained parameters that are not one per splat."""
     needs_parameters: bool = False
-    """Whether it is these that are extreme."""
+    """Whether these parameters are the extreme ones."""
     conditioning: str = ""
-    """Why float32 cannot meet the ordinary tolerances; it must then be no worse than what some
-    roundings of the parameters do in float64. Empty: the ordinary tolerances hold."""
+    """Why float32 cannot meet the ordinary tolerances; it must then be no worse than some roundings
+    of the parameters in float64. Empty: the ordinary tolerances hold."""
 
     @property
     def section(self) -> Section:
-        """Where it is in the catalogue."""
+        """Section of the catalogue."""
         return Section.TIME
 
     def lacking(self, model: PrimitiveModel) -> str:
-        """What a model would need for this; empty when it has all."""
+        """Columns or parameters that a model lacks for this case; empty when it has all."""
         missing = [name for name in self.columns if name not in model.columns()]
         if missing:
             return f"needs columns {', '.join(missing)}"
@@ -69,7 +69,7 @@ class MovingCase:
 
     @torch.no_grad()
     def fill_(self, model: PrimitiveModel, *, truth: bool = False) -> None:
-        """Make a model extreme, in place; it is not projected, as files need not be.
+        """Make a model extreme, in place; it is not projected, like models of files.
 
         Args:
             model: in float32.
@@ -87,17 +87,17 @@ class MovingCase:
 
 
 def constant(value: float) -> Fill:
-    """The same everywhere."""
+    """A fill with one value."""
     return lambda values, _: torch.full_like(values, value)
 
 
 def normal(size: float = 1.0) -> Fill:
-    """Random numbers of this size."""
+    """A fill with random numbers of this size."""
     return lambda values, generator: size * torch.randn(values.shape, generator=generator)
 
 
 def spread(low: float, high: float) -> Fill:
-    """Logarithms of numbers between two powers of ten."""
+    """A fill with logarithms of numbers between two powers of ten."""
     ends = low * math.log(10.0), high * math.log(10.0)
 
     def fill(values: Tensor, generator: torch.Generator) -> Tensor:
@@ -169,7 +169,7 @@ MOVING_CASES: tuple[MovingCase, ...] = (
 
 
 def moving_model(method: str, registry: Registry) -> PrimitiveModel:
-    """A model of a dynamic method with its defaults, as if it had been trained for three times.
+    """A model of a dynamic method with its defaults, in the state after training at three times.
 
     Raises:
         ConfigError: there is no such method.
@@ -192,5 +192,5 @@ def moving_model(method: str, registry: Registry) -> PrimitiveModel:
 
 
 def dynamic_methods(registry: Registry) -> list[str]:
-    """Names of the methods for scenes that move."""
+    """Names of the dynamic methods."""
     return [name for name, spec in registry.slot("method").items() if "dynamic" in spec.tags]

@@ -1,4 +1,4 @@
-"""Moving measure: what a dynamic method makes of an extreme of time, against a float64 model."""
+"""Moving measure: errors of a dynamic method in an extreme of time, against a float64 model."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from gsfw.studies.stress.moving_case import MovingCase
 from gsfw.studies.stress.result import CaseResult
 
 ORDINARY = 1e-5
-"""Most by which splats in float32 may be off: positions and opacities, or, where larger, relative
-to themselves; covariances relative to their largest entry."""
+"""Largest error of splats in float32: positions and opacities absolutely or, where they are above
+1, relative to themselves; covariances relative to their largest entry."""
 GRADIENT = 1e-3
-"""Most by which the gradient of a column may be off, in relative L2."""
+"""Largest error of the gradient of a column, in relative L2."""
 WOBBLE = 2.0**-22
-"""How far parameters are moved to see how well a case is conditioned: four roundings of float32,
-which it takes to turn them into splats."""
+"""Size of the changes of parameters that measure the conditioning of a case: four roundings of
+float32, as many as it takes to turn parameters into splats."""
 NEGATIVE = 1e-6
-"""An eigenvalue may be below zero by this part of the largest entry: the rounding of float32."""
+"""Part of the largest entry by which an eigenvalue may be negative: the rounding of float32."""
 FAINT = DEFAULT.alpha_min * 1.001
-"""Splats that are not more opaque than this may be left out, or not."""
+"""Opacity up to which splats may be left out or not."""
 
 
 @dataclass(frozen=True)
 class Instant:
-    """What a model shows at one time."""
+    """Splats of a model at one time."""
 
     rows: Int[Tensor, " m"]
-    """Rows of the model that are shown."""
+    """Rows of the model with splats."""
     values: Mapping[str, Tensor]
     """means [m, 3], opacities [m] and covariances [m, 3, 3]."""
     splats: Splats
@@ -47,10 +47,10 @@ class Instant:
 def measure_moving(
     case: MovingCase, method: str, model: PrimitiveModel, dtype: torch.dtype
 ) -> CaseResult:
-    """Look at a model at every time of a case; nothing is raised, whatever happens.
+    """Evaluate a model at every time of a case; nothing is raised.
 
     Args:
-        case: what is made extreme.
+        case: the extreme.
         method: whose model it is.
         model: in float32; it is left as it is.
         dtype: of the model that is looked at.
@@ -73,12 +73,12 @@ def measure_moving(
 
 @torch.no_grad()
 def _wobbled(model: PrimitiveModel) -> PrimitiveModel:
-    """A model in float64 whose every parameter is off by some roundings of float32."""
+    """A copy of a float64 model with some roundings of float32 in every parameter."""
     generator, wobbled = torch.Generator().manual_seed(3), deepcopy(model)
     for parameter in wobbled.parameters():
         noise = torch.rand(parameter.shape, generator=generator, dtype=torch.float64)
         # What is zero throughout stands for something of size 1 that does not deviate, as rotations
-        # do that leave time alone: rounding in what is worked out from it is of that size.
+        # do that leave time alone: the rounding of values computed from it is of that size.
         size = parameter if bool(parameter.any()) else torch.ones_like(parameter)
         parameter.add_(WOBBLE * (2.0 * noise - 1.0) * size)
     return wobbled
@@ -128,7 +128,7 @@ def _looked_at(
 def _errors(
     model: PrimitiveModel, wide: PrimitiveModel, times: tuple[float, ...]
 ) -> tuple[dict[str, float], float]:
-    """Relative errors of everything, the worst of all times; and the largest absolute one."""
+    """Largest relative error of each value over the times, and the largest absolute error."""
     errors, forward = {"means": 0.0, "opacities": 0.0, "covariances": 0.0}, 0.0
     for time in times:
         compared = _compared(_instant(model, time), _instant(wide, time))
@@ -141,7 +141,7 @@ def _errors(
 def _exceeding(
     errors: Mapping[str, float], ordinary: float, allowed: Mapping[str, float], what: str = ""
 ) -> list[str]:
-    """What is off by more than is ordinary, and than an ill-conditioned case lets it be."""
+    """Faults of errors above the ordinary bound, or above the bound of an ill-conditioned case."""
     found = []
     for name, error in errors.items():
         conditioned = allowed.get(name, 0.0)
@@ -171,7 +171,7 @@ def _instant(model: PrimitiveModel, time: float) -> Instant:
 def _covariances(
     quats: Float[Tensor, "m 4"], scales: Float[Tensor, "m 3"]
 ) -> Float[Tensor, "m 3 3"]:
-    """Of quaternions of any norm, in float64, so that rounding here is not taken for a model's."""
+    """Covariances of quaternions of any norm, in float64, so that no rounding is added here."""
     quats, scales = quats.double(), scales.double()
     norms = quats.norm(dim=1, keepdim=True)
     identity = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
@@ -186,7 +186,7 @@ def _covariances(
 
 
 def _unfit(splats: Splats) -> list[str]:
-    """Why a rasterizer would refuse these, or draw nonsense."""
+    """Reasons to refuse these splats."""
     tensors = splats.tensors()
     found = [f"{name} is not finite" for name, t in tensors.items() if not bool(t.isfinite().all())]
     if found:
@@ -209,7 +209,7 @@ def _unfit(splats: Splats) -> list[str]:
 
 
 def _left_out(found: Instant, expected: Instant) -> list[str]:
-    """Whether only one of two shows a row that can be seen."""
+    """A fault where only one of two shows a visible row."""
     faults = []
     for one, other in ((found, expected), (expected, found)):
         alone = one.values["opacities"][~torch.isin(one.rows, other.rows)]
@@ -219,7 +219,7 @@ def _left_out(found: Instant, expected: Instant) -> list[str]:
 
 
 def _compared(found: Instant, expected: Instant) -> dict[str, tuple[float, float]]:
-    """Largest absolute and relative error of every value, over rows that both show."""
+    """Largest absolute and relative error of every value, over the common rows."""
     both = torch.isin(found.rows, expected.rows), torch.isin(expected.rows, found.rows)
     if not bool(both[0].any()):
         return {}
@@ -245,7 +245,7 @@ def _largest(values: Tensor) -> float:
 def _gradients(
     model: PrimitiveModel, wide: PrimitiveModel, times: tuple[float, ...]
 ) -> dict[str, float]:
-    """Errors of the gradients of all columns, from random weights of what is shown, over times."""
+    """Errors of the gradients of all columns, from random weights of the splats over the times."""
     gradients = []
     for one in (model, wide):
         total = one.columns()["means"].values.sum() * 0.0

@@ -1,4 +1,4 @@
-"""Plane: error over two quantities at a time, to see where the cliffs are."""
+"""Plane: errors over two quantities at a time, with their cliffs."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ import torch
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
-from gsfw.studies.stress.case import Drawing
+from gsfw.studies.entrants import Entrant
+from gsfw.studies.stress.case import Drawing, front_camera, random_splats
 from gsfw.studies.stress.drawn import GRADIENT, Drawn, distance, draw_everything
-from gsfw.studies.stress.entrant import Entrant
 from gsfw.studies.stress.runner import DTYPES
-from gsfw.studies.stress.scene import front_camera, random_splats
 
 COUNT = 3
 SIZE = (16, 12)
 EMPTY, BROKEN = -1.0, float("nan")
-"""Instead of an error: nothing is drawn there; what was drawn is not finite, or was refused."""
+"""Values instead of an error: an empty image; an image that is not finite, or a refusal."""
 LEAST_PICTURE = 1e-30
-"""A picture whose norm is below this shows nothing."""
+"""Norm below which an image is empty."""
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Two quantities, and what is drawn at a place of their plane."""
+    """Two quantities, and the input at a place of their plane."""
 
     name: str
     across: str
@@ -46,12 +45,12 @@ class PlaneErrors:
     backend: str
     dtype: str
     picture: tuple[tuple[float, ...], ...]
-    """Relative L2 of the picture; rows as ``upward_values``; EMPTY and NaN as said there."""
+    """Relative L2 error of the image; rows as ``upward_values``; EMPTY and NaN as defined there."""
     gradient: tuple[tuple[float, ...], ...]
     """The worst relative L2 of the gradients by means, quats, scales, opacities and colours."""
 
     def document(self) -> dict[str, Any]:
-        """For ``json=true``; empty places are null."""
+        """Plain data for ``json=true``; empty places are null."""
         return {
             "plane": self.plane.name,
             "backend": self.backend,
@@ -71,7 +70,7 @@ def _readable(rows: tuple[tuple[float, ...], ...]) -> list[list[float | str | No
 
 
 def _at(depth: float, opacity: float, scales: Sequence[float]) -> Drawing:
-    """Three splats one behind the other, a pixel apart, that fill some of the picture."""
+    """Three splats one behind the other, a pixel apart, that fill a part of the image."""
     splats = random_splats(COUNT, 1, seed=5)
     depths = depth * torch.tensor([1.0, 1.1, 1.2])
     sides = torch.tensor([[-0.1, 0.05], [0.02, -0.06], [0.09, 0.03]]) * depths[:, None]
@@ -95,7 +94,7 @@ OPACITIES = (
     *(0.002, 0.003, 0.0039, 0.00395, 0.005, 0.01, 0.03, 0.1, 0.3, 0.6, 0.9),
     *(0.98, 0.989, 0.991, 0.999, 1.0),
 )
-"""On both sides of the cut-off at 1 / 255 and of the clamp at 0.99."""
+"""Values on both sides of the cut-off at 1 / 255 and of the clamp at 0.99."""
 
 PLANES = (
     Plane(
@@ -115,20 +114,20 @@ PLANES = (
         make=lambda ratio, opacity: _at(4.0, opacity, (0.6, 0.6 / ratio**0.5, 0.6 / ratio)),
     ),
 )
-"""What is looked at."""
+"""The measured planes."""
 
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors")
 
 
 class PlaneOracle:
-    """The reference over the planes, drawn once for all backends."""
+    """The reference over the planes, rendered once for all backends."""
 
     def __init__(self, rasterizer: Rasterizer) -> None:
         self._rasterizer = rasterizer
         self._drawn: dict[tuple[str, float, float], Drawn] = {}
 
     def expected(self, plane: Plane, across: float, upward: float) -> Drawn:
-        """What there is to be seen at a place."""
+        """The reference's result at a place."""
         key = (plane.name, across, upward)
         if key not in self._drawn:
             drawing = plane.make(across, upward).double()
@@ -137,16 +136,16 @@ class PlaneOracle:
 
 
 def plane_errors(entrant: Entrant, dtype: str, plane: Plane, oracle: PlaneOracle) -> PlaneErrors:
-    """Measure a backend over a plane; what it refuses counts as not finite."""
-    pictures, gradients = [], []
+    """Measure a backend over a plane; a refusal counts as not finite."""
+    images, gradients = [], []
     for y in plane.upward_values:
         row = [
             _errors(entrant, dtype, plane.make(x, y), oracle.expected(plane, x, y))
             for x in plane.across_values
         ]
-        pictures.append(tuple(picture for picture, _ in row))
+        images.append(tuple(image for image, _ in row))
         gradients.append(tuple(gradient for _, gradient in row))
-    return PlaneErrors(plane, entrant.name, dtype, tuple(pictures), tuple(gradients))
+    return PlaneErrors(plane, entrant.name, dtype, tuple(images), tuple(gradients))
 
 
 def _errors(entrant: Entrant, dtype: str, drawing: Drawing, expected: Drawn) -> tuple[float, float]:
@@ -156,7 +155,7 @@ def _errors(entrant: Entrant, dtype: str, drawing: Drawing, expected: Drawn) -> 
     drawing = (drawing.double() if wide else drawing).to(entrant.device)
     try:
         found = draw_everything(entrant.rasterizer, drawing)
-    except Exception:  # Whatever a backend raises is no picture.
+    except Exception:  # Whatever a backend raises is no image.
         return BROKEN, BROKEN
     names = [f"{GRADIENT}{name}" for name in GRADIENTS]
     gradients = [distance(found[name], expected[name], name) for name in names]

@@ -1,48 +1,55 @@
-"""CaseResult: what a backend made of one extreme."""
+"""CaseResult: the outcome of one case, counts of outcomes, and both as tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from math import isnan, nan
 from typing import Any
+
+from gsfw.studies.table import Table
+
+COLUMNS = ("case", "forward", "relative", "gradient", "finite", "same bits", "verdict")
+
+DIGEST = 46
+"""Characters of a message in a table; the document has all of it."""
 
 
 @dataclass(frozen=True)
 class CaseResult:
-    """One case, backend and dtype."""
+    """Outcome of one case for one backend and dtype."""
 
     name: str
-    """Of the case."""
+    """Name of the case."""
     section: str
     backend: str
-    """Name of the rasterizer; of a dynamic method, for cases of time."""
+    """Name of the rasterizer; for cases of time, of the dynamic method."""
     dtype: str
     faults: tuple[str, ...] = ()
-    """Why it has failed; empty when it has passed, or makes no claim."""
+    """Reasons of a failure; empty when the case has passed or was not run."""
     not_claimed: str = ""
-    """What the case needs and the backend does not claim to have; empty when it was run."""
+    """Needs of the case that the backend does not claim to meet; empty when the case was run."""
     forward: float = nan
-    """max |C - C_64| of the picture; of models, of positions and opacities. NaN: not drawn."""
+    """max |C - C_64| of the image; of models, of positions and opacities. NaN: no image."""
     relative: float = nan
-    """||C - C_64|| / ||C_64|| of the picture; of models the worst of any row. NaN: not drawn."""
+    """||C - C_64|| / ||C_64|| of the image; of models the worst of any row. NaN: no image."""
     gradient: Mapping[str, float] = field(default_factory=dict)
     """Relative error in L2 of the gradient of each input, by name; empty: not compared."""
     others: Mapping[str, float] = field(default_factory=dict)
-    """The same of further pictures and statistics; empty: not compared."""
+    """Relative error in L2 of further images and statistics, by name; empty: not compared."""
     flips: int = 0
-    """Pixels of the picture whose list of splats differs by a rounding at a cut-off."""
+    """Pixels of the image whose list of splats differs by a rounding at a cut-off."""
     finite: bool = True
     deterministic: bool | None = None
-    """Same bits again, also with another number of threads; ``None``: not repeated."""
+    """Equal bits when repeated, also with another number of threads; ``None``: not repeated."""
     refused: str = ""
-    """The message with which it was refused; empty: it was not."""
+    """Message of the refusal; empty: the case was not refused."""
     note: str = ""
-    """What else is to be known, such as why float32 cannot do better."""
+    """A remark, for example why float32 cannot do better."""
 
     @property
     def passed(self) -> bool:
-        """Whether it is as it should be; what is not claimed has not passed."""
+        """Whether the outcome is the expected one; a case that was not run has not passed."""
         return not self.faults and not self.not_claimed
 
     @property
@@ -52,7 +59,7 @@ class CaseResult:
         return nan if not errors or any(map(isnan, errors)) else max(errors)
 
     def document(self) -> dict[str, Any]:
-        """For ``json=true``."""
+        """Plain data for ``json=true``."""
         return {
             "name": self.name,
             "section": self.section,
@@ -74,7 +81,7 @@ class CaseResult:
 
 @dataclass(frozen=True)
 class Totals:
-    """Cases of one backend and dtype, counted."""
+    """Numbers of cases of one backend and dtype."""
 
     backend: str
     dtype: str
@@ -83,21 +90,30 @@ class Totals:
     not_claimed: int
 
     def document(self) -> dict[str, Any]:
-        """For ``json=true``."""
-        return {
-            "backend": self.backend,
-            "dtype": self.dtype,
-            "passed": self.passed,
-            "failed": self.failed,
-            "not_claimed": self.not_claimed,
-        }
+        """Plain data for ``json=true``."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        """A line for people."""
+        parts = [f"{self.passed} passed", f"{self.failed} failed"]
+        parts += [f"{self.not_claimed} not claimed"] if self.not_claimed else []
+        return f"{self.backend}, {self.dtype}: {', '.join(parts)}"
 
 
-def totals(results: Iterable[CaseResult]) -> list[Totals]:
-    """Those of every backend and dtype, in the order in which they first come."""
+Groups = Mapping[tuple[str, str], Sequence[CaseResult]]
+"""Results by backend and dtype."""
+
+
+def grouped(results: Iterable[CaseResult]) -> Groups:
+    """Results by backend and dtype, in their order."""
     groups: dict[tuple[str, str], list[CaseResult]] = {}
     for result in results:
         groups.setdefault((result.backend, result.dtype), []).append(result)
+    return groups
+
+
+def totals(results: Iterable[CaseResult]) -> list[Totals]:
+    """Numbers of cases of every backend and dtype."""
     return [
         Totals(
             backend,
@@ -106,5 +122,46 @@ def totals(results: Iterable[CaseResult]) -> list[Totals]:
             failed=sum(bool(result.faults) for result in group),
             not_claimed=sum(bool(result.not_claimed) for result in group),
         )
-        for (backend, dtype), group in groups.items()
+        for (backend, dtype), group in grouped(results).items()
     ]
+
+
+def tables(results: Iterable[CaseResult]) -> list[Table]:
+    """A table of cases for each backend and dtype."""
+    return [
+        Table(COLUMNS, [_row(result) for result in group], f"{backend}, {dtype}")
+        for (backend, dtype), group in grouped(results).items()
+    ]
+
+
+def _row(result: CaseResult) -> list[str]:
+    if result.not_claimed:
+        return [result.name, *[""] * (len(COLUMNS) - 2), f"not claimed: {result.not_claimed}"]
+    same = "" if result.deterministic is None else "yes" if result.deterministic else "no"
+    return [
+        result.name,
+        _number(result.forward),
+        _number(result.relative),
+        _number(result.worst_gradient),
+        "" if isnan(result.forward) else "yes" if result.finite else "no",
+        same,
+        _verdict(result),
+    ]
+
+
+def _verdict(result: CaseResult) -> str:
+    if result.faults:
+        return f"FAILED: {_digest(result.faults[0])}"
+    if result.refused:
+        return f"passed, refused: {_digest(result.refused)}"
+    flips = f", {result.flips} flipped" if result.flips else ""
+    ill = ", ill-conditioned" if result.note else ""
+    return f"passed{flips}{ill}"
+
+
+def _digest(text: str) -> str:
+    return text if len(text) <= DIGEST else f"{text[: DIGEST - 3]}..."
+
+
+def _number(value: float) -> str:
+    return "" if isnan(value) else "0" if value == 0 else f"{value:.1e}"

@@ -9,23 +9,23 @@ import torch
 
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.plugins.registry import Registry
+from gsfw.studies.entrants import REFERENCE, Entrant, entrant_of
 from gsfw.studies.stress.catalogue import CASES, chosen
-from gsfw.studies.stress.entrant import REFERENCE, Entrant, entrant_of
 from gsfw.studies.stress.measure import Oracle, measure
 from gsfw.studies.stress.moving_case import MOVING_CASES, moving_model
 from gsfw.studies.stress.moving_measure import measure_moving
 from gsfw.studies.stress.result import CaseResult
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
-"""The types in which cases are drawn, by name."""
+"""Types of the cases by name."""
 
 NAMES = (*CASES, *(case.name for case in MOVING_CASES))
-"""Of all cases."""
+"""Names of all cases."""
 
 
 @dataclass(frozen=True)
 class StressPlan:
-    """What is to be measured."""
+    """The cases to measure."""
 
     entrants: Sequence[Entrant]
     methods: Sequence[str] = ()
@@ -36,7 +36,7 @@ class StressPlan:
 
     @property
     def names(self) -> list[str]:
-        """The cases.
+        """Names of the chosen cases.
 
         Raises:
             ConfigError: a pattern matches none.
@@ -45,15 +45,15 @@ class StressPlan:
 
     def __len__(self) -> int:
         names = self.names
-        drawn = [CASES[name] for name in names if name in CASES]
-        once = sum(bool(case.refusal) for case in drawn)
-        per_entrant = once + (len(drawn) - once) * len(self.dtypes)
-        moving = (len(names) - len(drawn)) * len(self.dtypes)
+        rendered = [CASES[name] for name in names if name in CASES]
+        once = sum(bool(case.refusal) for case in rendered)
+        per_entrant = once + (len(rendered) - once) * len(self.dtypes)
+        moving = (len(names) - len(rendered)) * len(self.dtypes)
         return per_entrant * len(self.entrants) + moving * len(self.methods)
 
 
 def run(plan: StressPlan, registry: Registry) -> Iterator[CaseResult]:
-    """Measure, and give each result as soon as it is there.
+    """Measure; yields each result at once.
 
     Raises:
         ConfigError: a pattern matches no case, or a method is not there.
@@ -75,5 +75,5 @@ def run(plan: StressPlan, registry: Registry) -> Iterator[CaseResult]:
 
 
 def reference(registry: Registry) -> Rasterizer:
-    """What all are measured against."""
+    """The rasterizer that all are measured against."""
     return entrant_of(REFERENCE, registry).rasterizer

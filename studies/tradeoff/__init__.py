@@ -1,1 +1,1 @@
-"""Tradeoff: what a finished model can give up, without training, and what that costs."""
+"""Trade-offs between quality, size and speed of a finished model, without training."""

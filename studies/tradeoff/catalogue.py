@@ -1,4 +1,4 @@
-"""Catalogue: all that a finished model can give up, axis by axis."""
+"""Catalogue: every variant of a finished model, axis by axis."""
 
 from __future__ import annotations
 
@@ -12,35 +12,39 @@ from gsfw.core.numerics import NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.plugins.loading import load
 from gsfw.studies.tradeoff.contribution import Kept, most_useful
+from gsfw.studies.tradeoff.edits import (
+    TYPES,
+    ShTruncation,
+    StaticConversion,
+    TemporalCulling,
+    rounded,
+    sh_degree,
+)
 from gsfw.studies.tradeoff.file_round_trip import PLY, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, LeftOut
-from gsfw.studies.tradeoff.precision import TYPES, rounded
-from gsfw.studies.tradeoff.sh_truncation import ShTruncation, sh_degree
-from gsfw.studies.tradeoff.static_conversion import StaticConversion
 from gsfw.studies.tradeoff.subject import Edit, Subject
-from gsfw.studies.tradeoff.temporal_culling import TemporalCulling
 from gsfw.studies.tradeoff.variant import AS_IS, Variant, unchanged
 
 PARTS = (0.9, 0.75, 0.5, 0.25)
-"""Of the Gaussians, that pruning keeps."""
+"""Parts of the Gaussians that pruning keeps."""
 CUT_OFFS = (
     ("alpha 1/64", {"alpha_min": 1 / 64}),
     ("alpha 1/16", {"alpha_min": 1 / 16}),
     ("transmittance 1e-2", {"transmittance_min": 1e-2}),
 )
-"""Names and values of coarser cut-offs; the usual ones are 1/255 and 1e-4."""
+"""Names and values of coarser cut-offs; the defaults are 1/255 and 1e-4."""
 COMBINED = ((0.9, None, "fp16"), (0.9, 2, ""), (0.75, 2, "fp16"), (0.75, 1, ""), (0.5, 1, "fp16"))
-"""Part that is kept, SH degree and precision of the variants that give up several things."""
+"""Kept part, SH degree and precision of the variants with several changes."""
 OPACITIES = (("1/255", 1 / 255), ("0.02", 0.02), ("0.05", 0.05))
-"""Below which temporal culling leaves out; fainter than the first no pixel shows by default."""
+"""Thresholds of temporal culling; below the first, no pixel shows a splat by default."""
 STILL = (("25% still", 0.25), ("50% still", 0.5), ("75% still", 0.75), ("still", 1.0))
-"""Parts of the rows, those that move least, that become still."""
+"""Parts of the rows, those with the least motion, that become static."""
 
 Made = list[Variant] | LeftOut
 
 
 def catalogue(model: FinishedModel, axes: Sequence[str]) -> tuple[list[Variant], list[LeftOut]]:
-    """The model as it is, then every variant of some axes; and what cannot be measured here."""
+    """The unchanged model, then every variant of some axes; and the axes that are left out."""
     makers: dict[str, Callable[[FinishedModel], Made]] = {
         "sh": _sh,
         "prune": _pruned,
@@ -64,7 +68,7 @@ def catalogue(model: FinishedModel, axes: Sequence[str]) -> tuple[list[Variant],
 
 
 def _as_it_is(model: FinishedModel) -> Variant:
-    """Written to a file of splats, or of the whole model where splats are those of one time."""
+    """The unchanged model, as a file of splats, or of the whole model if it moves."""
     if model.is_still:
         return Variant(AS_IS, AS_IS, unchanged, ("export",), file=_file_of(model))
     trips = round_trips(model.restored, model.registry, model.is_still)
@@ -74,7 +78,7 @@ def _as_it_is(model: FinishedModel) -> Variant:
 
 
 def _file_of(model: FinishedModel) -> str:
-    """The format that sizes of files are given in; empty where none holds the splats."""
+    """Format for the sizes of files; empty where none holds the splats."""
     trips = round_trips(model.restored, model.registry, model.is_still)
     return PLY if any(trip.form == PLY for trip in trips) else ""
 
@@ -84,17 +88,17 @@ def _edited(subject: Subject, edit: Edit) -> Subject:
 
 
 def _cut(degree: int) -> Callable[[Subject], Subject]:
-    """Leave out the bands above a degree."""
+    """Leave out the SH bands above a degree."""
     return lambda subject: _edited(subject, ShTruncation(degree))
 
 
 def _kept(model: FinishedModel, part: float) -> Callable[[Subject], Subject]:
-    """Keep the Gaussians that add most; contributions are measured when they are first needed."""
+    """Keep the Gaussians of most contribution, which is measured at the first use."""
     return lambda subject: _edited(subject, Kept(most_useful(model.scores, part)))
 
 
 def _export(model: FinishedModel, *settings: str) -> tuple[str, ...]:
-    """The command that writes what is left; none does so of a model that moves."""
+    """The command that writes the variant; there is none for a moving model."""
     return ("export", *settings) if model.is_still else ()
 
 
@@ -144,12 +148,12 @@ def _times(model: FinishedModel) -> Made:
 
 
 def _culled(opacity: float) -> Callable[[Subject], Subject]:
-    """Draw at each time what is opaque enough then."""
+    """Render at each time the splats that are opaque enough."""
     return lambda subject: _edited(subject, TemporalCulling(opacity))
 
 
 def _stilled(model: FinishedModel, part: float) -> Callable[[Subject], Subject]:
-    """Let those rows be still that move least; motion is measured when it is first needed."""
+    """Make the rows of least motion static; motion is measured at the first use."""
 
     def change(subject: Subject) -> Subject:
         rows = model.by_motion[: round(part * len(model.by_motion))]
@@ -176,7 +180,7 @@ def _formats(model: FinishedModel) -> Made:
 def _cut_offs(model: FinishedModel) -> Made:
     only = model.able[model.rasterizer].profile
     if only:
-        return LeftOut("cutoffs", f"rasterizer {model.rasterizer} draws with {only!r} alone")
+        return LeftOut("cutoffs", f"rasterizer {model.rasterizer} renders with {only!r} alone")
     profile = model.subject.settings.profile
     return [
         Variant("cutoffs", name, _profile(replace(profile, name=name, **values)))
@@ -207,12 +211,12 @@ def _resolutions(model: FinishedModel) -> Made:
 
 
 def _backends(model: FinishedModel) -> Made:
-    """Other rasterizers that draw the same picture here, and types other than float32."""
+    """Other rasterizers that render the same image here, and types other than float32."""
     needs = [model.restored.composition.settings.config.needs(), model.subject.settings.needs()]
     found = []
     for name, able in model.able.items():
         if able.preference < 0 or any(able.lacking(need, model.device.type) for need in needs):
-            continue  # Below 0 are those that draw by another rule.
+            continue  # Below 0 are rasterizers that render by another rule.
         config = load("rasterizer", model.registry.find("rasterizer", name))()
         if name != model.rasterizer:
             built = config.build(model.device)
@@ -240,7 +244,7 @@ def _combined(model: FinishedModel) -> Made:
 
 
 def _combination(model: FinishedModel, part: float, degree: int | None, kind: str) -> Variant:
-    """A part of the Gaussians, with a lower degree and of another precision where given."""
+    """A part of the Gaussians, with a lower degree and another precision where given."""
     names, changes = [f"keep {part:.0%}"], [_kept(model, part)]
     words = _export(model, f"keep={part:g}")
     if degree is not None:

@@ -1,4 +1,4 @@
-"""Contribution: how much each Gaussian adds to the training views, and who is left by that."""
+"""Contribution: the share of each Gaussian in the training views, and pruning by it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def contributions(
     """Sum over views and pixels of alpha times transmittance, of each splat or row of a model.
 
     Args:
-        subject: whose rasterizer measures contributions; one that moves is drawn at the time of
+        subject: whose rasterizer measures contributions; a moving one is rendered at the time of
             each view.
-        cameras: of the training views; no picture is needed.
+        cameras: of the training views; no photo is needed.
         advance: is told how many views are done.
     """
     splats = subject.splats()
@@ -73,11 +73,11 @@ class Kept(Cut):
     rows: Int[Tensor, " m"]
 
     def __call__(self, splats: Splats) -> Splats:
-        """The splats of these rows, as far as they are among those that are drawn."""
+        """The splats of these rows, as far as they are among the given ones."""
         if splats.rows is None:
             return splats.take(self.rows)
         return splats.take(torch.isin(splats.rows, self.rows).nonzero()[:, 0])
 
     def left_of(self, storage: Storage) -> Storage:
-        """What these rows have, and what all share."""
+        """The storage of these rows, and everything that belongs to no row."""
         return storage.of_rows(self.rows)

@@ -12,8 +12,8 @@ from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
 from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
+from gsfw.studies.tradeoff.edits import ShTruncation
 from gsfw.studies.tradeoff.finished_model import is_still
-from gsfw.studies.tradeoff.sh_truncation import ShTruncation
 from gsfw.studies.tradeoff.subject import Subject
 
 

@@ -1,4 +1,4 @@
-"""FinishedModel: a run that is taken for measuring, and the views it is measured on."""
+"""FinishedModel: a finished run and the views on which its variants are measured."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.studies.tradeoff.contribution import contributions
-from gsfw.studies.tradeoff.static_conversion import by_motion
+from gsfw.studies.tradeoff.edits import by_motion
 from gsfw.studies.tradeoff.subject import Subject
 
 PHOTOS, RENDERS = "photos", "renders of the model as it is"
-"""What accuracy is measured against."""
+"""References of the accuracy."""
 
 PROBES = 2
-"""Views on which errors of numbers are measured."""
+"""Number of views for numerical errors."""
 PROBE_SIDE = 160
-"""Longer side of their pictures, in pixels: the reference in float64 takes its time."""
+"""Longer side of their images in pixels: the float64 reference is slow."""
 
 
 class FinishedModel:
-    """A run, the views it is measured on, and what variants are made of."""
+    """A run, the views of its measurement, and the inputs of its variants."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class FinishedModel:
 
         Args:
             restored: the run.
-            registry: what is installed.
+            registry: everything installed.
             name: of the run, for messages.
             views: most held-out views that are used, spread evenly.
             is_model_file: whether it was read from a file of the whole model.
@@ -61,19 +61,19 @@ class FinishedModel:
         every = len(self.parts.data.views(Split.EVAL))
         if not every:
             raise DataError(
-                f"{name} has no held-out pictures to measure accuracy on.",
+                f"{name} has no held-out images to measure accuracy on.",
                 "Train a run that holds some out: holdout_every=8.",
             )
         self.views = evenly(every, views)
 
     @property
     def parts(self) -> TrainingParts:
-        """What the run is made of."""
+        """Model, data and rasterizer of the run."""
         return self.restored.composition.parts
 
     @property
     def device(self) -> torch.device:
-        """Where it is drawn."""
+        """Device of the run."""
         return self.parts.device
 
     @cached_property
@@ -83,13 +83,13 @@ class FinishedModel:
 
     @cached_property
     def subject(self) -> Subject:
-        """The model as it is."""
+        """The unchanged model."""
         settings = self.restored.composition.plan.settings
         return Subject(self.parts.model, self.parts.rasterizer, settings, self.is_still)
 
     @property
     def against(self) -> str:
-        """What accuracy is measured against."""
+        """Reference of the accuracy."""
         return PHOTOS if self.parts.data.has_images else RENDERS
 
     @property
@@ -99,46 +99,46 @@ class FinishedModel:
 
     @cached_property
     def able(self) -> dict[str, Capabilities]:
-        """What every installed rasterizer can do."""
+        """Capabilities of every installed rasterizer."""
         return rasterizer_capabilities(self.registry)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the views that it is measured on."""
+        """Names of the measured views."""
         every = self.parts.data.views(Split.EVAL).names
         return tuple(every[index] for index in self.views)
 
     @cached_property
     def cameras(self) -> list[Cameras]:
-        """Of the same views."""
+        """Cameras of the measured views."""
         every = self.parts.data.views(Split.EVAL).cameras
         return [every[index].to(self.device) for index in self.views]
 
     @cached_property
     def probes(self) -> list[Cameras]:
-        """Small views on which errors of numbers are measured."""
+        """Small views for numerical errors."""
         chosen = self.cameras[:: max(1, (len(self.cameras) + 1) // PROBES)][:PROBES]
         return [_small(camera) for camera in chosen]
 
     @cached_property
     def scores(self) -> Float[Tensor, " n"]:
-        """How much each Gaussian adds to the training views."""
+        """Contribution of each Gaussian to the training views."""
         return contributions(self.subject, self.parts.data.views(Split.TRAIN).cameras)
 
     @cached_property
     def by_motion(self) -> Int[Tensor, " n"]:
-        """Rows of a model that moves, those that move least first."""
+        """Rows of a moving model, the least motion first."""
         return by_motion(self.subject)
 
     def fingerprint(self) -> str:
-        """Of all that accuracy depends on: the parameters, the views, and how they are drawn."""
+        """Hash of everything that accuracy depends on: parameters, views, and rendering."""
         digest = hashlib.sha256()
         for name, tensor in sorted(self.parts.model.state_dict().items()):
             digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
             digest.update(tensor.detach().cpu().contiguous().flatten().view(torch.uint8).numpy())
         settings = self.subject.settings
         background = settings.background
-        drawn = {
+        rendering = {
             "names": self.names,
             "sizes": [(camera.width, camera.height) for camera in self.cameras],
             "against": self.against,
@@ -148,12 +148,12 @@ class FinishedModel:
             "antialias": settings.antialias,
             "profile": settings.profile.name,
         }
-        digest.update(json.dumps(drawn, sort_keys=True).encode())
+        digest.update(json.dumps(rendering, sort_keys=True).encode())
         return digest.hexdigest()[:16]
 
 
 def evenly(every: int, most: int) -> list[int]:
-    """Places of at most so many of all, in the middles of parts of equal length."""
+    """At most ``most`` of ``every`` places, in the middles of parts of equal length."""
     count = min(most, every)
     return [round((index + 0.5) * every / count - 0.5) for index in range(count)]
 
@@ -172,7 +172,7 @@ def _small(camera: Cameras) -> Cameras:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something that was asked for and cannot be measured here."""
+    """An axis or metric that cannot be measured here, and the reason."""
 
     axis: str
     why: str

@@ -1,4 +1,4 @@
-"""FLIP: how different two pictures look where one is shown after the other; the lower the better.
+"""FLIP: visible difference of two images that are shown in turn; the lower the better.
 
 P. Andersson, J. Nilsson, T. Akenine-Moeller, M. Oskarsson, K. Astrom, M. D. Fairchild: FLIP: A
 Difference Evaluator for Alternating Images (HPG 2020). Measured by its authors' package
@@ -18,13 +18,13 @@ from gsfw.core.maths.ssim import masked_mean
 from gsfw.studies.tradeoff.finished_model import LeftOut
 
 MOST_VIEWS = 4
-"""Views on which it is measured, spread evenly: one of 1080p takes five seconds."""
+"""Number of measured views, spread evenly: a view of 1080p takes five seconds."""
 
 PACKAGE = "flip_evaluator"
 
 
 def unavailable() -> str:
-    """Why it cannot be measured, and what to do; empty where it can."""
+    """Why FLIP cannot be measured, and the remedy; empty where it can."""
     try:
         import_module(PACKAGE)
     except ModuleNotFoundError:
@@ -37,7 +37,7 @@ def unavailable() -> str:
 
 
 def left_out() -> list[LeftOut]:
-    """What is to be said where it cannot be measured; nothing where it can."""
+    """FLIP where it cannot be measured, with the reason."""
     why = unavailable()
     return [LeftOut("flip", why)] if why else []
 
@@ -47,7 +47,7 @@ def flip(
     target: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w 1"] | None,
 ) -> float:
-    """Mean over the valid pixels, in [0, 1]: 0 for pictures that are equal.
+    """Mean over the valid pixels, in [0, 1]: 0 for equal images.
 
     Pixels that are not valid take the target's value first, so that they do not disturb their
     neighbours. Colours are sRGB, and clamped to [0, 1].
@@ -66,5 +66,5 @@ def flip(
     return float(masked_mean(differences, None if valid is None else valid.cpu()[None]))
 
 
-def _pixels(picture: Float[Tensor, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    return picture.float().clamp(0, 1).cpu().contiguous().numpy()
+def _pixels(image: Float[Tensor, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    return image.float().clamp(0, 1).cpu().contiguous().numpy()

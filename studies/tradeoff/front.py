@@ -1,4 +1,4 @@
-"""Front: the variants that nothing beats, where differences within the spread are ties.
+"""Front: the variants that no other beats, where differences within the spread are ties.
 
 Pareto's order with a tolerance for each axis: one point beats another if it is better on one axis
 by more than the tolerance, and on the other not worse by more than that. As each tolerance is the
@@ -18,7 +18,7 @@ from gsfw.studies.tradeoff.record import Record
 from gsfw.studies.tradeoff.variant import STORAGE
 
 SAME_PSNR = 0.01
-"""Decibels, the last digit that is shown: drawing the same views again gives the same bits."""
+"""Decibels of the last shown digit: rendering the same views again gives the same bits."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Point:
 
     name: str
     cost: float
-    """Less is better."""
+    """The less, the better."""
     quality: float
-    """More is better."""
+    """The more, the better."""
 
 
 def beats(first: Point, second: Point, same_cost: float = 0.0, same_quality: float = 0.0) -> bool:
@@ -49,7 +49,7 @@ def beats(first: Point, second: Point, same_cost: float = 0.0, same_quality: flo
 def front(
     points: Sequence[Point], same_cost: float = 0.0, same_quality: float = 0.0
 ) -> list[Point]:
-    """The points that no other beats, by cost; none only where there are none."""
+    """The points that no other beats, by cost; empty only for no points."""
     unbeaten = [
         point
         for point in points
@@ -59,7 +59,7 @@ def front(
 
 
 def size_front(records: Iterable[Record]) -> list[Point]:
-    """PSNR against megabytes, of what changes storage; sizes are exact."""
+    """PSNR against megabytes, of variants that change the storage; sizes are exact."""
     points = [
         Point(f"{r.axis}: {r.name}", r.size / 1e6, r.psnr)
         for r in records
@@ -69,7 +69,7 @@ def size_front(records: Iterable[Record]) -> list[Point]:
 
 
 def time_front(records: Sequence[Record]) -> list[Point]:
-    """PSNR against milliseconds; of those whose times were measured themselves.
+    """PSNR against milliseconds, of variants with times of their own.
 
     Times are compared by their ratio, with twice the usual spread as tolerance.
     """
@@ -83,6 +83,6 @@ def time_front(records: Sequence[Record]) -> list[Point]:
 
 
 def same_time(records: Sequence[Record]) -> float:
-    """Logarithm of the ratio up to which two times are a tie; infinite where no spread is known."""
+    """Logarithm of the ratio up to which two times are a tie; infinite for unknown spreads."""
     spreads = [r.ms_spread / r.ms for r in records if r.ms and r.ms_spread is not None]
     return math.log1p(2 * median(spreads)) if spreads else math.inf

@@ -1,50 +1,58 @@
-"""Record: what was measured of a variant."""
+"""Record: the measurements of a variant, and the file that keeps them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from statistics import mean, median
-from typing import Any
+
+from gsfw.studies.json_store import JsonStore, Keyed
+
+ADVICE = "Move it away to measure anew."
+
+VariantKey = tuple[str, str]
+"""Axis and name of a variant."""
 
 
 @dataclass(frozen=True)
-class Record:
-    """What was measured of a variant; plain data."""
+class Record(Keyed):
+    """The measurements of a variant; plain data."""
 
     axis: str
     name: str
     per_view: list[dict[str, float]]
-    """Figures of each view, by metric; empty where it cannot be drawn."""
+    """Metrics of each view by name; empty where the variant cannot be rendered."""
     relative_l2: float | None
-    """From the model as it is, drawn in float64; ``None`` where it cannot be drawn."""
+    """Relative L2 error of its images against the unchanged model in float64; ``None`` where it
+    cannot be rendered."""
     max_error: float | None
-    """Largest difference of a colour, of the same pictures."""
+    """Largest difference of a colour in the same images."""
     num_gaussians: int
     floats: int
-    """Numbers that it stores."""
+    """Stored numbers."""
     parameter_bytes: int
-    """That they take in the variant's precision."""
+    """Bytes of these numbers in the variant's precision."""
     file_bytes: int | None = None
-    """Of the file that ``command`` writes; ``None`` for none."""
+    """Bytes of the file that ``command`` writes; ``None`` for none."""
     file: str = ""
     """Format of that file."""
     command: list[str] = field(default_factory=list)
     """Verb and settings that do the same to a run; empty where no verb does."""
     draws_alike: bool = False
-    """Whether the time of the model as it is holds for it too."""
+    """Whether rendering takes the same time and memory as rendering the unchanged model."""
     readings: list[float] = field(default_factory=list)
-    """Milliseconds to draw a view, of each round."""
+    """Milliseconds to render a view, of each round."""
     flip: float | None = None
     """Mean of FLIP over some of the views; ``None`` where it is not known."""
     peak_memory_mb: float | None = None
-    """That drawing a view takes at most, in megabytes beyond what is held before; ``None`` where
+    """Peak memory of rendering a view in megabytes, beyond the memory held before; ``None`` where
     it is not known."""
     failure: str = ""
-    """Why it cannot be drawn; empty where it can."""
+    """Why the variant cannot be rendered; empty where it can."""
 
     @property
-    def key(self) -> tuple[str, str]:
+    def key(self) -> VariantKey:
         """Axis and name."""
         return self.axis, self.name
 
@@ -56,32 +64,63 @@ class Record:
 
     @property
     def psnr(self) -> float | None:
-        """Mean over the views, in dB; ``None`` where it cannot be drawn."""
+        """Mean over the views, in dB; ``None`` where the variant cannot be rendered."""
         return self.means.get("psnr")
 
     @property
     def size(self) -> int:
-        """Bytes by which variants are compared.
-
-        Those of the file of a format, else those of the parameters in their precision.
-        """
+        """Bytes of the file of a format; else those of the parameters in their precision."""
         if self.axis == "format" and self.file_bytes is not None:
             return self.file_bytes
         return self.parameter_bytes
 
     @property
     def ms(self) -> float | None:
-        """Median time to draw a view; ``None`` before any."""
+        """Median time to render a view; ``None`` before any."""
         return median(self.readings) if self.readings else None
 
     @property
     def ms_spread(self) -> float | None:
-        """Between the quartiles of the rounds; ``None`` before the second."""
+        """Distance of the quartiles over the rounds; ``None`` before the second round."""
         if len(self.readings) < 2:
             return None
         ordered, last = sorted(self.readings), len(self.readings) - 1
         return ordered[round(0.75 * last)] - ordered[round(0.25 * last)]
 
-    def document(self) -> dict[str, Any]:
-        """What is kept."""
-        return asdict(self)
+
+class RecordStore(JsonStore[Record]):
+    """The records of the variants of one model."""
+
+    def __init__(self, path: Path, fingerprint: str, clock: str = "") -> None:
+        """Read the file where it exists; records of other measurements are dropped.
+
+        Args:
+            path: of the file.
+            fingerprint: identifies everything that accuracy depends on.
+            clock: identifies everything else that times and memory depend on; where only this
+                differs, times and memory alone are dropped.
+
+        Raises:
+            DataError: the file is damaged, or a newer gsfw has written it.
+        """
+        head = {"fingerprint": fingerprint, "clock": clock}
+        super().__init__(path, {"records": Record}, head, ADVICE)
+        self.forgotten = 0
+        """Number of dropped records."""
+        if self.stored and self.stored.get("fingerprint") != fingerprint:
+            self.forgotten = len(self.records)
+            self.records.clear()
+        elif self.stored.get("clock", clock) != clock:
+            for key, record in self.records.items():
+                self.records[key] = replace(record, readings=[], peak_memory_mb=None)
+
+    def add_round(self, readings: Mapping[VariantKey, float]) -> None:
+        """Add the times of a round, in milliseconds.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        for key, reading in readings.items():
+            known = self.records[key]
+            self.records[key] = replace(known, readings=[*known.readings, reading])
+        self.write()

@@ -1,16 +1,24 @@
-"""Report: what was measured, as a document, as CSV, and as lines for people."""
+"""Report: the variants of a finished model as plain data, as tables, and as offers."""
 
 from __future__ import annotations
 
-import csv
-import io
+import shlex
 from collections.abc import Mapping, Sequence
 from statistics import mean, stdev
 from typing import Any
 
+from gsfw.core.metrics import PSNR_MAX
+from gsfw.studies.table import Table
 from gsfw.studies.tradeoff.front import SAME_PSNR, size_front, time_front
+from gsfw.studies.tradeoff.recommendation import Offer, Wish
 from gsfw.studies.tradeoff.record import Record
 from gsfw.studies.tradeoff.variant import AS_IS, AXES
+
+USUAL_LOSS = 0.1
+"""Decibels that may be lost where nothing is asked for."""
+USUAL_LIKENESS = 40.0
+"""Least PSNR against renders of the unchanged model where there are no photos and nothing is asked
+for: the two can hardly be told apart."""
 
 HEADINGS = (
     *("axis", "variant", "PSNR", "lost dB", "SSIM", "FLIP", "fp64 error", "largest"),
@@ -19,15 +27,15 @@ HEADINGS = (
 
 
 def in_order(records: Sequence[Record]) -> list[Record]:
-    """By axis, and within an axis as they were measured; the model as it is comes first."""
+    """Records by axis, and within an axis by their measurement; the unchanged model comes first."""
     order = {axis: place for place, axis in enumerate((AS_IS, *AXES))}
     return sorted(records, key=lambda record: order[record.axis])
 
 
 def lost(record: Record, first: Record) -> tuple[float, float | None] | None:
-    """Decibels lost against the model as it is, view by view: the mean and its standard error.
+    """Mean and standard error over the views of the loss against the unchanged model, in dB.
 
-    The error is ``None`` for a single view; all is ``None`` where a variant cannot be drawn.
+    The error is ``None`` for a single view; ``None`` for a variant that cannot be rendered.
     """
     if not record.per_view or not first.per_view:
         return None
@@ -38,13 +46,13 @@ def lost(record: Record, first: Record) -> tuple[float, float | None] | None:
 
 
 def is_tie(record: Record, first: Record) -> bool:
-    """Whether a loss cannot be told from none: it is below its error, or the last digit shown."""
+    """Whether a loss is below its error or below the last digit shown."""
     found = lost(record, first)
     return found is not None and abs(found[0]) <= max(found[1] or 0.0, SAME_PSNR / 2)
 
 
 def fronts(records: Sequence[Record]) -> Mapping[str, set[str]]:
-    """Names of the variants that nothing beats, by what they cost: MB and ms."""
+    """Names of the variants that no other beats, by cost: MB and ms."""
     found = {"MB": size_front(records), "ms": time_front(records)}
     return {cost: {point.name for point in points} for cost, points in found.items()}
 
@@ -88,7 +96,7 @@ def documents(records: Sequence[Record]) -> list[dict[str, Any]]:
 
 
 def metrics(record: Record) -> dict[str, float | None]:
-    """The figures by which variants are told apart at a glance."""
+    """Figures for TensorBoard's HParams page."""
     return {
         "psnr": record.psnr,
         "ssim": record.means.get("ssim"),
@@ -99,19 +107,8 @@ def metrics(record: Record) -> dict[str, float | None]:
     }
 
 
-def csv_text(records: Sequence[Record]) -> str:
-    """The same as CSV."""
-    buffer = io.StringIO()
-    rows = [{**row, "on_front": " ".join(row["on_front"])} for row in documents(records)]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    writer = csv.DictWriter(buffer, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return buffer.getvalue()
-
-
-def lines(records: Sequence[Record]) -> list[list[str]]:
-    """Rows of a table for people, under ``HEADINGS``."""
+def table(records: Sequence[Record]) -> Table:
+    """A row for each variant."""
     first, unbeaten = _first(records), fronts(records)
     found, axis = [], ""
     for record in in_order(records):
@@ -127,15 +124,51 @@ def lines(records: Sequence[Record]) -> list[list[str]]:
                 "" if record.file_bytes is None else f"{record.file_bytes / 1e6:.2f}",
                 _milliseconds(record),
                 _peak(record),
-                "cannot be drawn" if record.failure else places,
+                "cannot be rendered" if record.failure else places,
             ]
         )
         axis = record.axis
-    return found
+    return Table(HEADINGS, found, "each given up by itself")
+
+
+def offers(records: Sequence[Record], run: str, more: Sequence[str] = ()) -> list[Offer]:
+    """The variants that can be rendered, as offers.
+
+    Args:
+        records: of the variants.
+        run: as it is typed.
+        more: further words of every command, for example the place of the data set.
+    """
+    first = _first(records)
+    return [_offer(record, first, run, more) for record in records if record.psnr is not None]
+
+
+def usual_wish(records: Sequence[Record]) -> tuple[Wish, str]:
+    """The wish of a user who asks for nothing, and its words."""
+    psnr = _first(records).psnr or 0.0
+    if psnr == PSNR_MAX:
+        words = f"at least {USUAL_LIKENESS:g} dB against the model as it is"
+        return Wish(psnr=USUAL_LIKENESS), words
+    return Wish(psnr=psnr - USUAL_LOSS), f"a loss of at most {USUAL_LOSS} dB"
+
+
+def _offer(record: Record, first: Record, run: str, more: Sequence[str]) -> Offer:
+    timed = first if record.draws_alike else record
+    # A verb's file counts; where no verb makes the variant, its parameters; a render has no size.
+    size = record.file_bytes if record.command else record.parameter_bytes
+    words = ["gsfw", record.command[0], run, *record.command[1:], *more] if record.command else []
+    return Offer(
+        name=f"{record.axis} {record.name}",
+        psnr=record.psnr or 0.0,
+        megabytes=None if size is None else size / 1e6,
+        ms=timed.ms,
+        ms_spread=timed.ms_spread or 0.0,
+        command=shlex.join(words),
+    )
 
 
 def _accuracy(record: Record, first: Record) -> list[str]:
-    """PSNR, what is lost of it, SSIM, FLIP and errors; all empty for what cannot be drawn."""
+    """PSNR, its loss, SSIM, FLIP and errors; all empty for a variant that cannot be rendered."""
     loss = lost(record, first)
     if loss is None or record.relative_l2 is None or record.max_error is None:
         return [""] * 6

@@ -1,4 +1,4 @@
-"""Runner: measures variants one after the other, and then their times in turn."""
+"""Runner: measures accuracy and size of variants one by one, then their times in turn."""
 
 from __future__ import annotations
 
@@ -12,27 +12,25 @@ from torch import Tensor
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import UserError
-from gsfw.studies.tradeoff.exact import Exact
 from gsfw.studies.tradeoff.file_round_trip import FileRoundTrip, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, evenly
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip, unavailable
-from gsfw.studies.tradeoff.record import Record
-from gsfw.studies.tradeoff.record_store import Key, RecordStore
+from gsfw.studies.tradeoff.measurement import Exact, Turn
+from gsfw.studies.tradeoff.record import Record, RecordStore, VariantKey
 from gsfw.studies.tradeoff.subject import Subject
-from gsfw.studies.tradeoff.timing import Turn
 from gsfw.studies.tradeoff.variant import Variant
 
 TIMED_VIEWS = 3
-"""Views that are drawn in a round, spread evenly over those that accuracy is measured on."""
+"""Number of views in a round of timing, spread evenly over the measured views."""
 SLOW_MS, SLOW_ROUNDS = 1000.0, 2
-"""Variants that take longer than this for a view are drawn in so many rounds only."""
+"""Variants that take longer than this for a view have only this many rounds."""
 
 Shown = tuple[Tensor, Tensor, Tensor | None]
-"""A view as it is drawn, as it should look, and which of its pixels are valid."""
+"""A rendered view, its target, and its valid pixels."""
 
 
 class Runner:
-    """Measures the variants of a model; what is finished is kept, and not measured again."""
+    """Measures the variants of a model; finished measurements are kept and not repeated."""
 
     def __init__(
         self, model: FinishedModel, variants: Sequence[Variant], store: RecordStore
@@ -41,7 +39,7 @@ class Runner:
 
     @property
     def missing(self) -> list[Variant]:
-        """Variants that were not measured yet, or of which FLIP is not known and could be."""
+        """Variants without a record, or without FLIP where it can be measured."""
         return [variant for variant in self.variants if self._is_missing(variant)]
 
     def _is_missing(self, variant: Variant) -> bool:
@@ -51,7 +49,7 @@ class Runner:
         return record.flip is None and not record.failure and self._has_flip
 
     def measure(self) -> Iterator[Variant]:
-        """Measure the accuracy and the size of what is missing; each one when it is kept."""
+        """Measure accuracy and size of the missing variants; yields each when it is kept."""
         for variant in self.missing:
             record = self.store.records.get(variant.key) or self._record(variant)
             if self._has_flip and not record.failure:
@@ -60,21 +58,21 @@ class Runner:
             yield variant
 
     def rounds_left(self, repeats: int) -> int:
-        """How many rounds it takes until every variant has its readings."""
+        """Number of rounds until every variant has its readings."""
         known = [
             len(self.store.records[v.key].readings) for v in self._timed() if not self._slow(v)
         ]
         return max(0, repeats - min(known, default=repeats))
 
     def time(self, repeats: int) -> Iterator[int]:
-        """Take the memory of all variants, and their times in turn; the number of each round."""
+        """Measure memory and times of all variants in turn; yields each round's number."""
         rounds = self.rounds_left(repeats)
         if not rounds:
             return
         model = self.model
         step = max(1, len(model.cameras) // TIMED_VIEWS)
         cameras = model.cameras[::step][:TIMED_VIEWS]
-        turns: dict[Key, Turn] = {}
+        turns: dict[VariantKey, Turn] = {}
         for variant in self._timed():
             turn = turns[variant.key] = Turn.of(variant.change(model.subject), cameras)
             record = self.store.records[variant.key]
@@ -90,16 +88,16 @@ class Runner:
         return [v for v in self.variants if not (v.draws_alike or records[v.key].failure)]
 
     def _slow(self, variant: Variant) -> bool:
-        """Whether it was drawn often enough already, for the time that it takes."""
+        """Whether a slow variant has enough readings."""
         record = self.store.records[variant.key]
         return len(record.readings) >= SLOW_ROUNDS and (record.ms or 0.0) > SLOW_MS
 
     def _record(self, variant: Variant) -> Record:
-        """What can be said of a variant; where it cannot be drawn, why."""
+        """Measure a variant; where it cannot be rendered, its record has the reason."""
         subject = self.model.subject
         try:
             subject = variant.change(subject)
-            # The small pictures first: there every value is looked at.
+            # The small images first: there every value is checked.
             error, per_view, failure = self._exact.error(subject), self._per_view(subject), ""
         except (ValueError, UserError) as problem:
             error, per_view, failure = None, [], " ".join(str(problem).split())
@@ -133,33 +131,33 @@ class Runner:
         return not unavailable()
 
     def _flip(self, subject: Subject) -> float:
-        """FLIP, which takes its time, of some of the views."""
+        """FLIP of some of the views: it is slow."""
         places = evenly(len(self.model.cameras), MOST_VIEWS)
         return mean(flip(*shown) for shown in self._shown(subject, places))
 
     @torch.no_grad()
     def _per_view(self, subject: Subject) -> list[dict[str, float]]:
-        """Figures of every view, under the run's own protocol."""
+        """Metrics of every view under the run's own protocol."""
         metrics = self.model.parts.metrics
         shown = self._shown(subject, range(len(self.model.cameras)))
         return [{name: metric(*item) for name, metric in metrics.items()} for item in shown]
 
     def _shown(self, subject: Subject, places: Iterable[int]) -> Iterator[Shown]:
-        """Views as they are drawn, and as they should look."""
+        """Rendered views with their targets."""
         still = subject.splats() if subject.is_still else None
         for place in places:
             camera = self.model.cameras[place]
             moment = None if camera.time is None else camera.time[0]
             splats = subject.splats(moment) if still is None else still
-            yield subject.draw(splats, camera), *self._target(place)
+            yield subject.image(splats, camera), *self._target(place)
 
     def _target(self, place: int) -> tuple[Tensor, Tensor | None]:
-        """The photo of a view and its valid pixels; without photos, a render."""
+        """The photo of a view and its valid pixels; without photos, a render of the model."""
         model = self.model
         camera, subject = model.cameras[place], model.subject
         if not model.parts.data.has_images:
             moment = None if camera.time is None else camera.time[0]
-            return subject.draw(subject.splats(moment), camera), None
+            return subject.image(subject.splats(moment), camera), None
         (batch,) = model.parts.data.load(Split.EVAL, [model.views[place]], model.device)
         assert subject.settings.background is not None
         valid = None if batch.valid is None else batch.valid[0]

@@ -1,4 +1,4 @@
-"""Storage: what a model that moves keeps of each row, and what edits leave of it."""
+"""Storage: stored bytes of a moving model by row, and the effect of edits on them."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from gsfw.studies.requirements.census import is_bands, is_drawn
 
 @dataclass(frozen=True)
 class Storage:
-    """Bytes of all that it takes to draw a model, row by row."""
+    """Bytes that are needed to render a model, row by row."""
 
     rows: Mapping[str, Int[Tensor, " n"]]
-    """Of each row, by the name of the column; none of any column for a row that is gone."""
+    """Bytes of each row by name of the column; 0 in all columns for a removed row."""
     temporal: frozenset[str]
-    """Names of columns that only say how rows change with time."""
+    """Names of columns that describe only the change of rows over time."""
     coefficients: Mapping[str, int]
-    """Of one SH coefficient, by the name of each column that has those above the constant one."""
+    """Bytes of one SH coefficient, for each column of coefficients above the constant one."""
     shared: int
-    """Of networks and grids, which belong to no row."""
+    """Bytes of networks and grids, which belong to no row."""
 
     @staticmethod
     def of(model: PrimitiveModel) -> Storage:
-        """Everything that it has; nothing that only training needs."""
+        """Everything but the data that only training needs."""
         temporal = frozenset(model.temporal_columns())
         columns = {
             name: column
@@ -53,16 +53,16 @@ class Storage:
 
     @property
     def num_bytes(self) -> int:
-        """Of all together."""
+        """Bytes of everything."""
         return self.shared + sum(int(column.sum()) for column in self.rows.values())
 
     @property
     def num_rows(self) -> int:
-        """Rows of which anything is left."""
+        """Number of rows with any bytes."""
         return int(torch.stack(list(self.rows.values())).any(0).sum())
 
     def of_rows(self, kept: Int[Tensor, " m"]) -> Storage:
-        """Without all rows but these."""
+        """The storage of these rows alone."""
         left = {
             name: torch.zeros_like(column).index_copy(0, kept, column[kept])
             for name, column in self.rows.items()
@@ -70,7 +70,7 @@ class Storage:
         return replace(self, rows=left)
 
     def up_to_degree(self, degree: int) -> Storage:
-        """Without the SH coefficients of the bands above ``degree``."""
+        """The storage without the SH coefficients of the bands above ``degree``."""
         count = num_coefficients(degree) - 1
         left = {
             name: self.rows[name].clamp_max(count * each)
@@ -79,10 +79,10 @@ class Storage:
         return replace(self, rows={**self.rows, **left})
 
     def without_time(self, rows: Int[Tensor, " m"]) -> Storage:
-        """Without what says how these rows change with time.
+        """The storage without the time parameters of these rows.
 
-        A model that has no column for that moves its rows by what they share, which goes with the
-        last of them.
+        A model without such columns moves its rows by shared parameters, which go with the last
+        moving row.
         """
         left = {name: self.rows[name].index_fill(0, rows, 0) for name in self.temporal}
         everything = len(rows) == len(next(iter(self.rows.values())))
@@ -91,18 +91,18 @@ class Storage:
 
 
 class Cut(ABC):
-    """An edit of splats that leaves out of what a moving model stores, too.
+    """An edit of splats that reduces the storage of a moving model, too.
 
-    What other edits do to splats changes how they are drawn, and nothing that is stored.
+    Other edits of splats change their rendering only.
     """
 
     @abstractmethod
     def left_of(self, storage: Storage) -> Storage:
-        """What is still stored."""
+        """The storage after the edit."""
 
 
 def _row_bytes(column: Column) -> Int[Tensor, " n"]:
-    """Of each row of a column."""
+    """Bytes of each row of a column."""
     if column.offsets is None:
         each = column.values.nbytes // max(column.num_rows, 1)
         return torch.full((column.num_rows,), each, device=column.values.device)

@@ -1,4 +1,4 @@
-"""Subject: a finished model, and how it is drawn: what variants change one thing of."""
+"""Subject: a model with its rasterizer and settings, of which variants change one part."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from gsfw.core.splats import Sh, Splats
 from gsfw.studies.tradeoff.storage import Cut, Storage
 
 Edit = Callable[[Splats], Splats]
-"""What is done to splats of any time before they are drawn or written."""
+"""Changes the splats of any time before they are rendered or written."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A model and how it is drawn."""
+    """A model and the way in which it is rendered."""
 
     model: PrimitiveModel
     rasterizer: Rasterizer
@@ -34,17 +34,17 @@ class Subject:
     read: Splats | None = None
     """Splats of a file, in the scene frame, in place of the model's; ``None`` for the model's."""
     edits: tuple[Edit, ...] = ()
-    """Done to the splats in this order."""
+    """Applied to the splats in this order."""
     dtype: torch.dtype = torch.float32
-    """In which it is drawn."""
+    """Type for rendering."""
     shrink: int = 1
-    """Pictures are drawn smaller by this factor, and enlarged."""
+    """Factor by which images are rendered smaller, and then enlarged."""
     float_bytes: int = 4
-    """That a stored parameter takes."""
+    """Bytes of a stored parameter."""
 
     @torch.no_grad()
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
-        """What is drawn at ``time`` in [0, 1]; one that is still ignores it."""
+        """The splats at ``time`` in [0, 1]; a static model ignores it."""
         splats = self.model.splats(time) if self.read is None else self.read
         for edit in self.edits:
             splats = edit(splats)
@@ -52,7 +52,7 @@ class Subject:
 
     @torch.no_grad()
     def render(self, splats: Splats, camera: Cameras) -> RenderOutput:
-        """What the rasterizer makes of one camera, in its own type and size.
+        """Render one camera, in the subject's type and size.
 
         Raises:
             ValueError: the splats have values that cannot be drawn.
@@ -63,8 +63,8 @@ class Subject:
         return self.rasterizer.render(splats, small, settings)
 
     @torch.no_grad()
-    def draw(self, splats: Splats, camera: Cameras) -> Float[Tensor, "h w 3"]:
-        """A picture in the size of one camera; float32.
+    def image(self, splats: Splats, camera: Cameras) -> Float[Tensor, "h w 3"]:
+        """Render an image in the size of one camera; float32.
 
         Raises:
             ValueError: the splats have values that cannot be drawn.
@@ -76,41 +76,41 @@ class Subject:
         return enlarged(decoded.color[0], camera)
 
     def num_gaussians(self) -> int:
-        """That are stored."""
+        """Number of stored Gaussians."""
         return len(self.splats()) if self.is_still else self._storage().num_rows
 
     def num_floats(self) -> int:
-        """Numbers that are stored: of the splats, or of the model's parameters if it moves."""
+        """Number of stored floats: of the splats, or of the parameters of a moving model."""
         if self.is_still:
             return sum(tensor.numel() for tensor in _stored(self.splats()).tensors().values())
         return round(self._storage().num_bytes / self.float_size())
 
     def _storage(self) -> Storage:
-        """What the edits leave of what the model stores."""
+        """The model's storage after the edits."""
         storage = Storage.of(self.model)
         for edit in self.edits:
             storage = edit.left_of(storage) if isinstance(edit, Cut) else storage
         return storage
 
     def float_size(self) -> int:
-        """Bytes of a parameter of the model as it lies in memory."""
+        """Bytes of a parameter of the model in memory."""
         return next(iter(self.model.columns().values())).values.element_size()
 
 
 def _stored(splats: Splats) -> Splats:
-    """The splats without the coefficients of bands that are not drawn."""
+    """The splats without the coefficients of unused bands."""
     colors = splats.colors
     if not isinstance(colors, Sh) or colors.offsets is not None:
         return splats
     return replace(splats, colors=Sh(colors.dense(), colors.degree))
 
 
-def enlarged(picture: Float[Tensor, "a b d"], camera: Cameras) -> Float[Tensor, "h w d"]:
-    """A picture in the size of a camera, bilinear between the centres of pixels."""
+def enlarged(image: Float[Tensor, "a b d"], camera: Cameras) -> Float[Tensor, "h w d"]:
+    """An image in the size of a camera, bilinear between the centres of pixels."""
     size = (camera.height, camera.width)
-    if tuple(picture.shape[:2]) == size:
-        return picture
-    planes = picture.movedim(2, 0)[None]
+    if tuple(image.shape[:2]) == size:
+        return image
+    planes = image.movedim(2, 0)[None]
     return interpolate(planes, size, mode="bilinear", align_corners=False)[0].movedim(0, 2)
 
 

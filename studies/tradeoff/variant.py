@@ -1,4 +1,4 @@
-"""Variant: one way to give something up."""
+"""Variant: one change of a finished model."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from dataclasses import dataclass
 from gsfw.studies.tradeoff.subject import Subject
 
 AS_IS = "as it is"
-"""Axis, and name, of the model with nothing given up."""
+"""Axis and name of the unchanged model."""
 
 AXES = (
     *("sh", "prune", "time", "precision", "format", "cutoffs"),
     *("antialias", "resolution", "backend", "combined"),
 )
-"""What can be given up, in the order in which it is shown."""
+"""Axes of change, in the order of tables."""
 
 STORAGE = (AS_IS, "sh", "prune", "time", "precision", "format", "combined")
-"""Axes along which size may change; all others only change how the same is drawn."""
+"""Axes along which the size may change; all others change only the rendering."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to give something up."""
+    """One change of a finished model."""
 
     axis: str
     name: str
     change: Callable[[Subject], Subject]
-    """From the model as it is to the one that is measured; may take its time."""
+    """Makes the variant from the unchanged model; may be slow."""
     command: tuple[str, ...] = ()
     """Verb and settings that do the same to a run; empty where no verb does."""
     draws_alike: bool = False
-    """Whether as much is drawn as of the model as it is: only storage differs, and no time is
-    measured."""
+    """Whether rendering is as fast as that of the unchanged model: only the storage differs, and no
+    time is measured."""
     file: str = ""
     """Format of the file that ``command`` writes; empty for none."""
 
     @property
     def key(self) -> tuple[str, str]:
-        """By which its figures are found again."""
+        """Axis and name."""
         return self.axis, self.name
 
 
 def unchanged(subject: Subject) -> Subject:
-    """The model as it is."""
+    """The unchanged model."""
     return subject

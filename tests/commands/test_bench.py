@@ -24,13 +24,11 @@ from gsfw.plugins import registry
 from gsfw.plugins.specs import Spec, hookimpl
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.bench import agreement as bench_agreement
-from gsfw.studies.bench import device as bench_device
 from gsfw.studies.bench import first_use as bench_first_use
-from gsfw.studies.bench import limits as bench_limits
+from gsfw.studies.bench import machine as bench_machine
 from gsfw.studies.bench import rounds as bench_round
-from gsfw.studies.bench import scene as bench_scene
-from gsfw.studies.bench import table as bench_table
 from gsfw.studies.bench import timing as bench_timing
+from gsfw.studies.bench import workload as bench_workload
 from gsfw.studies.bench.timing import GpuTimings
 
 QUICK = ("rasterizer=reference", "repeats=1")
@@ -213,8 +211,8 @@ def staged(monkeypatch):
     """Two rasterizers that measure their stages, on a machine whose limits are known."""
     parts = registry_of(Parts())
     monkeypatch.setattr(registry, "installed", lambda: parts)
-    limits = bench_limits.Limits(fma_gflops=200.0, exponential_gexp=10.0)
-    monkeypatch.setattr(bench_limits, "measure_limits", lambda: limits)
+    limits = bench_machine.Limits(fma_gflops=200.0, exponential_gexp=10.0)
+    monkeypatch.setattr(bench_machine, "measure_limits", lambda: limits)
     monkeypatch.setattr(Staged, "turns", ())
 
 
@@ -271,7 +269,7 @@ def test_automatic_means_one_that_fits(staged, workload, capsys):
 
 def test_without_a_file_the_built_in_workload_is_drawn(staged, monkeypatch, capsys):
     for name, value in {"SPLATS": 50, "WIDTH": 32, "HEIGHT": 21}.items():
-        monkeypatch.setattr(bench_scene, name, value)
+        monkeypatch.setattr(bench_workload, name, value)
     assert bench.run(["rasterizer=one", "repeats=1", "json=true"]) == 0
     workload = json.loads(capsys.readouterr().out)["workload"]
     assert workload["name"] == "built in"
@@ -392,19 +390,19 @@ def test_figures_of_a_gpu_are_told_as_such(staged, workload, capsys):
             "same": False,
         }
     ]
-    bench_table.show(Console(), report)
+    bench.show(Console(), report)
     said = capsys.readouterr().out
-    assert "drawn on Imaginary 9000, CUDA 13.0" in said
+    assert "rendered on Imaginary 9000, CUDA 13.0" in said
     assert "time of the GPU, median of 1 in ms" in said
-    assert "one: 1,234 MB for a picture and its gradients at most, 5,679 MB for a step" in said
+    assert "one: 1,234 MB for an image and its gradients at most, 5,679 MB for a step" in said
     assert "thread" not in said.partition("this machine")[0]
     assert "1,000 keys of 13 bits (tile)  0.500       1.000       NO" in said
 
 
 def test_a_round_is_measured_by_the_clock_of_a_gpu_as_well(staged, workload, capsys, monkeypatch):
     ticks = count()
-    monkeypatch.setattr(bench_device, "mark", lambda device: float(next(ticks)))
-    monkeypatch.setattr(bench_device, "milliseconds", lambda begin, end: end - begin)
+    monkeypatch.setattr(bench_timing, "mark", lambda device: float(next(ticks)))
+    monkeypatch.setattr(bench_timing, "milliseconds", lambda begin, end: end - begin)
     monkeypatch.setattr(bench_timing, "wait_for", lambda device: None)
     monkeypatch.setattr(bench_round, "timings_on", GpuTimings)
     arguments = ["rasterizer=one", "repeats=2", f"workload={workload}", "sparse=true"]

@@ -10,9 +10,9 @@ from support.states import assert_same_bits
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from gsfw.commands.main import main
-from gsfw.commands.requirements import RequirementsReport
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
+from gsfw.studies.requirements.report import RequirementsReport
 
 SMALL = (
     "method=3dgs", "device=cpu", "datamanager.views=6", "datamanager.eval_views=2",
@@ -104,7 +104,7 @@ def test_a_failure_to_measure_loses_nothing(tmp_path, capsys, monkeypatch):
     def fail(*arguments):
         raise RuntimeError("no paper left")
 
-    monkeypatch.setattr("gsfw.commands.requirements.plot", fail)
+    monkeypatch.setattr("gsfw.studies.requirements.report.plot", fail)
     folder = RunFolder(tmp_path / "run")
     assert main(["train", *SMALL, f"out={folder.path}"]) == 0
     said = capsys.readouterr()
@@ -138,8 +138,8 @@ def test_bands_that_were_not_drawn_yet_bought_nothing_and_say_why(tmp_path):
     found = document(tmp_path / "run")
     group = next(group for group in found["groups"] if group["name"] == "SH band 3")
     assert group["bought_db"] == 0.0
-    assert group["how"] == "Training ended before this band was drawn."
-    assert "bands 1 to 3: training ended before they were drawn" in found["could_go"]
+    assert group["how"] == "Training ended before this band was rendered."
+    assert "bands 1 to 3: training ended before they were rendered" in found["could_go"]
 
 
 def test_without_held_out_views_it_says_so(tmp_path):

@@ -93,18 +93,18 @@ def test_all_cases_can_be_listed_without_being_run(capsys):
 
 def test_rasterizers_that_do_not_run_here_are_named(capsys, monkeypatch):
     from gsfw.core.capabilities import Capabilities
-    from gsfw.studies.stress import entrant
+    from gsfw.studies import entrants
 
     able = {
         "reference": Capabilities(devices=frozenset({"cpu"})),
         "far": Capabilities(unavailable="it needs another machine."),
         "other": Capabilities(devices=frozenset({"cpu"}), preference=-1),
     }
-    monkeypatch.setattr(entrant, "rasterizer_capabilities", lambda registry: able)
+    monkeypatch.setattr(entrants, "rasterizer_capabilities", lambda registry: able)
     assert main(["stress", "method=none", "out=none", "only=input/skew"]) == 0
     text = capsys.readouterr().out
     assert "rasterizer far is left out: it needs another machine." in text
-    assert "rasterizer other is left out: it draws by another rule than splatting's" in text
+    assert "rasterizer other is left out: it renders by another rule than splatting's" in text
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,10 @@ def test_rasterizers_that_do_not_run_here_are_named(capsys, monkeypatch):
     [
         ("only=shap", "error: only=shap: no case has this name."),
         ("rasterizer=cpo", "error: no rasterizer 'cpo'. Did you mean 'cpu'?"),
-        ("method=3dgs", "error: method=3dgs: it is not dynamic, and cases of time are all that"),
+        (
+            "method=3dgs",
+            "error: method=3dgs: it is not dynamic, and all cases for methods are cases",
+        ),
         ("method=5dgs", "error: no method '5dgs'."),
         ("dtype=float16", "error: dtype=float16: expected"),
     ],

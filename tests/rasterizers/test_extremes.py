@@ -11,8 +11,8 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Sh, Splats
-from gsfw.studies.stress.catalogue.camera import camera_with
-from gsfw.studies.stress.catalogue.shape import scaled
+from gsfw.studies.stress.catalogue.splats import scaled
+from gsfw.studies.stress.catalogue.views import camera_with
 
 EVERYTHING = RenderSettings(
     antialias=True, depth=Depth.EXPECTED, statistics=frozenset(Statistic), near=1e-7

@@ -11,10 +11,9 @@ from gsfw.core.capabilities import Determinism
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.rasterizers.cuda.rasterizer import CudaRasterizer
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
-from gsfw.studies.stress.case import Section, StressCase
+from gsfw.studies.entrants import Entrant
+from gsfw.studies.stress.case import Section, StressCase, layers
 from gsfw.studies.stress.catalogue import CASES
-from gsfw.studies.stress.catalogue.layers import layers
-from gsfw.studies.stress.entrant import Entrant
 from gsfw.studies.stress.measure import Oracle, measure
 
 # What is drawn here is drawn with checks by the tests of its parts.

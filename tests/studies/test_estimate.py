@@ -1,4 +1,4 @@
-"""Tests of gsfw.studies.estimate, origin and threads."""
+"""Estimates follow measured runs, jobs share the threads, and origins name the machine."""
 
 import os
 
@@ -6,10 +6,10 @@ import pytest
 from support.small_study import plan, small_study
 
 from gsfw.studies import origin as origin_module
-from gsfw.studies.estimate import START_SECONDS, STEP_SECONDS, Estimate
 from gsfw.studies.origin import cores, origin
 from gsfw.studies.result import Result
-from gsfw.studies.threads import threads_per_run
+from gsfw.studies.run_process import threads_per_run
+from gsfw.studies.runner import START_SECONDS, STEP_SECONDS, Estimate
 
 
 def took(row: str, scene: str, step_seconds: float) -> Result:

@@ -7,12 +7,10 @@ from dataclasses import replace
 from PIL import Image
 from support.small_study import TINY, small_study
 
-from gsfw.studies.columns import find_column
-from gsfw.studies.report import csv_text, protocol_lines
-from gsfw.studies.result import Failure, Result
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.comparison import find_column
+from gsfw.studies.report import csv_text, protocol_lines, write_report
+from gsfw.studies.result import Failure, Result, ResultStore
 from gsfw.studies.study import Rule
-from gsfw.studies.writing import write_report
 
 PROTOCOL = {
     "checkpoint": "last",
@@ -52,7 +50,7 @@ Two of them.
 - steps 10; downscale 2 (area filter); seeds 1, 2
 - rows: still (`method=3dgs ignore_time=true`); moves (`method=4dgs`)
 - held-out views, last checkpoint; PSNR per image; SSIM 11x11
-- held out: balls 2 pictures of 32x24
+- held out: balls 2 images of 32x24
 - machine: a cpu, 2 cores, threads per run 1; rasterizer cpu; torch 2
 - gsfw 1.0, commit abc; made 2026-01-02
 - command: `gsfw study small.yaml`
@@ -134,7 +132,7 @@ def test_figures_are_written_as_their_column_says():
 def test_failures_are_reported_with_their_reasons(tmp_path):
     study = small_study(scenes={"balls": {}, "boxes": {}}, columns=("psnr",))
     store = ResultStore(tmp_path / "results.json", study.title)
-    store.keep_failure(Failure("still", "boxes", 1, "no."))
+    store.keep(Failure("still", "boxes", 1, "no."))
     write_report(study, store, tmp_path, "gsfw study")
     failed = "## boxes\n\n- still: seed 1 failed: no.\n- moves: not made yet: seed 1\n"
     assert (tmp_path / "study.md").read_text() == f"# A small study\n\n{failed}"

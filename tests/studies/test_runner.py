@@ -20,9 +20,9 @@ from support.small_study import TINY, make, plan, small_study
 
 from gsfw.core.callback import Control
 from gsfw.studies.planned_run import fingerprint
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.report import RESULTS
+from gsfw.studies.result import ResultStore
 from gsfw.studies.runner import Runner, RunnerSettings
-from gsfw.studies.writing import RESULTS
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -166,8 +166,8 @@ def test_no_run_is_started_when_the_budget_is_over(tmp_path):
 
 
 def test_what_has_not_ended_in_time_is_stopped_and_left(tmp_path, monkeypatch):
-    monkeypatch.setattr("gsfw.studies.estimate.START_SECONDS", 0.0)
-    monkeypatch.setattr("gsfw.studies.estimate.STEP_SECONDS", 0.0)
+    monkeypatch.setattr("gsfw.studies.runner.START_SECONDS", 0.0)
+    monkeypatch.setattr("gsfw.studies.runner.STEP_SECONDS", 0.0)
     study = small_study(seeds=(WAITS_FOR_ANOTHER,), rows=STILL)
     settings = RunnerSettings(minutes=0.5 / 60, on_time=True)
     runner = Runner(plan(study, tmp_path), kept(tmp_path), settings, Control())

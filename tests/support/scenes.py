@@ -5,7 +5,7 @@ from dataclasses import replace
 import torch
 
 from gsfw.core.cameras import CameraModel
-from gsfw.studies.stress.scene import front_camera, random_splats
+from gsfw.studies.stress.case import front_camera, random_splats
 
 __all__ = ["front_camera", "random_splats", "turned_camera"]
 

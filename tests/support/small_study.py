@@ -8,10 +8,10 @@ import pytest
 from gsfw.core.callback import Control
 from gsfw.plugins.registry import installed
 from gsfw.studies.planned_run import PlannedRun, plan_runs
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.report import RESULTS
+from gsfw.studies.result import ResultStore
 from gsfw.studies.runner import Ended, Runner, RunnerSettings
 from gsfw.studies.study import Study
-from gsfw.studies.writing import RESULTS
 from support import fake_training
 
 TINY = {"steps": 10, "datamanager.moving": True}

@@ -1,8 +1,4 @@
-"""Catalogue: every case, by name.
-
-One module for each section, or for several small ones. A name says its section, what is extreme,
-and how it is drawn.
-"""
+"""Catalogue: every case by name: section, extreme property and way of rendering."""
 
 from __future__ import annotations
 
@@ -13,28 +9,27 @@ from types import MappingProxyType
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import did_you_mean
 from gsfw.studies.stress.case import Change, StressCase
-from gsfw.studies.stress.catalogue import (
-    colour,
-    depth,
-    image,
-    opacity,
-    position,
-    rotation,
-    shape,
-)
-from gsfw.studies.stress.catalogue.camera import CAMERA
-from gsfw.studies.stress.catalogue.colour import COLOUR
-from gsfw.studies.stress.catalogue.depth import DEPTH
-from gsfw.studies.stress.catalogue.found import FOUND
-from gsfw.studies.stress.catalogue.image import IMAGE
-from gsfw.studies.stress.catalogue.layers import LAYERS
-from gsfw.studies.stress.catalogue.opacity import OPACITY
-from gsfw.studies.stress.catalogue.position import POSITION
-from gsfw.studies.stress.catalogue.precision import PRECISION
+from gsfw.studies.stress.catalogue.limits import FOUND, LAYERS, PRECISION, SIZE
 from gsfw.studies.stress.catalogue.refused import REFUSED
-from gsfw.studies.stress.catalogue.rotation import ROTATION
-from gsfw.studies.stress.catalogue.shape import SHAPE
-from gsfw.studies.stress.catalogue.size import SIZE
+from gsfw.studies.stress.catalogue.splats import (
+    COLOUR,
+    COLOUR_CHANGES,
+    OPACITY,
+    OPACITY_CHANGES,
+    ROTATION,
+    ROTATION_CHANGES,
+    SHAPE,
+    SHAPE_CHANGES,
+)
+from gsfw.studies.stress.catalogue.views import (
+    CAMERA,
+    DEPTH,
+    DEPTH_CHANGES,
+    IMAGE,
+    IMAGE_CHANGES,
+    POSITION,
+    POSITION_CHANGES,
+)
 
 CASES: Mapping[str, StressCase] = MappingProxyType(
     {
@@ -46,20 +41,23 @@ CASES: Mapping[str, StressCase] = MappingProxyType(
         for case in section
     }
 )
-"""What is drawn, by name; cases of time, which need a model, are in ``moving_case``."""
+"""Cases for rasterizers; cases of time, which need a model, are in ``moving_case``."""
 
 CHANGES: Mapping[str, Change] = MappingProxyType(
     {
         name: change
-        for section in (shape, rotation, opacity, depth, position, image, colour)
-        for name, change in section.CHANGES.items()
+        for changes in (
+            *(SHAPE_CHANGES, ROTATION_CHANGES, OPACITY_CHANGES, DEPTH_CHANGES),
+            *(POSITION_CHANGES, IMAGE_CHANGES, COLOUR_CHANGES),
+        )
+        for name, change in changes.items()
     }
 )
-"""What makes ordinary splats extreme, by the names of the cases without their variants."""
+"""Changes that make ordinary splats extreme, by the names of the cases without variants."""
 
 
 def chosen(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
-    """The names that match a pattern; all of them where there is none.
+    """The names that match a pattern; all names where no pattern is given.
 
     Args:
         names: to choose from.

@@ -1,4 +1,4 @@
-"""Refused: input that must not be drawn, and what the message must say of it."""
+"""Refused: input that must be refused, and parts of the message."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from torch import Tensor
 
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh, Splats
-from gsfw.studies.stress.case import Change, Drawing, StressCase, coefficients
-from gsfw.studies.stress.catalogue.shape import covariances
+from gsfw.studies.stress.case import Change, Drawing, StressCase, coefficients, front_camera
+from gsfw.studies.stress.catalogue.splats import covariances
 from gsfw.studies.stress.catalogue.variants import COUNT, SIZE, ordinary
-from gsfw.studies.stress.scene import front_camera
 
 Record = TypeVar("Record")
 
@@ -30,14 +29,14 @@ def _field(splats: Splats, name: str) -> Tensor:
 
 
 def _with(splats: Splats, name: str, values: Tensor) -> Splats:
-    """Splats with another tensor in the place of one, of whatever shape and type."""
+    """Splats with one tensor replaced, of any shape and type."""
     if name == "colors":
         return _forced(splats, "colors", _forced(splats.colors, "coefficients", values))
     return _forced(splats, name, values)
 
 
 def _forced(record: Record, name: str, value: object) -> Record:
-    """A copy with a field that type checkers at run time would not let pass."""
+    """A copy with a field that type checks at run time would refuse."""
     copied = copy(record)
     object.__setattr__(copied, name, value)
     return copied
@@ -99,7 +98,7 @@ def _no_camera() -> Drawing:
 
 
 def _not_contiguous() -> Drawing:
-    """Tensors whose rows lie side by side, as transposed ones have them: drawn, not refused."""
+    """Tensors whose rows lie side by side, like transposed ones: rendered, not refused."""
     transposed = ordinary().map(lambda t: t.transpose(0, -1).contiguous().transpose(0, -1))
     return Drawing(transposed, front_camera(*SIZE), RenderSettings())
 

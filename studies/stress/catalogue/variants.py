@@ -1,4 +1,4 @@
-"""Variants: an extreme drawn by every camera model, with and without cut-offs."""
+"""Variants: an extreme with every camera model, with and without cut-offs."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
-from gsfw.studies.stress.case import Change, Drawing, StressCase
-from gsfw.studies.stress.scene import front_camera, random_splats
+from gsfw.studies.stress.case import Change, Drawing, StressCase, front_camera, random_splats
 
 COUNT = 20
-"""Splats of an ordinary scene: enough to overlap, few enough to be drawn many times."""
+"""Splats of an ordinary scene: enough to overlap, few enough to be fast."""
 SIZE = (20, 15)
-"""Of its picture: several tiles, and not a whole number of them."""
+"""Size of its image: several tiles, and not a whole number of them."""
 
 EVERYTHING = RenderSettings(
     antialias=True, depth=Depth.ACCUMULATED, statistics=frozenset(Statistic), near=1e-7
 )
-"""All that can be asked of a backend, down to almost the camera's centre."""
+"""Everything that a backend can compute, down to almost the camera's centre."""
 SMOOTH = replace(EVERYTHING, profile=DEFAULT.without_cutoffs())
 OPEN_ENDED = replace(EVERYTHING, near=0.0, far=torch.inf)
 EXPECTED = replace(EVERYTHING, depth=Depth.EXPECTED)
@@ -30,7 +29,7 @@ EXPECTED = replace(EVERYTHING, depth=Depth.EXPECTED)
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to draw."""
+    """A way to render."""
 
     model: CameraModel
     settings: RenderSettings
@@ -44,18 +43,18 @@ VARIANTS: Mapping[str, Variant] = {
     "fisheye": Variant(CameraModel.FISHEYE, EVERYTHING),
     "fisheye-no-cut-offs": Variant(CameraModel.FISHEYE, SMOOTH),
 }
-"""By the last word of a case's name; none is the plain one."""
+"""Variants by the last word of a case's name; the plain one has no word."""
 
 
 def ordinary() -> Splats:
-    """Splats that nothing is wrong with."""
+    """Ordinary splats."""
     return random_splats(COUNT)
 
 
 def splat_cases(
     changes: Mapping[str, Change], reasons: Mapping[str, str], variants: Iterable[str] = VARIANTS
 ) -> tuple[StressCase, ...]:
-    """Ordinary splats made extreme, in front of an ordinary camera.
+    """Cases of extreme splats in front of an ordinary camera.
 
     Args:
         changes: by name, with the section.
@@ -85,7 +84,7 @@ def camera_cases(
     splats: Mapping[str, Change],
     reasons: Mapping[str, str],
 ) -> tuple[StressCase, ...]:
-    """Cameras made extreme, before splats of several kinds, for every camera model."""
+    """Cases of extreme cameras in front of splats of several kinds, for every camera model."""
     return tuple(
         _camera_case(f"{name}{kind}/{model.value}", change, splat, model, reasons.get(name + kind))
         for name, change in changes.items()

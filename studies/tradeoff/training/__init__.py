@@ -1,1 +1,1 @@
-"""What a trade costs when it is made before training: variants of a run, each trained."""
+"""Trade-offs before training: variants of a run, each trained."""

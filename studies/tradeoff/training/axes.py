@@ -1,38 +1,74 @@
-"""Axes: what a run can give up before it is trained, and for which runs each makes sense."""
+"""Axes: ways to make a run smaller or faster before training, and the runs that each fits."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from gsfw.studies.tradeoff.training.choice import Choice
+BASELINE = "baseline"
+"""Name of the run without any choice."""
 
 LIMITS = {"adc": "strategy.budget", "mcmc": "strategy.budget"}
-"""Strategies that can be told how many Gaussians to end with, and the setting that says so."""
+"""Strategies with a limit of Gaussians, and the setting of the limit."""
 
 START = "random_points"
-"""How many Gaussians a run starts with where its data has no points."""
+"""Setting: number of Gaussians at the start where the data has no points."""
 
 PARTS = (2, 4, 8)
-"""The baseline's Gaussians are divided by these."""
+"""Divisors of the baseline's number of Gaussians."""
 
 SHRINKS = (2, 4)
-"""Training pictures are smaller by these factors than those that are judged."""
+"""Factors by which training images are smaller than those of the evaluation."""
 
 Values = Mapping[str, Any]
 """Every setting of the base, by dotted key."""
 
 
 @dataclass(frozen=True)
+class Choice:
+    """One value on one axis."""
+
+    axis: str
+    name: str
+    """Name in tables."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the run by dotted key."""
+    part: float | None = None
+    """Most Gaussians of the run as part of the baseline's; ``None`` for no limit."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Choices on different axes; none for the baseline."""
+
+    choices: tuple[Choice, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return " + ".join(choice.name for choice in self.choices) or BASELINE
+
+    @property
+    def part(self) -> float | None:
+        """Most Gaussians as part of the baseline's; ``None`` for no limit."""
+        return min((c.part for c in self.choices if c.part is not None), default=None)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Changed settings, without the limit of Gaussians."""
+        return {key: value for choice in self.choices for key, value in choice.settings.items()}
+
+
+@dataclass(frozen=True)
 class Axis:
-    """One thing that can be given up."""
+    """One way to make a run smaller or faster."""
 
     name: str
     choices: Callable[[Values], Sequence[Choice]]
-    """Its values for a base; none where they would change nothing or make no sense."""
+    """Gives its choices for a base; none where they would change nothing or make no sense."""
     why_not: str
-    """What to say where there are none."""
+    """Reason where there are no choices."""
 
 
 def _sh_degrees(base: Values) -> list[Choice]:
@@ -86,22 +122,22 @@ AXES = (
     Axis("strategy", _strategies, f"it is between {' and '.join(LIMITS)}"),
     Axis("antialias", _antialias, ""),
 )
-"""All but the length of training, which is in steps and halves by itself."""
+"""All axes but the length of training, which is in steps."""
 
 STEPS = "steps"
 NAMES = (*(axis.name for axis in AXES), STEPS)
 DEFAULT = ("sh_degree", "cap", STEPS, "resolution")
-"""Axes that are tried where none are named."""
+"""Default axes."""
 
 
 def limit_key(values: Values) -> str:
-    """The setting that limits the Gaussians of a base's strategy; empty where there is none."""
+    """Setting that limits the Gaussians of a base's strategy; empty for none."""
     key = LIMITS.get(str(values["strategy"]), "")
     return key if key in values else ""
 
 
 def limited(values: Values, strategy: str, gaussians: int) -> dict[str, Any]:
-    """Settings that limit a run to so many Gaussians; at random, it starts with no more.
+    """Settings that limit the Gaussians of a run, and its random Gaussians at the start.
 
     Args:
         values: every setting of the base.

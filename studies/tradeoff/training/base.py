@@ -1,4 +1,4 @@
-"""Base: the run that all variants change, and the variants there are of it."""
+"""Base: the run that all variants change, and its single changes."""
 
 from __future__ import annotations
 
@@ -12,36 +12,35 @@ from gsfw.plugins.compose import check, compose
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import COMMAND_LINE, Layer, resolve
 from gsfw.studies.tradeoff.finished_model import LeftOut
-from gsfw.studies.tradeoff.training.axes import AXES
-from gsfw.studies.tradeoff.training.choice import Choice, Recipe
+from gsfw.studies.tradeoff.training.axes import AXES, Choice, Recipe
 
 
 @dataclass(frozen=True)
 class Base:
-    """The run that everything else is a variant of."""
+    """The run that all variants change."""
 
     given: Mapping[str, Any]
-    """Settings that were given or chosen, by dotted key."""
+    """Given and chosen settings by dotted key."""
     values: Mapping[str, Any]
-    """Every setting."""
+    """Every setting by dotted key."""
 
     @property
     def seed(self) -> int:
-        """Of every run but those that are made again."""
+        """Seed of every run but those of the second seed."""
         return int(self.values["seed"])
 
     @property
     def downscale(self) -> float:
-        """Of the pictures that accuracy is judged on."""
+        """Downscale of the images of the evaluation."""
         return float(self.values["downscale"])
 
     def sized(self, chosen: Mapping[str, Any]) -> Base:
-        """The same with settings that were chosen: length and size."""
+        """The base with chosen settings: length and size."""
         return replace(self, given={**self.given, **chosen}, values={**self.values, **chosen})
 
 
 def find_base(given: Mapping[str, Any], registry: Registry) -> Base:
-    """Resolve and check what was given.
+    """Resolve and check settings.
 
     Raises:
         ConfigError: a setting is unknown or wrong.
@@ -54,25 +53,25 @@ def find_base(given: Mapping[str, Any], registry: Registry) -> Base:
 
 @dataclass(frozen=True)
 class Capture:
-    """What is known of the data."""
+    """Properties of the data set."""
 
     views: int
-    """To train on."""
+    """Number of training views."""
     held_out: int
     width: int
-    """Of a picture as the base has it, in pixels."""
+    """Width of an image of the base, in pixels."""
     height: int
     device: str
-    """Where the runs are trained: cpu or cuda."""
+    """Device of the training: cpu or cuda."""
     has_points: bool
-    """Whether there is anything to start from."""
+    """Whether the data has points to start from."""
 
 
 def find_capture(base: Base, registry: Registry) -> Capture:
-    """Look at the data.
+    """Read the properties of the data set.
 
     Raises:
-        DataError: it cannot be used, or no pictures are held out.
+        DataError: it cannot be used, or no images are held out.
     """
     composition = compose(resolve(registry, [Layer(COMMAND_LINE, base.given)]), registry)
     data = composition.parts.data
@@ -80,7 +79,7 @@ def find_capture(base: Base, registry: Registry) -> Capture:
     data.close()
     if not held_out:
         raise DataError(
-            "There are no held-out pictures to measure accuracy on.",
+            "There are no held-out images to measure accuracy on.",
             "Hold some out: holdout_every=8.",
         )
     camera = held_out.cameras[0]
@@ -91,7 +90,7 @@ def find_capture(base: Base, registry: Registry) -> Capture:
 def singles(
     base: Base, axes: Sequence[str], registry: Registry
 ) -> tuple[list[Recipe], list[LeftOut]]:
-    """Every recipe of one choice, and what makes no sense for this base."""
+    """Every recipe of one choice, and the choices that do not fit this base."""
     recipes, left_out = [], []
     for axis in AXES:
         if axis.name not in axes:
@@ -109,7 +108,7 @@ def singles(
 
 
 def _problem(base: Base, choice: Choice, registry: Registry) -> str:
-    """Why a choice does not go with the base; empty where it does."""
+    """Why a choice does not fit the base; empty where it does."""
     try:
         given = {**base.given, **choice.settings}
         check(resolve(registry, [Layer(COMMAND_LINE, given)]), registry)

@@ -1,4 +1,4 @@
-"""Experiment: chooses the size of the runs, trains variants in rounds, and tells what came out."""
+"""Experiment: chooses the size of the runs, trains variants in rounds, and collects results."""
 
 from __future__ import annotations
 
@@ -17,12 +17,10 @@ from gsfw.studies.result import Failure
 from gsfw.studies.runner import Ended
 from gsfw.studies.study import NEUTRAL
 from gsfw.studies.tradeoff import flip
-from gsfw.studies.tradeoff.training.axes import START, STEPS
+from gsfw.studies.tradeoff.recommendation import Wish
+from gsfw.studies.tradeoff.training.axes import BASELINE, START, STEPS
 from gsfw.studies.tradeoff.training.base import Base, find_capture, singles
-from gsfw.studies.tradeoff.training.choice import BASELINE
-from gsfw.studies.tradeoff.training.halving import Goal
 from gsfw.studies.tradeoff.training.judge import DRAW_MS, FLIP, RunJudge
-from gsfw.studies.tradeoff.training.plan import read_plan, write_plan
 from gsfw.studies.tradeoff.training.search import Round, Search, Trial
 from gsfw.studies.tradeoff.training.sizing import (
     Sizing,
@@ -30,44 +28,45 @@ from gsfw.studies.tradeoff.training.sizing import (
     Work,
     choose,
     enough_to_start,
+    read_plan,
     sizes,
+    write_plan,
 )
-from gsfw.studies.tradeoff.training.speed import measure_speeds
 from gsfw.studies.tradeoff.training.trained import Trained, trained
-from gsfw.studies.tradeoff.training.trainer import Trainer, Workshop
+from gsfw.studies.tradeoff.training.trainer import Trainer, Workshop, measure_speeds
 
 LENGTHS = (1 / 4, 1 / 2, 1.0)
-"""Of the rounds, as parts of the longest."""
+"""Lengths of the rounds as parts of the longest."""
 
 RESERVED = 0.05
-"""Part of the time that is kept for drawing all variants in turn at the end."""
+"""Part of the time that is kept for rendering all variants in turn at the end."""
 
 MOST_JOBS = 2
-"""Runs at a time, where that is not given: each step of a run has stretches that use one core."""
+"""Runs at a time by default: parts of each step use one core."""
 
 PLAN = "plan.json"
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be found out."""
+    """The question of a user."""
 
     axes: tuple[str, ...]
-    goal: Goal
+    wish: Wish
     minutes: float | None
-    """In which all has to end; ``None`` for no limit."""
+    """Duration of everything; ``None`` for no limit."""
     data: str
-    """As it was typed; empty for the built-in scene."""
+    """Data set as it was typed; empty for the built-in scene."""
 
 
 class Experiment:
     """The variants of a base."""
 
     def __init__(self, request: Request, base: Base, shop: Workshop) -> None:
-        """Look at the data.
+        """Read the data set.
 
         Raises:
-            DataError: it cannot be used, or holds no pictures out.
+            DataError: it cannot be used, or holds out no images.
         """
         self._request, self._unsized = request, base
         self.capture = find_capture(base, shop.registry)
@@ -76,7 +75,7 @@ class Experiment:
         self._choose_recipes(base)
 
     def _choose_recipes(self, base: Base) -> None:
-        """What is tried of a base, and what cannot be."""
+        """Choose the recipes for a base, and the reasons for the others."""
         self.recipes, left_out = singles(base, self._request.axes, self.shop.registry)
         self.left_out = [*left_out, *flip.left_out()]
 
@@ -86,12 +85,12 @@ class Experiment:
         return LENGTHS if STEPS in self._request.axes else LENGTHS[-1:]
 
     def size(self) -> Sizing:
-        """Choose what was not given: steps and size of the pictures, so that all fits.
+        """Choose steps and size of the images where they are not given, so that all runs fit.
 
         Raises:
             ConfigError: there is no time for runs that would say anything.
-            DataError: a run that was to measure the speed failed, or the plan is damaged.
-            Stopped: the user asked to stop.
+            DataError: a run that measures the speed has failed, or the plan is damaged.
+            Stopped: the user has asked for a stop.
         """
         given, values = self._unsized.given, self._unsized.values
         steps = int(values["steps"]) if STEPS in given else None
@@ -112,7 +111,7 @@ class Experiment:
         return sizing
 
     def _left(self) -> float:
-        """Minutes until all runs have to have ended."""
+        """Minutes that are left for runs."""
         deadline = self.shop.deadline
         return math.inf if deadline is None else (deadline - time.monotonic()) / 60
 
@@ -121,7 +120,7 @@ class Experiment:
         return measure_speeds(runs, self.shop, steps)
 
     def _at(self, downscale: float) -> dict[str, Any]:
-        """Settings for a size that was chosen, or for a length that was chosen at that size."""
+        """Settings that follow from a chosen size of the images."""
         values, capture = self._unsized.values, self.capture
         at: dict[str, Any] = {"downscale": downscale}
         at_random = not capture.has_points or values.get("init") == "random"
@@ -132,7 +131,7 @@ class Experiment:
         return at
 
     def begin(self, sizing: Sizing) -> None:
-        """Get ready to train."""
+        """Prepare the training."""
         given = sizing.seconds is None
         size = {"downscale": sizing.downscale} if given else self._at(sizing.downscale)
         base = self._unsized.sized({**size, "steps": sizing.steps})
@@ -141,49 +140,49 @@ class Experiment:
         self.trainer = Trainer(base, self.shop, self.judge.accuracy)
         steps = [max(1, round(length * sizing.steps)) for length in self.lengths]
         self.search = Search(
-            self.recipes, steps, base.seed, self._request.goal, self.trainer.outcome
+            self.recipes, steps, base.seed, self._request.wish, self.trainer.outcome
         )
 
     @property
     def fewer_to_start(self) -> int | None:
-        """Gaussians that runs start with at random where that was chosen, or ``None``."""
+        """Chosen number of random Gaussians at the start; ``None`` where it was not chosen."""
         chosen = self.trainer.base.values.get(START)
         return None if chosen == self._unsized.values.get(START) else chosen
 
     def rounds(self) -> Iterator[Round]:
-        """One after the other; each is to be trained before the next is asked for."""
+        """Rounds in order; each has to be trained before the next is asked for."""
         for item in self.search.rounds():
             if self.shop.control.stop_reason is not None:
                 return
             yield item
 
     def train(self, item: Round) -> Iterator[Ended]:
-        """Make what is missing of a round, as far as there is time."""
+        """Make the missing trials of a round, as far as there is time."""
         return self.trainer.train(item.trials)
 
     @property
     def is_drawn(self) -> bool:
-        """Whether all variants have been drawn for their times."""
+        """Whether rendering times of all variants are known."""
         return all(DRAW_MS in self.shop.store.results[run.cell.key].figures for run in self._made())
 
     def draw(self, rounds: int) -> Iterator[int]:
-        """Draw all variants in turn, as far as there is time; the number of each round."""
+        """Render all variants in turn, as far as there is time; yields the number of each round."""
         return self.judge.time(self._made(), self.shop.store, rounds, self._is_over)
 
     @property
     def without_flip(self) -> list[PlannedRun]:
-        """Runs of which FLIP is not known and could be."""
+        """Runs without FLIP, where it can be measured."""
         if flip.unavailable():
             return []
         results = self.shop.store.results
         return [run for run in self._made() if FLIP not in results[run.cell.key].figures]
 
     def compare(self) -> Iterator[int]:
-        """Measure FLIP where it is missing, as far as there is time; how many are done."""
+        """Measure missing FLIP, as far as there is time; yields the number of finished runs."""
         return self.judge.compare(self.without_flip, self.shop.store, self._is_over)
 
     def _is_over(self) -> bool:
-        """Whether the time for drawing is gone too, or a stop is asked for."""
+        """Whether the time for rendering is over too, or a stop is requested."""
         reserved = RESERVED * (self._request.minutes or 0.0)
         return self._left() + reserved < 0 or self.shop.control.stop_reason is not None
 
@@ -194,7 +193,7 @@ class Experiment:
         return list(runs.values())
 
     def found(self) -> list[Trained]:
-        """Every variant that was trained, each once, in the order in which they were tried."""
+        """Trained variants, each once, in the order of their first trials."""
         baseline = self.trainer.base.values
         found: dict[str, Trained] = {}
         for trial in self.search.trials:
@@ -208,20 +207,20 @@ class Experiment:
         return list(found.values())
 
     def left(self) -> int:
-        """How many runs were asked for and are not made, those that failed aside."""
+        """Number of runs that are neither made nor failed."""
         failures = self.shop.store.failures
         runs = self.trainer.missing(self.search.asked)
         return sum(run.cell.key not in failures for run in runs)
 
     def why_nothing(self) -> tuple[str, str]:
-        """What to say where no baseline was made: a message, and advice."""
+        """Message and advice where no baseline was made."""
         for failure in self._failed():
             if failure.row == BASELINE:
                 return f"the baseline failed: {failure.error}", failure.advice
         return "no run of the baseline was finished.", "The same command goes on."
 
     def about(self) -> dict[str, Any]:
-        """What was trained, how, and where."""
+        """The baseline, the lengths and the machine, for the document."""
         base = self.trainer.base
         return {
             "baseline": shlex.join(["gsfw", "train", *self._words(base.given)]),
@@ -236,13 +235,13 @@ class Experiment:
         }
 
     def _failed(self) -> list[Failure]:
-        """Runs that were asked for and failed; the folder may hold others, of earlier settings."""
+        """Failures of this search; the store may hold others, of earlier settings."""
         failures = self.shop.store.failures
         keys = {run.cell.key for run in self.trainer.missing(self.search.asked)}
         return [failures[key] for key in sorted(keys & failures.keys())]
 
     def _words(self, settings: Mapping[str, Any]) -> list[str]:
-        """Settings as one types them; without those that change no result."""
+        """Settings as they are typed, without those that change no result."""
         shown = {key: value for key, value in settings.items() if key not in NEUTRAL}
         if self._request.data:
             shown["data"] = self._request.data
@@ -250,10 +249,10 @@ class Experiment:
 
 
 def by_when(started: float, minutes: float | None) -> float | None:
-    """When runs have to have ended, by ``time.monotonic``; ``None`` for no limit."""
+    """Time by ``time.monotonic`` at which runs have to have ended; ``None`` for no limit."""
     return None if minutes is None else started + 60 * minutes * (1 - RESERVED)
 
 
 def default_folder(root: Path, data: str) -> Path:
-    """Where the runs go: named like the data."""
+    """Folder of the runs, named like the data."""
     return root / "tradeoffs" / (Path(data).resolve().name if data else "built-in")

@@ -1,4 +1,4 @@
-"""Halving: which recipes are worth a longer run, after all were tried in shorter ones.
+"""Halving: the choice of recipes that get longer runs, from the results of shorter ones.
 
 Successive halving (Jamieson and Talwalkar 2016, "Non-stochastic Best Arm Identification and
 Hyperparameter Optimization", AISTATS): all arms get a small budget, the better half twice as much,
@@ -23,59 +23,50 @@ from dataclasses import dataclass
 from itertools import product
 
 from gsfw.studies.tradeoff.front import Point, beats
-from gsfw.studies.tradeoff.training.choice import Recipe
+from gsfw.studies.tradeoff.recommendation import Wish
+from gsfw.studies.tradeoff.training.axes import Recipe
 
 COMBINATIONS = 4
-"""Recipes of several choices that are tried."""
-
-
-@dataclass(frozen=True)
-class Goal:
-    """What is asked for; ``None`` for what is not."""
-
-    psnr: float | None = None
-    """At least, in dB."""
-    megabytes: float | None = None
-    """Of the file, at most."""
+"""Number of tried recipes of several choices."""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A recipe, and what a run of it has come to, or may come to."""
+    """A recipe with the result of a run of it, or with a guess of that."""
 
     recipe: Recipe
     psnr: float
-    """In dB."""
+    """PSNR in dB."""
     size: float
-    """Of its file, in bytes."""
+    """Size of its file in bytes."""
 
     @property
     def point(self) -> Point:
-        """In the plane of size and quality."""
+        """The point in the plane of size and quality."""
         return Point(self.recipe.name, self.size, self.psnr)
 
 
-def survivors(tried: Sequence[Tried], count: int, goal: Goal, gain: float) -> list[Recipe]:
-    """The recipes that get longer runs, the most promising first.
+def survivors(tried: Sequence[Tried], count: int, wish: Wish, gain: float) -> list[Recipe]:
+    """Choose the recipes that get longer runs, the most promising first.
 
-    With a target, those that should reach it come first, the smallest ahead, and then the others,
-    the best ahead. Without one, those that nothing beats come first, then those that only they
+    With a target, recipes that should reach it come first, the smallest ahead, then the others, the
+    best ahead. Without a target, recipes that none beats come first, then those that only these
     beat, and so on.
 
     Args:
         tried: recipes in runs of one length, without the baseline.
-        count: how many may survive.
-        goal: what is asked for; a file that is too large comes after all that are not.
-        gain: what the baseline gained from this length to its longest, in dB: the guess of what
-            others would.
+        count: number of survivors.
+        wish: of the user; files that are too large come last.
+        gain: of the baseline from this length to its longest, in dB; the others should gain as
+            much.
     """
     layers = _layers(tried)
 
     def order(item: Tried) -> tuple[float, ...]:
-        large = float(goal.megabytes is not None and item.size > 1e6 * goal.megabytes)
-        if goal.psnr is None:
+        large = float(wish.megabytes is not None and item.size > 1e6 * wish.megabytes)
+        if wish.psnr is None:
             return large, float(layers[item.recipe.name]), -item.psnr, item.size
-        if item.psnr + gain >= goal.psnr:
+        if item.psnr + gain >= wish.psnr:
             return large, 0.0, item.size, -item.psnr
         return large, 1.0, -item.psnr, item.size
 
@@ -83,7 +74,7 @@ def survivors(tried: Sequence[Tried], count: int, goal: Goal, gain: float) -> li
 
 
 def _layers(tried: Sequence[Tried]) -> dict[str, int]:
-    """By name: 0 for what nothing beats, 1 for what only these beat, and so on."""
+    """Layer by name: 0 for recipes that none beats, 1 for those that only layer 0 beats, ..."""
     found: dict[str, int] = {}
     left = list(tried)
     while left:
@@ -95,17 +86,17 @@ def _layers(tried: Sequence[Tried]) -> dict[str, int]:
 
 
 def combinations(
-    baseline: Tried, singles: Iterable[Tried], goal: Goal, gain: float
+    baseline: Tried, singles: Iterable[Tried], wish: Wish, gain: float
 ) -> list[Recipe]:
     """Recipes of several choices that paid by themselves, the most promising first.
 
-    A choice paid if neither the baseline nor another choice on its axis beats it. What they come to
-    together is guessed: losses in dB add up, and so do the logarithms of sizes.
+    A choice paid if neither the baseline nor another choice on its axis beats it. The result of
+    several is guessed: losses in dB add up, and so do the logarithms of sizes.
 
     Args:
         baseline: in a run of the length that the others had.
         singles: recipes of one choice.
-        goal: what is asked for.
+        wish: of the user.
         gain: as in ``survivors``.
     """
     by_axis: dict[str, list[Tried]] = {}
@@ -117,11 +108,11 @@ def combinations(
         chosen = [item for item in picked if item is not None]
         if len(chosen) > 1:
             together.append(_guess(baseline, chosen))
-    return survivors(together, COMBINATIONS, goal, gain)
+    return survivors(together, COMBINATIONS, wish, gain)
 
 
 def _paid(baseline: Tried, items: Sequence[Tried]) -> list[Tried]:
-    """Those choices on one axis that nothing on it beats."""
+    """The choices on one axis that nothing on this axis beats."""
     every = [baseline, *items]
     return [a for a in items if not any(beats(b.point, a.point) for b in every)]
 
@@ -134,12 +125,12 @@ def _guess(baseline: Tried, chosen: Sequence[Tried]) -> Tried:
 
 
 def kept(count: int) -> int:
-    """How many of so many survive a round: half, and at least one."""
+    """Number of recipes that survive a round: half, and at least one."""
     return max(1, count // 2)
 
 
 def cost(choices: int, lengths: Sequence[float]) -> float:
-    """What a search takes, in whole baselines.
+    """Length of a search, in whole baselines.
 
     Args:
         choices: single choices that are tried.
@@ -153,7 +144,7 @@ def cost(choices: int, lengths: Sequence[float]) -> float:
 
 
 def number_of_runs(choices: int, rounds: int) -> int:
-    """How many runs a search trains."""
+    """Number of runs of a search."""
     total, arms = rounds, choices + (COMBINATIONS if choices > 1 else 0)
     for _ in range(rounds):
         total += arms

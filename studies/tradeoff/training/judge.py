@@ -1,4 +1,4 @@
-"""Judge: how good finished runs are in pictures of one size, and how long they take to draw."""
+"""Judge: accuracy of finished runs on images of one size, and their rendering times."""
 
 from __future__ import annotations
 
@@ -13,32 +13,31 @@ from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored, restore
 from gsfw.plugins.settings import Layer
 from gsfw.studies.planned_run import PlannedRun
-from gsfw.studies.result import Result
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import Result, ResultStore
 from gsfw.studies.tradeoff.finished_model import evenly, is_still
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip
+from gsfw.studies.tradeoff.measurement import Turn
 from gsfw.studies.tradeoff.subject import Subject
-from gsfw.studies.tradeoff.timing import Turn
 from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, run_folder
 
 DRAW_MS, DRAW_SPREAD = "draw_ms", "draw_spread_ms"
-"""Figures of a result: median time to draw a view, and the distance of the quartiles."""
+"""Figures of a result: median time to render a view, and the distance of the quartiles."""
 
 FLIP = "judged_flip"
-"""Figure of a result: mean of FLIP over some held-out views in the size of the baseline's."""
+"""Figure of a result: mean FLIP of some held-out views in the size of the baseline's."""
 
 TIMED_VIEWS = 3
-"""Held-out views that are drawn in a round, spread evenly."""
+"""Number of held-out views in a round of timing, spread evenly."""
 
 
 class RunJudge:
-    """Looks at finished runs in pictures of the baseline's size, whatever they were trained on."""
+    """Evaluates finished runs on images of the baseline's size, whatever they were trained on."""
 
     def __init__(self, registry: Registry, downscale: float) -> None:
         self._registry, self._downscale = registry, downscale
 
     def accuracy(self, run: PlannedRun, result: Result) -> Mapping[str, float]:
-        """PSNR and SSIM; those of the run itself where its pictures had that size.
+        """PSNR and SSIM; those of the run itself where its images had that size.
 
         Raises:
             DataError: the run cannot be opened.
@@ -61,7 +60,7 @@ class RunJudge:
         rounds: int,
         is_over: Callable[[], bool],
     ) -> Iterator[int]:
-        """Draw all runs in turn, round by round, and keep their times; the number of each round.
+        """Render all runs in turn and keep their times; yields the number of each round.
 
         Args:
             runs: that were made.
@@ -88,7 +87,7 @@ class RunJudge:
     def compare(
         self, runs: Sequence[PlannedRun], store: ResultStore, is_over: Callable[[], bool]
     ) -> Iterator[int]:
-        """Measure FLIP of one run after the other, and keep it; how many are done.
+        """Measure and keep FLIP of one run after the other; yields the number of finished runs.
 
         Args:
             runs: that were made.
@@ -136,7 +135,7 @@ class RunJudge:
 
 
 def _spread(readings: Sequence[float]) -> float:
-    """Between the quartiles; 0 for a single one."""
+    """Distance of the quartiles; 0 for a single reading."""
     if len(readings) < 2:
         return 0.0
     first, _, third = quantiles(readings, n=4, method="inclusive")

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from gsfw.charts.fronts import CostDot, FrontPanel, front_figure
 from gsfw.charts.style import BLACK, SERIES, write_figure
-from gsfw.studies.tradeoff.training.axes import AXES
-from gsfw.studies.tradeoff.training.choice import BASELINE
+from gsfw.studies.tradeoff.training.axes import AXES, BASELINE
 from gsfw.studies.tradeoff.training.report import yardstick
 from gsfw.studies.tradeoff.training.trained import Trained, unbeaten
 

@@ -1,13 +1,14 @@
-"""Report: variants that were trained as a document, as CSV, and as lines for people."""
+"""Report: trained variants as plain data, as tables, and as offers."""
 
 from __future__ import annotations
 
-import csv
-import io
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from gsfw.studies.table import Table
+from gsfw.studies.tradeoff.recommendation import Offer, Wish
+from gsfw.studies.tradeoff.report import USUAL_LOSS
 from gsfw.studies.tradeoff.training.trained import (
     COSTS,
     Trained,
@@ -23,7 +24,7 @@ HEADINGS = (
 
 
 def in_order(found: Sequence[Trained]) -> list[Trained]:
-    """The baseline first, then variants as they were first tried; of each the longest run first."""
+    """The baseline first, then variants by their first trial; of each the longest run first."""
     names = list(dict.fromkeys(item.variant for item in found))
     first = [name for name in names if any(i.is_baseline for i in found if i.variant == name)]
     places = {name: place for place, name in enumerate(dict.fromkeys([*first, *names]))}
@@ -31,12 +32,12 @@ def in_order(found: Sequence[Trained]) -> list[Trained]:
 
 
 def yardstick(found: Sequence[Trained]) -> Trained:
-    """The baseline's longest run that was made, from which losses count."""
+    """The baseline's longest run, against which losses are measured."""
     return max((item for item in found if item.is_baseline), key=lambda item: item.steps)
 
 
 def is_tie(item: Trained, found: Sequence[Trained]) -> bool:
-    """Whether a variant is as good as the baseline as far as one can tell."""
+    """Whether a variant differs from the baseline by no more than seeds do."""
     return abs(yardstick(found).psnr - item.psnr) <= same_psnr(found)
 
 
@@ -71,26 +72,46 @@ def documents(found: Sequence[Trained]) -> list[dict[str, Any]]:
     ]
 
 
-def csv_text(found: Sequence[Trained]) -> str:
-    """The same as CSV."""
-    buffer = io.StringIO()
-    rows = [
-        {
-            **row,
-            "axes": " ".join(row["axes"]),
-            "changed": " ".join(f"{key}={value}" for key, value in row["changed"].items()),
-            "on_front": " ".join(row["on_front"]),
-        }
-        for row in documents(found)
+def metrics(item: Trained, found: Sequence[Trained]) -> dict[str, float | None]:
+    """Figures for TensorBoard's HParams page."""
+    return {
+        "psnr": item.psnr,
+        "ssim": item.ssim,
+        "flip": item.flip,
+        "psnr_lost": yardstick(found).psnr - item.psnr,
+        "megabytes": item.file_mb,
+        "num_gaussians": item.num_gaussians,
+        "train_seconds": item.train_seconds,
+        "render_ms": item.draw_ms,
+        "peak_memory_mb": item.peak_memory_mb,
+    }
+
+
+def offers(found: Sequence[Trained]) -> list[Offer]:
+    """The variants as offers."""
+    return [
+        Offer(
+            name=item.name,
+            psnr=item.psnr,
+            megabytes=item.file_mb,
+            ms=item.draw_ms,
+            ms_spread=item.draw_spread_ms,
+            command=shlex.join(["gsfw", "train", *item.words]),
+            seconds=item.train_seconds,
+        )
+        for item in found
     ]
-    writer = csv.DictWriter(buffer, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return buffer.getvalue()
 
 
-def lines(found: Sequence[Trained]) -> list[list[str]]:
-    """Rows of a table for people, under ``HEADINGS``."""
+def usual_wish(found: Sequence[Trained]) -> tuple[Wish, str]:
+    """The wish of a user who asks for nothing, and its words."""
+    least = max(USUAL_LOSS, same_psnr(found))
+    words = f"a loss of at most {least:.2f} dB against the baseline"
+    return Wish(psnr=yardstick(found).psnr - least), words
+
+
+def table(found: Sequence[Trained], title: str = "") -> Table:
+    """A row for each variant."""
     fronts, shown = _fronts(found), ""
     rows = []
     for item in in_order(found):
@@ -112,11 +133,11 @@ def lines(found: Sequence[Trained]) -> list[list[str]]:
             ]
         )
         shown = item.variant
-    return rows
+    return Table(HEADINGS, rows, title)
 
 
 def spread_text(found: Sequence[Trained]) -> str:
-    """How far PSNR differs between seeds, as a sentence."""
+    """A sentence on the differences of PSNR between seeds."""
     known = spread(found)
     pairs = sum(item.again is not None for item in found)
     if known is None:

@@ -1,4 +1,4 @@
-"""Search: which variants to train, round by round, in the light of those that were."""
+"""Search: the variants to train, round by round, from the results of earlier rounds."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from gsfw.studies.tradeoff.front import Point, front
-from gsfw.studies.tradeoff.training.choice import Recipe
-from gsfw.studies.tradeoff.training.halving import Goal, Tried, combinations, kept, survivors
+from gsfw.studies.tradeoff.recommendation import Wish
+from gsfw.studies.tradeoff.training.axes import Recipe
+from gsfw.studies.tradeoff.training.halving import Tried, combinations, kept, survivors
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A run: what is made, for how long, and with which seed."""
+    """A run: its recipe, length and seed."""
 
     recipe: Recipe
     steps: int
@@ -20,37 +21,37 @@ class Trial:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for people."""
         return f"{self.recipe.name}, {self.steps} steps"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What counts of a finished run when the next are chosen."""
+    """The figures of a finished run by which the next ones are chosen."""
 
     psnr: float
-    """On the held-out views, in the size that accuracy is judged at, in dB."""
+    """On held-out images of the baseline's size, in dB."""
     size: float
-    """Of its file, in bytes."""
+    """Size of its file in bytes."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """Trials that can be made at the same time."""
+    """Trials that can run at the same time."""
 
     name: str
     trials: tuple[Trial, ...]
 
 
 Found = Callable[[Trial], Outcome | None]
-"""What came of a trial; ``None`` where there was no time for it, or it failed."""
+"""The outcome of a trial; ``None`` where there was no time for it, or it failed."""
 
 
 class Search:
     """The baseline at every length, single choices, combinations, and then halves of them."""
 
     def __init__(
-        self, singles: Sequence[Recipe], lengths: Sequence[int], seed: int, goal: Goal, found: Found
+        self, singles: Sequence[Recipe], lengths: Sequence[int], seed: int, wish: Wish, found: Found
     ) -> None:
         """Prepare.
 
@@ -58,21 +59,21 @@ class Search:
             singles: recipes of one choice.
             lengths: of the rounds in steps, the shortest first.
             seed: of all runs but those that are made again.
-            goal: what is asked for.
-            found: what came of the trials so far; is asked again and again.
+            wish: of the user.
+            found: gives the outcome of a trial at any time.
         """
         self._singles, self.lengths = list(singles), tuple(dict.fromkeys(lengths))
-        self._seed, self._goal, self._found = seed, goal, found
+        self._seed, self._wish, self._found = seed, wish, found
         self.asked: list[Trial] = []
         """Every trial of the rounds so far, in order."""
 
     @property
     def trials(self) -> list[Trial]:
-        """Those with the first seed."""
+        """Trials with the first seed."""
         return [trial for trial in self.asked if trial.seed == self._seed]
 
     def rounds(self) -> Iterator[Round]:
-        """One after the other; each is to be made before the next is asked for."""
+        """Rounds in order; each has to be made before the next is asked for."""
         shortest = self.lengths[0]
         baseline = [self._trial(Recipe(), steps) for steps in reversed(self.lengths)]
         free = [self._trial(r, shortest) for r in self._singles if r.part is None]
@@ -84,7 +85,7 @@ class Search:
         yield from self._round("what paid, together", combined)
         for before, steps in zip(self.lengths, self.lengths[1:], strict=False):
             tried = self._tried(arms, before)
-            arms = survivors(tried, kept(len(arms)), self._goal, self._gain(before))
+            arms = survivors(tried, kept(len(arms)), self._wish, self._gain(before))
             name = f"the better half, {steps} steps"
             yield from self._round(name, [self._trial(recipe, steps) for recipe in arms])
         yield from self._round("a second seed", self._again())
@@ -102,7 +103,7 @@ class Search:
         return [Tried(recipe, out.psnr, out.size) for recipe, out in found if out is not None]
 
     def _gain(self, steps: int) -> float:
-        """What the baseline gains from some steps to the most; 0 where that is not known."""
+        """Gain of the baseline from some steps to the most; 0 where it is not known."""
         ends = self._tried([Recipe()], steps), self._tried([Recipe()], self.lengths[-1])
         return ends[1][0].psnr - ends[0][0].psnr if all(ends) else 0.0
 
@@ -111,10 +112,10 @@ class Search:
         if not baseline:
             return []
         singles = self._tried(self._singles, steps)
-        return combinations(baseline[0], singles, self._goal, self._gain(steps))
+        return combinations(baseline[0], singles, self._wish, self._gain(steps))
 
     def _again(self) -> list[Trial]:
-        """The front's trials with another seed, the shortest first: to know the spread."""
+        """The trials of the front with another seed, the shortest first, to measure the spread."""
         found = {trial.name: (trial, self._found(trial)) for trial in self.trials}
         points = [Point(n, out.size, out.psnr) for n, (_, out) in found.items() if out is not None]
         unbeaten = [found[point.name][0] for point in front(points)]

@@ -1,113 +1,121 @@
-"""Sizing: how long and how large the runs of a search are, so that it ends in time."""
+"""Sizing: length and image size of the runs of a search that ends in time, kept in a file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.json_text import json_text, read_document
+from gsfw.studies.json_store import SCHEMA
+from gsfw.studies.planned_run import fingerprint
 from gsfw.studies.tradeoff.training.halving import cost, number_of_runs
 
+ADVICE = "Move it away to choose anew."
+
 DOWNSCALES = (1.0, 2.0, 4.0, 8.0)
-"""Of the pictures, the finest first."""
+"""Factors by which images may shrink, the finest first."""
 
 PROBE_STEPS = 100
-"""Of a run that only measures the speed."""
+"""Length of a run that only measures the speed."""
 
 PASSES, ENOUGH_STEPS = 30, 3000
-"""Steps are enough where they see each training view so often, and are at least so many; with
-fewer, pictures are made smaller."""
+"""Steps are enough if each training view is seen this often, and there are at least this many;
+with fewer, images shrink."""
 
 PIXELS_TO_START = 2
-"""Of a picture, for each Gaussian that a run starts with at random. With many more, short runs end
-while density control is still taking them away, and say nothing of longer ones."""
+"""Pixels of an image for each random Gaussian at the start. With many more Gaussians, short runs
+end while density control still removes them, and do not predict longer runs."""
 
 LEAST_SIDE = 64
-"""Pixels that pictures keep along their shorter side."""
+"""Pixels of the shorter side of images at least."""
 
 USED = 0.8
-"""Of the time, that the plan fills: longer runs have more Gaussians, and so slower steps, than
-the short one that the speed was measured in."""
+"""Part of the time that the plan fills: longer runs have more Gaussians, and so slower steps, than
+the short run that measures the speed."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """What a short run took."""
+    """Times of a short run."""
 
     downscale: float
     step_seconds: float
-    """Of a step, while as many runs as there will be were at work."""
+    """Seconds of a step, with as many runs at a time as in the search."""
     start_seconds: float
-    """Of all else: the start, reading pictures, the evaluation."""
+    """Seconds of everything else: start, reading of images, evaluation."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """What is to be trained."""
+    """The training of a search."""
 
     choices: int
-    """Single choices that are tried."""
+    """Number of single choices."""
     lengths: tuple[float, ...]
-    """Of the rounds, as parts of the longest, the shortest first."""
+    """Lengths of the rounds as parts of the longest, the shortest first."""
     jobs: int
     """Runs at a time."""
 
     def steps(self, speed: Speed, minutes: float) -> int:
-        """Of the longest runs, so that all of it fits into some minutes; 0 where nothing does."""
+        """Steps of the longest runs of a search that fits into the minutes; 0 for none."""
         starts = number_of_runs(self.choices, len(self.lengths)) * speed.start_seconds
         seconds = minutes * 60 * USED * self.jobs - starts
         steps = seconds / cost(self.choices, self.lengths) / speed.step_seconds
         return round_down(steps)
 
     def seconds(self, speed: Speed, steps: int) -> float:
-        """Until all of it is made, about."""
+        """Duration of the search, about."""
         training = cost(self.choices, self.lengths) * steps * speed.step_seconds
         starts = number_of_runs(self.choices, len(self.lengths)) * speed.start_seconds
         return (training + starts) / self.jobs
 
 
 def round_down(steps: float) -> int:
-    """To two digits, so that commands are easily read."""
+    """Round down to two digits, so that commands are easy to read."""
     whole = max(0, int(steps))
     unit = max(1, 10 ** (len(str(whole)) - 2))
     return whole // unit * unit
 
 
 def enough_steps(views: int) -> int:
-    """Below which smaller pictures gain more than further steps would."""
+    """Number of steps below which smaller images help more than further steps."""
     return max(ENOUGH_STEPS, PASSES * views)
 
 
 def enough_to_start(pixels: float) -> int:
-    """Gaussians at random that pictures of so many pixels have a use for."""
+    """Number of random Gaussians that images of this many pixels can use."""
     return max(1, round_down(pixels / PIXELS_TO_START))
 
 
 def sizes(width: int, height: int) -> Iterator[float]:
-    """Factors by which pictures may be made smaller, the finest first."""
+    """Factors by which images may shrink, the finest first."""
     side = min(width, height)
     yield from (factor for factor in DOWNSCALES if factor == 1 or side / factor >= LEAST_SIDE)
 
 
 @dataclass(frozen=True)
 class Sizing:
-    """What was chosen."""
+    """The chosen length and size."""
 
     steps: int
-    """Of the longest runs."""
+    """Steps of the longest runs."""
     downscale: float
-    """Of the baseline's pictures."""
+    """Downscale of the baseline's images."""
     seconds: float | None
-    """That all of it takes, about; ``None`` where nothing was measured."""
+    """Duration of the search, about; ``None`` where nothing was measured."""
     step_seconds: float = 0.0
-    """Of a step, where it was measured."""
+    """Measured seconds of a step."""
     start_seconds: float = 0.0
-    """Of all else of a run."""
+    """Measured seconds of everything else of a run."""
 
 
 Measure = Callable[[Sequence[float], int], Sequence[Speed]]
-"""Trains runs of so many steps on pictures that are smaller by some factors, at the same time; the
-speeds of those that ended in time, in the same order."""
+"""Trains runs of a number of steps with some downscales at the same time; returns the speeds of
+those that ended in time, in the same order."""
 
 
 def choose(
@@ -118,18 +126,18 @@ def choose(
     measure: Measure,
     left: Callable[[], float],
 ) -> Sizing:
-    """Steps and size that fill the time.
+    """Choose steps and size that fill the time.
 
-    A run of ``PROBE_STEPS`` says what steps take at each size. One that is as long as the shortest
-    of the runs to come then says it better: many Gaussians go soon after the start, or come late.
+    A run of ``PROBE_STEPS`` measures steps at each size. A run as long as the shortest of the
+    search then measures them better: many Gaussians vanish soon after the start, or come late.
 
     Args:
-        work: that is to be done.
-        views: that are trained on.
-        downscales: that may be chosen, the finest first; at least one.
-        steps: of the longest runs, where they are not to be chosen.
+        work: of the search.
+        views: number of training views.
+        downscales: to choose from, the finest first; at least one.
+        steps: of the longest runs; ``None`` to choose them.
         measure: makes the runs that measure the speed.
-        left: minutes that are left.
+        left: gives the minutes that are left.
 
     Raises:
         ConfigError: there is no time for runs that would say anything.
@@ -169,3 +177,30 @@ def _pick(
     wanted = enough_steps(views) if steps is None else steps
     fine = (speed for speed in speeds if work.steps(speed, minutes) >= wanted)
     return next(fine, speeds[-1])
+
+
+def read_plan(path: Path, request: Mapping[str, Any]) -> Sizing | None:
+    """Read the choice for the same request; ``None`` for none.
+
+    Raises:
+        DataError: the file is damaged, or was written by a newer gsfw.
+    """
+    if not path.exists():
+        return None
+    document = read_document(path, SCHEMA, ADVICE)
+    if document.get("request") != fingerprint(request):
+        return None
+    try:
+        return Sizing(**document["sizing"])
+    except (KeyError, TypeError):
+        raise DataError(f"{path}: it is not as gsfw writes it.", ADVICE) from None
+
+
+def write_plan(path: Path, request: Mapping[str, Any], sizing: Sizing) -> None:
+    """Keep the choice for a request.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    document = {"schema": SCHEMA, "request": fingerprint(request), "sizing": asdict(sizing)}
+    write_atomically(path, (json_text(document, indent=1) + "\n").encode())

@@ -1,4 +1,4 @@
-"""Trained: the figures of a variant that was trained, and what nothing beats among several."""
+"""Trained: the figures of a trained variant, and the fronts of several."""
 
 from __future__ import annotations
 
@@ -10,64 +10,64 @@ from typing import Any
 
 from gsfw.studies.result import Result
 from gsfw.studies.tradeoff.front import SAME_PSNR, Point, front
-from gsfw.studies.tradeoff.training.choice import BASELINE
+from gsfw.studies.tradeoff.training.axes import BASELINE
 from gsfw.studies.tradeoff.training.judge import DRAW_MS, DRAW_SPREAD, FLIP
 from gsfw.studies.tradeoff.training.search import Trial
 from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, megabytes
 
 FLOAT_BYTES = 4
-"""Models are trained in float32."""
+"""Bytes of a float: models are trained in float32."""
 
 COSTS = ("MB", "ms", "training")
-"""What accuracy is weighed against; a front for each."""
+"""Costs of accuracy; each has a front."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A variant that was trained, and the figures of its run."""
+    """A trained variant with the figures of its run."""
 
     variant: str
     steps: int
     words: tuple[str, ...]
-    """Its settings, as one types them after ``gsfw train``."""
+    """Its settings, as they are typed after ``gsfw train``."""
     changed: Mapping[str, Any]
-    """Those that differ from the baseline's."""
+    """The settings that differ from the baseline's."""
     psnr: float
-    """In dB, on the held-out views in the size of the baseline's pictures."""
+    """In dB, on held-out images of the baseline's size."""
     ssim: float
     file_mb: float
-    """Of the splats that it writes, or of its parameters, in megabytes."""
+    """Megabytes of its splats file, or of its parameters."""
     model_bytes: int
-    """Of its parameters in memory."""
+    """Bytes of its parameters in memory."""
     num_gaussians: int
     train_seconds: float
     draw_ms: float | None = None
-    """To draw a view; ``None`` before that was measured."""
+    """Milliseconds to render a view; ``None`` before the measurement."""
     draw_spread_ms: float = 0.0
     flip: float | None = None
-    """Mean of FLIP over some of the same views; ``None`` where it is not known."""
+    """Mean FLIP of some of these views; ``None`` if unknown."""
     peak_memory_mb: float | None = None
-    """Of its process; ``None`` where it is not known."""
+    """Peak memory of its process; ``None`` if unknown."""
     again: float | None = None
-    """PSNR with another seed; ``None`` where there was no time for that."""
+    """PSNR with another seed; ``None`` where there was no time for it."""
     seconds_again: float | None = None
-    """Of training with another seed."""
+    """Seconds of training with another seed."""
     axes: tuple[str, ...] = ()
-    """Along which it differs from the baseline, length aside."""
+    """Axes along which it differs from the baseline, without the length."""
 
     @property
     def name(self) -> str:
-        """Of this variant at this length."""
+        """Name of this variant at this length."""
         return f"{self.variant}, {self.steps} steps"
 
     @property
     def floats(self) -> int:
-        """Numbers that it stores."""
+        """Number of stored floats."""
         return self.model_bytes // FLOAT_BYTES
 
     @property
     def is_baseline(self) -> bool:
-        """Whether nothing but the length differs."""
+        """Whether it is the baseline, at any length."""
         return self.variant == BASELINE
 
     def cost(self, cost: str) -> float | None:
@@ -82,7 +82,7 @@ def trained(
     baseline: Mapping[str, Any],
     again: Result | None,
 ) -> Trained:
-    """What a result says.
+    """Read a result.
 
     Args:
         trial: that was made.
@@ -114,7 +114,7 @@ def trained(
 
 
 def _changed(result: Result, baseline: Mapping[str, Any]) -> dict[str, Any]:
-    """What was given and differs from the baseline; as values, of which texts may be many."""
+    """Given values that differ from the baseline; as values, since their text may vary."""
     given = {key: result.settings.get(key, value) for key, value in result.given.items()}
     return {key: value for key, value in given.items() if baseline.get(key, value) != value}
 
@@ -128,12 +128,12 @@ def spread(found: Sequence[Trained]) -> float | None:
 
 
 def same_psnr(found: Sequence[Trained]) -> float:
-    """Decibels up to which two variants are a tie: both spreads, or the last digit shown."""
+    """Decibels up to which two variants are a tie: both spreads, or the last shown digit."""
     return max(SAME_PSNR, 2 * (spread(found) or 0.0))
 
 
 def unbeaten(found: Sequence[Trained], cost: str) -> list[Point]:
-    """What nothing beats, by one of ``COSTS``; costs are compared by their ratio."""
+    """The variants that no other beats, by one of ``COSTS``; costs are compared by their ratio."""
     prices = {item.name: price for item in found if (price := item.cost(cost))}
     points = [Point(i.name, math.log(prices[i.name]), i.psnr) for i in found if i.name in prices]
     chosen = front(points, _same_cost(found, cost), same_psnr(found))

@@ -1,4 +1,4 @@
-"""Trainer: makes trials in processes of their own, keeps their results, and finds them again."""
+"""Trainer: makes trials in processes of their own, finds earlier results, and measures speeds."""
 
 from __future__ import annotations
 
@@ -9,28 +9,35 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.callback import Control
+from gsfw.core.config import MethodConfig
+from gsfw.core.errors import DataError
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import Registry
 from gsfw.studies.planned_run import PlannedRun, plan_runs
-from gsfw.studies.result import MEGABYTE, Result
-from gsfw.studies.result_store import ResultStore
-from gsfw.studies.runner import Ended, Runner, RunnerSettings
+from gsfw.studies.result import MEGABYTE, Result, ResultStore
+from gsfw.studies.runner import START_SECONDS, Ended, Runner, RunnerSettings
 from gsfw.studies.study import Cell
-from gsfw.studies.tradeoff.training.axes import limited
+from gsfw.studies.tradeoff.training.axes import BASELINE, Recipe, limited
 from gsfw.studies.tradeoff.training.base import Base
-from gsfw.studies.tradeoff.training.choice import Recipe
 from gsfw.studies.tradeoff.training.search import Outcome, Trial
+from gsfw.studies.tradeoff.training.sizing import Speed
 
 PSNR, SSIM = "judged_psnr", "judged_ssim"
-"""Figures of a result: its accuracy in the size of the baseline's pictures."""
+"""Figures of a result: its accuracy on images of the baseline's size."""
+
+SEED = MethodConfig.seed
+"""Seed of runs that measure the speed, where none is given."""
+
+PART = 1 / 2
+"""Part of the remaining time for runs that measure the speed; slower sizes are left out."""
 
 Judge = Callable[[PlannedRun, Result], Mapping[str, float]]
-"""PSNR and SSIM of a finished run in the size of the baseline's pictures."""
+"""Gives PSNR and SSIM of a finished run on images of the baseline's size."""
 
 
 @dataclass(frozen=True)
 class Workshop:
-    """Where and with what runs are made."""
+    """Folder, store and limits of the runs."""
 
     registry: Registry
     folder: Path
@@ -39,13 +46,13 @@ class Workshop:
     jobs: int
     """Runs at a time."""
     deadline: float | None = None
-    """By ``time.monotonic``, when all runs have to have ended; ``None`` for no limit."""
+    """Time by ``time.monotonic`` at which all runs have to have ended; ``None`` for no limit."""
     lock: int | None = None
     """An open file that every process holds as long as it lives."""
 
 
 class Trainer:
-    """Makes trials; each has a folder that its settings name, so that none is made twice."""
+    """Makes trials; each has a folder named by its settings, so that none is made twice."""
 
     def __init__(self, base: Base, workshop: Workshop, judge: Judge) -> None:
         self.base, self._shop, self._judge = base, workshop, judge
@@ -53,7 +60,7 @@ class Trainer:
         self._planned: dict[tuple[str, int], PlannedRun] = {}
 
     def plan(self, trial: Trial) -> PlannedRun | None:
-        """The run of a trial: of those that mean the same, the first that was planned.
+        """The run of a trial; the same run for trials whose settings mean the same.
 
         ``None`` where it depends on a baseline that was not made.
 
@@ -71,7 +78,7 @@ class Trainer:
         return self._planned[key]
 
     def settings(self, trial: Trial) -> dict[str, Any] | None:
-        """What one would type for a trial; ``None`` as for ``plan``."""
+        """Settings of a trial as they are typed; ``None`` as for ``plan``."""
         settings = {**self.base.given, **trial.recipe.settings}
         if trial.recipe.part is not None:
             baseline = self.result(Trial(Recipe(), trial.steps, self.base.seed))
@@ -84,7 +91,7 @@ class Trainer:
         return {"eval_every": 0, **settings}
 
     def train(self, trials: Iterable[Trial]) -> Iterator[Ended]:
-        """Make those that are missing, as far as there is time; each when it has ended."""
+        """Make missing trials as far as there is time; yields each when it has ended."""
         shop = self._shop
         runs = {run.fingerprint: run for trial in trials if (run := self.plan(trial)) is not None}
         for run in runs.values():
@@ -98,7 +105,7 @@ class Trainer:
             yield replace(ended, result=self._judged(ended.run))
 
     def missing(self, trials: Sequence[Trial]) -> list[PlannedRun]:
-        """Runs of some trials that are not made."""
+        """Runs of the trials that are not made yet."""
         runs = {run.fingerprint: run for trial in trials if (run := self.plan(trial)) is not None}
         return [run for run in runs.values() if self._of(run) is None]
 
@@ -111,19 +118,19 @@ class Trainer:
         return result
 
     def result(self, trial: Trial) -> Result | None:
-        """Of a trial that was made; it is judged where it was not yet."""
+        """The result of a trial, judged; ``None`` where it was not made."""
         run = self.plan(trial)
         return None if run is None else self._judged(run)
 
     def _of(self, run: PlannedRun) -> Result | None:
-        """The result of a run whose folder is still there: it may have to be drawn."""
+        """The result of a run whose folder still exists, since it may have to be rendered."""
         result = self._shop.store.results.get(run.cell.key)
         if result is None or not result.is_of(run):
             return None
         return result if run_folder(result).summary.is_file() else None
 
     def outcome(self, trial: Trial) -> Outcome | None:
-        """What counts of a trial when the next are chosen."""
+        """The figures of a trial by which the next ones are chosen."""
         result = self.result(trial)
         if result is None:
             return None
@@ -131,11 +138,59 @@ class Trainer:
 
 
 def run_folder(result: Result) -> RunFolder:
-    """Where the run of a result is: not where it would be made now, if settings are new in gsfw."""
+    """Folder of a result's run, which new settings of gsfw do not rename."""
     return RunFolder(Path(result.run))
 
 
 def megabytes(result: Result) -> float:
-    """Of the splats that a run writes; of its model's parameters where it writes none."""
+    """Megabytes of the splats that a run writes; of its parameters where it writes none."""
     figures = result.figures
     return float(figures.get("splats_megabytes", figures["model_bytes"] / MEGABYTE))
+
+
+class Stopped(Exception):
+    """The user has stopped the measurement of speeds."""
+
+
+def measure_speeds(sizes: Sequence[Mapping[str, Any]], shop: Workshop, steps: int) -> list[Speed]:
+    """Train a short run at each size, as many at a time as in the search.
+
+    The smallest images come first; sizes for which there is no time are left out.
+
+    Args:
+        sizes: settings of the runs, each with its downscale, the finest first.
+        shop: of the runs.
+        steps: of each run.
+
+    Raises:
+        DataError: a run has failed; says why.
+        Stopped: the user has asked for a stop.
+    """
+    cells = [
+        Cell(
+            BASELINE,
+            f"speed of {steps} steps, downscale {size['downscale']:g}, {shop.jobs} at a time",
+            {"seed": SEED, "eval_every": 0, **size, "steps": steps},
+        )
+        for size in sizes
+    ]
+    plan = plan_runs(cells, shop.registry, Path(), shop.folder)
+    minutes = None
+    if shop.deadline is not None:
+        minutes = PART * (shop.deadline - time.monotonic()) / 60
+    settings = RunnerSettings(shop.jobs, minutes, on_time=True)
+    runner = Runner(plan[::-1], shop.store, settings, shop.control, shop.lock)
+    for ended in runner.run():
+        if ended.failure is not None:
+            raise DataError(ended.failure.error, ended.failure.advice)
+    if shop.control.stop_reason is not None:
+        raise Stopped
+    found = ((run, shop.store.results.get(run.cell.key)) for run in plan)
+    return [_speed(run, result) for run, result in found if result and result.is_of(run)]
+
+
+def _speed(run: PlannedRun, result: Result) -> Speed:
+    figures = result.figures
+    training = float(figures["train_seconds"])
+    wall = float(figures.get("wall_seconds", training + START_SECONDS))
+    return Speed(float(run.settings["downscale"]), training / run.steps, max(0.0, wall - training))

@@ -26,7 +26,7 @@ from gsfw.core.splats import Sh, Splats
 from gsfw.kernels.render_arguments import POSE_FIELDS
 from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS, SUM_CHANNELS
 from gsfw.studies.stress.catalogue import CHANGES
-from gsfw.studies.stress.catalogue.camera import CAMERAS
+from gsfw.studies.stress.catalogue.views import CAMERAS
 
 BINARY = math.sqrt(0.5 / math.log(2))
 """By how much u and v are larger where alpha is a power of two."""

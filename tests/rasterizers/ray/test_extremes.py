@@ -14,7 +14,7 @@ from gsfw.rasterizers.ray.peak import Peak
 from gsfw.rasterizers.ray.rasterizer import RayRasterizer
 from gsfw.rasterizers.ray.volume import Volume
 from gsfw.studies.stress.catalogue import CHANGES
-from gsfw.studies.stress.catalogue.camera import CAMERAS
+from gsfw.studies.stress.catalogue.views import CAMERAS
 
 MODES = {
     "mean": RayRasterizer(Peak("mean")),

@@ -7,11 +7,10 @@ import pytest
 import torch
 from support.scenes import front_camera, random_splats
 
-from gsfw.core.render_settings import RenderSettings
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.studies.bench import agreement as bench_agreement
 from gsfw.studies.bench.agreement import agreement, agreement_at_random
-from gsfw.studies.bench.entrants import Candidate
+from gsfw.studies.entrants import Entrant
 
 CPU = torch.device("cpu")
 
@@ -28,19 +27,19 @@ class Off(ReferenceRasterizer):
         return replace(output, color=output.color + self._error)
 
 
-def candidate(rasterizer) -> Candidate:
-    return Candidate(rasterizer, rasterizer, RenderSettings())
+def entrant(rasterizer) -> Entrant:
+    return Entrant("one", rasterizer, rasterizer.capabilities(), CPU)
 
 
 def test_the_reference_in_float32_is_near_to_itself():
-    errors = agreement(candidate(ReferenceRasterizer()), random_splats(20), front_camera(16, 12))
+    errors = agreement(entrant(ReferenceRasterizer()), random_splats(20), front_camera(16, 12))
     assert {"picture", "largest", "flips", "gradient of means", "gradient of pose"} <= errors.keys()
     assert all(error < 1e-4 for name, error in errors.items() if name != "flips")
     assert errors["flips"] == 0
 
 
 def test_what_is_off_is_seen():
-    errors = agreement(candidate(Off(0.5)), random_splats(20), front_camera(16, 12))
+    errors = agreement(entrant(Off(0.5)), random_splats(20), front_camera(16, 12))
     assert errors["largest"] == pytest.approx(0.5, abs=1e-5)
     assert errors["flips"] == 16 * 12
 
@@ -48,7 +47,7 @@ def test_what_is_off_is_seen():
 def test_of_random_scenes_the_worst_counts_and_flips_add_up(monkeypatch):
     monkeypatch.setattr(bench_agreement, "RANDOM_SPLATS", 30)
     monkeypatch.setattr(bench_agreement, "RANDOM_SIZE", (8, 6))
-    errors = agreement_at_random(candidate(Off(0.25)), 2, CPU)
+    errors = agreement_at_random(entrant(Off(0.25)), 2, CPU)
     assert errors["largest"] == pytest.approx(0.25, abs=1e-5)
     assert errors["flips"] == 2 * 8 * 6
 
@@ -56,4 +55,4 @@ def test_of_random_scenes_the_worst_counts_and_flips_add_up(monkeypatch):
 def test_what_is_not_a_number_is_not_hidden(monkeypatch):
     found = iter([{"picture": 1.0}, {"picture": math.nan}, {"picture": 2.0}])
     monkeypatch.setattr(bench_agreement, "agreement", lambda *given: next(found))
-    assert math.isnan(agreement_at_random(candidate(Off(0.0)), 3, CPU)["picture"])
+    assert math.isnan(agreement_at_random(entrant(Off(0.0)), 3, CPU)["picture"])

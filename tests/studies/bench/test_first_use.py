@@ -28,7 +28,7 @@ def test_a_process_that_fails_says_why(monkeypatch):
     with pytest.raises(UnavailableError) as refused:
         first_use("reference", "cpu")
     assert refused.value.message == (
-        "a new process did not draw with rasterizer reference: no luck"
+        "a new process did not render with rasterizer reference: no luck"
     )
     assert refused.value.advice == "Leave first_use out, or see gsfw doctor."
 

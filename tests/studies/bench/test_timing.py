@@ -4,9 +4,8 @@ import pytest
 import torch
 
 from gsfw.core.rasterizer import StageTime
-from gsfw.studies.bench import device as bench_device
 from gsfw.studies.bench import timing
-from gsfw.studies.bench.timing import Timings, timings_on, total
+from gsfw.studies.bench.timing import Timings, begin_peak, peak_mb, timings_on, total, warm_up
 
 
 def test_figures_are_medians_and_least_values_of_each_clock():
@@ -41,8 +40,8 @@ class Gpu:
     def __init__(self, monkeypatch):
         self.log: list[str] = []
         self.now = 0.0
-        monkeypatch.setattr(bench_device, "mark", self.mark)
-        monkeypatch.setattr(bench_device, "milliseconds", lambda begin, end: end - begin)
+        monkeypatch.setattr(timing, "mark", self.mark)
+        monkeypatch.setattr(timing, "milliseconds", lambda begin, end: end - begin)
         monkeypatch.setattr(timing, "wait_for", lambda device: self.log.append("wait"))
 
     def mark(self, device: torch.device):
@@ -77,3 +76,9 @@ def test_a_stage_that_fails_on_a_gpu_leaves_the_clock_usable(monkeypatch):
     with timings.stage("render"):
         pass
     assert timings.latest("render").cpu_ms == 1.0
+
+
+def test_the_cpu_has_no_peak_and_is_warm():
+    cpu = torch.device("cpu")
+    assert begin_peak(cpu) == peak_mb(cpu) == 0.0
+    warm_up(cpu)

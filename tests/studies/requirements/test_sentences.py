@@ -62,7 +62,7 @@ def test_gaussians_that_bring_hardly_anything_name_what_to_try():
 
 def test_bands_that_were_not_drawn_yet_are_named():
     assert could_go(CLASSIC, worth(bands=(0.8,)), SETTINGS) == (
-        "bands 2 to 3: training ended before they were drawn",
+        "bands 2 to 3: training ended before they were rendered",
     )
 
 

@@ -43,7 +43,7 @@ class DrawnData(DataManager):
         self._held_out = held_out
         subject = subject_of(model, times)
         self._pictures = [
-            subject.draw(subject.splats(camera.time[0] if times else None), camera)
+            subject.image(subject.splats(camera.time[0] if times else None), camera)
             for camera in self._views
         ]
 

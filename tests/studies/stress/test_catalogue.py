@@ -7,9 +7,9 @@ import torch
 
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import installed
+from gsfw.studies.entrants import entrant_of
 from gsfw.studies.stress.case import Section
 from gsfw.studies.stress.catalogue import CASES, chosen
-from gsfw.studies.stress.entrant import entrant_of
 from gsfw.studies.stress.measure import Oracle, measure
 from gsfw.studies.stress.moving_case import MOVING_CASES, dynamic_methods, moving_model
 from gsfw.studies.stress.moving_measure import measure_moving

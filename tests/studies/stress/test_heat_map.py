@@ -5,7 +5,7 @@ from PIL import Image, ImageColor
 
 from gsfw.charts.heat_map import NOT_FINITE, NOTHING, SCALE
 from gsfw.plugins.registry import installed
-from gsfw.studies.stress.entrant import entrant_of
+from gsfw.studies.entrants import entrant_of
 from gsfw.studies.stress.heat_map import write_heat_map
 from gsfw.studies.stress.plane import EMPTY, PLANES, Plane, PlaneOracle, plane_errors
 

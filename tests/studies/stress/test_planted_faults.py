@@ -17,9 +17,9 @@ from gsfw.methods.rotor4d.conditional import Conditional, conditional
 from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference import project
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.studies.entrants import Entrant
 from gsfw.studies.stress.case import Drawing
 from gsfw.studies.stress.catalogue import CASES
-from gsfw.studies.stress.entrant import Entrant
 from gsfw.studies.stress.measure import Oracle, measure
 from gsfw.studies.stress.moving_case import MOVING_CASES, moving_model
 from gsfw.studies.stress.moving_measure import measure_moving

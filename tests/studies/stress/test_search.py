@@ -14,9 +14,9 @@ from gsfw.core.render_settings import RenderSettings
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from gsfw.studies.entrants import Entrant
 from gsfw.studies.stress.case import StressCase
-from gsfw.studies.stress.catalogue.found import Place, on_a_cut_off, placed
-from gsfw.studies.stress.entrant import Entrant
+from gsfw.studies.stress.catalogue.limits import Place, on_a_cut_off, placed
 from gsfw.studies.stress.measure import Oracle, measure
 
 pytestmark = pytest.mark.skipif(not instruction_sets(), reason=NOT_BUILT)

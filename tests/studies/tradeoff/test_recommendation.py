@@ -1,7 +1,9 @@
 """A recommended command meets what is asked for, and a verb really does it."""
 
-from gsfw.studies.tradeoff.recommendation import Wish, recommend
+from gsfw.studies.tradeoff.recommendation import Wish
+from gsfw.studies.tradeoff.recommendation import recommend as recommend_of
 from gsfw.studies.tradeoff.record import Record
+from gsfw.studies.tradeoff.report import offers, usual_wish
 
 
 def record(name, psnr, megabytes, ms=None, command=(), axis="sh", draws_alike=False):
@@ -20,6 +22,10 @@ def record(name, psnr, megabytes, ms=None, command=(), axis="sh", draws_alike=Fa
         readings=[ms] if ms else [],
         draws_alike=draws_alike,
     )
+
+
+def recommend(records, wish, run, more=()):
+    return recommend_of(offers(records, run, more), wish, usual_wish(records))
 
 
 RECORDS = [
@@ -64,6 +70,14 @@ def test_where_nothing_has_it_the_reach_of_each_figure_is_told():
     assert found.text == (
         "at least 35.00 dB and at most 0.5 MB and at most 1 ms: no variant has it. There is "
         "30.00 dB at most, 1.00 MB at least, 3.0 ms at least, spread included."
+    )
+
+
+def test_within_the_budgets_the_most_accurate_comes_nearest():
+    found = recommend(RECORDS, Wish(psnr=35.0, megabytes=5.0), "r")
+    assert found.text == (
+        "at least 35.00 dB and at most 5 MB: no variant has it. precision fp16 comes nearest, "
+        "5.01 dB short (29.99 dB, 1.00 MB, 8.0 ms)."
     )
 
 

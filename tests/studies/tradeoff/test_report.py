@@ -3,17 +3,16 @@
 import csv
 import io
 
+from gsfw.studies.table import table_of_records
 from gsfw.studies.tradeoff.pareto_plot import write_pareto_plot
 from gsfw.studies.tradeoff.record import Record
 from gsfw.studies.tradeoff.report import (
-    HEADINGS,
-    csv_text,
     documents,
     in_order,
     is_tie,
-    lines,
     lost,
     metrics,
+    table,
 )
 
 
@@ -54,20 +53,20 @@ def test_lines_are_in_the_order_of_axes_and_tell_everything():
         "bf16",
         "alpha 1/64",
     ]
-    found = lines(EVERY)
-    assert all(len(row) == len(HEADINGS) for row in found)
+    headings, found, _ = table(EVERY)
+    assert all(len(row) == len(headings) for row in found)
     assert found[0][:6] == ["as it is", "", "25.00", "", "0.9000", "0.0679"]
     assert found[0][-2] == "12.3"
     assert found[1][:4] == ["sh", "degree 0", "24.80", "0.20 ± 0.00"]
     assert found[2][3] == "tie"
     assert found[2][-3:-1] == ["as it is", "as it is"]
-    assert found[3] == ["", "bf16", *[""] * 6, "1", "0.00", "", "", "", "cannot be drawn"]
+    assert found[3] == ["", "bf16", *[""] * 6, "1", "0.00", "", "", "", "cannot be rendered"]
     assert found[4][5] == "", "its FLIP is not known"
     assert found[4][-3:-1] == ["5.1 ± 2.0", ""]
 
 
 def test_the_csv_has_the_figures_of_the_document():
-    rows = list(csv.DictReader(io.StringIO(csv_text(EVERY))))
+    rows = list(csv.DictReader(io.StringIO(table_of_records(documents(EVERY)).csv())))
     for row, document in zip(rows, documents(EVERY), strict=True):
         assert row["name"] == document["name"]
         assert row["bytes"] == str(document["bytes"])

@@ -18,7 +18,7 @@ from gsfw.formats.ply import PlyImporter
 from gsfw.studies.tradeoff.catalogue import catalogue
 from gsfw.studies.tradeoff.finished_model import PROBE_SIDE, PROBES, LeftOut, evenly
 from gsfw.studies.tradeoff.flip import flip
-from gsfw.studies.tradeoff.record_store import RecordStore
+from gsfw.studies.tradeoff.record import RecordStore
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES
 
@@ -69,7 +69,7 @@ def test_sh_truncation_has_the_accuracy_of_zeroed_coefficients(model, records):
     with torch.no_grad():
         copy.parts.model.sh_rest.values[:, 3:] = 0
     (batch,) = copy.parts.data.load(Split.EVAL, [0], copy.device)
-    picture = copy.subject.draw(copy.subject.splats(), batch.cameras)
+    picture = copy.subject.image(copy.subject.splats(), batch.cameras)
     expected = psnr(picture, batch.target(copy.subject.settings.background)[0])
     record = records[("sh", "degree 1")]
     assert record.per_view[0]["psnr"] == pytest.approx(expected, abs=1e-4)
@@ -128,8 +128,8 @@ def test_half_the_resolution_is_drawn_and_enlarged(model, variants):
     camera = model.cameras[0]
     half = variants[("resolution", "1/2, enlarged")].change(model.subject)
     splats = half.splats()
-    small = model.subject.draw(splats, camera.resized(16, 12))
-    picture = half.draw(splats, camera)
+    small = model.subject.image(splats, camera.resized(16, 12))
+    picture = half.image(splats, camera)
     assert picture.shape == (24, 32, 3)
     # Pixels of the small picture lie at odd positions of a grid of quarters: 9, 3, 3 and 1 of 16.
     corners = small[2:4, 4:6]
@@ -156,7 +156,7 @@ def test_flip_is_the_mean_over_some_views_against_the_photos(model, records):
     for view in (0, 1):
         (batch,) = model.parts.data.load(Split.EVAL, [view], model.device)
         photo = batch.target(subject.settings.background)[0]
-        each.append(flip(subject.draw(subject.splats(), batch.cameras), photo, None))
+        each.append(flip(subject.image(subject.splats(), batch.cameras), photo, None))
     assert records[("as it is", "as it is")].flip == pytest.approx(sum(each) / 2)
     assert records[("resolution", "1/2, enlarged")].flip != pytest.approx(sum(each) / 2)
 
@@ -240,6 +240,6 @@ def test_a_run_that_holds_nothing_out_is_refused(finished_run, monkeypatch):
     with pytest.raises(DataError) as caught:
         type(found)(found.restored, found.registry, "runs/a", 4)
     assert str(caught.value) == (
-        "runs/a has no held-out pictures to measure accuracy on.\n"
+        "runs/a has no held-out images to measure accuracy on.\n"
         "Train a run that holds some out: holdout_every=8."
     )

@@ -1,8 +1,8 @@
 """Halving keeps what may reach the target at the least size, or what nothing beats."""
 
-from gsfw.studies.tradeoff.training.choice import BASELINE, Choice, Recipe
+from gsfw.studies.tradeoff.recommendation import Wish
+from gsfw.studies.tradeoff.training.axes import BASELINE, Choice, Recipe
 from gsfw.studies.tradeoff.training.halving import (
-    Goal,
     Tried,
     combinations,
     cost,
@@ -29,26 +29,26 @@ def names(recipes):
 
 
 def test_with_a_target_the_smallest_that_should_reach_it_come_first():
-    found = survivors(ARMS, 3, Goal(psnr=30.0), gain=2.0)
+    found = survivors(ARMS, 3, Wish(psnr=30.0), gain=2.0)
     assert names(found) == ["small", "good", "large"]
-    found = survivors(ARMS, 4, Goal(psnr=30.0), gain=1.5)
+    found = survivors(ARMS, 4, Wish(psnr=30.0), gain=1.5)
     assert names(found) == ["good", "large", "small", "poor"]
 
 
 def test_where_none_should_reach_the_target_the_best_come_first():
-    assert names(survivors(ARMS, 2, Goal(psnr=40.0), gain=2.0)) == ["large", "good"]
+    assert names(survivors(ARMS, 2, Wish(psnr=40.0), gain=2.0)) == ["large", "good"]
 
 
 def test_what_is_too_large_comes_last():
-    assert names(survivors(ARMS, 4, Goal(28.0, megabytes=5.0), 0.0))[-1] == "large"
+    assert names(survivors(ARMS, 4, Wish(28.0, megabytes=5.0), 0.0))[-1] == "large"
 
 
 def test_without_a_target_what_nothing_beats_comes_first():
-    assert names(survivors(ARMS, 4, Goal(), 0.0)) == ["large", "good", "small", "poor"]
+    assert names(survivors(ARMS, 4, Wish(), 0.0)) == ["large", "good", "small", "poor"]
 
 
 def test_the_order_in_which_they_were_tried_changes_nothing():
-    for goal in (Goal(), Goal(psnr=30.0)):
+    for goal in (Wish(), Wish(psnr=30.0)):
         assert survivors(ARMS, 2, goal, 1.0) == survivors(ARMS[::-1], 2, goal, 1.0)
 
 
@@ -60,13 +60,13 @@ def test_only_what_paid_on_different_axes_is_combined():
         tried("sh 1", 28.8, 1.5e6, "sh"),
         tried("sh 2", 28.0, 3e6, "sh"),  # Beaten by the others.
     ]
-    found = combinations(baseline, singles, Goal(psnr=28.6), gain=0.0)
+    found = combinations(baseline, singles, Wish(psnr=28.6), gain=0.0)
     assert names(found) == ["cap 1/2 + sh 1", "cap 1/4 + sh 1"]
     assert found[0].choices[1].axis == "sh"
-    assert combinations(baseline, singles[:2], Goal(), 0.0) == []
+    assert combinations(baseline, singles[:2], Wish(), 0.0) == []
     # One axis may beat all of another by itself, and be better still with it.
     far = [tried("cap 1/8", 29.5, 0.5e6), *singles[2:]]
-    assert names(combinations(baseline, far, Goal(), 0.0)) == ["cap 1/8 + sh 1"]
+    assert names(combinations(baseline, far, Wish(), 0.0)) == ["cap 1/8 + sh 1"]
     assert BASELINE not in names(found)
 
 

@@ -13,7 +13,7 @@ from gsfw.core.callback import Control
 from gsfw.core.datamanager import Split
 from gsfw.plugins.registry import installed
 from gsfw.studies.planned_run import plan_runs
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import ResultStore
 from gsfw.studies.runner import Runner, RunnerSettings
 from gsfw.studies.study import Cell
 from gsfw.studies.tradeoff.flip import flip
@@ -62,7 +62,7 @@ def test_flip_is_that_of_the_held_out_views_in_the_judged_size(made, finished_ru
     for place, camera in enumerate(model.cameras):
         (batch,) = model.parts.data.load(Split.EVAL, [place], model.device)
         photo = batch.target(model.subject.settings.background)[0]
-        each.append(flip(model.subject.draw(model.subject.splats(), camera), photo, None))
+        each.append(flip(model.subject.image(model.subject.splats(), camera), photo, None))
     assert found[1.0] == pytest.approx(mean(each))
     assert found[2.0] != pytest.approx(mean(each))
 

@@ -5,18 +5,19 @@ import io
 import shlex
 from dataclasses import replace
 
+from gsfw.studies.table import table_of_records
+from gsfw.studies.tradeoff.files import write_training_files
 from gsfw.studies.tradeoff.recommendation import Wish
-from gsfw.studies.tradeoff.training.recommendation import recommend
+from gsfw.studies.tradeoff.recommendation import recommend as recommend_of
 from gsfw.studies.tradeoff.training.report import (
-    HEADINGS,
-    csv_text,
     documents,
     in_order,
-    lines,
+    offers,
     spread_text,
+    table,
+    usual_wish,
 )
 from gsfw.studies.tradeoff.training.trained import Trained, spread, unbeaten
-from gsfw.studies.tradeoff.training.writing import write_files
 
 
 def trained(variant, steps, psnr, file_mb, seconds=10.0, ms=5.0, again=None, axes=("cap",)):
@@ -38,6 +39,10 @@ def trained(variant, steps, psnr, file_mb, seconds=10.0, ms=5.0, again=None, axe
         again=again,
         axes=() if variant == "baseline" else axes,
     )
+
+
+def recommend(found, wish):
+    return recommend_of(offers(found), wish, usual_wish(found))
 
 
 SMALL = trained("cap 1/2", 200, 29.0, 4.0)
@@ -83,13 +88,13 @@ def test_training_times_that_differ_by_no_more_than_between_seeds_are_a_tie():
 
 
 def test_every_figure_is_shown_and_the_csv_has_those_of_the_document():
-    rows = lines(FOUND)
-    assert all(len(row) == len(HEADINGS) for row in rows)
+    headings, rows, _ = table(FOUND)
+    assert all(len(row) == len(headings) for row in rows)
     assert rows[0][:4] == ["baseline", "200", "30.00", ""]
     assert [row[5] for row in rows] == ["0.0500", "0.0500", "", "", ""]
     assert rows[2][:4] == ["cap 1/2", "200", "29.00", "1.00"]
     assert rows[4][3] == "tie"
-    read = list(csv.DictReader(io.StringIO(csv_text(FOUND))))
+    read = list(csv.DictReader(io.StringIO(table_of_records(documents(FOUND)).csv())))
     for row, document in zip(read, documents(FOUND), strict=True):
         assert (row["name"], row["psnr"]) == (document["name"], str(document["psnr"]))
         assert row["on_front"].split() == document["on_front"]
@@ -139,7 +144,7 @@ def test_the_files_are_written_and_the_plot_repeats(tmp_path):
     recommended = recommend(FOUND, Wish(psnr=28.5))
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        write_files(tmp_path / name, FOUND, recommended, {"downscale": 1.0})
+        write_training_files(tmp_path / name, FOUND, recommended, {"downscale": 1.0})
     plots = [(tmp_path / name / "tradeoff.png").read_bytes() for name in ("a", "b")]
     assert plots[0] == plots[1]
     sessions = [path.parent.name for path in (tmp_path / "a" / "tb").glob("*/events*")]

@@ -1,7 +1,7 @@
 """A search asks for runs in rounds, and for nothing that cannot be known to be worth it."""
 
-from gsfw.studies.tradeoff.training.choice import Choice, Recipe
-from gsfw.studies.tradeoff.training.halving import Goal
+from gsfw.studies.tradeoff.recommendation import Wish
+from gsfw.studies.tradeoff.training.axes import Choice, Recipe
 from gsfw.studies.tradeoff.training.search import Outcome, Search
 
 SINGLES = [
@@ -22,7 +22,7 @@ def outcome(trial):
     return Outcome(psnr + (trial.seed - 1) / 10, size)
 
 
-NOTHING = Goal()
+NOTHING = Wish()
 
 
 def run(goal=NOTHING, made=lambda trial: True, lengths=(100, 200, 400)):
@@ -40,7 +40,7 @@ def run(goal=NOTHING, made=lambda trial: True, lengths=(100, 200, 400)):
 
 
 def test_rounds_come_in_order_and_halve():
-    first, bound, together, second, third, again = run(Goal(psnr=23.5))
+    first, bound, together, second, third, again = run(Wish(psnr=23.5))
     assert first == [
         *("baseline, 400 steps", "baseline, 200 steps", "baseline, 100 steps"),
         *("sh 1, 100 steps", "sh 0, 100 steps", "small, 100 steps"),

@@ -9,9 +9,8 @@ from support import fake_variants
 from gsfw.core.callback import Control
 from gsfw.core.errors import DataError
 from gsfw.plugins.registry import installed
-from gsfw.studies.result_store import ResultStore
-from gsfw.studies.tradeoff.training.speed import Stopped, measure_speeds
-from gsfw.studies.tradeoff.training.trainer import Workshop
+from gsfw.studies.result import ResultStore
+from gsfw.studies.tradeoff.training.trainer import Stopped, Workshop, measure_speeds
 
 GIVEN = {"method": "3dgs"}
 SIZES = [{**GIVEN, "downscale": factor} for factor in (1.0, 2.0)]

@@ -11,9 +11,9 @@ from support.fake_variants import KILLED
 
 from gsfw.core.callback import Control
 from gsfw.plugins.registry import installed
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import ResultStore
+from gsfw.studies.tradeoff.training.axes import Choice, Recipe
 from gsfw.studies.tradeoff.training.base import find_base
-from gsfw.studies.tradeoff.training.choice import Choice, Recipe
 from gsfw.studies.tradeoff.training.search import Trial
 from gsfw.studies.tradeoff.training.trainer import PSNR, SSIM, Trainer, Workshop
 

@@ -1,10 +1,9 @@
-"""Tests of gsfw.studies.result_store."""
+"""Tests of gsfw.studies.result."""
 
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.studies.result import Failure, Result
-from gsfw.studies.result_store import ResultStore
+from gsfw.studies.result import Failure, Result, ResultStore
 
 
 def test_results_and_failures_are_read_again(tmp_path):
@@ -13,7 +12,7 @@ def test_results_and_failures_are_read_again(tmp_path):
     result = Result("a", "b", 1, "f", {"steps": 3}, {"steps": 3}, {"psnr": 20.5}, {}, {}, "today")
     store.keep(result)
     failure = Failure("a", "b", 2, "no.", "Do not.", True)
-    store.keep_failure(failure)
+    store.keep(failure)
     again = ResultStore(path, "A study")
     assert again.results == {("b", "a", 1): result}
     assert again.failures == {("b", "a", 2): failure}
@@ -23,10 +22,10 @@ def test_results_and_failures_are_read_again(tmp_path):
 
 def test_a_result_takes_the_place_of_a_failure_and_the_other_way_round(tmp_path):
     store = ResultStore(tmp_path / "results.json", "A study")
-    store.keep_failure(Failure("a", "b", 1, "no."))
+    store.keep(Failure("a", "b", 1, "no."))
     store.keep(Result("a", "b", 1, "f", {}, {}, {}))
     assert (len(store.results), len(store.failures)) == (1, 0)
-    store.keep_failure(Failure("a", "b", 1, "no."))
+    store.keep(Failure("a", "b", 1, "no."))
     assert (len(store.results), len(store.failures)) == (0, 1)
 
 
@@ -80,8 +79,8 @@ def test_a_value_of_the_wrong_type_is_named(tmp_path, text, by, expected):
     with pytest.raises(DataError) as caught:
         ResultStore(path, "")
     assert str(caught.value) == (
-        f"{path}: {expected}\nPut it right, or move the file away to begin anew: runs that are "
-        "finished are found again in their folders."
+        f"{path}: {expected}\nPut it right, or move the file away to begin anew: finished runs are "
+        "found again in their folders."
     )
 
 

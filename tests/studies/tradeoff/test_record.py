@@ -6,8 +6,7 @@ from dataclasses import replace
 import pytest
 
 from gsfw.core.errors import DataError
-from gsfw.studies.tradeoff.record import Record
-from gsfw.studies.tradeoff.record_store import RecordStore
+from gsfw.studies.tradeoff.record import Record, RecordStore
 
 
 def record(name="degree 1"):

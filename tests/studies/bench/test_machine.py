@@ -1,11 +1,12 @@
-"""What blending could reach at best, where the native module measures it."""
+"""The limits of blending are measured where the native module can."""
 
 from types import SimpleNamespace
 
 import pytest
+import torch
 
-from gsfw.studies.bench import limits
-from gsfw.studies.bench.limits import Limits, measure_limits
+from gsfw.studies.bench import machine
+from gsfw.studies.bench.machine import Limits, gpu, measure_limits
 
 
 def test_the_limit_is_operations_over_throughput_and_one_exponential():
@@ -19,11 +20,15 @@ def test_the_best_of_several_attempts_counts(monkeypatch):
     module = SimpleNamespace(
         fma_gflops=lambda: next(fma), exponential_gexp=lambda: next(exponential)
     )
-    monkeypatch.setattr(limits, "native", lambda: module)
+    monkeypatch.setattr(machine, "native", lambda: module)
     assert measure_limits() == Limits(100.0, 8.0)
 
 
 @pytest.mark.parametrize("module", [None, SimpleNamespace(fma_gflops=lambda: 1.0)])
 def test_without_the_functions_there_are_no_limits(monkeypatch, module):
-    monkeypatch.setattr(limits, "native", lambda: module)
+    monkeypatch.setattr(machine, "native", lambda: module)
     assert measure_limits() is None
+
+
+def test_the_cpu_is_no_gpu():
+    assert gpu(torch.device("cpu")) is None

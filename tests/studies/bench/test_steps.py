@@ -8,10 +8,9 @@ import torch
 from support import fake_gsplat
 
 from gsfw.core.operators import Operators
-from gsfw.studies.bench import gsplat_step
-from gsfw.studies.bench.gsplat_step import GsplatStep, gsplat_steps, ssim_source
-from gsfw.studies.bench.scene import scattered
-from gsfw.studies.bench.workload import Workload
+from gsfw.studies.bench import steps as bench_steps
+from gsfw.studies.bench.steps import GsplatStep, gsplat_steps, ssim_source
+from gsfw.studies.bench.workload import Workload, scattered
 
 CPU = torch.device("cpu")
 
@@ -47,13 +46,13 @@ def moved(step: GsplatStep) -> set[str]:
 
 
 def test_a_step_moves_every_parameter(workload, monkeypatch):
-    monkeypatch.setattr(gsplat_step, "RATE", 1e-2)
+    monkeypatch.setattr(bench_steps, "RATE", 1e-2)
     step = GsplatStep(fake_gsplat, workload, Operators())
     assert moved(step) == {"means", "scales", "quats", "opacities", "sh0", "shN"}
 
 
 def test_a_selective_optimizer_is_told_what_is_seen(workload, monkeypatch):
-    monkeypatch.setattr(gsplat_step, "RATE", 1e-2)
+    monkeypatch.setattr(bench_steps, "RATE", 1e-2)
     step = GsplatStep(fake_gsplat, workload, Operators(), Selective)
     assert "means" in moved(step)
     assert Selective.seen.tolist() == [False] * 10 + [True] * 40
@@ -77,7 +76,7 @@ def test_fused_ssim_is_used_where_it_is_installed(workload, monkeypatch):
 
 @pytest.mark.parametrize("sparse", [False, True])
 def test_sparse_steps_are_measured_where_gsplat_has_its_optimizer(workload, monkeypatch, sparse):
-    monkeypatch.setattr(gsplat_step.package, "load", lambda: fake_gsplat)
+    monkeypatch.setattr(bench_steps.package, "load", lambda: fake_gsplat)
     optimizers = SimpleNamespace(SelectiveAdam=Selective)
     monkeypatch.setitem(sys.modules, "gsplat", SimpleNamespace(optimizers=optimizers))
     monkeypatch.setitem(sys.modules, "gsplat.optimizers", optimizers)

@@ -1,4 +1,4 @@
-"""Rows that become still look as they do in the middle, and those that move least come first."""
+"""Edits leave out SH bands, faint splats and motion; everything else stays as it is."""
 
 import math
 from dataclasses import replace
@@ -8,11 +8,90 @@ import torch
 from support.moving_splats import at, spacetime
 from support.scenes import front_camera, random_splats
 
+from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
-from gsfw.studies.tradeoff.static_conversion import StaticConversion, by_motion
+from gsfw.studies.tradeoff.edits import (
+    ShTruncation,
+    StaticConversion,
+    TemporalCulling,
+    by_motion,
+    sh_degree,
+)
 from gsfw.studies.tradeoff.subject import Subject
+
+
+def of_mixed_degrees(splats):
+    """The same splats with degrees 0 to 3 in turn."""
+    return replace(splats, colors=splats.colors.of_degrees(torch.arange(len(splats)) % 4))
+
+
+def in_two_parts(splats):
+    """The same splats with their constant coefficients apart, as models keep them."""
+    both = splats.colors.coefficients
+    return replace(splats, colors=Sh(both[:, :1], 3, rest=both[:, 1:]))
+
+
+@pytest.mark.parametrize("form", [lambda splats: splats, in_two_parts, of_mixed_degrees])
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_truncation_draws_what_zeroed_coefficients_draw(form, degree):
+    splats = form(random_splats(12, degree=3))
+    cut = ShTruncation(degree)(splats)
+    zeroed = splats.colors.dense().clone()
+    zeroed[:, (degree + 1) ** 2 :] = 0
+    rasterizer, camera = ReferenceRasterizer(), front_camera()
+    expected = rasterizer.render(replace(splats, colors=Sh(zeroed, 3)), camera).color
+    torch.testing.assert_close(rasterizer.render(cut, camera).color, expected, atol=1e-6, rtol=0)
+    assert sh_degree(cut) == degree
+
+
+def test_ragged_colours_lose_only_what_is_above_the_degree():
+    splats = of_mixed_degrees(random_splats(12, degree=3))
+    cut = ShTruncation(1)(splats)
+    assert cut.colors.offsets.diff().tolist() == [0, 3, 3, 3] * 3
+    torch.testing.assert_close(cut.colors.dense(), splats.colors.dense()[:, :4])
+
+
+def test_colours_of_no_higher_degree_and_channels_stay_as_they_are():
+    splats = random_splats(5, degree=1)
+    assert ShTruncation(2)(splats) is splats
+    channels = replace(splats, colors=torch.rand(5, 3))
+    assert ShTruncation(0)(channels) is channels
+    assert sh_degree(channels) == 0
+
+
+def test_what_is_fainter_than_any_pixel_shows_changes_no_bit():
+    splats = random_splats(30)
+    splats = replace(splats, opacities=torch.logspace(-4, 0, 30))
+    culled = TemporalCulling(DEFAULT.alpha_min)(splats)
+    assert 0 < len(culled) < 30
+    rasterizer, camera = ReferenceRasterizer(), front_camera()
+    assert torch.equal(
+        rasterizer.render(culled, camera).color, rasterizer.render(splats, camera).color
+    )
+
+
+def test_splats_are_culled_by_their_opacity_at_the_time_and_stay_those_of_their_rows():
+    model = spacetime()
+    subject = Subject(model, ReferenceRasterizer(), RenderSettings(), False, dtype=torch.float64)
+    culled = replace(subject, edits=(TemporalCulling(0.1),))
+    rows_by_time = []
+    for time in (at(0.1), at(0.9)):
+        before, after = subject.splats(time), culled.splats(time)
+        assert torch.equal(after.rows, before.rows[before.opacities >= 0.1])
+        assert torch.equal(after.means, before.means[before.opacities >= 0.1])
+        rows_by_time.append(set(after.rows.tolist()))
+    assert rows_by_time[0] != rows_by_time[1]
+
+
+def test_as_much_is_stored_as_before():
+    subject = Subject(spacetime(), ReferenceRasterizer(), RenderSettings(), is_still=False)
+    culled = replace(subject, edits=(TemporalCulling(0.9),))
+    assert len(culled.splats()) < len(subject.splats())
+    assert culled.num_floats() == subject.num_floats()
+    assert culled.num_gaussians() == 20
+
 
 TIMES = [at(time) for time in (0.0, 0.3, 0.5, 1.0)]
 ROWS = torch.tensor([1, 2, 5, 11])
@@ -76,16 +155,22 @@ def test_what_is_not_there_in_the_middle_is_never_drawn():
     assert all(3 not in by_row(still.splats(time)) for time in TIMES)
 
 
-def in_two_parts(colors):
+def colors_in_two_parts(colors):
     return Sh(colors.coefficients[:, :1], 2, rest=colors.coefficients[:, 1:])
 
 
-def of_mixed_degrees(colors):
+def colors_of_mixed_degrees(colors):
     return colors.of_degrees(torch.arange(12) % 3)
 
 
 @pytest.mark.parametrize(
-    "form", [lambda colors: colors, in_two_parts, of_mixed_degrees, lambda _: torch.rand(12, 4)]
+    "form",
+    [
+        lambda colors: colors,
+        colors_in_two_parts,
+        colors_of_mixed_degrees,
+        lambda _: torch.rand(12, 4),
+    ],
 )
 def test_every_form_of_colours_stays_with_its_row(form):
     now = random_splats(12, degree=2)

@@ -1,4 +1,4 @@
-"""Limits: how fast this machine could blend at best, and which machine it is."""
+"""Machine: this machine, its GPU, and the fastest that its CPU could blend."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import os
 import platform
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 
 import torch
 
 from gsfw.core.loop.memory import peak_memory_mb
 from gsfw.kernels.cpu.native_module import instruction_set, instruction_sets, native
 from gsfw.plugins.specs import PROJECT
+from gsfw.studies.origin import processor
 
 FORWARD_OPERATIONS = 17
 """Vector operations per evaluated pixel of three channels, besides the exponential, counted in
@@ -25,7 +25,7 @@ what lies behind, 3 for g, one per channel, 3 for u and v, and 8 for the six sum
 sums across lanes, once per splat and tile, are left out."""
 
 ATTEMPTS = 3
-"""The best counts: anything else that runs here makes a throughput lower, never higher."""
+"""The best one counts: other processes make a throughput lower, never higher."""
 
 
 @dataclass(frozen=True)
@@ -35,16 +35,16 @@ class Limits:
     fma_gflops: float
     """Fused multiply-adds of float32, two operations each, in 1e9 operations per second."""
     exponential_gexp: float
-    """Powers of two as blending has them, in 1e9 per second."""
+    """Powers of two as in blending, in 1e9 per second."""
 
     @property
     def forward_ns(self) -> float:
-        """Least time of blending per contributing pair, if no other pair were ever evaluated."""
+        """Least time of blending per contributing pair, if no other pair were evaluated."""
         return self._ns(FORWARD_OPERATIONS)
 
     @property
     def backward_ns(self) -> float:
-        """The same for blending's backward pass."""
+        """Least time of blending's backward pass per contributing pair."""
         return self._ns(BACKWARD_OPERATIONS)
 
     def _ns(self, operations: int) -> float:
@@ -52,7 +52,7 @@ class Limits:
 
 
 def measure_limits() -> Limits | None:
-    """Measure them, which takes less than a second; ``None`` where the native module cannot."""
+    """Measure in less than a second; ``None`` where the native module cannot."""
     module = native()
     fma = getattr(module, "fma_gflops", None)
     exponential = getattr(module, "exponential_gexp", None)
@@ -62,9 +62,9 @@ def measure_limits() -> Limits | None:
 
 
 def machine() -> dict[str, str | int | list[str] | None]:
-    """What figures depend on besides the code."""
+    """Everything besides the code that figures depend on."""
     return {
-        "cpu": _cpu(),
+        "cpu": processor(),
         "cores": os.cpu_count(),
         "instruction_set": instruction_set(),
         "instruction_sets": instruction_sets(),
@@ -79,11 +79,15 @@ def process_memory() -> float | None:
     return peak_memory_mb(torch.device("cpu")).get("rss")
 
 
-def _cpu() -> str:
-    """Model of the processor, as the system calls it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        lines = []
-    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return next(iter(named), "") or platform.processor() or platform.machine()
+def gpu(device: torch.device) -> dict[str, str | int | float] | None:
+    """Name and properties of a GPU; ``None`` on the CPU."""
+    if device.type != "cuda":
+        return None
+    properties = torch.cuda.get_device_properties(device)
+    return {
+        "name": properties.name,
+        "memory_mb": round(properties.total_memory / 1e6),
+        "multiprocessors": properties.multi_processor_count,
+        "capability": f"{properties.major}.{properties.minor}",
+        "cuda": str(torch.version.cuda),
+    }

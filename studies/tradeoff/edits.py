@@ -1,0 +1,216 @@
+"""Edits: fewer SH bands, fewer bits, faint splats left out, and rows that become static."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from gsfw.core.maths.spherical_harmonics import num_coefficients
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.splats import Sh, Splats
+from gsfw.studies.tradeoff.storage import Cut, Storage
+from gsfw.studies.tradeoff.subject import Subject
+
+
+@dataclass(frozen=True)
+class ShTruncation(Cut):
+    """Leaves out every SH band above a degree."""
+
+    degree: int
+
+    def __call__(self, splats: Splats) -> Splats:
+        """The splats with colours of at most this degree; plain channels are unchanged."""
+        colors = splats.colors
+        if not isinstance(colors, Sh) or colors.degree <= self.degree:
+            return splats
+        count = num_coefficients(self.degree)
+        if colors.rest is None:
+            left = colors.coefficients[:, :count].contiguous()
+            return replace(splats, colors=Sh(left, self.degree))
+        if count == 1:
+            return replace(splats, colors=Sh(colors.coefficients, 0))
+        if colors.offsets is not None:
+            return replace(splats, colors=_shorter(colors, count - 1, self.degree))
+        rest = colors.rest[:, : count - 1].contiguous()
+        return replace(splats, colors=Sh(colors.coefficients, self.degree, rest))
+
+    def left_of(self, storage: Storage) -> Storage:
+        """The storage without the coefficients of the upper bands."""
+        return storage.up_to_degree(self.degree)
+
+
+def _shorter(colors: Sh, count: int, degree: int) -> Sh:
+    """Ragged colours with at most ``count`` coefficients each beside the constant one."""
+    assert colors.rest is not None
+    assert colors.offsets is not None
+    lengths = colors.offsets.diff()
+    place = torch.arange(len(colors.rest), device=lengths.device)
+    place = place - colors.offsets[:-1].repeat_interleave(lengths)
+    offsets = torch.cat([lengths.new_zeros(1), lengths.clamp_max(count).cumsum(0)])
+    return Sh(colors.coefficients, degree, colors.rest[place < count], offsets)
+
+
+def sh_degree(splats: Splats) -> int:
+    """SH degree of the colours; 0 for colours that do not depend on the direction."""
+    return splats.colors.degree if isinstance(splats.colors, Sh) else 0
+
+
+TYPES = {"fp16": torch.float16, "bf16": torch.bfloat16}
+"""Smaller types by their usual names; the unchanged model has fp32."""
+
+
+def rounded(name: str) -> Callable[[Subject], Subject]:
+    """A change that stores all parameters in a type and reads them back."""
+    dtype = TYPES[name]
+
+    def change(subject: Subject) -> Subject:
+        model = rounded_model(subject.model, dtype)
+        return replace(subject, model=model, float_bytes=dtype.itemsize)
+
+    return change
+
+
+def rounded_model(model: PrimitiveModel, dtype: torch.dtype) -> PrimitiveModel:
+    """A copy of a model whose numbers, before activation, are rounded to ``dtype``.
+
+    Numbers that are too large for the type become infinite; rendering then names their field.
+    """
+    copy = deepcopy(model)
+    state = {
+        name: tensor.to(dtype).to(tensor.dtype) if tensor.is_floating_point() else tensor
+        for name, tensor in model.state_dict().items()
+    }
+    copy.load_state_dict(state)
+    return copy
+
+
+@dataclass(frozen=True)
+class TemporalCulling:
+    """Leaves out, at each time, splats that are fainter then; the storage is unchanged."""
+
+    opacity: float
+    """The least opacity that is rendered, in [0, 1]."""
+
+    def __call__(self, splats: Splats) -> Splats:
+        """The splats that are opaque enough, in the same order."""
+        drawn = splats.opacities >= self.opacity
+        return splats.take(drawn.nonzero()[:, 0])
+
+
+INSTANTS = 9
+"""Number of times, spread evenly over the sequence, at which positions are compared."""
+MIDDLE = 0.5
+"""Time whose appearance static rows keep."""
+THERE = 0.5
+"""Part of a row's largest opacity; at times when it is fainter, the row is absent."""
+
+
+@torch.no_grad()
+def by_motion(subject: Subject) -> Int[Tensor, " n"]:
+    """Rows of a model in the order of their motion, the least first.
+
+    Motion is the largest distance from the position in the middle of the sequence. Rows that are
+    absent at some of the times come last, in the order of the number of these times.
+    """
+    device = next(iter(subject.model.columns().values())).values.device
+    times = torch.linspace(0.0, 1.0, INSTANTS, device=device)
+    found = [_everywhere(subject.splats(time), subject.model.num_rows) for time in times]
+    means, opacities = (torch.stack(values) for values in zip(*found, strict=True))
+    there = (opacities > 0) & (opacities >= THERE * opacities.amax(0))
+    distances = (means - means[INSTANTS // 2]).norm(dim=2)
+    order = distances.where(there, 0.0).amax(0).argsort(stable=True)
+    return order[(~there).sum(0)[order].argsort(stable=True)]
+
+
+def _everywhere(splats: Splats, count: int) -> tuple[Float[Tensor, "n 3"], Float[Tensor, " n"]]:
+    """Position and opacity of each row; 0 for rows that are not rendered."""
+    if splats.rows is None:
+        return splats.means, splats.opacities
+    means = splats.means.new_zeros(count, 3).index_copy(0, splats.rows, splats.means)
+    return means, means.new_zeros(count).index_copy(0, splats.rows, splats.opacities)
+
+
+@dataclass(frozen=True)
+class StaticConversion(Cut):
+    """Renders some rows at all times as they are in the middle of the sequence.
+
+    Rows that are absent at that time are never rendered.
+    """
+
+    rows: Int[Tensor, " m"]
+    """Rows that become static."""
+    held: Splats
+    """Their splats at all times, in the order of rows."""
+
+    @staticmethod
+    def of(subject: Subject, rows: Int[Tensor, " m"]) -> StaticConversion:
+        """Take some rows of a model as they are in the middle of the sequence."""
+        middle = subject.splats(torch.tensor(MIDDLE, device=rows.device))
+        return StaticConversion(rows, _chosen(middle, torch.isin(_rows(middle), rows)))
+
+    def __call__(self, splats: Splats) -> Splats:
+        """The splats of a time in the order of rows; static rows have their held splats."""
+        if not len(self.rows):
+            return splats
+        changing = _chosen(splats, ~torch.isin(_rows(splats), self.rows))
+        everything = _joined(changing, self.held)
+        return everything.take(_rows(everything).argsort())
+
+    def left_of(self, storage: Storage) -> Storage:
+        """The storage without the time parameters of these rows."""
+        return storage.without_time(self.rows)
+
+
+def _rows(splats: Splats) -> Int[Tensor, " n"]:
+    """The model row of each splat."""
+    if splats.rows is not None:
+        return splats.rows
+    return torch.arange(len(splats), device=splats.means.device)
+
+
+def _chosen(splats: Splats, mask: Bool[Tensor, " n"]) -> Splats:
+    """The splats of a mask, with their rows."""
+    return replace(splats, rows=_rows(splats)).take(mask.nonzero()[:, 0])
+
+
+def _joined(first: Splats, second: Splats) -> Splats:
+    """Concatenate the splats of two times of one model."""
+    colors, others = first.colors, second.colors
+    if isinstance(colors, Sh) and isinstance(others, Sh):
+        joined: Sh | Tensor = _joined_sh(colors, others)
+    else:
+        assert not isinstance(colors, Sh)
+        assert not isinstance(others, Sh)
+        joined = torch.cat([colors, others])
+    return Splats(
+        means=torch.cat([first.means, second.means]),
+        opacities=torch.cat([first.opacities, second.opacities]),
+        colors=joined,
+        quats=_both(first.quats, second.quats),
+        scales=_both(first.scales, second.scales),
+        covariances=_both(first.covariances, second.covariances),
+        extra=_both(first.extra, second.extra),
+        rows=torch.cat([_rows(first), _rows(second)]),
+    )
+
+
+def _joined_sh(first: Sh, second: Sh) -> Sh:
+    """Concatenate colours of one form, dense or ragged."""
+    offsets = first.offsets
+    if offsets is not None and second.offsets is not None:
+        offsets = torch.cat([offsets, second.offsets[1:] + offsets[-1]])
+    return Sh(
+        torch.cat([first.coefficients, second.coefficients]),
+        first.degree,
+        _both(first.rest, second.rest),
+        offsets,
+    )
+
+
+def _both(first: Tensor | None, second: Tensor | None) -> Tensor | None:
+    return None if first is None or second is None else torch.cat([first, second])
