@@ -31,9 +31,9 @@ class StressOptions(Options):
     """
 
     examples: ClassVar[tuple[str, ...]] = (
-        "gsfw stress",
+        "gsfw stress out=stress.png",
         "gsfw stress rasterizer=cpu,reference method=4d-rotor dtype=float32",
-        "gsfw stress rasterizer=cpu only=shape,*/fisheye out=none",
+        "gsfw stress rasterizer=cpu only=shape,*/fisheye",
         "gsfw stress list=true",
     )
 
@@ -45,9 +45,9 @@ class StressOptions(Options):
     """Types in which it is drawn."""
     only: tuple[str, ...] = ()
     """Names or patterns of cases, or sections, such as shape,*/fisheye; empty: all."""
-    out: str = "stress.png"
-    """Where the heat map of errors over scale, depth, anisotropy and opacity goes; none: nowhere.
-    """
+    out: str = NONE
+    """Where to write the heat map of errors over scale, depth, anisotropy and opacity, such as
+    stress.png; none: it is not made."""
     list: bool = False
     """List the cases; run nothing."""
 
