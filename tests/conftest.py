@@ -17,6 +17,7 @@ from support.native_proofs import (  # noqa: F401 - hooks
     pytest_runtest_makereport,
     pytest_runtest_setup,
 )
+from support.small_scene import SHARED_DATA, SMALL_SCENE
 
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 
@@ -36,17 +37,6 @@ ROOT = TESTS.parent
 
 WHOLE_RUNS = {"commands", "plugins"}
 """Folders whose tests are of runs as a whole, not of the parts that these are made of."""
-
-SHARED_DATA = ROOT.parent / "shared" / "data"
-
-SMALL_SCENE = (
-    "datamanager.views=6",
-    "datamanager.eval_views=2",
-    "datamanager.width=32",
-    "datamanager.height=24",
-    "datamanager.points=150",
-)
-"""The built-in scene at a size that trains in a second."""
 
 
 @pytest.hookimpl(tryfirst=True)

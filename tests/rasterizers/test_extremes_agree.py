@@ -32,7 +32,8 @@ AGAIN = ("/expected-depth", "/fisheye-no-cut-offs")
 
 
 SAMPLE = 4
-"""Of the cases that the emulation takes, every fourth is for every day, and the others are slow."""
+"""Of the cases that the emulation takes, every fourth is for every day, and the others are slow; of
+the others' cases, all but those ``AGAIN``."""
 
 DRAWN = [case for name, case in CASES.items() if not name.startswith("input/shape-of-")]
 """Tensors of wrong shapes do not come past the shape checks of the tests; core/test_rasterizer.py
@@ -50,8 +51,11 @@ def groups() -> list:
     emulated = [case for case in DRAWN if emulation_takes(case)]
     sample = emulated[::SAMPLE]
     rest = [case for case in emulated if case not in sample]
-    parts = [(name, DRAWN, "", False) for name in ("reference", "cpu", *CUDA)]
-    parts += [(EMULATED, sample, ", a sample", False), (EMULATED, rest, ", the rest", True)]
+    new = [case for case in DRAWN if not case.name.endswith(AGAIN)]
+    again = [case for case in DRAWN if case.name.endswith(AGAIN)]
+    parts = [(EMULATED, sample, ", a sample", False), (EMULATED, rest, ", the rest", True)]
+    for backend in ("reference", "cpu", *CUDA):
+        parts += [(backend, new, "", False), (backend, again, ", again", True)]
     found = []
     for backend, cases, part, slow in parts:
         for section in Section:
