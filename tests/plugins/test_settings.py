@@ -229,7 +229,7 @@ def test_a_method_with_a_strategy_that_nobody_registered_is_told_to_its_author()
 
     said = refusal(method="moving", registry=registry_of(Lonely()))
     assert said == (
-        "method 'moving' has fake_parts:Move as its strategy, which is not registered.\n"
+        "method 'moving' has support.fake_parts:Move as its strategy, which is not registered.\n"
         "Its package (pkg0) has to register it through a hook."
     )
 

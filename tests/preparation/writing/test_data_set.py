@@ -392,7 +392,7 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
     def full(handle):
         raise OSError(errno.ENOSPC, "no space")
 
-    monkeypatch.setattr("gsfw.core.loop.run_folder.os.fsync", full)
+    monkeypatch.setattr("gsfw.core.files.atomic.os.fsync", full)
     with pytest.raises(OutputError) as error:
         write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
     assert str(error.value) == (
