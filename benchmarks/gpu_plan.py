@@ -88,7 +88,7 @@ def tiny() -> Plan:
     return Plan(
         device="cpu",
         ours=("reference", "reference:chunk_mb=2"),
-        tests=("tests/commands/test_bench_timing.py",),
+        tests=("tests/studies/bench/test_timing.py",),
         drawings=(
             Drawing("garden", ("workload=random:300", "agreement=1", *small), 120.0),
             Drawing("garden x25, 1080p", ("workload=random:20", "copies=5", *small), 120.0),

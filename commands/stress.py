@@ -31,9 +31,9 @@ class StressOptions(Options):
     """
 
     examples: ClassVar[tuple[str, ...]] = (
-        "gsfw stress",
+        "gsfw stress out=stress.png",
         "gsfw stress rasterizer=cpu,reference method=4d-rotor dtype=float32",
-        "gsfw stress rasterizer=cpu only=shape,*/fisheye out=none",
+        "gsfw stress rasterizer=cpu only=shape,*/fisheye",
         "gsfw stress list=true",
     )
 
@@ -46,8 +46,9 @@ class StressOptions(Options):
     """Types to render in."""
     only: tuple[str, ...] = ()
     """Names or patterns of cases, or sections, such as shape,*/fisheye; empty: all."""
-    out: str = "stress.png"
-    """File for the heat map of errors over scale, depth, anisotropy and opacity; none: no file."""
+    out: str = NONE
+    """Where to write the heat map of errors over scale, depth, anisotropy and opacity, such as
+    stress.png; none: it is not made."""
     list: bool = False
     """List the cases; run nothing."""
 

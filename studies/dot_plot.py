@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gsfw.charts.dots import Dot, Group, dot_figure
 from gsfw.charts.style import write_figure
-from gsfw.studies.comparison import Column, Figure, SceneTable, heading
+from gsfw.studies.comparison import SceneTable, heading
 
 MOST_PANELS = 3
 

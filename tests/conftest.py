@@ -1,17 +1,25 @@
 """Fixtures that several folders of tests share."""
 
 import gc
+import os
 import signal
 import subprocess
-from collections.abc import Generator, Iterator
+import sys
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
 import jaxtyping
 import pytest
 import torch
+from support.made_once import MadeOnce
+from support.native_proofs import (  # noqa: F401 - hooks
+    pytest_runtest_makereport,
+    pytest_runtest_setup,
+)
+from support.small_scene import SHARED_DATA, SMALL_SCENE
 
-from gsfw.commands import progress
+from gsfw.commands.interface import progress
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets, native
 
 # The scenes of tests are small: a second thread gains nothing, and where cores are busy it costs
@@ -24,19 +32,23 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Tests compare standard error, on machines that are slow enough to make any stage a slow one.
 progress.PATIENCE = 1e6
 
-WHOLE_RUNS = ("commands", "plugins")
+# Without bytecode every worker and every process of a test would parse all sources again.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+TESTS = Path(__file__).resolve().parent
+ROOT = TESTS.parent
+
+WHOLE_RUNS = {"commands", "plugins"}
 """Folders whose tests are of runs as a whole, not of the parts that these are made of."""
 
-SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
-SMALL_SCENE = (
-    "datamanager.views=6",
-    "datamanager.eval_views=2",
-    "datamanager.width=32",
-    "datamanager.height=24",
-    "datamanager.points=150",
-)
-"""The built-in scene at a size that trains in a second."""
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Leave out slow tests, unless they are asked for: by ``-m`` or by the name of a test."""
+    named = any("::" in argument for argument in config.invocation_params.args)
+    if not config.option.markexpr and not named:
+        config.option.markexpr = "not slow"
 
 
 def pytest_collection_finish() -> None:
@@ -53,9 +65,21 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     to three times as long.
     """
     marks = {mark.name for mark in item.iter_markers()}
-    whole = item.path.parent.name in WHOLE_RUNS or bool(marks & {"slow", "unchecked"})
+    folders = set(item.path.relative_to(TESTS).parts[:-1])
+    whole = bool(folders & WHOLE_RUNS) or bool(marks & {"slow", "unchecked"})
     jaxtyping.config.update("jaxtyping_disable", whole)
     return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Nothing may be left in the repository, where the suite is started."""
+    before = set(os.listdir(ROOT))
+    result = yield
+    left = {name for name in os.listdir(ROOT) if name not in before and name[0] != "."}
+    # Caches of tools have names with a dot; whatever a test of another worker has left is its own.
+    assert not left, f"left in {ROOT} during this test (or one that ran beside it): {sorted(left)}"
+    return result
 
 
 @pytest.fixture
@@ -79,13 +103,32 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session")
-def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a small finished run; tests must not change what is in it."""
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """Folders that several tests read, made once for all workers."""
+    return MadeOnce(tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def trained(made_once: MadeOnce) -> Callable[..., Path]:
+    """Gives the folder of a run that ``gsfw train`` has made with some arguments.
+
+    Tests must not change what is in it; those that do work on a copy.
+    """
     from gsfw.commands.main import main
 
-    out = tmp_path_factory.mktemp("runs") / "finished"
-    assert main(["train", "method=3dgs", *SMALL_SCENE, "steps=20", f"out={out}"]) == 0
-    return out
+    def train(*arguments: str) -> Path:
+        def make(out: Path) -> None:
+            assert main(["train", *arguments, f"out={out}"]) == 0
+
+        return made_once(make, "run", *arguments)
+
+    return train
+
+
+@pytest.fixture(scope="session")
+def finished_run(trained: Callable[..., Path]) -> Path:
+    """The folder of a small finished run; tests must not change what is in it."""
+    return trained("method=3dgs", *SMALL_SCENE, "steps=20")
 
 
 @pytest.fixture(params=instruction_sets() or ["none"])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from conftest import SMALL_SCENE
+from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split

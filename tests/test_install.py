@@ -19,7 +19,7 @@ def test_without_a_compiler_the_package_installs_as_pure_python(tmp_path):
     assert result.returncode == 0, result.stderr
     (wheel,) = tmp_path.glob("gsfw-*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    assert "gsfw/core/trainer.py" in names
+    assert "gsfw/core/loop/trainer.py" in names
     assert "gsfw/py.typed" in names
     assert not [name for name in names if name.endswith((".so", ".pyd", ".cpp"))]
     for path in (*ROOT.glob("kernels/cuda/sources/*"), *ROOT.glob("kernels/shared/*.h")):

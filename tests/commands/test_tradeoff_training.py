@@ -72,6 +72,7 @@ def test_mistakes_are_told_before_anything_is_trained(tmp_path, capsys, words, s
     assert not (tmp_path / "out" / "runs").exists()
 
 
+@pytest.mark.slow
 def test_a_search_halves_recommends_and_goes_on(tmp_path, capsys, quick):
     words = [*TINY, "steps=400", "sh_degree=1", "axes=sh_degree,cap,steps"]
     words += [f"out={tmp_path}", "target.psnr=24.5", "seed=42"]
@@ -116,6 +117,7 @@ def test_the_folder_of_a_run_is_left_alone(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["config.yaml"]
 
 
+@pytest.mark.slow
 def test_a_plan_is_kept_for_the_same_command_only(tmp_path, capsys, quick):
     words, plan = [*TINY, f"out={tmp_path}", "budget.minutes=3", "jobs=1"], tmp_path / "plan.json"
     told(capsys, *words, "axes=antialias")

@@ -14,8 +14,8 @@ pycolmap = pytest.importorskip("pycolmap")
 
 @pytest.fixture(scope="module")
 def shared_videos(tmp_path_factory):
-    """Images and cameras of two times, at half the size."""
-    from conftest import SHARED_DATA
+    """Pictures and cameras of two times, at half the size."""
+    from support.small_scene import SHARED_DATA
 
     folder = SHARED_DATA / "dynamic/people_video"
     if not folder.is_dir():

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from conftest import SMALL_SCENE
+from support.small_scene import SMALL_SCENE
 
 from gsfw.core.errors import ConfigError
 from gsfw.kernels.cpu.native_module import NOT_BUILT, native

@@ -16,6 +16,7 @@ from support.agreement import (
     check_float64,
     draw_everything,
 )
+from support.backends import CUDA, EMULATED
 from support.random_scenes import CHANNELS, SIZES, Kind, kinds
 from torch import Tensor
 
@@ -35,9 +36,21 @@ SCENES = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 
+"""Of four tests: 200 together. The backend, which is the fixture, has no state that matters."""
+
+OFTEN = pytest.mark.parametrize(
+    "backend",
+    [
+        "cpu",
+        pytest.param(EMULATED, marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.cuda) for name in CUDA),
+    ],
+    indirect=True,
+)
+"""The emulation takes chosen scenes every day, and random ones where time is no matter."""
+
 # What is drawn here is drawn with checks by the tests of its parts.
 pytestmark = pytest.mark.unchecked
-"""Of four tests: 200 together. The backend, which is the fixture, has no state that matters."""
 
 
 @lru_cache(maxsize=500)
@@ -58,24 +71,28 @@ def check(backend: Rasterizer, kind: Kind) -> None:
         check_float32(draw_everything(backend, *narrow), expected, narrow[2].profile)
 
 
+@OFTEN
 @SCENES
 @given(kinds(model=CameraModel.PINHOLE, cut_offs=True))
 def test_random_scenes_agree(backend, kind):
     check(backend, kind)
 
 
+@OFTEN
 @SCENES
 @given(kinds(model=CameraModel.PINHOLE, cut_offs=False))
 def test_random_scenes_without_cut_offs_agree(backend, kind):
     check(backend, kind)
 
 
+@OFTEN
 @SCENES
 @given(kinds(model=CameraModel.ORTHOGRAPHIC))
 def test_random_orthographic_scenes_agree(backend, kind):
     check(backend, kind)
 
 
+@OFTEN
 @SCENES
 @given(kinds(model=CameraModel.FISHEYE))
 def test_random_fisheye_scenes_agree(backend, kind):

@@ -1,10 +1,12 @@
 """The catalogue of extremes, which is that of gsfw stress, for every backend that can run here."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 
 import pytest
 import torch
+from support.backends import BACKENDS, CUDA, EMULATED
 from support.scenes import front_camera
 
 from gsfw.core.capabilities import Determinism
@@ -28,13 +30,40 @@ AGAIN = ("/expected-depth", "/fisheye-no-cut-offs")
 """Variants whose paths through the kernels others have taken."""
 
 
-NAMES = [
-    pytest.param(name, marks=[pytest.mark.slow] if case.section is Section.SIZE else [])
-    for name, case in CASES.items()
-    if not name.startswith("input/shape-of-")
-]
+SAMPLE = 4
+"""Of the cases that the emulation takes, every fourth is for every day, and the others are slow; of
+the others' cases, all but those ``AGAIN``."""
+
+DRAWN = [case for name, case in CASES.items() if not name.startswith("input/shape-of-")]
 """Tensors of wrong shapes do not come past the shape checks of the tests; core/test_rasterizer.py
 has these."""
+
+
+def emulation_takes(case: StressCase) -> bool:
+    """Whether a case is for the emulation: not if it is large, or drawn as another has been."""
+    large = case.section is Section.SIZE or case.name in TOO_LARGE
+    return not large and not case.name.endswith(AGAIN)
+
+
+def groups() -> list:
+    """Backends and the cases that each is held to in one test: those of a section."""
+    emulated = [case for case in DRAWN if emulation_takes(case)]
+    sample = emulated[::SAMPLE]
+    rest = [case for case in emulated if case not in sample]
+    new = [case for case in DRAWN if not case.name.endswith(AGAIN)]
+    again = [case for case in DRAWN if case.name.endswith(AGAIN)]
+    parts = [(EMULATED, sample, ", a sample", False), (EMULATED, rest, ", the rest", True)]
+    for backend in ("reference", "cpu", *CUDA):
+        parts += [(backend, new, "", False), (backend, again, ", again", True)]
+    found = []
+    for backend, cases, part, slow in parts:
+        for section in Section:
+            own = [case for case in cases if case.section is section]
+            marks = [pytest.mark.slow] if slow or section is Section.SIZE else []
+            marks += [pytest.mark.cuda] if backend in CUDA else []
+            name = f"{backend}: {section.value}{part}"
+            found += [pytest.param(backend, own, marks=marks, id=name)] if own else []
+    return found
 
 
 @lru_cache(maxsize=1)
@@ -56,12 +85,6 @@ def is_emulated(rasterizer: Rasterizer) -> bool:
     return isinstance(rasterizer, CudaRasterizer)  # On a GPU they are wrapped.
 
 
-def emulation_takes(case: StressCase) -> bool:
-    """Whether a case is for the emulation: not if it is large, or drawn as another has been."""
-    large = case.section is Section.SIZE or case.name in TOO_LARGE
-    return not large and not case.name.endswith(AGAIN)
-
-
 def dtypes(rasterizer: Rasterizer, case: StressCase) -> list[torch.dtype]:
     """Both, but for what is refused in any, and for what float64 has shown already.
 
@@ -73,17 +96,19 @@ def dtypes(rasterizer: Rasterizer, case: StressCase) -> list[torch.dtype]:
     return DTYPES[:1] if case.refusal or oracle_itself or shown else DTYPES
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_case_of_the_catalogue_passes(rasterizer, name):
-    case = CASES[name]
-    if is_emulated(rasterizer) and not emulation_takes(case):
-        return
+def missed(rasterizer: Rasterizer, case: StressCase) -> Iterator[str]:
+    """All that is wrong with how a backend takes a case."""
     for dtype in dtypes(rasterizer, case):
         result = measure(entrant(rasterizer), case, dtype, oracle())
-        assert not result.not_claimed
-        assert not result.faults
-        assert result.passed
-        assert result.finite
+        if result.not_claimed or result.faults or not result.passed or not result.finite:
+            told = result.faults or (result.not_claimed or "not finite",)
+            yield f"{case.name}, {result.dtype}: {'; '.join(told)}"
+
+
+@pytest.mark.parametrize(("backend_name", "cases"), groups())
+def test_a_section_of_the_catalogue_passes(backend_name, cases):
+    rasterizer = BACKENDS[backend_name]()
+    assert not [fault for case in cases for fault in missed(rasterizer, case)]
 
 
 def test_equal_depths_are_drawn_by_row(backend):

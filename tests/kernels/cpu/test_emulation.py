@@ -22,6 +22,7 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return compile_engine(cross_compiler(), linked_sets("aarch64"), ["-O1"], folder)
 
 
+@pytest.mark.native("kernels/cpu/native", "kernels/shared", "tests/kernels/cpu")
 @pytest.mark.slow
 @pytest.mark.parametrize("program", ["drawing_check", "step_check"])
 def test_arm_agrees_with_float64(engine: list[Path], program: str, tmp_path: Path) -> None:

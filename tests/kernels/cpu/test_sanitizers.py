@@ -57,6 +57,7 @@ def _skip_without(name: str, flags: list[str], folder: Path) -> None:
         pytest.skip(f"the C++ compiler of this machine has no {name} sanitizer that works")
 
 
+@pytest.mark.native("kernels/cpu/native", "kernels/shared", "tests/kernels/cpu")
 @pytest.mark.slow
 @pytest.mark.parametrize("program", ["drawing_check", "step_check", "pool_check"])
 def test_sanitizers_find_nothing(build: Build, program: str) -> None:

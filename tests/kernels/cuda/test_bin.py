@@ -284,6 +284,7 @@ for kind in ("round", "huge", "needle", "outside"):
 """
 
 
+@pytest.mark.native("kernels", "core", "rasterizers", "tests/support")
 @pytest.mark.slow
 @pytest.mark.parametrize("sanitize", ["address", "undefined"])
 def test_binning_and_sorting_touch_only_what_they_may(sanitize: str) -> None:

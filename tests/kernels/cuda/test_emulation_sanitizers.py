@@ -30,6 +30,7 @@ values = torch.arange(384.0)
 """
 
 
+@pytest.mark.native("kernels/cuda")
 @pytest.mark.slow
 @pytest.mark.parametrize("sanitize", ["address", "undefined"])
 def test_right_kernels_pass_and_deadlocks_are_still_found(sanitize: str) -> None:
@@ -71,6 +72,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.native("kernels/cuda")
 @pytest.mark.slow
 @pytest.mark.parametrize(("sanitize", "program", "report"), FAULTS)
 def test_a_fault_of_memory_is_found(sanitize: str, program: str, report: list[str]) -> None:

@@ -116,6 +116,7 @@ def compilations(nvrtc: Nvrtc) -> dict[tuple[str, int, str], Future[Compiled]]:
     return {item: threads.submit(compile_source, *item) for item in wanted}
 
 
+@pytest.mark.native("kernels/cuda", "kernels/shared")
 @pytest.mark.slow
 @pytest.mark.parametrize("source", FILES)
 @pytest.mark.parametrize("architecture", ARCHITECTURES)
@@ -135,6 +136,7 @@ def test_kernels_fit_their_registers_on_every_architecture(compilations, archite
     assert set(used) == expected
 
 
+@pytest.mark.native("kernels/cuda", "kernels/shared")
 @pytest.mark.slow
 @pytest.mark.parametrize("source", FILES)
 def test_kernels_compile_for_double_precision_too(compilations, source):

@@ -21,6 +21,7 @@ for name in ("SH in two parts", "channels", "ragged beyond the active degree"):
 """
 
 
+@pytest.mark.native("kernels", "core", "rasterizers", "tests/support")
 @pytest.mark.slow
 @pytest.mark.parametrize("sanitize", ["address", "undefined"])
 def test_projection_touches_only_what_it_may(sanitize):

@@ -26,6 +26,7 @@ assert moments.count == 3
 """
 
 
+@pytest.mark.native("kernels", "core")
 @pytest.mark.slow
 @pytest.mark.parametrize("sanitize", ["address", "undefined"])
 def test_a_step_touches_only_what_it_may(sanitize):

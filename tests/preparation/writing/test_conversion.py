@@ -1,7 +1,9 @@
 """Data sets of every format, converted and loaded again."""
 
-import importlib
+import importlib.util
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,9 +37,18 @@ LAYOUTS = {"colmap": ColmapConfig, "transforms": TransformsConfig}
 BROWN = {"camera_model": "OPENCV", "k1": -0.12, "k2": 0.03, "p1": 0.004, "p2": -0.003}
 
 
+@cache
 def fixtures(module: str):
-    """What the tests of a format make their data sets with."""
-    return importlib.import_module(f"datamanagers.{module}")
+    """The tests of a format, which have functions that write its data sets.
+
+    By their path: where the repository is on the path of modules (python -m pytest), the name
+    datamanagers is that of the product's folder.
+    """
+    path = Path(__file__).parents[2].joinpath("datamanagers", *module.split(".")).with_suffix(".py")
+    spec = importlib.util.spec_from_file_location(f"datasets_of_{module}", path)
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
 
 
 def colmap(folder, **camera):

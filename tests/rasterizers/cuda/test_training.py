@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 import torch
-from conftest import SMALL_SCENE
 from emulation.launcher import EmulatedLauncher
 from support.native_programs import compiler
+from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import read_checkpoint

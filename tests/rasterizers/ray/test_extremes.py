@@ -32,6 +32,17 @@ CASES = [(mode, torch.float32) for mode in MODES]
 CASES += [("mean", torch.float64), ("volume, no dilation", torch.float64)]
 
 
+def in_turns(names):
+    """Every extreme in every mode; every day, in one mode each, in turns."""
+    return [
+        pytest.param(
+            *case, name, marks=[] if (turn - place) % len(CASES) == 0 else pytest.mark.slow
+        )
+        for place, name in enumerate(names)
+        for turn, case in enumerate(CASES)
+    ]
+
+
 def draw_and_check(rasterizer, splats, cameras, settings=SETTINGS):
     """Draw, go back, and check that all values and gradients are finite."""
     inputs = {name: tensor.clone().requires_grad_() for name, tensor in splats.tensors().items()}
@@ -56,9 +67,8 @@ def draw_and_check(rasterizer, splats, cameras, settings=SETTINGS):
     return output
 
 
-@pytest.mark.parametrize(("mode", "dtype"), CASES)
-@pytest.mark.parametrize("name", list(CHANGES))
-def test_extreme_splats_stay_finite(mode, name, dtype):
+@pytest.mark.parametrize(("mode", "dtype", "name"), in_turns(CHANGES))
+def test_extreme_splats_stay_finite(mode, dtype, name):
     splats = CHANGES[name](random_splats(20, 1, dtype=dtype))
     smooth = replace(SETTINGS, profile=DEFAULT.without_cutoffs())
     open_ended = replace(SETTINGS, near=0.0, far=torch.inf)
@@ -72,9 +82,8 @@ def test_extreme_splats_stay_finite(mode, name, dtype):
         draw_and_check(MODES[mode], splats, camera, settings)
 
 
-@pytest.mark.parametrize(("mode", "dtype"), CASES)
-@pytest.mark.parametrize("name", list(CAMERAS))
-def test_extreme_cameras_stay_finite(mode, name, dtype):
+@pytest.mark.parametrize(("mode", "dtype", "name"), in_turns(CAMERAS))
+def test_extreme_cameras_stay_finite(mode, dtype, name):
     for model in CameraModel:
         camera = CAMERAS[name](replace(front_camera(12, 9, dtype=dtype), model=model))
         for change in ("shape/scales-1e6", "depth/around-the-camera"):

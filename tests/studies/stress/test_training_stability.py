@@ -185,6 +185,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", BROKEN)
 def test_training_on_broken_captures_stays_finite(tmp_path, name, strategy):
