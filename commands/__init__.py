@@ -13,7 +13,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("train", "train a method on a data set", "gsfw.commands.train:run"),
         Spec("resume", "go on with a run that was stopped", "gsfw.commands.resume:run"),
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
-        Spec("render", "draw pictures of a run", "gsfw.commands.render:run"),
+        Spec("render", "render images of a run", "gsfw.commands.render:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
         Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),

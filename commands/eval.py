@@ -1,4 +1,4 @@
-"""`gsfw eval RUN`: the held-out figures of a run, picture by picture."""
+"""`gsfw eval RUN`: the held-out figures of a run, image by image."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class EvalOptions(RunOptions):
-    """Compare a run's renders with the photos, picture by picture."""
+    """Compare a run's renders with the photos, image by image."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw eval latest",
@@ -28,7 +28,7 @@ class EvalOptions(RunOptions):
     )
 
     split: Literal["eval", "train"] = "eval"
-    """Which pictures: eval (held out) or train."""
+    """Which images: eval (held out) or train."""
 
 
 def run(arguments: list[str]) -> int:
@@ -53,7 +53,7 @@ def run(arguments: list[str]) -> int:
     split = Split(options.split)
     if len(parts.data.views(split)) == 0:
         raise DataError(
-            f"{found.name} has no held-out pictures to evaluate.",
+            f"{found.name} has no held-out images to evaluate.",
             "Evaluate those it was trained on with split=train.",
         )
     with deterministic(parts.device):
@@ -108,20 +108,20 @@ def _write(
 
 
 def _show(console: Console, evaluation: Evaluation, title: str) -> None:
-    # Flicker is a figure of pairs of pictures, so no column of theirs.
+    # Flicker is a figure of pairs of images, so no column of theirs.
     names = list(dict.fromkeys(name for figures in evaluation.per_view for name in figures))
     rows: list[Sequence[str]] = [
         [view, *(_cell(figures.get(name)) for name in names)]
         for view, figures in zip(evaluation.views, evaluation.per_view, strict=True)
     ]
     rows.append(["mean", *(_cell(evaluation.means.get(name)) for name in names)])
-    console.table(["picture", *names], rows, title)
+    console.table(["image", *names], rows, title)
     for name in evaluation.means:
         if name not in names:
             console.say(f"{name}: {evaluation.means[name]:.5f}")
     for name, note in evaluation.notes.items():
         console.say(f"{name}: {note}")
-    console.say(f"drawing one picture takes {evaluation.render_ms:.1f} ms (median)")
+    console.say(f"rendering one image takes {evaluation.render_ms:.1f} ms (median)")
 
 
 def _cell(value: float | None) -> str:

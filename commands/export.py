@@ -38,7 +38,7 @@ class ExportOptions(RunOptions):
     )
 
     format: str = "ply"
-    """Format of the file: ply, gsfw (the whole model, to be drawn anywhere without its data set),
+    """Format of the file: ply, gsfw (the whole model, rendered anywhere without its data set),
     or another of the exporters that gsfw plugins lists."""
     out: str = ""
     """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; the folder

@@ -1,4 +1,4 @@
-"""`gsfw render RUN`: pictures of a trained model."""
+"""`gsfw render RUN`: images of a trained model."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_FPS = 1000
 
 @dataclass(kw_only=True)
 class RenderOptions(RunOptions):
-    """Draw the held-out views, an orbit and the passing of time, as PNG and as a film."""
+    """Render the held-out views, an orbit and the passing of time, as PNG and as a film."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw render latest",
@@ -33,13 +33,13 @@ class RenderOptions(RunOptions):
     time (from one camera, from first to last time), orbit-time (both at once), or all. A model
     file has no photos: views then needs data=PATH."""
     out: str = ""
-    """Folder for the pictures. Empty: renders/ in the run, or beside the model file."""
+    """Folder for the images. Empty: renders/ in the run, or beside the model file."""
     frames: int = 60
     """Number of frames of each film."""
     scale: float = 1.0
-    """Size of the frames, relative to the pictures the run was trained on."""
+    """Size of the frames, relative to the images the run was trained on."""
     time: float = 0.0
-    """When the orbit is drawn, in [0, 1]; a static model ignores it."""
+    """Time of the orbit, in [0, 1]; a static model ignores it."""
     camera: str = ""
     """Name of the view whose camera what=time looks through. Empty: the first held-out one."""
     fps: int = 20
@@ -56,7 +56,7 @@ class RenderOptions(RunOptions):
 
 
 def run(arguments: list[str]) -> int:
-    """Draw, and say where the pictures are."""
+    """Render, and say where the images are."""
     options = read("render", RenderOptions, arguments)
     _check(options)
     from gsfw.commands.interface.progress import load_torch
@@ -94,13 +94,13 @@ def run(arguments: list[str]) -> int:
             rendered = frames(path, composition, out / path.name, lines)
             files = list(tracked(rendered, f"rendering {path.name}", options.frames))
             written += [*files, *write_film(out / path.name, files, options.fps, chosen)]
-    console.say(f"{len(written)} pictures and films in {out}")
+    console.say(f"{len(written)} images and films in {out}")
     console.result({"run": found.name, "written": [str(path) for path in written]})
     return 0
 
 
 def _check(options: RenderOptions) -> None:
-    """Refuse numbers that make no pictures, before anything is loaded."""
+    """Refuse numbers that make no images, before anything is loaded."""
     from gsfw.core.errors import ConfigError
 
     sound = options.frames >= 1 and 1 <= options.fps <= MOST_FPS
@@ -118,7 +118,7 @@ def _check(options: RenderOptions) -> None:
     if options.tracks and options.what in ("views", "orbit"):
         raise ConfigError(
             f"tracks=true what={options.what}: nothing moves there.",
-            "Draw what=time or what=orbit-time.",
+            "Render what=time or what=orbit-time.",
         )
 
 
@@ -134,7 +134,7 @@ def _views(restored: Restored, folder: Path) -> Iterator[Path]:
 
     from gsfw.core.datamanager import Split
     from gsfw.core.loop.evaluation import draw
-    from gsfw.rendering.film import write_picture
+    from gsfw.rendering.film import write_image
 
     parts, settings = restored.composition.parts, restored.composition.plan.settings
     assert settings.background is not None
@@ -143,4 +143,4 @@ def _views(restored: Restored, folder: Path) -> Iterator[Path]:
         output = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
         both = torch.cat([batch.target(settings.background)[0], output.color[0]], dim=1)
         # Numbered and flat: names of the data may be absolute, lead elsewhere, or be equal.
-        yield write_picture(folder / f"{index:04d}_{Path(name).stem}.png", both)
+        yield write_image(folder / f"{index:04d}_{Path(name).stem}.png", both)

@@ -12,7 +12,7 @@ def gsfw_exporters() -> list[Spec]:
         Spec("ply", "3DGS PLY, as Kerbl et al. 2023 write it", "gsfw.formats.ply:PlyExporter"),
         Spec(
             "gsfw",
-            "the whole model at all times, to be drawn without its data set",
+            "the whole model at all times, to be rendered without its data set",
             "gsfw.formats.model_file:ModelFileExporter",
         ),
         Spec(

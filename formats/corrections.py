@@ -40,7 +40,7 @@ def write_corrections(parts: TrainingParts, folder: Path) -> list[Path]:
 def refined_transforms(data: DataManager) -> dict[str, Any]:
     """All cameras as a transforms.json has them, in the world of the data.
 
-    They are those of the pictures as they are trained on: undistorted, shrunk.
+    They are those of the images as they are trained on: undistorted, shrunk.
     """
     views = {split: data.views(split) for split in Split}
     return {

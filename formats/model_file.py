@@ -1,4 +1,4 @@
-"""The model file of gsfw: a whole model, static or moving, that is drawn without its data set.
+"""The model file of gsfw: a whole model, static or moving, that is rendered without its data set.
 
 An archive of arrays with a header; docs/model-file.md describes both. Reading one runs none of its
 content: it is numbers and names, and the method that is named has to be installed.

@@ -24,7 +24,7 @@ QUALITY = "18"
 """Constant rate factor of x264; at about 18 and below the loss is invisible."""
 
 
-def write_picture(path: Path, picture: Float[Tensor, "h w 3"]) -> Path:
+def write_image(path: Path, image: Float[Tensor, "h w 3"]) -> Path:
     """Write a PNG, whole or not at all; the path.
 
     Raises:
@@ -32,7 +32,7 @@ def write_picture(path: Path, picture: Float[Tensor, "h w 3"]) -> Path:
     """
     from PIL import Image
 
-    values = (picture.clamp(0, 1) * 255).round().byte().cpu().numpy()
+    values = (image.clamp(0, 1) * 255).round().byte().cpu().numpy()
     buffer = io.BytesIO()
     Image.fromarray(values).save(buffer, "PNG")
     write_atomically(path, buffer.getvalue())
@@ -90,18 +90,18 @@ def _write_webp(path: Path, frames: Sequence[Path], fps: int) -> None:
     """An animated WebP, which browsers show."""
     from PIL import Image
 
-    pictures = [Image.open(frame) for frame in frames]
+    images = [Image.open(frame) for frame in frames]
     buffer = io.BytesIO()
-    pictures[0].save(
+    images[0].save(
         buffer,
         "WEBP",
         save_all=True,
-        append_images=pictures[1:],
+        append_images=images[1:],
         duration=round(1000 / fps),
         loop=0,
     )
-    for picture in pictures:
-        picture.close()
+    for image in images:
+        image.close()
     write_atomically(path, buffer.getvalue())
 
 
@@ -114,11 +114,11 @@ def _write_mp4(path: Path, frames: Sequence[Path], fps: int) -> None:
         stream = container.add_stream(CODEC, rate=fps, options={"crf": QUALITY})
         stream.pix_fmt = "yuv420p"
         for number, frame in enumerate(frames):
-            with Image.open(frame) as picture:
-                width, height = (max(side // 2 * 2, 2) for side in picture.size)
+            with Image.open(frame) as image:
+                width, height = (max(side // 2 * 2, 2) for side in image.size)
                 if number == 0:
                     stream.width, stream.height = width, height
-                even = picture.convert("RGB").crop((0, 0, width, height))
+                even = image.convert("RGB").crop((0, 0, width, height))
             container.mux(stream.encode(av.VideoFrame.from_image(even)))
         container.mux(stream.encode())
 

@@ -14,7 +14,7 @@ from gsfw.core.loop.evaluation import draw
 from gsfw.core.maths.camera_path import at_times, orbit
 from gsfw.plugins.registry import did_you_mean
 from gsfw.plugins.run_source import is_dynamic
-from gsfw.rendering.film import write_picture
+from gsfw.rendering.film import write_image
 from gsfw.rendering.trails import Trails, make_trails, surface_settings
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def paths(composition: Composition, what: str, rule: FilmRule) -> list[RenderPat
         )
         raise ConfigError(
             f"what={what}: {why}, so all frames would show the same moment.",
-            "Draw what=orbit or what=views.",
+            "Render what=orbit or what=views.",
         )
     chosen = [name for name in makers if what in ("all", name)]
     data = composition.parts.data
@@ -89,7 +89,7 @@ def trails(path: RenderPath, composition: Composition, count: int, length: int) 
 def frames(
     path: RenderPath, composition: Composition, folder: Path, trails: Trails | None = None
 ) -> Iterator[Path]:
-    """Draw and write the frames, one at a time; their files."""
+    """Render and write the frames, one at a time; their files."""
     parts, settings = composition.parts, composition.plan.settings
     if trails is not None:
         settings = surface_settings(parts.rasterizer, settings)
@@ -98,11 +98,11 @@ def frames(
         camera = cameras.select([index])
         time = None if camera.time is None else camera.time[0]
         output = draw(parts.model, parts.rasterizer, camera, settings, time)
-        picture = output.color[0]
+        image = output.color[0]
         if trails is not None:
             depth = None if output.depth is None else output.depth[0]
-            picture = trails.draw_on(picture, depth, camera, index)
-        yield write_picture(folder / f"{index:04d}.png", picture)
+            image = trails.draw_on(image, depth, camera, index)
+        yield write_image(folder / f"{index:04d}.png", image)
 
 
 def _orbit(data: DataManager, rule: FilmRule) -> Cameras:

@@ -1,4 +1,4 @@
-"""Trails: the paths of some Gaussians over the last frames, drawn on the pictures of a film."""
+"""Trails: the paths of some Gaussians over the last frames, drawn on the images of a film."""
 
 from __future__ import annotations
 
@@ -55,15 +55,15 @@ class Trails:
 
     def draw_on(
         self,
-        picture: Float[Tensor, "h w 3"],
+        image: Float[Tensor, "h w 3"],
         depth: Float[Tensor, "h w 1"] | None,
         camera: Cameras,
         frame: int,
     ) -> Float[Tensor, "h w 3"]:
-        """The picture of a frame with the trails that lead there.
+        """The image of a frame with the trails that lead there.
 
         Args:
-            picture: as drawn.
+            image: the rendered image.
             depth: of its surface, 0 where there is none; ``None`` when nothing hides trails.
             camera: that of the frame.
             frame: its number.
@@ -73,7 +73,7 @@ class Trails:
         pixels, depths = _project(positions, camera)
         there = self._strength[first : frame + 1] & np.isfinite(depths)
         ages = np.arange(frame - first, -1, -1) / max(self._length, 1)
-        canvas = picture.clamp(0, 1).cpu().numpy().copy()
+        canvas = image.clamp(0, 1).cpu().numpy().copy()
         surface = None if depth is None else depth[..., 0].cpu().numpy()
         for row, color in enumerate(self._colors):
             if there[-1, row]:
@@ -113,7 +113,7 @@ def make_trails(
 
 
 def surface_settings(rasterizer: Rasterizer, settings: RenderSettings) -> RenderSettings:
-    """Settings that draw the depth of the surface too, where the rasterizer can."""
+    """Settings that render the depth of the surface too, where the rasterizer can."""
     able = Feature.DEPTH in rasterizer.capabilities().features
     return replace(settings, depth=Depth.EXPECTED) if able else settings
 
@@ -143,7 +143,7 @@ def _first_places(positions: Float[Tensor, "t n 3"]) -> Float[Tensor, "n 3"]:
 def _on_surface(
     points: Float[Tensor, "n 3"], camera: Cameras, depth: Float[Tensor, "h w 1"] | None
 ) -> Tensor:
-    """Which points a camera sees: within its picture, and not behind what it shows there."""
+    """Which points a camera sees: within its image, and not behind what it shows there."""
     pixels, depths = _project(points[None], camera)
     x, y = np.floor(np.nan_to_num(pixels[0], nan=-1.0, posinf=-1.0, neginf=-1.0)).T
     inside = np.isfinite(depths[0]) & (x >= 0) & (x < camera.width)

@@ -208,7 +208,7 @@ class RunOptions(Options):
     data: str = ""
     """Where the data set is now. Empty: where it was in training; a model file needs none."""
     device: str = ""
-    """Where to draw: auto, cpu, cuda or cuda:N. Empty: where it was trained; auto for a file."""
+    """Where to render: auto, cpu, cuda or cuda:N. Empty: where it was trained; auto for a file."""
 
     def changed(self) -> Layer | None:
         """Settings that differ from the run's own; ``None`` for none."""

@@ -117,7 +117,7 @@ def test_time_cannot_pass_in_a_static_capture(finished_run, tmp_path, capsys):
     assert render(finished_run, tmp_path, "what=time") == 2
     assert capsys.readouterr().err == (
         "error: what=time: the data (synthetic) has no times, so all frames would show the same "
-        "moment.\nDraw what=orbit or what=views.\n"
+        "moment.\nRender what=orbit or what=views.\n"
     )
 
 

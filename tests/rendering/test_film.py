@@ -9,14 +9,14 @@ import torch
 from PIL import Image
 
 from gsfw.core.errors import OutputError, UnavailableError
-from gsfw.rendering.film import choose_format, write_film, write_picture
+from gsfw.rendering.film import choose_format, write_film, write_image
 
 
 @pytest.fixture
 def frames(tmp_path):
     """Three grey frames of odd size, each brighter than the last."""
     return [
-        write_picture(tmp_path / "frames" / f"{i:04d}.png", torch.full((31, 45, 3), 0.2 + 0.3 * i))
+        write_image(tmp_path / "frames" / f"{i:04d}.png", torch.full((31, 45, 3), 0.2 + 0.3 * i))
         for i in range(3)
     ]
 
@@ -36,7 +36,7 @@ def no_encoder(monkeypatch):
 
 def test_a_picture_is_clamped_and_rounded(tmp_path):
     values = torch.tensor([[[-1.0, 0.5, 2.0]]])
-    with Image.open(write_picture(tmp_path / "a.png", values)) as picture:
+    with Image.open(write_image(tmp_path / "a.png", values)) as picture:
         assert picture.getpixel((0, 0)) == (0, 128, 255)
 
 

@@ -135,7 +135,8 @@ def test_tracks_are_drawn_where_time_passes(moving_run, tmp_path):
 def test_tracks_of_what_does_not_move_are_refused(moving_run, capsys):
     assert main(["render", str(moving_run), "tracks=true", "what=orbit"]) == 2
     assert capsys.readouterr().err == (
-        "error: tracks=true what=orbit: nothing moves there.\nDraw what=time or what=orbit-time.\n"
+        "error: tracks=true what=orbit: nothing moves there.\n"
+        "Render what=time or what=orbit-time.\n"
     )
     assert main(["render", str(moving_run), "tracks=true", "tracks_frames=0"]) == 2
     assert "tracks_count=150 tracks_frames=0: expected numbers of at least 1." in (
