@@ -9,7 +9,7 @@ import torch
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.plugins.compose import Composition, compose
-from gsfw.plugins.discovery import Discovery, _Source
+from gsfw.plugins.discovery import Discovery, PluginSource
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Layer, resolve
 
@@ -31,7 +31,7 @@ def composed(monkeypatch):
     def of(example: str, **settings: str) -> Composition:
         discovery = Discovery()
         discovery.load_builtin()
-        discovery.add(import_module(example), _Source(example, example, "1.0"))
+        discovery.add(import_module(example), PluginSource(example, example, "1.0"))
         values = {**SCENE, **{key.replace("__", "."): value for key, value in settings.items()}}
         registry = Registry(discovery)
         return compose(resolve(registry, [Layer("the test", values)]), registry)

@@ -24,15 +24,15 @@ class Plain:
 class Forgotten(StrategyConfig):
     share: int = 1
 
-    def build(self, scene):
+    def refiners(self, scene):
         raise NotImplementedError
 
 
 @dataclass
-class WithoutDefault(StrategyConfig):
+class WithoutDefault(SamplerConfig):
     share: int
 
-    def build(self, scene):
+    def build(self, views, seed, steps):
         raise NotImplementedError
 
 
@@ -40,7 +40,7 @@ class WithoutDefault(StrategyConfig):
 class OddType(StrategyConfig):
     made_by: Callable[[], int] = print
 
-    def build(self, scene):
+    def refiners(self, scene):
         raise NotImplementedError
 
 
@@ -59,7 +59,7 @@ class OldBuild(SamplerConfig):
 class Failing(StrategyConfig):
     share: list[int] = field(default_factory=lambda: 1 // 0)
 
-    def build(self, scene):
+    def refiners(self, scene):
         raise NotImplementedError
 
 

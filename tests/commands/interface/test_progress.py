@@ -4,7 +4,7 @@ import io
 import sys
 import threading
 
-from gsfw.commands import progress
+from gsfw.commands.interface import progress
 from gsfw.commands.interface.progress import SlowStages
 from gsfw.core.progress import shown_by, stage
 
