@@ -15,8 +15,8 @@ from gsfw.core.render_settings import Statistic
 class RenderStatistics:
     """Values per camera and splat, in the order of the splats (``Splats.rows`` maps to the model).
 
-    The forward pass returns the gradient statistics as zeros; the backward pass fills them in place.
-    Density strategies read these tensors, never the ``.grad`` of intermediate ones.
+    The forward pass returns the gradient statistics as zeros, and the backward pass fills them in
+    place. Density strategies read these tensors, never the ``.grad`` of intermediate ones.
     """
 
     visible: Bool[Tensor, "c n"]

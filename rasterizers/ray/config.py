@@ -31,7 +31,7 @@ class RayConfig(RasterizerConfig):
     sampling: Literal["uniform", "stratified"] = "uniform"
     """Samples in the middle of their intervals, or at a random place in each."""
     sampling_seed: int = 0
-    """Of random samples, which are the same each time that a image is rendered."""
+    """Of random samples, which are the same each time that an image is rendered."""
     chunk_mb: float = 64.0
     """Working memory, in megabytes; more where a single ray takes more."""
 

@@ -96,6 +96,6 @@ def test_neither_kernels_nor_a_compiler_is_one_message(fake, monkeypatch):
     assert str(caught.value) == (
         "gsplat 1.5.3 came without compiled kernels, and found no CUDA toolkit (nvcc) to compile "
         "them with.\n"
-        "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl) or the toolkit, or render "
-        "with rasterizer=auto."
+        "Install a wheel for this torch and CUDA (docs.gsplat.studio/whl) or the toolkit, or "
+        "render with rasterizer=auto."
     )
