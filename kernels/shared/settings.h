@@ -1,4 +1,4 @@
-// The conventions of a render, as every splat of it intersects them.
+// The conventions of a render, as every splat of it meets them.
 #pragma once
 
 #include "number.h"

@@ -153,7 +153,7 @@ class EmulatedLauncher(Launcher):
                 f"found blocks of {threads} threads"
             )
         message = ctypes.create_string_buffer(4096)
-        arguments = Launch(
+        request = Launch(
             blocks,
             threads,
             ctypes.addressof(job),
@@ -162,7 +162,7 @@ class EmulatedLauncher(Launcher):
             ctypes.cast(message, ctypes.c_char_p),
             len(message),
         )
-        if program.launch(ctypes.byref(arguments)) != 0:
+        if program.launch(ctypes.byref(request)) != 0:
             raise EmulationError(
                 f"{kernel.expression} of {kernel.source}, {blocks} blocks of {threads} threads, "
                 f"seed {self.seed}: {message.value.decode()}"

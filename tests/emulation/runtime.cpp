@@ -240,13 +240,13 @@ void Scheduler::give_way() {
 
 void Scheduler::meet_warp(const char* here) {
   Warp& warp = *current->warp;
-  if (warp.intersection == 0) warp.operation = here;
+  if (warp.meeting == 0) warp.operation = here;
   if (differ(warp.operation, here)) {
-    fail(std::string("lanes of one warp intersect at ") + warp.operation + " and " + here);
+    fail(std::string("lanes of one warp meet at ") + warp.operation + " and " + here);
   }
-  warp.intersection |= 1u << current->lane;
-  if (warp.intersection == warp.lanes) {
-    warp.intersection = 0;
+  warp.meeting |= 1u << current->lane;
+  if (warp.meeting == warp.lanes) {
+    warp.meeting = 0;
     warp.turn ^= 1;
     warp.votes[warp.turn] = 0;
     make_ready(warp, warp.lanes);
@@ -257,7 +257,7 @@ void Scheduler::meet_warp(const char* here) {
 void Scheduler::meet_block(const char* here) {
   if (blocked_ == 0) operation = here;
   if (differ(operation, here)) {
-    fail(std::string("threads of the block intersect at ") + operation + " and " + here);
+    fail(std::string("threads of the block meet at ") + operation + " and " + here);
   }
   current->warp->blocked |= 1u << current->lane;
   if (++blocked_ == living_) release_block();
@@ -285,7 +285,7 @@ void Scheduler::fail(std::string explanation) {
 std::string Scheduler::place_of(unsigned thread) const {
   const Warp& warp = *threads_[thread].warp;
   const unsigned bit = 1u << threads_[thread].lane;
-  if (warp.intersection & bit) return std::string("wait at ") + warp.operation;
+  if (warp.meeting & bit) return std::string("wait at ") + warp.operation;
   if (warp.blocked & bit) return std::string("wait at ") + operation;
   return "have returned";
 }

@@ -9,7 +9,7 @@ struct Index {
   unsigned x, y, z;
 };
 
-/// Threads that intersect at collectives. A set of lanes is a number, one bit per lane.
+/// Threads that meet at collectives. A set of lanes is a number, one bit per lane.
 struct Warp {
   /// What each lane brings to a collective. There are two of each because a lane that is ahead
   /// writes for the next collective while others still read; none can be two ahead.
@@ -17,7 +17,7 @@ struct Warp {
   unsigned votes[2];
   int turn;
   /// Lanes that exist, may run, wait for their warp, wait for the block, and have returned.
-  unsigned lanes, ready, intersection, blocked, returned;
+  unsigned lanes, ready, meeting, blocked, returned;
   /// Where those that wait for their warp do so.
   const char* operation;
 };

@@ -4,7 +4,7 @@
 namespace gsfw {
 namespace cuda {
 
-/// Lanes from ``count`` on return before their warp intersects.
+/// Lanes from ``count`` on return before their warp meets.
 __global__ void __launch_bounds__(ARRAY_THREADS) early_return(ArrayJob job) {
   if (lane_index() >= job.count) return;
   written<int>(job, thread_index()) = __shfl_xor_sync(FULL_WARP, 1, 1);

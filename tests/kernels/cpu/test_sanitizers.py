@@ -40,11 +40,11 @@ class Build:
 
 
 @pytest.fixture(scope="module", params=list(SANITIZERS))
-def build(arguments: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Build:
+def build(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Build:
     """Compiled once for all programs, quickly and not to run fast."""
-    folder = tmp_path_factory.mktemp(arguments.param)
-    flags = ["-O0", "-g", *SANITIZERS[arguments.param]]
-    _skip_without(arguments.param, flags, folder)
+    folder = tmp_path_factory.mktemp(request.param)
+    flags = ["-O0", "-g", *SANITIZERS[request.param]]
+    _skip_without(request.param, flags, folder)
     return Build(flags, compile_engine(compiler(), linked_sets(MACHINE), flags, folder), folder)
 
 

@@ -32,8 +32,8 @@ def rows_of(full, *columns):
 
 
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])
-def test_the_exponent_is_that_of_the_textbook_in_base_two(arguments, kind):
-    maths = arguments.getfixturevalue(kind)
+def test_the_exponent_is_that_of_the_textbook_in_base_two(request, kind):
+    maths = request.getfixturevalue(kind)
     full, opacities, offsets, _ = ellipses()
     expected = alpha_of(full, opacities, offsets)
     tolerance = 1e-5 if kind == "single" else 1e-13
@@ -45,8 +45,8 @@ def test_the_exponent_is_that_of_the_textbook_in_base_two(arguments, kind):
 
 
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])
-def test_moments_hold_the_gradients_of_mean_covariance_and_opacity(arguments, kind):
-    maths = arguments.getfixturevalue(kind)
+def test_moments_hold_the_gradients_of_mean_covariance_and_opacity(request, kind):
+    maths = request.getfixturevalue(kind)
     full, opacities, offsets, gradients = ellipses()
     means = torch.zeros(len(full), 2, dtype=torch.float64, requires_grad=True)
     leaves = [means, full.clone().requires_grad_(), opacities.clone().requires_grad_()]

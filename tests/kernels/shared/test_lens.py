@@ -27,8 +27,8 @@ def points_in_view() -> torch.Tensor:
 
 @pytest.mark.parametrize("model", list(CameraModel))
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])
-def test_lenses_see_as_the_reference_does(arguments, kind, model):
-    maths = arguments.getfixturevalue(kind)
+def test_lenses_see_as_the_reference_does(request, kind, model):
+    maths = request.getfixturevalue(kind)
     # At 89.9 degrees the fisheye's radial derivative is a thousandth of what it is summed from.
     forward, backward = (1e-6, 3e-4) if kind == "single" else (1e-13, 1e-11)
     camera = replace(front_camera(dtype=torch.float64), model=model)

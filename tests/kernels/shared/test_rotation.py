@@ -17,8 +17,8 @@ def quaternions(scale: float) -> tuple[torch.Tensor, torch.Tensor]:
 
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])
 @pytest.mark.parametrize("scale", [1e-20, 1e-11, 1.0, 1e20])
-def test_rotations_and_gradients_are_the_references(arguments, kind, scale):
-    maths = arguments.getfixturevalue(kind)
+def test_rotations_and_gradients_are_the_references(request, kind, scale):
+    maths = request.getfixturevalue(kind)
     tolerance = 1e-6 if kind == "single" else 1e-14
     quats, gradients = quaternions(scale)
     quats = quats.to(maths.dtype).double().requires_grad_()

@@ -9,8 +9,8 @@ from gsfw.core.maths.spherical_harmonics import MAX_DEGREE, num_coefficients, sh
 
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])
 @pytest.mark.parametrize("degree", range(MAX_DEGREE + 1))
-def test_the_basis_and_its_gradient_are_the_references(arguments, kind, degree):
-    maths = arguments.getfixturevalue(kind)
+def test_the_basis_and_its_gradient_are_the_references(request, kind, degree):
+    maths = request.getfixturevalue(kind)
     tolerance = 1e-5 if kind == "single" else 1e-13
     generator = torch.Generator().manual_seed(degree)
     count = num_coefficients(degree)
@@ -43,8 +43,8 @@ def test_a_mean_at_the_camera_centre_has_a_finite_gradient(double, distance):
 
 
 @pytest.mark.parametrize("kind", ["double", "single", "pair"])
-def test_colours_are_clamped_at_zero_with_their_gradient(arguments, kind):
-    maths = arguments.getfixturevalue(kind)
+def test_colours_are_clamped_at_zero_with_their_gradient(request, kind):
+    maths = request.getfixturevalue(kind)
     sums = torch.tensor([-2.0, -0.5000001, -0.5, 0.0, 3.0, torch.inf], dtype=torch.float64)
     sums = sums.to(maths.dtype).requires_grad_()
     gradients = torch.arange(1.0, 7.0, dtype=maths.dtype)
