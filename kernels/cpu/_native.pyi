@@ -29,10 +29,10 @@ PAIR_BYTES: int
 SLOT_FIELDS: int
 
 class TooManyPairs(RuntimeError):
-    """A picture has more pairs of a splat and a tile than it may; the argument says how many."""
+    """An image has more pairs of a splat and a tile than it may; the argument says how many."""
 
-class DrawingFloat32:
-    """One camera's picture, and its way back."""
+class RenderPassFloat32:
+    """One camera's image, and its backward pass."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class DrawingFloat32:
     @property
     def pairs(self) -> int: ...
 
-class DrawingFloat64(DrawingFloat32): ...
+class RenderPassFloat64(RenderPassFloat32): ...
 
 def keep_freed_memory() -> None:
     """Let the process's allocator keep what is freed instead of giving it back."""

@@ -33,10 +33,10 @@ class CpuOperators(Operators):
         valid: Bool[Tensor, "c h w 1"] | None = None,
     ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
         """Mean absolute difference, and 1 - SSIM, over the valid pixels; both differentiable."""
-        pictures = [rendered, target]
+        images = [rendered, target]
         masks = [] if valid is None else [valid]
-        served = _served(pictures) and all(mask.device.type == "cpu" for mask in masks)
-        if not served or target.requires_grad or _tangents(pictures) or rendered.numel() == 0:
+        served = _served(images) and all(mask.device.type == "cpu" for mask in masks)
+        if not served or target.requires_grad or _tangents(images) or rendered.numel() == 0:
             return super().l1_dssim(rendered, target, valid)
         mask = None if valid is None else valid.contiguous().view(torch.uint8)
         return _L1Dssim.apply(rendered.contiguous(), target.contiguous(), mask)

@@ -84,7 +84,7 @@ class CudaLauncher(Launcher):
             raise CudaError(
                 f"{kernel.expression} would need {blocks} blocks of threads for what it is given; "
                 f"CUDA starts {MOST_BLOCKS} at most.",
-                "Draw fewer splats, or a smaller image.",
+                "Render fewer splats, or a smaller image.",
             )
         try:
             with self.device.selected():

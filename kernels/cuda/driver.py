@@ -79,7 +79,7 @@ class Driver:
     def enter(self, device: int) -> None:
         """Make torch's context of a device current in this thread, unless the thread has one.
 
-        Threads that torch starts for the way back may not have touched their device yet.
+        Threads that torch starts for the backward pass may not have touched their device yet.
         """
         context = _POINTER()
         what = f"entering the context of GPU {device}"

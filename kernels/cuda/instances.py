@@ -1,4 +1,4 @@
-"""Instances: which instance of each kernel's template draws a picture."""
+"""Instances: which instance of each kernel's template renders an image."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 from gsfw.kernels.cuda.launcher import Kernel
 
 WIDTHS = (1, 2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 40)
-"""Numbers of channels that blending is compiled for; others are drawn with some channels of 0."""
+"""Numbers of channels that blending is compiled for; others get further channels of 0."""
 
 NAMES = {torch.float32: "float", torch.float64: "double"}
 """Of number types, in C++."""
@@ -20,7 +20,7 @@ KEYS = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"}
 
 @dataclass(frozen=True)
 class Instances:
-    """The kernels of one picture."""
+    """The kernels of one image."""
 
     dtype: torch.dtype
     covariances: bool
@@ -46,7 +46,7 @@ class Instances:
 
     @property
     def project(self) -> Kernel:
-        """From splats to brushes."""
+        """From splats to projected splats."""
         return Kernel("project.cu", f"project<{self._projected()}>")
 
     def project_backward(self, pose: bool) -> Kernel:
@@ -57,7 +57,7 @@ class Instances:
 
     @property
     def emit(self) -> Kernel:
-        """From brushes to pairs of a splat and a tile."""
+        """From projected splats to pairs of a splat and a tile."""
         return Kernel("bin.cu", f"emit<{NAMES[self.dtype]}, {KEYS[self.tile_key]}>")
 
     @property
@@ -66,11 +66,11 @@ class Instances:
         return Kernel("bin.cu", f"find_tiles<{KEYS[self.tile_key]}>")
 
     def blend(self, measure: bool) -> Kernel:
-        """From pairs to a picture, with or without each splat's contribution."""
+        """From pairs to an image, with or without each splat's contribution."""
         return Kernel("blend.cu", f"blend<{self._blended()}, {_bool(measure)}>")
 
     def blend_backward(self, absolute: bool) -> Kernel:
-        """From a picture's gradient to sums, with or without magnitudes."""
+        """From an image's gradient to sums, with or without magnitudes."""
         return Kernel("blend_backward.cu", f"blend_backward<{self._blended()}, {_bool(absolute)}>")
 
     def _projected(self) -> str:

@@ -156,7 +156,7 @@ class _L1Dssim(torch.autograd.Function):
             flows = rendered.new_empty(c, d, step_jobs.SSIM_FLOWS, h, w)
         sums = rendered.new_empty(step_jobs.SSIM_SUMS, blocks, dtype=torch.float64)
         job = step_jobs.SsimJob(
-            pictures=_comparison(rendered, target, valid), flows=address(flows), sums=address(sums)
+            images=_comparison(rendered, target, valid), flows=address(flows), sums=address(sums)
         )
         launcher.launch(Kernel("ssim.cu", f"ssim<{kind}>"), blocks, step_jobs.SSIM_THREADS, job)
         l1, dissimilarity, share = (rendered.new_empty(()) for _ in range(3))
@@ -189,7 +189,7 @@ class _L1Dssim(torch.autograd.Function):
             return gradient, None, None, None
         gradient = torch.empty_like(rendered)
         job = step_jobs.SsimBackwardJob(
-            pictures=_comparison(rendered, target, valid),
+            images=_comparison(rendered, target, valid),
             flows=address(flows),
             share=address(share),
             l1_gradient=address(l1),
@@ -207,7 +207,7 @@ def _comparison(rendered: Tensor, target: Tensor, valid: Tensor | None) -> step_
         rendered=address(rendered),
         target=address(target),
         valid=address(valid),
-        pictures=c,
+        images=c,
         height=h,
         width=w,
         channels=d,
@@ -248,9 +248,9 @@ def _blocks(numbers: int, per_block: int) -> int:
     return -(-numbers // per_block)
 
 
-def _tiles(pictures: Tensor) -> int:
-    """Blocks that together answer for pictures [c, h, w, d]."""
-    c, h, w, _ = pictures.shape
+def _tiles(images: Tensor) -> int:
+    """Blocks that together answer for images [c, h, w, d]."""
+    c, h, w, _ = images.shape
     return c * _blocks(h, step_jobs.SSIM_HEIGHT) * _blocks(w, step_jobs.SSIM_WIDTH)
 
 
@@ -258,13 +258,11 @@ def _aligned(tensors: Sequence[Tensor]) -> bool:
     return all(tensor.data_ptr() % ALIGNMENT == 0 for tensor in tensors)
 
 
-def _covers(valid: Tensor | None, pictures: Tensor) -> bool:
+def _covers(valid: Tensor | None, images: Tensor) -> bool:
     """Whether a mask has a truth for every pixel, where kernels can read it."""
     if valid is None:
         return True
-    return valid.shape == (*pictures.shape[:3], 1) and _ready(
-        [(valid, torch.bool)], pictures.device
-    )
+    return valid.shape == (*images.shape[:3], 1) and _ready([(valid, torch.bool)], images.device)
 
 
 def _ready(tensors: Sequence[tuple[Tensor, torch.dtype]], device: torch.device) -> bool:

@@ -24,13 +24,13 @@ WARP = constant("platform.h", "WARP")
 
 
 class Comparison(ctypes.Structure):
-    """Pictures that are compared."""
+    """Images that are compared."""
 
     _fields_: ClassVar = [
         ("rendered", POINTER),
         ("target", POINTER),
         ("valid", POINTER),
-        ("pictures", INT),
+        ("images", INT),
         ("height", INT),
         ("width", INT),
         ("channels", INT),
@@ -40,7 +40,7 @@ class Comparison(ctypes.Structure):
 class SsimJob(ctypes.Structure):
     """Of ``ssim``."""
 
-    _fields_: ClassVar = [("pictures", Comparison), ("flows", POINTER), ("sums", POINTER)]
+    _fields_: ClassVar = [("images", Comparison), ("flows", POINTER), ("sums", POINTER)]
 
 
 class LossesJob(ctypes.Structure):
@@ -60,7 +60,7 @@ class SsimBackwardJob(ctypes.Structure):
     """Of ``ssim_backward``."""
 
     _fields_: ClassVar = [
-        ("pictures", Comparison),
+        ("images", Comparison),
         ("flows", POINTER),
         ("share", POINTER),
         ("l1_gradient", POINTER),

@@ -1,7 +1,7 @@
 // Ellipse: the shape of a Gaussian in the image, and the gradient of its two forms.
 //
 // Kerbl et al. 2023, section 4, equations 5 and 6; the compensation is Mip-Splatting's 2D filter
-// (Yu et al. 2024, equation 9). With A = Jacobian rotation (2 x 3), the form by axes draws P = A R
+// (Yu et al. 2024, equation 9). With A = Jacobian rotation (2 x 3), the form by axes builds P = A R
 // diag(s) and sums the determinant of P P^T as |n|^2, n = p1 x p2 (Lagrange's identity), where the
 // original's a c - b^2 loses all digits for needles.
 #pragma once
@@ -54,7 +54,7 @@ GSFW_FUNCTION Dilated<T> dilate(const Outline<T>& plain, const T& dilation) {
 
 /// The form by axes while it is projected.
 template <class T>
-struct DrawnAxes {
+struct ProjectedAxes {
   /// Rotation of the axes, in the scene.
   Matrix3<T> rotation;
   /// Standard deviations, limited.
@@ -75,31 +75,31 @@ GSFW_FUNCTION Vector3<T> limited(const Vector3<T>& v, const T& most) {
 }
 
 template <class T>
-GSFW_FUNCTION DrawnAxes<T> draw_axes(const Orientation<T>& given, const Vector3<T>& scales,
+GSFW_FUNCTION ProjectedAxes<T> project_axes(const Orientation<T>& given, const Vector3<T>& scales,
                                      const Matrix2x3<T>& image_from_world, const T& length_max) {
-  DrawnAxes<T> drawn;
-  drawn.rotation = rotation_matrix(given.unit);
-  drawn.scales = {minimum(length_max, scales.x), minimum(length_max, scales.y),
+  ProjectedAxes<T> projected;
+  projected.rotation = rotation_matrix(given.unit);
+  projected.scales = {minimum(length_max, scales.x), minimum(length_max, scales.y),
                   minimum(length_max, scales.z)};
-  drawn.directions = image_from_world * drawn.rotation;
-  drawn.free = {product(drawn.directions.x, drawn.scales),
-                product(drawn.directions.y, drawn.scales)};
-  drawn.axes = {limited(drawn.free.x, length_max), limited(drawn.free.y, length_max)};
-  drawn.normal = cross(drawn.axes.x, drawn.axes.y);
-  return drawn;
+  projected.directions = image_from_world * projected.rotation;
+  projected.free = {product(projected.directions.x, projected.scales),
+                product(projected.directions.y, projected.scales)};
+  projected.axes = {limited(projected.free.x, length_max), limited(projected.free.y, length_max)};
+  projected.normal = cross(projected.axes.x, projected.axes.y);
+  return projected;
 }
 
 template <class T>
-GSFW_FUNCTION Outline<T> outline_of(const DrawnAxes<T>& drawn) {
-  const Matrix2x3<T>& p = drawn.axes;
-  return {{dot(p.x, p.x), dot(p.x, p.y), dot(p.y, p.y)}, dot(drawn.normal, drawn.normal)};
+GSFW_FUNCTION Outline<T> outline_of(const ProjectedAxes<T>& projected) {
+  const Matrix2x3<T>& p = projected.axes;
+  return {{dot(p.x, p.x), dot(p.x, p.y), dot(p.y, p.y)}, dot(projected.normal, projected.normal)};
 }
 
 /// P P^T from rotation and scales.
 template <class T>
 GSFW_FUNCTION Outline<T> outline(const Axes<T>& shape, const Matrix2x3<T>& image_from_world,
                                  const Settings<T>& settings) {
-  return outline_of(draw_axes(orientation(shape.rotation, settings.quaternion_min_norm),
+  return outline_of(project_axes(orientation(shape.rotation, settings.quaternion_min_norm),
                               shape.scales, image_from_world, settings.length_max));
 }
 
@@ -159,13 +159,13 @@ struct ShapeGradient {
 /// their second row w (p2 - k p1) is summed as w / xx (n x p1 + dilation p2), which does not
 /// cancel.
 template <class T>
-GSFW_FUNCTION Matrix2x3<T> axes_vjp(const DrawnAxes<T>& drawn, const Outline<T>& plain,
+GSFW_FUNCTION Matrix2x3<T> axes_vjp(const ProjectedAxes<T>& projected, const Outline<T>& plain,
                                     const Settings<T>& settings,
                                     const OutlineGradient<T>& gradient) {
-  const Matrix2x3<T>& p = drawn.axes;
+  const Matrix2x3<T>& p = projected.axes;
   const Dilated<T> dilated = dilate(plain, settings.dilation);
   const Whitening<T> whitening = whiten(dilated.covariance, dilated.determinant);
-  const Vector3<T> across = cross(drawn.normal, p.x);
+  const Vector3<T> across = cross(projected.normal, p.x);
   const Matrix2x3<T> whitened{
       whitening.r * p.x,
       (whitening.w / dilated.covariance.xx) * fma(settings.dilation, p.y, across)};
@@ -176,7 +176,7 @@ GSFW_FUNCTION Matrix2x3<T> axes_vjp(const DrawnAxes<T>& drawn, const Outline<T>&
     // d |n|^2 = 2 (p2 x n) dp1 + 2 (n x p1) dp2, and dilating adds dilation (|p1|^2 + |p2|^2).
     const T by_normal = T(2.0) * (gradient.before + gradient.after);
     const T by_length = T(2.0) * settings.dilation * gradient.after;
-    by_axes.x = by_axes.x + fma(by_normal, cross(p.y, drawn.normal), by_length * p.x);
+    by_axes.x = by_axes.x + fma(by_normal, cross(p.y, projected.normal), by_length * p.x);
     by_axes.y = by_axes.y + fma(by_normal, across, by_length * p.y);
   }
   return by_axes;
@@ -200,22 +200,22 @@ GSFW_FUNCTION ShapeGradient<Axes<T>, T> outline_vjp(const Axes<T>& shape,
                                                     const OutlineGradient<T>& gradient) {
   const T most = settings.length_max, zero(0.0);
   const Orientation<T> given = orientation(shape.rotation, settings.quaternion_min_norm);
-  const DrawnAxes<T> drawn = draw_axes(given, shape.scales, image_from_world, most);
-  const Matrix2x3<T> limited_axes = axes_vjp(drawn, outline_of(drawn), settings, gradient);
-  const Matrix2x3<T> by_axes{limited_vjp(drawn.free.x, limited_axes.x, most),
-                             limited_vjp(drawn.free.y, limited_axes.y, most)};
-  const Matrix2x3<T> by_directions{product(by_axes.x, drawn.scales),
-                                   product(by_axes.y, drawn.scales)};
+  const ProjectedAxes<T> projected = project_axes(given, shape.scales, image_from_world, most);
+  const Matrix2x3<T> limited_axes = axes_vjp(projected, outline_of(projected), settings, gradient);
+  const Matrix2x3<T> by_axes{limited_vjp(projected.free.x, limited_axes.x, most),
+                             limited_vjp(projected.free.y, limited_axes.y, most)};
+  const Matrix2x3<T> by_directions{product(by_axes.x, projected.scales),
+                                   product(by_axes.y, projected.scales)};
   const Vector3<T> by_scales =
-      product(by_axes.x, drawn.directions.x) + product(by_axes.y, drawn.directions.y);
+      product(by_axes.x, projected.directions.x) + product(by_axes.y, projected.directions.y);
   // Turning the axes turns the rows of ``directions`` as it turns those of R.
-  const Vector3<T> torque = cross(by_directions.x, drawn.directions.x) +
-                            cross(by_directions.y, drawn.directions.y);
+  const Vector3<T> torque = cross(by_directions.x, projected.directions.x) +
+                            cross(by_directions.y, projected.directions.y);
   return {{torque_vjp(given, torque),
            {select(shape.scales.x <= most, by_scales.x, zero),
             select(shape.scales.y <= most, by_scales.y, zero),
             select(shape.scales.z <= most, by_scales.z, zero)}},
-          times_transposed(by_directions, drawn.rotation)};
+          times_transposed(by_directions, projected.rotation)};
 }
 
 /// From an ellipse to a covariance: A^T G A with G = dL/dSigma2, whose off-diagonal entries are

@@ -81,7 +81,7 @@ class CpuBackend(KernelBackend):
         """Render one image."""
         module = _native()
         single = outputs.image.dtype == torch.float32
-        kind = module.DrawingFloat32 if single else module.DrawingFloat64
+        kind = module.RenderPassFloat32 if single else module.RenderPassFloat64
         try:
             return CpuForwardPass(kind(inputs, settings, outputs, num_threads()))
         except module.TooManyPairs as refused:
@@ -91,16 +91,16 @@ class CpuBackend(KernelBackend):
 class CpuForwardPass(ForwardPass):
     """A forward pass in native memory."""
 
-    def __init__(self, drawing: Any) -> None:  # noqa: ANN401 - of one type or the other.
-        self._drawing = drawing
+    def __init__(self, rendering: Any) -> None:  # noqa: ANN401 - of one type or the other.
+        self._pass = rendering
 
     def backward(self, gradients: KernelGradients) -> None:
         """Write the gradients of the inputs."""
-        self._drawing.backward(gradients)
+        self._pass.backward(gradients)
 
     def times(self) -> Mapping[str, tuple[float, float]]:
         """Milliseconds of each stage: summed over all threads, and by the wall clock."""
-        return self._drawing.times()
+        return self._pass.times()
 
 
 def _native() -> Any:  # noqa: ANN401

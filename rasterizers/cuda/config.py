@@ -22,7 +22,7 @@ class CudaConfig(RasterizerConfig):
     deterministic: bool = False
     """Sum gradients in a fixed order, so that a run gives the same bits each time; takes memory."""
     time_stages: bool = False
-    """Measure each stage of a image, for which the host waits for the device."""
+    """Measure each stage of an image, for which the host waits for the device."""
 
     def capabilities(self) -> Capabilities:
         """What it can do on this machine, with these settings."""

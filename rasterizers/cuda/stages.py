@@ -30,8 +30,8 @@ TILE = constant("stages.h", "TILE")
 
 TILE_PIXELS = TILE * TILE
 
-BRUSH_CHANNELS = enumerators("stages.h", "BrushField")["BRUSH_CHANNELS"]
-"""Fields of a brush before its channels."""
+SPLAT_CHANNELS = enumerators("stages.h", "SplatField")["SPLAT_CHANNELS"]
+"""Fields of a splat before its channels."""
 
 SUM_CHANNELS = enumerators("stages.h", "SumField")["SUM_CHANNELS"]
 """Sums per splat before those of its channels."""
@@ -158,8 +158,8 @@ class CudaForwardPass(ForwardPass):
 
     def _project(self) -> None:
         means = self._inputs.splats.means
-        n, width = len(means), BRUSH_CHANNELS + self._instances.width
-        self._brushes = means.new_empty(n, _multiple_of_4(width))
+        n, width = len(means), SPLAT_CHANNELS + self._instances.width
+        self._projected = means.new_empty(n, _multiple_of_4(width))
         key = torch.int32 if means.dtype == torch.float32 else torch.int64
         self._depth_keys = means.new_empty(n, dtype=key)
         self._tile_counts = means.new_empty(n, dtype=torch.int32)
@@ -169,8 +169,8 @@ class CudaForwardPass(ForwardPass):
             grid=self._grid,
             level_min=self._settings.level_min,
             bounded=self._settings.alpha_min > 0,
-            stride=self._brushes.shape[1],
-            brushes=address(self._brushes),
+            stride=self._projected.shape[1],
+            projected=address(self._projected),
             depth_keys=address(self._depth_keys),
             tile_counts=address(self._tile_counts),
             visible=address(self._visible),
@@ -238,7 +238,7 @@ class CudaForwardPass(ForwardPass):
             grid=self._grid,
             bounded=self._job.bounded,
             stride=self._job.stride,
-            brushes=self._job.brushes,
+            projected=self._job.projected,
             order=address(order),
             count=len(order),
             tile_counts=address(self._tile_counts),
@@ -283,7 +283,7 @@ class CudaForwardPass(ForwardPass):
             alpha_cap=settings.alpha_cap,
             alpha_limit=settings.alpha_limit,
             transmittance_min=settings.transmittance_min,
-            brushes=self._job.brushes,
+            projected=self._job.projected,
             stride=self._job.stride,
             channels=self._channels,
             bounded=self._job.bounded,

@@ -57,7 +57,7 @@ class Volume(Mode):
     samples: int = 64
     """Per ray."""
     seed: int | None = None
-    """Of random samples, one in each interval and the same whenever a image is rendered; ``None``
+    """Of random samples, one in each interval and the same whenever an image is rendered; ``None``
     for the middles."""
 
     def pairs(self) -> int:

@@ -93,10 +93,10 @@ def verb(arguments):
         ("strategy", verb, "does not derive from StrategyConfig"),
         ("callback", Plain, "does not derive from CallbackConfig or Callback"),
         ("strategy", Forgotten, "Forgotten is no dataclass, so share is no setting: write"),
-        ("strategy", WithoutDefault, "setting share of WithoutDefault has no default"),
+        ("sampler", WithoutDefault, "setting share of WithoutDefault has no default"),
         ("strategy", OddType, "the settings of OddType cannot be read: TypeError: settings of"),
         ("strategy", Failing, "the settings of Failing cannot be read: ZeroDivisionError"),
-        ("strategy", Abstract, "Abstract lacks build"),
+        ("strategy", Abstract, "Abstract lacks refiners"),
         (
             "sampler",
             OldBuild,

@@ -1,6 +1,6 @@
-"""Ellipses: random brushes for tests of binning, and what each pixel and rectangle sees of them.
+"""Ellipses: random projected for tests of binning, and what each pixel and rectangle sees of them.
 
-All of it is numpy in float64; brushes are those of kernels/cuda/sources/stages.h.
+All of it is numpy in float64; projected are those of kernels/cuda/sources/stages.h.
 """
 
 import math
@@ -38,10 +38,10 @@ LENGTHS = {
 
 @dataclass
 class Scene:
-    """Brushes and the image that they are drawn in."""
+    """Brushes and the image that they are rendered in."""
 
     grid: Grid
-    brushes: Tensor
+    projected: Tensor
     """[n, STRIDE]; NaN where not visible."""
     visible: Tensor
     """uint8 [n]"""
@@ -59,7 +59,7 @@ class Scene:
         return shuffled[(1 - self.visible)[shuffled].argsort(stable=True)]
 
 
-def brushes_of(mean: Array, covariance: Array, opacity: Array) -> Array:
+def splats_of(mean: Array, covariance: Array, opacity: Array) -> Array:
     """Brushes [n, STRIDE] as project.cu makes them.
 
     Means [n, 2] in pixels; covariances [n, 3] (xx, xy, yy), dilated; opacities [n].
@@ -69,18 +69,18 @@ def brushes_of(mean: Array, covariance: Array, opacity: Array) -> Array:
     level = np.log2(opacity)
     reach = 2 * math.log(2) * np.maximum(0, level - LEVEL_MIN)
     scale = math.sqrt(math.log2(math.e) / 2)
-    brushes = np.zeros((len(mean), STRIDE))
-    brushes[:, X], brushes[:, Y] = mean.T
-    brushes[:, R] = scale / np.sqrt(xx)
-    brushes[:, W] = scale * np.sqrt(xx / determinant)
-    brushes[:, WK] = -brushes[:, W] * xy / xx
-    brushes[:, LEVEL] = level
-    brushes[:, TILT] = xy / yy
-    brushes[:, TURN] = xy * np.sqrt(reach / xx)
-    brushes[:, NARROW] = np.sqrt(reach * determinant / yy)
-    brushes[:, HEIGHT] = np.sqrt(reach * yy)
-    brushes[:, WIDTH] = np.sqrt(reach * xx)
-    return brushes
+    projected = np.zeros((len(mean), STRIDE))
+    projected[:, X], projected[:, Y] = mean.T
+    projected[:, R] = scale / np.sqrt(xx)
+    projected[:, W] = scale * np.sqrt(xx / determinant)
+    projected[:, WK] = -projected[:, W] * xy / xx
+    projected[:, LEVEL] = level
+    projected[:, TILT] = xy / yy
+    projected[:, TURN] = xy * np.sqrt(reach / xx)
+    projected[:, NARROW] = np.sqrt(reach * determinant / yy)
+    projected[:, HEIGHT] = np.sqrt(reach * yy)
+    projected[:, WIDTH] = np.sqrt(reach * xx)
+    return projected
 
 
 def random_covariances(random: np.random.Generator, kind: str, count: int) -> Array:
@@ -109,50 +109,50 @@ def random_scene(
     opacity = random.uniform(0.001, 1, count)
     if kind == "faint":
         opacity = ALPHA_MIN * (1 + random.choice([0, 1e-6, 1e-3, 0.1], count))
-    brushes = brushes_of(mean, random_covariances(random, kind, count), opacity)
-    extent = brushes[:, [WIDTH, HEIGHT]]
+    projected = splats_of(mean, random_covariances(random, kind, count), opacity)
+    extent = projected[:, [WIDTH, HEIGHT]]
     visible = ((mean + extent > 0) & (mean - extent < size)).all(1) & (opacity >= ALPHA_MIN)
     visible &= random.uniform(size=count) > 0.1
-    brushes[~visible] = math.nan
+    projected[~visible] = math.nan
     grid = Grid(*size, -(-size[0] // TILE), -(-size[1] // TILE))
     seen = torch.from_numpy(visible.astype(np.uint8))
-    return Scene(grid, torch.from_numpy(brushes).to(dtype), seen)
+    return Scene(grid, torch.from_numpy(projected).to(dtype), seen)
 
 
-def exponents(brush: Array, x: Array, y: Array) -> Array:
-    """log2 of the alpha of a brush at positions in pixels, as the blend has it."""
-    across, down = x - brush[X], y - brush[Y]
-    return brush[LEVEL] - (brush[R] * across) ** 2 - (brush[W] * down + brush[WK] * across) ** 2
+def exponents(splat: Array, x: Array, y: Array) -> Array:
+    """log2 of the alpha of a splat at positions in pixels, as the blend has it."""
+    across, down = x - splat[X], y - splat[Y]
+    return splat[LEVEL] - (splat[R] * across) ** 2 - (splat[W] * down + splat[WK] * across) ** 2
 
 
-def drawn_subtiles(grid: Grid, brush: Array) -> Integers:
+def drawn_subtiles(grid: Grid, splat: Array) -> Integers:
     """[tiles]: bits of the subtiles in which a pixel reaches the least alpha."""
     x, y = np.meshgrid(np.arange(grid.width), np.arange(grid.height))
-    drawn = exponents(brush, x + 0.5, y + 0.5) >= LEVEL_MIN + ROUNDING
+    rendered = exponents(splat, x + 0.5, y + 0.5) >= LEVEL_MIN + ROUNDING
     bits = np.zeros(grid.columns * grid.rows, dtype=np.int64)
     tile = y // TILE * grid.columns + x // TILE
     subtile = y % TILE // SUBTILE_HEIGHT * 2 + x % TILE // SUBTILE_WIDTH
-    np.bitwise_or.at(bits, tile[drawn], 1 << subtile[drawn])
+    np.bitwise_or.at(bits, tile[rendered], 1 << subtile[rendered])
     return bits
 
 
-def highest_exponents(brush: Array, low: Array, high: Array) -> Array:
+def highest_exponents(splat: Array, low: Array, high: Array) -> Array:
     """[m]: the largest exponent within rectangles from ``low`` to ``high`` ([m, 2], pixels)."""
-    a = brush[R] ** 2 + brush[WK] ** 2
-    b, c = brush[W] * brush[WK], brush[W] ** 2
-    center = brush[[X, Y]]
+    a = splat[R] ** 2 + splat[WK] ** 2
+    b, c = splat[W] * splat[WK], splat[W] ** 2
+    center = splat[[X, Y]]
     best = np.full(len(low), -np.inf)
     for edge in (low, high):
         across, down = (edge - center).T
         y = np.clip(center[1] - b * across / c, low[:, 1], high[:, 1])
         x = np.clip(center[0] - b * down / a, low[:, 0], high[:, 0])
-        best = np.maximum(best, exponents(brush, edge[:, 0], y))
-        best = np.maximum(best, exponents(brush, x, edge[:, 1]))
+        best = np.maximum(best, exponents(splat, edge[:, 0], y))
+        best = np.maximum(best, exponents(splat, x, edge[:, 1]))
     within = ((low <= center) & (center <= high)).all(1)
-    return np.where(within, brush[LEVEL], best)
+    return np.where(within, splat[LEVEL], best)
 
 
-def reached(grid: Grid, brush: Array, size: tuple[int, int]) -> NDArray[np.bool_]:
+def reached(grid: Grid, splat: Array, size: tuple[int, int]) -> NDArray[np.bool_]:
     """[tiles, rectangles of a tile]: which rectangles of ``size`` pixels an ellipse may meet.
 
     It does if it comes closer to their pixel centres than the slack of reach.h.
@@ -162,8 +162,8 @@ def reached(grid: Grid, brush: Array, size: tuple[int, int]) -> NDArray[np.bool_
     part = np.arange(across * (TILE // size[1]))
     left = tile % grid.columns * TILE + part % across * size[0]
     top = tile // grid.columns * TILE + part // across * size[1]
-    slack = 2e-3 + 2e-5 * brush[[WIDTH, HEIGHT]]
+    slack = 2e-3 + 2e-5 * splat[[WIDTH, HEIGHT]]
     low = np.stack([left, top], axis=-1).reshape(-1, 2) + 0.5
     high = low + np.array(size) - 1
-    best = highest_exponents(brush, low - slack, high + slack)
+    best = highest_exponents(splat, low - slack, high + slack)
     return (best >= LEVEL_MIN - ROUNDING).reshape(left.shape)

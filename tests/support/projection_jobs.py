@@ -13,7 +13,7 @@ from gsfw.core.splats import Sh, Splats
 from gsfw.kernels.cuda import jobs
 from gsfw.kernels.cuda.launcher import Kernel, address
 from gsfw.kernels.render_arguments import POSE_FIELDS, KernelSettings
-from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS, PROJECT_THREADS, TILE
+from gsfw.rasterizers.cuda.stages import PROJECT_THREADS, SPLAT_CHANNELS, TILE
 from gsfw.rasterizers.kernel_arguments import PairLimit, render_call
 from gsfw.rasterizers.reference.project import Ellipses, project, view_colors, visible_extents
 from support.random_scenes import Kind
@@ -86,7 +86,7 @@ class Projection:
     """Of the kernels' templates."""
     tensors: dict[str, Tensor | None]
     """Those of the job, rows of colours flat."""
-    brushes: Tensor
+    projected: Tensor
     depth_keys: Tensor
     tile_counts: Tensor
     visible: Tensor
@@ -135,7 +135,7 @@ def projection_of(splats: Splats, cameras: Cameras, settings: RenderSettings) ->
         "world_to_camera": cameras.world_to_camera[0].detach().contiguous(),
         "intrinsics": cameras.intrinsics[0].detach().contiguous(),
     }
-    stride = -(-(BRUSH_CHANNELS + channels) // 4) * 4
+    stride = -(-(SPLAT_CHANNELS + channels) // 4) * 4
     name = NAMES[like.dtype]
     shape = "Axes" if splats.covariances is None else "Symmetric3"
     ragged = "false" if named["offsets"] is None else "true"
@@ -143,7 +143,7 @@ def projection_of(splats: Splats, cameras: Cameras, settings: RenderSettings) ->
     projection = Projection(
         arguments=f"{name}, {shape}<{name}>, {numbers.sh_degree}, {ragged}",
         tensors=tensors,
-        brushes=torch.full((n, stride), torch.nan, dtype=like.dtype),
+        projected=torch.full((n, stride), torch.nan, dtype=like.dtype),
         depth_keys=torch.full((n,), 7, dtype=wide),
         tile_counts=torch.full((n,), -7, dtype=torch.int32),
         visible=torch.full((n,), 7, dtype=torch.uint8),
@@ -184,8 +184,8 @@ def _job(projection: Projection, cameras: Cameras, numbers: KernelSettings) -> j
         grid=jobs.Grid(cameras.width, cameras.height, columns, rows),
         level_min=numbers.level_min,
         bounded=numbers.alpha_min > 0,
-        stride=projection.brushes.shape[1],
-        brushes=address(projection.brushes),
+        stride=projection.projected.shape[1],
+        projected=address(projection.projected),
         depth_keys=address(projection.depth_keys),
         tile_counts=address(projection.tile_counts),
         visible=address(projection.visible),
@@ -248,7 +248,7 @@ class Expected:
     ellipses: Ellipses
     extents: Tensor
     channels: Tensor
-    """[m, d]: all that is drawn."""
+    """[m, d]: all that is rendered."""
     leaves: dict[str, Tensor]
     """What it can be differentiated by, in the shapes of ``Splats``."""
 

@@ -26,7 +26,7 @@ double exponential_gexp() { return GSFW_CHOOSE(measured_exponential_gexp)(LIMIT_
 }  // namespace gsfw
 
 NB_MODULE(_native, module) {
-  // A picture that is alive when the interpreter ends is no leak of ours.
+  // An image that is alive when the interpreter ends is no leak of ours.
   nanobind::set_leak_warnings(false);
   module.def("instruction_sets", &gsfw::instruction_sets,
              "Instruction sets this machine can run, the best first; \"scalar\" is the last.");
@@ -39,6 +39,6 @@ NB_MODULE(_native, module) {
              "Multiply-adds of one thread with the set in use, in 10^9 operations per second.");
   module.def("exponential_gexp", &gsfw::exponential_gexp,
              "Powers of two of one thread with the set in use, in 10^9 per second.");
-  gsfw::bind_drawing(module);
+  gsfw::bind_render(module);
   gsfw::bind_step(module);
 }

@@ -5,7 +5,7 @@
 
 namespace gsfw {
 
-void bind_drawing(nanobind::module_& module);
+void bind_render(nanobind::module_& module);
 void bind_step(nanobind::module_& module);
 
 }  // namespace gsfw

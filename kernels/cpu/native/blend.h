@@ -1,6 +1,6 @@
-// Blend: paint the splats of one tile over one another, from front to back.
+// Blend: alpha-composite the splats of one tile, from front to back.
 //
-// Kerbl et al. 2023, equation 3. A tile is painted block by block: the sixteen pixels of a block
+// Kerbl et al. 2023, equation 3. A tile is blended block by block: the sixteen pixels of a block
 // are the lanes of a pack, whose transmittance and colour stay in registers while the block's own
 // list of splats runs past. Backward sees alpha through the same function, so both agree bit for
 // bit.
@@ -39,11 +39,11 @@ struct PixelTables {
 };
 
 /// A chunk of a tile's entries, copied next to one another, with centres folded into u and v:
-/// field BRUSH_X holds u and BRUSH_Y holds v at the middle of the tile.
+/// field SPLAT_X holds u and SPLAT_Y holds v at the middle of the tile.
 template <typename T>
 struct Chunk {
-  /// [CHUNK + 1, stride]; the last one in use paints nothing.
-  T* brushes;
+  /// [CHUNK + 1, stride]; the last one in use blends nothing.
+  T* projected;
   /// [CHUNK + 16]
   uint32_t* blocks;
   /// [BLOCKS, LIST]
@@ -76,19 +76,19 @@ GSFW_FUNCTION void load_chunk(const BlendJob<T>& job, const TilePlace& place, co
   constexpr int AHEAD = 24;
   for (int i = 0; i < count; ++i) {
     if (i + AHEAD < count) {
-      __builtin_prefetch(job.brushes + int64_t(entries[i + AHEAD].row) * stride);
+      __builtin_prefetch(job.projected + int64_t(entries[i + AHEAD].row) * stride);
     }
-    const T* from = job.brushes + int64_t(entries[i].row) * stride;
-    T* to = chunk.brushes + i * stride;
+    const T* from = job.projected + int64_t(entries[i].row) * stride;
+    T* to = chunk.projected + i * stride;
     for (int k = 0; k < stride; k += LANES) store(to + k, load(from + k));
-    const T x = from[BRUSH_X] - middle_x, y = from[BRUSH_Y] - middle_y;
-    to[BRUSH_X] = -from[BRUSH_R] * x;
-    to[BRUSH_Y] = -(from[BRUSH_W] * y + from[BRUSH_WK] * x);
+    const T x = from[SPLAT_X] - middle_x, y = from[SPLAT_Y] - middle_y;
+    to[SPLAT_X] = -from[SPLAT_R] * x;
+    to[SPLAT_Y] = -(from[SPLAT_W] * y + from[SPLAT_WK] * x);
     chunk.blocks[i] = entries[i].blocks;
   }
-  T* nothing = chunk.brushes + count * stride;
+  T* nothing = chunk.projected + count * stride;
   for (int k = 0; k < stride; ++k) nothing[k] = T(0);
-  nothing[BRUSH_LEVEL] = T(-1000);
+  nothing[SPLAT_LEVEL] = T(-1000);
   chunk.count = count;
   split_by_bit(chunk.blocks, count, chunk.lists, LIST, chunk.lengths);
   for (int b = 0; b < BLOCKS; ++b) {
@@ -103,34 +103,34 @@ struct Whitened {
 };
 
 template <typename T>
-GSFW_FUNCTION Whitened<T> whitened(const T* brush, const Pack<T>& x, const Pack<T>& y) {
-  return {fma(Pack<T>(brush[BRUSH_R]), x, Pack<T>(brush[BRUSH_X])),
-          fma(Pack<T>(brush[BRUSH_W]), y,
-              fma(Pack<T>(brush[BRUSH_WK]), x, Pack<T>(brush[BRUSH_Y])))};
+GSFW_FUNCTION Whitened<T> whitened(const T* splat, const Pack<T>& x, const Pack<T>& y) {
+  return {fma(Pack<T>(splat[SPLAT_R]), x, Pack<T>(splat[SPLAT_X])),
+          fma(Pack<T>(splat[SPLAT_W]), y,
+              fma(Pack<T>(splat[SPLAT_WK]), x, Pack<T>(splat[SPLAT_Y])))};
 }
 
 /// Alpha of one splat at a block's pixels, 0 where it is skipped.
 template <typename T>
-GSFW_FUNCTION Pack<T> alpha_of(const T* brush, const Pack<T>& x, const Pack<T>& y,
+GSFW_FUNCTION Pack<T> alpha_of(const T* splat, const Pack<T>& x, const Pack<T>& y,
                                const CutOffs<T>& cut) {
-  const Whitened<T> at = whitened(brush, x, y);
+  const Whitened<T> at = whitened(splat, x, y);
   const Pack<T> level =
-      fma_negated(at.v, at.v, fma_negated(at.u, at.u, Pack<T>(brush[BRUSH_LEVEL])));
-  const LaneMask<T> drawn = level >= Pack<T>(cut.level_min);
-  return keep(drawn, minimum(power_of_two(level), Pack<T>(cut.alpha_cap)));
+      fma_negated(at.v, at.v, fma_negated(at.u, at.u, Pack<T>(splat[SPLAT_LEVEL])));
+  const LaneMask<T> rendered = level >= Pack<T>(cut.level_min);
+  return keep(rendered, minimum(power_of_two(level), Pack<T>(cut.alpha_cap)));
 }
 
-/// The state of a tile while it is painted, each plane block after block.
+/// The state of a tile while it is blended, each plane block after block.
 template <typename T>
 struct TileState {
-  /// [PIXELS]: transmittance, as if painting never stopped; 0 outside the image.
+  /// [PIXELS]: transmittance, as if blending never stopped; 0 outside the image.
   T* transmittance;
-  /// [PIXELS]: transmittance behind the last splat that was drawn.
+  /// [PIXELS]: transmittance behind the last splat that was rendered.
   T* left;
   /// [PIXELS]: what each pixel counts in the contributions; unset unless these are measured.
   T* pixel_weights;
   /// [BLOCKS, channels, LANES]
-  T* painted;
+  T* blended;
 };
 
 /// Fetch what the pixels of a tile count in the contributions, 0 outside the image.
@@ -152,16 +152,16 @@ GSFW_FUNCTION void start_tile(const TilePlace& place, const TileState<T>& state,
     for (int x = 0; x < place.width; ++x) state.transmittance[block_position(x, y)] = T(1);
   }
   for (int i = 0; i < PIXELS; ++i) state.left[i] = T(1);
-  for (int i = 0; i < PIXELS * channels; ++i) state.painted[i] = T(0);
+  for (int i = 0; i < PIXELS * channels; ++i) state.blended[i] = T(0);
 }
 
-/// Paint one block with one chunk.
+/// Blend one block with one chunk.
 ///
 /// ``CHANNELS`` is 0 where their number is known at run time only. ``sums`` gathers each splat's
 /// weights, times those of the pixels, lane by lane, when ``MEASURE``. Returns whether any pixel
 /// still sees through.
 template <typename T, int CHANNELS, bool MEASURE>
-GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, int b,
+GSFW_FUNCTION bool blend_block(const BlendJob<T>& job, const Chunk<T>& chunk, int b,
                                const TileState<T>& state, T* sums) {
   const int channels = CHANNELS ? CHANNELS : job.channels;
   const CutOffs<T> cut = job.cut_offs;
@@ -171,31 +171,31 @@ GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
   Pack<T> transmittance = load(state.transmittance + b * LANES);
   if (!any(transmittance > stop)) return false;
   Pack<T> left = load(state.left + b * LANES);
-  T* painted = state.painted + b * channels * LANES;
+  T* blended = state.blended + b * channels * LANES;
   Pack<T> color[CHANNELS ? CHANNELS : 1];
-  for (int c = 0; c < CHANNELS; ++c) color[c] = load(painted + c * LANES);
+  for (int c = 0; c < CHANNELS; ++c) color[c] = load(blended + c * LANES);
   const uint16_t* list = chunk.lists + b * LIST;
   const int length = chunk.lengths[b];
   bool open = true;
   for (int k = 0; k < length && open; k += UNROLL) {
     Pack<T> alpha[UNROLL];
-    const T* brush[UNROLL];
+    const T* splat[UNROLL];
     for (int j = 0; j < UNROLL; ++j) {
-      brush[j] = chunk.brushes + list[k + j] * job.stride;
-      alpha[j] = alpha_of(brush[j], x, y, cut);
+      splat[j] = chunk.projected + list[k + j] * job.stride;
+      alpha[j] = alpha_of(splat[j], x, y, cut);
     }
     for (int j = 0; j < UNROLL; ++j) {
       Pack<T> weight = alpha[j] * transmittance;
       transmittance = transmittance * (one - alpha[j]);
-      const LaneMask<T> drawn = transmittance > stop;
-      weight = keep(drawn, weight);
-      left = select(drawn, transmittance, left);
+      const LaneMask<T> rendered = transmittance > stop;
+      weight = keep(rendered, weight);
+      left = select(rendered, transmittance, left);
       for (int c = 0; c < CHANNELS; ++c) {
-        color[c] = fma(weight, Pack<T>(brush[j][BRUSH_CHANNELS + c]), color[c]);
+        color[c] = fma(weight, Pack<T>(splat[j][SPLAT_CHANNELS + c]), color[c]);
       }
       for (int c = 0; CHANNELS == 0 && c < channels; ++c) {
-        T* plane = painted + c * LANES;
-        store(plane, fma(weight, Pack<T>(brush[j][BRUSH_CHANNELS + c]), load(plane)));
+        T* plane = blended + c * LANES;
+        store(plane, fma(weight, Pack<T>(splat[j][SPLAT_CHANNELS + c]), load(plane)));
       }
       if (MEASURE) {
         T* at = sums + list[k + j] * LANES;
@@ -206,7 +206,7 @@ GSFW_FUNCTION bool paint_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
   }
   store(state.transmittance + b * LANES, transmittance);
   store(state.left + b * LANES, left);
-  for (int c = 0; c < CHANNELS; ++c) store(painted + c * LANES, color[c]);
+  for (int c = 0; c < CHANNELS; ++c) store(blended + c * LANES, color[c]);
   return open;
 }
 
@@ -220,9 +220,9 @@ GSFW_FUNCTION void finish_tile(const BlendJob<T>& job, const TilePlace& place,
       const int at = block_position(x, y);
       const T left = state.left[at];
       job.alpha[row + x] = T(1) - left;
-      const T* painted = state.painted + at / LANES * channels * LANES + at % LANES;
+      const T* blended = state.blended + at / LANES * channels * LANES + at % LANES;
       T* to = job.image + (row + x) * channels;
-      for (int c = 0; c < channels; ++c) to[c] = painted[c * LANES] + left * job.background[c];
+      for (int c = 0; c < channels; ++c) to[c] = blended[c * LANES] + left * job.background[c];
     }
   }
 }
@@ -237,7 +237,7 @@ GSFW_FUNCTION int64_t blend_scratch(int stride, int channels) {
 
 template <typename T>
 GSFW_FUNCTION T* take_chunk(T* scratch, int stride, Chunk<T>& chunk) {
-  chunk.brushes = scratch;
+  chunk.projected = scratch;
   scratch += (CHUNK + 1) * stride;
   chunk.blocks = reinterpret_cast<uint32_t*>(scratch);
   chunk.lists = reinterpret_cast<uint16_t*>(chunk.blocks + CHUNK + LANES);
@@ -251,11 +251,11 @@ void blend_tile(const BlendJob<T>& job, int tile, T* scratch) {
   Chunk<T> chunk;
   scratch = take_chunk(scratch, job.stride, chunk);
   TileState<T> state = {scratch, scratch + PIXELS, scratch + 2 * PIXELS, scratch + 3 * PIXELS};
-  T* sums = state.painted + PIXELS * job.channels;
+  T* sums = state.blended + PIXELS * job.channels;
   start_tile(place, state, job.channels);
   if (MEASURE) load_pixel_weights(job, place, state.pixel_weights);
   const int64_t end = job.tile_starts[tile + 1];
-  int32_t drawn = 0;
+  int32_t rendered = 0;
   bool open = true;
   for (int64_t first = job.tile_starts[tile]; first < end; first += CHUNK) {
     const int count = int(end - first < CHUNK ? end - first : CHUNK);
@@ -263,24 +263,24 @@ void blend_tile(const BlendJob<T>& job, int tile, T* scratch) {
       for (int i = 0; i < count; ++i) job.contribution[job.entries[first + i].slot] = T(0);
     }
     if (!open) continue;
-    T* checkpoint = job.checkpoints + (job.chunk_starts[tile] + drawn) * PIXELS;
+    T* checkpoint = job.checkpoints + (job.chunk_starts[tile] + rendered) * PIXELS;
     memcpy(checkpoint, state.transmittance, PIXELS * sizeof(T));
     load_chunk(job, place, job.entries + first, count, chunk);
     for (int i = 0; MEASURE && i < count * LANES; ++i) sums[i] = T(0);
     open = false;
     for (int b = 0; b < BLOCKS; ++b) {
-      open |= paint_block<T, CHANNELS, MEASURE>(job, chunk, b, state, sums);
+      open |= blend_block<T, CHANNELS, MEASURE>(job, chunk, b, state, sums);
     }
     for (int i = 0; MEASURE && i < count; ++i) {
       job.contribution[job.entries[first + i].slot] = sum(load(sums + i * LANES));
     }
-    ++drawn;
+    ++rendered;
   }
-  job.chunks_drawn[tile] = drawn;
+  job.chunks_blended[tile] = rendered;
   finish_tile(job, place, state);
 }
 
-/// Paint tile number ``tile``; ``scratch`` is as long as ``blend_scratch`` says.
+/// Blend tile number ``tile``; ``scratch`` is as long as ``blend_scratch`` says.
 template <typename T>
 void blend(const BlendJob<T>& job, int tile, T* scratch) {
   const bool measure = job.contribution != nullptr;

@@ -20,14 +20,14 @@ template <typename T>
 struct BackwardState {
   /// [PIXELS]: B.
   T* behind;
-  /// [BLOCKS, channels, LANES]: gradient of the painted channels.
+  /// [BLOCKS, channels, LANES]: gradient of the blended channels.
   T* image;
   /// [CHUNK * BLOCKS, LANES] each, block after block: what the replay found.
   T* alphas;
   T* weights;
-  /// Where each block's part of these begins, and how much of it was drawn.
+  /// Where each block's part of these begins, and how much of it was rendered.
   int starts[BLOCKS];
-  int drawn[BLOCKS];
+  int rendered[BLOCKS];
 };
 
 template <typename T>
@@ -53,7 +53,7 @@ GSFW_FUNCTION void start_tile_backward(const BlendBackwardJob<T>& job, const Til
   }
 }
 
-/// Get alphas and weights of one block back; returns how many of its list were drawn.
+/// Get alphas and weights of one block back; returns how many of its list were rendered.
 template <typename T>
 GSFW_FUNCTION int replay_block(const BlendJob<T>& job, const Chunk<T>& chunk, int b,
                                const T* checkpoint, T* alphas, T* weights) {
@@ -68,14 +68,14 @@ GSFW_FUNCTION int replay_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
   for (bool open = true; k < length && open; k += UNROLL) {
     Pack<T> alpha[UNROLL];
     for (int j = 0; j < UNROLL; ++j) {
-      alpha[j] = alpha_of(chunk.brushes + list[k + j] * job.stride, x, y, cut);
+      alpha[j] = alpha_of(chunk.projected + list[k + j] * job.stride, x, y, cut);
     }
     for (int j = 0; j < UNROLL; ++j) {
       const Pack<T> weight = alpha[j] * transmittance;
       transmittance = transmittance * (one - alpha[j]);
-      const LaneMask<T> drawn = transmittance > stop;
-      store(alphas + (k + j) * LANES, keep(drawn, alpha[j]));
-      store(weights + (k + j) * LANES, keep(drawn, weight));
+      const LaneMask<T> rendered = transmittance > stop;
+      store(alphas + (k + j) * LANES, keep(rendered, alpha[j]));
+      store(weights + (k + j) * LANES, keep(rendered, weight));
     }
     open = any(transmittance > stop);
   }
@@ -92,13 +92,13 @@ struct Sums {
 
 /// Take one splat at one block: adds to ``sums`` and moves ``behind`` in front of the splat.
 template <typename T, int CHANNELS, bool ABSOLUTE>
-GSFW_FUNCTION void unpaint_block(const BlendBackwardJob<T>& job, const T* brush, int b,
+GSFW_FUNCTION void backward_block(const BlendBackwardJob<T>& job, const T* splat, int b,
                                  const Pack<T>& alpha, const Pack<T>& weight,
                                  const BackwardState<T>& state, Sums<T, CHANNELS>& sums,
                                  T* channel_sums) {
   const int channels = CHANNELS ? CHANNELS : job.forward.channels;
   const T* image = state.image + b * channels * LANES;
-  const T* color = brush + BRUSH_CHANNELS;
+  const T* color = splat + SPLAT_CHANNELS;
   Pack<T> pull = Pack<T>(color[0]) * load(image);
   for (int c = 1; c < channels; ++c) pull = fma(Pack<T>(color[c]), load(image + c * LANES), pull);
   const Pack<T> behind = load(state.behind + b * LANES);
@@ -113,7 +113,7 @@ GSFW_FUNCTION void unpaint_block(const BlendBackwardJob<T>& job, const T* brush,
     store(at, fma(weight, load(image + c * LANES), load(at)));
   }
   const Whitened<T> at =
-      whitened(brush, load(PixelTables<T>::pixels.x[b]), load(PixelTables<T>::pixels.y[b]));
+      whitened(splat, load(PixelTables<T>::pixels.x[b]), load(PixelTables<T>::pixels.y[b]));
   const Pack<T> gu = g * at.u, gv = g * at.v;
   sums.shape[SLOT_G] = sums.shape[SLOT_G] + g;
   sums.shape[SLOT_U] = sums.shape[SLOT_U] + gu;
@@ -122,9 +122,9 @@ GSFW_FUNCTION void unpaint_block(const BlendBackwardJob<T>& job, const T* brush,
   sums.shape[SLOT_UV] = fma(gu, at.v, sums.shape[SLOT_UV]);
   sums.shape[SLOT_VV] = fma(gv, at.v, sums.shape[SLOT_VV]);
   if (ABSOLUTE) {
-    const Pack<T> across = fma(Pack<T>(brush[BRUSH_R]), gu, Pack<T>(brush[BRUSH_WK]) * gv);
+    const Pack<T> across = fma(Pack<T>(splat[SPLAT_R]), gu, Pack<T>(splat[SPLAT_WK]) * gv);
     sums.magnitude[0] = sums.magnitude[0] + absolute(across);
-    sums.magnitude[1] = sums.magnitude[1] + absolute(Pack<T>(brush[BRUSH_W]) * gv);
+    sums.magnitude[1] = sums.magnitude[1] + absolute(Pack<T>(splat[SPLAT_W]) * gv);
   }
 }
 
@@ -150,7 +150,7 @@ GSFW_FUNCTION void write_slot(const Sums<T, CHANNELS>& sums, const T* channel_su
   }
 }
 
-/// Replay all blocks of a chunk; afterwards ``chunk.blocks`` has only the bits that were drawn.
+/// Replay all blocks of a chunk; afterwards ``chunk.blocks`` has only the bits that were rendered.
 template <typename T>
 GSFW_FUNCTION void replay_chunk(const BlendJob<T>& job, Chunk<T>& chunk, const T* checkpoint,
                                 BackwardState<T>& state) {
@@ -159,22 +159,22 @@ GSFW_FUNCTION void replay_chunk(const BlendJob<T>& job, Chunk<T>& chunk, const T
     state.starts[b] = start;
     T* alphas = state.alphas + int64_t(start) * LANES;
     T* weights = state.weights + int64_t(start) * LANES;
-    state.drawn[b] = replay_block(job, chunk, b, checkpoint, alphas, weights);
+    state.rendered[b] = replay_block(job, chunk, b, checkpoint, alphas, weights);
     const uint16_t* list = chunk.lists + b * LIST;
-    for (int k = state.drawn[b]; k < chunk.lengths[b]; ++k) chunk.blocks[list[k]] &= ~(1u << b);
-    start += state.drawn[b] + UNROLL;
+    for (int k = state.rendered[b]; k < chunk.lengths[b]; ++k) chunk.blocks[list[k]] &= ~(1u << b);
+    start += state.rendered[b] + UNROLL;
   }
 }
 
 template <typename T, int CHANNELS, bool ABSOLUTE>
-GSFW_FUNCTION void unpaint_chunk(const BlendBackwardJob<T>& job, const Chunk<T>& chunk,
+GSFW_FUNCTION void backward_chunk(const BlendBackwardJob<T>& job, const Chunk<T>& chunk,
                                  const Entry* entries, BackwardState<T>& state, T* channel_sums) {
   const int channels = CHANNELS ? CHANNELS : job.forward.channels;
   const Pack<T> zero(T(0));
   int next[BLOCKS];
-  for (int b = 0; b < BLOCKS; ++b) next[b] = state.starts[b] + state.drawn[b];
+  for (int b = 0; b < BLOCKS; ++b) next[b] = state.starts[b] + state.rendered[b];
   for (int i = chunk.count - 1; i >= 0; --i) {
-    const T* brush = chunk.brushes + i * job.forward.stride;
+    const T* splat = chunk.projected + i * job.forward.stride;
     Sums<T, CHANNELS> sums;
     for (int k = 0; k < SLOT_CHANNELS; ++k) sums.shape[k] = zero;
     for (int c = 0; c < CHANNELS; ++c) sums.channel[c] = zero;
@@ -183,7 +183,7 @@ GSFW_FUNCTION void unpaint_chunk(const BlendBackwardJob<T>& job, const Chunk<T>&
     for (uint32_t rest = chunk.blocks[i]; rest; rest &= rest - 1) {
       const int b = __builtin_ctz(rest);
       const int64_t at = int64_t(--next[b]) * LANES;
-      unpaint_block<T, CHANNELS, ABSOLUTE>(job, brush, b, load(state.alphas + at),
+      backward_block<T, CHANNELS, ABSOLUTE>(job, splat, b, load(state.alphas + at),
                                            load(state.weights + at), state, sums, channel_sums);
     }
     write_slot<T, CHANNELS, ABSOLUTE>(sums, channel_sums, channels,
@@ -212,19 +212,19 @@ void blend_tile_backward(const BlendBackwardJob<T>& job, int tile, T* scratch) {
   state.weights = state.alphas + REPLAYED;
   T* channel_sums = state.weights + REPLAYED;
   const int64_t start = forward.tile_starts[tile], end = forward.tile_starts[tile + 1];
-  const int64_t drawn = forward.chunks_drawn[tile];
-  for (int64_t at = start + drawn * CHUNK; at < end; ++at) {
+  const int64_t rendered = forward.chunks_blended[tile];
+  for (int64_t at = start + rendered * CHUNK; at < end; ++at) {
     T* slot = job.slots + int64_t(forward.entries[at].slot) * job.slot_stride;
     for (int k = 0; k < job.slot_stride; ++k) slot[k] = T(0);
   }
-  if (drawn > 0) start_tile_backward(job, place, state);
-  for (int64_t c = drawn - 1; c >= 0; --c) {
+  if (rendered > 0) start_tile_backward(job, place, state);
+  for (int64_t c = rendered - 1; c >= 0; --c) {
     const int64_t first = start + c * CHUNK;
     const Entry* entries = forward.entries + first;
     load_chunk(forward, place, entries, int(end - first < CHUNK ? end - first : CHUNK), chunk);
     const T* checkpoint = forward.checkpoints + (forward.chunk_starts[tile] + c) * PIXELS;
     replay_chunk(forward, chunk, checkpoint, state);
-    unpaint_chunk<T, CHANNELS, ABSOLUTE>(job, chunk, entries, state, channel_sums);
+    backward_chunk<T, CHANNELS, ABSOLUTE>(job, chunk, entries, state, channel_sums);
   }
 }
 

@@ -1,4 +1,4 @@
-// Memory that is kept from one picture to the next: fresh pages cost more than what is drawn in
+// Memory that is kept from one image to the next: fresh pages cost more than what is rendered in
 // them.
 #pragma once
 

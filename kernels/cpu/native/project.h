@@ -1,4 +1,4 @@
-// Project: from splats to brushes, the ellipses with which one camera's picture is painted.
+// Project: from splats to projected splats, the ellipses with which one camera's image is blended.
 #pragma once
 
 #include "view.h"
@@ -6,7 +6,7 @@
 namespace gsfw {
 namespace GSFW_ISA {
 
-/// The first fields of a group's brushes, which are those of the ellipse.
+/// The first fields of a group's projected splats, which are those of the ellipse.
 template <typename T>
 GSFW_FUNCTION void ellipse_fields(const Projection<Pack<T>>& splat, const Pack<T>& level,
                                   const Pack<T>& log_visibility, const Extent<Pack<T>>& extent,
@@ -15,18 +15,18 @@ GSFW_FUNCTION void ellipse_fields(const Projection<Pack<T>>& splat, const Pack<T
   const Whitening<N> scaled = scale_for_binary(whiten(splat.covariance, splat.determinant));
   const N reach = N(2.0) * maximum(N(0.0), log_visibility);
   const Symmetric2<N>& c = splat.covariance;
-  fields[BRUSH_X] = splat.mean.x;
-  fields[BRUSH_Y] = splat.mean.y;
-  fields[BRUSH_R] = scaled.r;
-  fields[BRUSH_WK] = -(scaled.w * scaled.k);
-  fields[BRUSH_W] = scaled.w;
-  fields[BRUSH_LEVEL] = level;
-  fields[BRUSH_TILT] = c.xy / c.yy;
-  fields[BRUSH_TURN] = c.xy * square_root(reach / c.xx);
-  fields[BRUSH_NARROW] = square_root(reach * (splat.determinant / c.yy));
-  fields[BRUSH_HEIGHT] = extent.half.y;
-  fields[BRUSH_WIDTH] = extent.half.x;
-  fields[BRUSH_FIRST_SLOT] = fields[BRUSH_SLOTS] = N(0.0);
+  fields[SPLAT_X] = splat.mean.x;
+  fields[SPLAT_Y] = splat.mean.y;
+  fields[SPLAT_R] = scaled.r;
+  fields[SPLAT_WK] = -(scaled.w * scaled.k);
+  fields[SPLAT_W] = scaled.w;
+  fields[SPLAT_LEVEL] = level;
+  fields[SPLAT_TILT] = c.xy / c.yy;
+  fields[SPLAT_TURN] = c.xy * square_root(reach / c.xx);
+  fields[SPLAT_NARROW] = square_root(reach * (splat.determinant / c.yy));
+  fields[SPLAT_HEIGHT] = extent.half.y;
+  fields[SPLAT_WIDTH] = extent.half.x;
+  fields[SPLAT_FIRST_SLOT] = fields[SPLAT_SLOTS] = N(0.0);
 }
 
 /// The channels of a group of rows, one after the other.
@@ -70,21 +70,21 @@ template <bool RAGGED, typename T>
   return {sh_color(sums[0]), sh_color(sums[1]), sh_color(sums[2])};
 }
 
-/// Write the brushes of a group of rows where they are visible; ``fields`` has those of the
-/// ellipse.
+/// Write the projected splats of a group of rows where they are visible; ``fields`` has the fields
+/// of the ellipse.
 template <typename T>
-GSFW_FUNCTION void write_brushes(const ProjectJob<T>& job, const RowGroup& rows, uint32_t visible,
+GSFW_FUNCTION void write_splats(const ProjectJob<T>& job, const RowGroup& rows, uint32_t visible,
                                  const ChannelReader<T>& channel, Pack<T>* fields) {
   const SplatArrays<T>& splats = job.splats;
   const int channels = splats.color_channels + splats.extras + splats.depth_channels;
-  const EvenRows<T> brushes = even_rows(job.brushes, job.stride, rows);
+  const EvenRows<T> projected = even_rows(job.projected, job.stride, rows);
   int next = 0;
   for (int block = 0; block < job.stride; block += LANES) {
-    for (int k = block == 0 ? int(BRUSH_CHANNELS) : 0; k < LANES; ++k) {
+    for (int k = block == 0 ? int(SPLAT_CHANNELS) : 0; k < LANES; ++k) {
       fields[k] = next < channels ? channel[next] : Pack<T>(0.0);
       ++next;
     }
-    store_fields(brushes, visible, block, block + LANES, false, fields);
+    store_fields(projected, visible, block, block + LANES, false, fields);
   }
 }
 
@@ -117,7 +117,7 @@ GSFW_FUNCTION void project_rows(const ProjectJob<T>& job, const Camera<Pack<T>>&
   }
   N fields[LANES];
   ellipse_fields(splat, level, log_visibility, extent, fields);
-  write_brushes(job, rows, visible, channels, fields);
+  write_splats(job, rows, visible, channels, fields);
 }
 
 /// Project rows ``begin`` to ``end``.

@@ -17,9 +17,9 @@ GSFW_FUNCTION void sum_slots(const ProjectBackwardJob<T>& job, const RowGroup& r
   for (int i = 0; i < LANES; ++i) {
     counts[i] = 0;
     if (!(visible >> i & 1)) continue;
-    const T* brush = job.forward.brushes + (rows.first + i) * job.forward.stride;
-    counts[i] = whole_number(brush + BRUSH_SLOTS);
-    slots[i] = job.slots + int64_t(whole_number(brush + BRUSH_FIRST_SLOT)) * stride;
+    const T* splat = job.forward.projected + (rows.first + i) * job.forward.stride;
+    counts[i] = whole_number(splat + SPLAT_SLOTS);
+    slots[i] = job.slots + int64_t(whole_number(splat + SPLAT_FIRST_SLOT)) * stride;
     __builtin_prefetch(slots[i]);
   }
   for (int k = 0; k < stride; k += LANES) {

@@ -1,11 +1,11 @@
-// L1 and SSIM of two pictures, with the gradient of SSIM, in one sweep down the rows.
+// L1 and SSIM of two images, with the gradient of SSIM, in one sweep down the rows.
 //
 // Wang et al. 2004, equation 13, with zero padding. With u = x + y and v = x - y
 //     SSIM = (A - B + 2 c1) (U - V + 2 c2) / ((A + B + 2 c1) (U + V + 2 c2)),
 // where A and B are the squared window means of u and v, and U and V their variances: four blurred
-// maps instead of five, and 1 - SSIM loses no digits where the pictures agree, for then v, B and V
+// maps instead of five, and 1 - SSIM loses no digits where the images agree, for then v, B and V
 // vanish. Channels are interleaved, so that a tap to the side is ``channels`` numbers away and no
-// picture is rearranged. The sweep keeps the last 16 rows of everything; a pixel's result depends
+// image is rearranged. The sweep keeps the last 16 rows of everything; a pixel's result depends
 // on no other task.
 #pragma once
 
@@ -19,10 +19,10 @@ namespace GSFW_ISA {
 constexpr int SSIM_ROWS = 4;
 /// Rows that are remembered, a power of two: those that four windows cover, 14, and two to spare.
 constexpr int SSIM_RING = 16;
-/// Blurred maps of the pictures: u, v, u^2, v^2; and of what flows back: to the means, U and V.
+/// Blurred maps of the images: u, v, u^2, v^2; and of what flows back: to the means, U and V.
 constexpr int SSIM_MAPS = 4, SSIM_FLOWS = 3;
 
-/// A strip of a picture, its borders, and one thread's working memory. Positions in ``u``, ``v``
+/// A strip of an image, its borders, and one thread's working memory. Positions in ``u``, ``v``
 /// and ``weights`` count from ``left`` - 2 ``margin``; in ``blurred``, ``flows`` and ``lacks`` from
 /// ``left`` - ``margin``; in ``returned`` from ``left``.
 template <typename T>
@@ -31,8 +31,8 @@ struct SsimStrip {
   /// Between rows: the length of the longest, and room for one pack more.
   int64_t stride;
   T *u, *v;
-  /// 1 for the pixels that count, 0 for those that do not and outside the picture. [16, stride]
-  /// with a mask; without, one row for all rows inside the picture.
+  /// 1 for the pixels that count, 0 for those that do not and outside the image. [16, stride]
+  /// with a mask; without, one row for all rows inside the image.
   T *weights, *no_weights;
   /// [16, 4, stride]
   T* blurred;
@@ -44,7 +44,7 @@ struct SsimStrip {
 
 template <typename T>
 GSFW_FUNCTION int64_t ssim_stride(const SsimJob<T>& job) {
-  const int64_t reach = 4 * SSIM_REACH * job.pictures.channels;
+  const int64_t reach = 4 * SSIM_REACH * job.images.channels;
   return (job.strip_length + reach + 2 * LANES - 1) / LANES * LANES;
 }
 
@@ -59,9 +59,9 @@ int64_t ssim_scratch(const SsimJob<T>& job) {
 template <typename T>
 GSFW_FUNCTION SsimStrip<T> strip_of(const SsimJob<T>& job, int64_t strip, T* scratch) {
   SsimStrip<T> at;
-  at.channels = job.pictures.channels;
-  at.row_length = job.pictures.width * job.pictures.channels;
-  at.height = job.pictures.height;
+  at.channels = job.images.channels;
+  at.row_length = job.images.width * job.images.channels;
+  at.height = job.images.height;
   at.left = strip * job.strip_length;
   at.right = at.left + job.strip_length;
   if (at.right > at.row_length) at.right = at.row_length;
@@ -92,7 +92,7 @@ GSFW_FUNCTION const T* weights_of(const SsimStrip<T>& at, bool masked, int64_t r
   return masked ? at.weights + slot(row) * at.stride : at.weights;
 }
 
-/// Where the strip with its borders lies in the picture: numbers [first, last) of a row, the first
+/// Where the strip with its borders lies in the image: numbers [first, last) of a row, the first
 /// of them at position ``lead``.
 struct SsimRange {
   int64_t first, last, lead;
@@ -125,17 +125,17 @@ GSFW_FUNCTION void spread_weights(const SsimStrip<T>& at, const uint8_t* valid, 
 
 /// u and v of a row; pixels that do not count take the target's value.
 template <typename T>
-GSFW_FUNCTION void load_row(const SsimJob<T>& job, const SsimStrip<T>& at, int64_t picture_row,
+GSFW_FUNCTION void load_row(const SsimJob<T>& job, const SsimStrip<T>& at, int64_t image_row,
                             const T* weights) {
   const SsimRange range = range_of(at);
   const int64_t count = range.last - range.first;
-  const T* x = job.pictures.rendered + picture_row * at.row_length + range.first;
-  const T* y = job.pictures.target + picture_row * at.row_length + range.first;
+  const T* x = job.images.rendered + image_row * at.row_length + range.first;
+  const T* y = job.images.target + image_row * at.row_length + range.first;
   fill(at.u, range.lead, T(0));
   fill(at.v, range.lead, T(0));
   T *u = at.u + range.lead, *v = at.v + range.lead;
   const T* weight = weights + range.lead;
-  const bool masked = job.pictures.valid != nullptr;
+  const bool masked = job.images.valid != nullptr;
   for (int64_t i = 0; i < count; i += LANES) {
     Pack<T> of_x = load_strided(x + i, 1, count - i);
     const Pack<T> of_y = load_strided(y + i, 1, count - i);
@@ -148,13 +148,13 @@ GSFW_FUNCTION void load_row(const SsimJob<T>& job, const SsimStrip<T>& at, int64
   fill(v + count, rest, T(0));
 }
 
-/// Sum of |x - y| over the strip's part of a row. Reads the pictures themselves, so that, as in
+/// Sum of |x - y| over the strip's part of a row. Reads the images themselves, so that, as in
 /// plain torch, a NaN shows even where it does not count.
 template <typename T>
-GSFW_FUNCTION double l1_of_row(const SsimJob<T>& job, const SsimStrip<T>& at, int64_t picture_row,
+GSFW_FUNCTION double l1_of_row(const SsimJob<T>& job, const SsimStrip<T>& at, int64_t image_row,
                                const T* weights) {
-  const T* x = job.pictures.rendered + picture_row * at.row_length + at.left;
-  const T* y = job.pictures.target + picture_row * at.row_length + at.left;
+  const T* x = job.images.rendered + image_row * at.row_length + at.left;
+  const T* y = job.images.target + image_row * at.row_length + at.left;
   const T* weight = weights + 2 * at.margin;
   const int64_t count = at.right - at.left;
   Pack<T> total(T(0));
@@ -177,7 +177,7 @@ GSFW_FUNCTION double sum_of(const T* numbers, int64_t count) {
 
 /// u, v, u^2 and v^2 of a row, blurred sideways.
 template <typename T>
-GSFW_FUNCTION void blur_pictures(const SsimStrip<T>& at, const Pack<T>* window, T* to) {
+GSFW_FUNCTION void blur_images(const SsimStrip<T>& at, const Pack<T>* window, T* to) {
   const int64_t d = at.channels, length = at.right - at.left + 2 * at.margin;
   for (int64_t i = 0; i < length; i += LANES) {
     const Pack<T> u = load(at.u + i + at.margin), v = load(at.v + i + at.margin);
@@ -270,7 +270,7 @@ GSFW_FUNCTION void compare_rows(const SsimJob<T>& job, const SsimStrip<T>& at,
   const T* weights[SSIM_ROWS];
   rows_around(at.blurred, SSIM_MAPS * at.stride, row, rows);
   for (int r = 0; r < SSIM_ROWS; ++r) {
-    weights[r] = weights_of(at, job.pictures.valid != nullptr, row + r) + at.margin;
+    weights[r] = weights_of(at, job.images.valid != nullptr, row + r) + at.margin;
   }
   for (int64_t i = 0; i < length; i += LANES) {
     Pack<T> blurred[SSIM_MAPS][SSIM_ROWS];
@@ -291,7 +291,7 @@ GSFW_FUNCTION void compare_rows(const SsimJob<T>& job, const SsimStrip<T>& at,
   }
   for (int r = 0; r < SSIM_ROWS; ++r) {
     if (row + r >= task.top && row + r < task.bottom) {
-      const int64_t sums = (task.picture * at.height + row + r) * job.strips + task.strip;
+      const int64_t sums = (task.image * at.height + row + r) * job.strips + task.strip;
       const T* lacks = at.lacks + r * at.stride + at.margin;
       job.lack_sums[sums] = sum_of(lacks, at.right - at.left);
     }
@@ -317,10 +317,10 @@ GSFW_FUNCTION void return_rows(const SsimJob<T>& job, const SsimStrip<T>& at, co
       blur_down(rows, flow * at.stride + i, window, blurred[flow]);
     }
     for (int r = 0; r < made; ++r) {
-      const T* weight = weights_of(at, job.pictures.valid != nullptr, row + r) + 2 * at.margin + i;
-      const int64_t from = (task.picture * at.height + row + r) * at.row_length + at.left + i;
-      const Pack<T> x = load_strided(job.pictures.rendered + from, 1, count - i);
-      const Pack<T> y = load_strided(job.pictures.target + from, 1, count - i);
+      const T* weight = weights_of(at, job.images.valid != nullptr, row + r) + 2 * at.margin + i;
+      const int64_t from = (task.image * at.height + row + r) * at.row_length + at.left + i;
+      const Pack<T> x = load_strided(job.images.rendered + from, 1, count - i);
+      const Pack<T> y = load_strided(job.images.target + from, 1, count - i);
       const Pack<T> total =
           fma(x + y, blurred[1][r], fma(x - y, blurred[2][r], blurred[0][r]));
       const LaneMask<T> there = first_lanes<T>(count - i);
@@ -329,23 +329,23 @@ GSFW_FUNCTION void return_rows(const SsimJob<T>& job, const SsimStrip<T>& at, co
   }
 }
 
-/// Read a row, and keep it blurred sideways; rows outside the picture are black.
+/// Read a row, and keep it blurred sideways; rows outside the image are black.
 template <typename T>
 GSFW_FUNCTION void take_row(const SsimJob<T>& job, const SsimStrip<T>& at, const SsimTask& task,
                             int64_t row, const Pack<T>* window) {
   T* blurred = at.blurred + slot(row) * SSIM_MAPS * at.stride;
   if (row < 0 || row >= at.height) return fill(blurred, SSIM_MAPS * at.stride, T(0));
-  const int64_t picture_row = task.picture * at.height + row;
+  const int64_t image_row = task.image * at.height + row;
   T* weights = at.weights;
-  if (job.pictures.valid != nullptr) {
+  if (job.images.valid != nullptr) {
     weights += slot(row) * at.stride;
-    spread_weights(at, job.pictures.valid + picture_row * job.pictures.width, weights);
+    spread_weights(at, job.images.valid + image_row * job.images.width, weights);
   }
-  load_row(job, at, picture_row, weights);
+  load_row(job, at, image_row, weights);
   if (row >= task.top && row < task.bottom) {
-    job.l1_sums[picture_row * job.strips + task.strip] = l1_of_row(job, at, picture_row, weights);
+    job.l1_sums[image_row * job.strips + task.strip] = l1_of_row(job, at, image_row, weights);
   }
-  blur_pictures(at, window, blurred);
+  blur_images(at, window, blurred);
 }
 
 /// Sweep down the rows of a task: each is read five rows ahead of its own similarity, and that five
@@ -356,7 +356,7 @@ void sweep(const SsimJob<T>& job, const SsimTask& task, T* scratch) {
   Pack<T> window[SSIM_REACH + 1];
   for (int k = 0; k <= SSIM_REACH; ++k) window[k] = Pack<T>(job.window[k]);
   fill(at.no_weights, at.stride, T(0));
-  if (job.pictures.valid == nullptr) spread_weights(at, nullptr, at.weights);
+  if (job.images.valid == nullptr) spread_weights(at, nullptr, at.weights);
   // The first similarities that a gradient needs are five rows above it, in a group of four.
   const int64_t above = GRADIENT ? SSIM_REACH : 0, start = task.top - above - (GRADIENT ? 2 : 0);
   for (int64_t row = start - SSIM_REACH; row < start + SSIM_REACH; ++row) {

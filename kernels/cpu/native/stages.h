@@ -1,4 +1,4 @@
-// What the stages of drawing hand to one another: plain structures, the same in every translation
+// What the stages of rendering hand to one another: plain structures, the same in every translation
 // unit, and one table of functions per instruction set and type.
 #pragma once
 
@@ -19,17 +19,17 @@ constexpr int CHUNK = 256;
 /// Rows of the model that are one task of projection.
 constexpr int ROWS_PER_TASK = 1024;
 
-/// A brush is a projected splat, one row of numbers per row of the model: centre in pixels; r, -w k
-/// and w of the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 -
+/// A projected splat: one row of numbers per row of the model. Centre in pixels; r, -w k and w of
+/// the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 -
 /// v^2); level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans
 /// with y; the height above the centre at which it reaches furthest right; half its width at the
 /// centre's height; half the height and half the width of its bounding box. Then two whole
 /// numbers of 32 bits, which binning adds: the row's first slot, and how many it has; here, threads
 /// never share their cache line. Then the channels.
-enum BrushField {
-  BRUSH_X, BRUSH_Y, BRUSH_R, BRUSH_WK, BRUSH_W, BRUSH_LEVEL,
-  BRUSH_TILT, BRUSH_TURN, BRUSH_NARROW, BRUSH_HEIGHT, BRUSH_WIDTH,
-  BRUSH_FIRST_SLOT, BRUSH_SLOTS, BRUSH_CHANNELS
+enum SplatField {
+  SPLAT_X, SPLAT_Y, SPLAT_R, SPLAT_WK, SPLAT_W, SPLAT_LEVEL,
+  SPLAT_TILT, SPLAT_TURN, SPLAT_NARROW, SPLAT_HEIGHT, SPLAT_WIDTH,
+  SPLAT_FIRST_SLOT, SPLAT_SLOTS, SPLAT_CHANNELS
 };
 
 /// What a slot sums over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2, g
@@ -47,7 +47,7 @@ struct Entry {
 };
 
 /// One splat in one tile before the tiles are sorted.
-struct Meeting {
+struct Intersection {
   uint32_t row;
   uint32_t tile;
   uint32_t blocks;
@@ -60,19 +60,19 @@ struct Grid {
 
 template <typename T>
 struct CutOffs {
-  /// log2 of the least alpha that is drawn.
+  /// log2 of the least alpha that is rendered.
   T level_min;
   /// Alpha is clamped here, and its gradient is 0 where it exceeds the limit.
   T alpha_cap, alpha_limit;
   T transmittance_min;
 };
 
-/// One picture while it is painted.
+/// One image while it is blended.
 template <typename T>
 struct BlendJob {
   Grid grid;
   CutOffs<T> cut_offs;
-  const T* brushes;
+  const T* projected;
   int stride;
   int channels;
   const Entry* entries;
@@ -82,8 +82,8 @@ struct BlendJob {
   const int64_t* chunk_starts;
   /// [chunks, 256]: transmittance in front of each chunk.
   T* checkpoints;
-  /// [tiles]: chunks that were drawn before the tile became opaque.
-  int32_t* chunks_drawn;
+  /// [tiles]: chunks that were rendered before the tile became opaque.
+  int32_t* chunks_blended;
   /// [channels], behind everything.
   const T* background;
   /// [h, w, channels]
@@ -117,7 +117,7 @@ struct BinJob {
   /// Rows of visible splats, from front to back.
   const uint32_t* order;
   /// [n, stride]
-  const T* brushes;
+  const T* projected;
   int stride;
 };
 
@@ -165,7 +165,7 @@ struct SplatArrays {
   int extras;
   /// Channels of colour: 3 for SH.
   int color_channels;
-  /// 1 to draw depth, 2 to draw depth and a channel of ones, after all other channels.
+  /// 1 to render depth, 2 to render depth and a channel of ones, after all other channels.
   int depth_channels;
 };
 
@@ -188,7 +188,7 @@ struct ProjectJob {
   SplatArrays<T> splats;
   T level_min;
   /// [n, stride] and [n]; written for visible rows only.
-  T* brushes;
+  T* projected;
   int stride;
   T* depths;
   /// [n]

@@ -59,12 +59,12 @@ int64_t divide_up(int64_t a, int64_t b) { return (a + b - 1) / b; }
 
 /// Numbers that count.
 template <typename T>
-int64_t valid_numbers(const Comparison<T>& pictures) {
-  const int64_t pixels = pictures.pictures * pictures.height * pictures.width;
-  if (pictures.valid == nullptr) return pixels * pictures.channels;
+int64_t valid_numbers(const Comparison<T>& images) {
+  const int64_t pixels = images.images * images.height * images.width;
+  if (images.valid == nullptr) return pixels * images.channels;
   int64_t valid = 0;
-  for (int64_t i = 0; i < pixels; ++i) valid += pictures.valid[i] != 0;
-  return valid * pictures.channels;
+  for (int64_t i = 0; i < pixels; ++i) valid += images.valid[i] != 0;
+  return valid * images.channels;
 }
 
 double ordered_sum(const std::vector<double>& numbers) {
@@ -81,9 +81,9 @@ T* scratch_of_thread(int64_t size) {
 }
 
 template <typename T>
-void sweep_pictures(const SsimJob<T>& job, int threads) {
-  const int64_t pictures = job.pictures.pictures, height = job.pictures.height;
-  const int64_t columns = pictures * job.strips;
+void sweep_images(const SsimJob<T>& job, int threads) {
+  const int64_t images = job.images.images, height = job.images.height;
+  const int64_t columns = images * job.strips;
   const int64_t wanted = threads > 1 ? divide_up(threads * TASKS_PER_THREAD, columns) : 1;
   const int64_t per_band = std::max(divide_up(height, wanted), TASK_ROWS);
   const int64_t bands = divide_up(height, per_band);
@@ -99,34 +99,34 @@ void sweep_pictures(const SsimJob<T>& job, int threads) {
 }  // namespace
 
 template <typename T>
-Losses l1_dissimilarity(const Comparison<T>& pictures, T* gradient, int threads) {
-  const int64_t valid = valid_numbers(pictures);
+Losses l1_dissimilarity(const Comparison<T>& images, T* gradient, int threads) {
+  const int64_t valid = valid_numbers(images);
   const double share = 1.0 / double(std::max<int64_t>(valid, 1));
   SsimJob<T> job;
-  job.pictures = pictures;
+  job.images = images;
   set_window(job.window);
   job.c1 = T(C1);
   job.c2 = T(C2);
   job.gradient = gradient;
   job.gradient_scale = T(-share);
-  const int64_t row_length = pictures.width * pictures.channels;
+  const int64_t row_length = images.width * images.channels;
   job.strip_length = divide_up(divide_up(row_length, divide_up(row_length, STRIP)), 16) * 16;
   job.strips = divide_up(row_length, job.strip_length);
-  std::vector<double> l1(pictures.pictures * pictures.height * job.strips), lack(l1.size());
+  std::vector<double> l1(images.images * images.height * job.strips), lack(l1.size());
   job.l1_sums = l1.data();
   job.lack_sums = lack.data();
-  sweep_pictures(job, threads);
+  sweep_images(job, threads);
   return {ordered_sum(l1) * share, valid > 0 ? ordered_sum(lack) * share : 1.0};
 }
 
 template <typename T>
-void loss_gradient(const Comparison<T>& pictures, const T* dissimilarity_gradient, double l1,
+void loss_gradient(const Comparison<T>& images, const T* dissimilarity_gradient, double l1,
                    double dissimilarity, T* gradient, int threads) {
-  const double share = 1.0 / double(std::max<int64_t>(valid_numbers(pictures), 1));
-  const LossGradientJob<T> job = {pictures, dissimilarity_gradient, T(l1 * share),
+  const double share = 1.0 / double(std::max<int64_t>(valid_numbers(images), 1));
+  const LossGradientJob<T> job = {images, dissimilarity_gradient, T(l1 * share),
                                   T(dissimilarity), gradient};
-  const int64_t pixels = pictures.pictures * pictures.height * pictures.width;
-  const int64_t grain = divide_up(STREAM, pictures.channels);
+  const int64_t pixels = images.images * images.height * images.width;
+  const int64_t grain = divide_up(STREAM, images.channels);
   parallel_pieces(pixels, grain, threads, [&](int64_t begin, int64_t end, int) {
     kernels<T>().loss_gradient(job, begin, end);
   });

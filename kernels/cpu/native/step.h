@@ -1,4 +1,4 @@
-// The step besides drawing: losses, optimizer and the check of gradients, on any number of threads.
+// The step besides rendering: losses, optimizer and check of gradients, on any number of threads.
 //
 // Results are the same to the bit for any number of threads: every number is computed by itself,
 // and sums are taken row by row and then in order.
@@ -15,12 +15,12 @@ struct Losses {
 
 /// Both losses; ``gradient`` [c, h, w, d] receives that of the dissimilarity unless it is null.
 template <typename T>
-Losses l1_dissimilarity(const Comparison<T>& pictures, T* gradient, int threads);
+Losses l1_dissimilarity(const Comparison<T>& images, T* gradient, int threads);
 
 /// ``gradient`` [c, h, w, d] = ``l1`` times the gradient of the mean absolute difference plus
 /// ``dissimilarity`` times ``dissimilarity_gradient`` [c, h, w, d].
 template <typename T>
-void loss_gradient(const Comparison<T>& pictures, const T* dissimilarity_gradient, double l1,
+void loss_gradient(const Comparison<T>& images, const T* dissimilarity_gradient, double l1,
                    double dissimilarity, T* gradient, int threads);
 
 /// One step of Adam over ``count`` rows.

@@ -1,4 +1,4 @@
-// The step besides drawing, as Python sees it: the caller's arrays, neither copied nor converted.
+// The step besides rendering, as Python sees it: the caller's arrays, neither copied nor converted.
 #include "bindings.h"
 
 #include <nanobind/ndarray.h>
@@ -17,7 +17,7 @@ namespace gsfw {
 namespace {
 
 template <typename T>
-using Pictures = nb::ndarray<T, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
+using Images = nb::ndarray<T, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
 using Valid = nb::ndarray<const uint8_t, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using Rows = nb::ndarray<T, nb::ndim<2>, nb::device::cpu>;
@@ -38,11 +38,11 @@ bool same_shape(const A& a, const B& b, size_t axes) {
 }
 
 template <typename T>
-Comparison<T> comparison(const Pictures<const T>& rendered, const Pictures<const T>& target,
+Comparison<T> comparison(const Images<const T>& rendered, const Images<const T>& target,
                          const std::optional<Valid>& valid) {
   require(same_shape(rendered, target, 4), "rendered and target are not of one shape");
   require(!valid || (same_shape(rendered, *valid, 3) && valid->shape(3) == 1),
-          "valid does not fit the pictures");
+          "valid does not fit the images");
   return {rendered.data(),
           target.data(),
           valid ? valid->data() : nullptr,
@@ -53,29 +53,29 @@ Comparison<T> comparison(const Pictures<const T>& rendered, const Pictures<const
 }
 
 template <typename T>
-std::pair<double, double> l1_dssim(const Pictures<const T>& rendered,
-                                   const Pictures<const T>& target,
+std::pair<double, double> l1_dssim(const Images<const T>& rendered,
+                                   const Images<const T>& target,
                                    const std::optional<Valid>& valid,
-                                   const std::optional<Pictures<T>>& gradient, int threads) {
-  const Comparison<T> pictures = comparison<T>(rendered, target, valid);
-  require(!gradient || same_shape(rendered, *gradient, 4), "gradient does not fit the pictures");
+                                   const std::optional<Images<T>>& gradient, int threads) {
+  const Comparison<T> images = comparison<T>(rendered, target, valid);
+  require(!gradient || same_shape(rendered, *gradient, 4), "gradient does not fit the images");
   T* const to = gradient ? gradient->data() : nullptr;
   nb::gil_scoped_release unlocked;
-  const Losses losses = l1_dissimilarity(pictures, to, threads);
+  const Losses losses = l1_dissimilarity(images, to, threads);
   return {losses.l1, losses.dissimilarity};
 }
 
 template <typename T>
-void l1_dssim_backward(const Pictures<const T>& rendered, const Pictures<const T>& target,
-                       const std::optional<Valid>& valid, const Pictures<const T>& dssim_gradient,
-                       double l1, double dssim, const Pictures<T>& gradient, int threads) {
-  const Comparison<T> pictures = comparison<T>(rendered, target, valid);
+void l1_dssim_backward(const Images<const T>& rendered, const Images<const T>& target,
+                       const std::optional<Valid>& valid, const Images<const T>& dssim_gradient,
+                       double l1, double dssim, const Images<T>& gradient, int threads) {
+  const Comparison<T> images = comparison<T>(rendered, target, valid);
   require(same_shape(rendered, dssim_gradient, 4) && same_shape(rendered, gradient, 4),
-          "a gradient does not fit the pictures");
+          "a gradient does not fit the images");
   const T* const from = dssim_gradient.data();
   T* const to = gradient.data();
   nb::gil_scoped_release unlocked;
-  loss_gradient(pictures, from, l1, dssim, to, threads);
+  loss_gradient(images, from, l1, dssim, to, threads);
 }
 
 template <typename T>

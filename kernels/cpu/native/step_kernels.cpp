@@ -1,4 +1,4 @@
-// The kernels of the step besides drawing, compiled once per instruction set.
+// The kernels of the step besides rendering, compiled once per instruction set.
 #include "adam.h"
 #include "finite.h"
 #include "loss_gradient.h"

@@ -1,4 +1,4 @@
-// What the native step besides drawing is asked to do: plain structures, the same in every
+// What the native step besides rendering is asked to do: plain structures, the same in every
 // translation unit, and one table of functions per instruction set and type.
 #pragma once
 
@@ -10,7 +10,7 @@ namespace gsfw {
 constexpr int SSIM_REACH = 5;
 constexpr int SSIM_TAPS = 2 * SSIM_REACH + 1;
 
-/// Pictures that are compared. A row is width * channels numbers, channels interleaved.
+/// Images that are compared. A row is width * channels numbers, channels interleaved.
 template <typename T>
 struct Comparison {
   /// [c, h, w, d], and so is the target.
@@ -18,13 +18,13 @@ struct Comparison {
   const T* target;
   /// [c, h, w], 1 where a pixel counts and 0 elsewhere; null when all do.
   const uint8_t* valid;
-  int64_t pictures, height, width, channels;
+  int64_t images, height, width, channels;
 };
 
-/// L1 and 1 - SSIM of pictures, summed row by row, and the gradient of SSIM.
+/// L1 and 1 - SSIM of images, summed row by row, and the gradient of SSIM.
 template <typename T>
 struct SsimJob {
-  Comparison<T> pictures;
+  Comparison<T> images;
   /// Half the window: the centre is the last.
   T window[SSIM_REACH + 1];
   /// Constants c1 and c2 of SSIM.
@@ -39,15 +39,15 @@ struct SsimJob {
   int64_t strip_length, strips;
 };
 
-/// What one task of SSIM does: rows [top, bottom) of one picture within one strip.
+/// What one task of SSIM does: rows [top, bottom) of one image within one strip.
 struct SsimTask {
-  int64_t picture, top, bottom, strip;
+  int64_t image, top, bottom, strip;
 };
 
-/// From the gradients of the two losses to that of the rendered picture.
+/// From the gradients of the two losses to that of the rendered image.
 template <typename T>
 struct LossGradientJob {
-  Comparison<T> pictures;
+  Comparison<T> images;
   /// [c, h, w, d]: gradient of the dissimilarity.
   const T* dissimilarity;
   /// Factor of the sign of the difference, and of ``dissimilarity``.

@@ -43,7 +43,7 @@ GSFW_FUNCTION Settings<Pack<T>> settings_of(const ViewParameters<T>& view) {
           view.alpha_min > T(0)};
 }
 
-/// A whole number that is kept in a field of a brush.
+/// A whole number that is kept in a field of a projected splat.
 template <typename T>
 GSFW_FUNCTION uint32_t whole_number(const T* field) {
   uint32_t number;

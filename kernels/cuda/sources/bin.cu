@@ -1,4 +1,4 @@
-// Bin: one pair for every splat and every tile that it meets, and where each tile's pairs begin.
+// Bin: one pair for every splat and tile that intersect, and where each tile's pairs begin.
 //
 // A warp emits for 32 splats that follow each other in depth, whose pairs therefore follow each
 // other in memory. It deals out first their rows of tiles, one to a lane, and then the pairs of
@@ -28,7 +28,7 @@ struct Emitter {
   TileRange rows;
 };
 
-/// Splats that meet no tile, and threads beyond the last splat, have no rows.
+/// Splats that intersect no tile, and threads beyond the last splat, have no rows.
 template <class T>
 __device__ __forceinline__ Emitter<T> emitter_of(const EmitJob& job, int splat, int count) {
   Emitter<T> emitter{splat, {}, {0, -1}};
@@ -37,13 +37,13 @@ __device__ __forceinline__ Emitter<T> emitter_of(const EmitJob& job, int splat, 
     emitter.rows.last = job.grid.rows - 1;
     return emitter;
   }
-  const T* brushes = static_cast<const T*>(job.brushes);
-  emitter.ellipse = ellipse_of(brushes + int64(splat) * job.stride);
+  const T* projected = static_cast<const T*>(job.projected);
+  emitter.ellipse = ellipse_of(projected + int64(splat) * job.stride);
   emitter.rows = tile_rows(emitter.ellipse, job.grid);
   return emitter;
 }
 
-/// Some columns of one row of tiles, and the splat that meets them.
+/// Some columns of one row of tiles, and the splat that intersects them.
 struct TileRow {
   int splat, row;
   TileRange columns;

@@ -1,9 +1,9 @@
-// Blend: paint the splats of each tile over one another, from front to back.
+// Blend: alpha-composite the splats of each tile, from front to back.
 //
-// Kerbl et al. 2023, equation 3. One block paints one tile, each of its warps a subtile of 8 x 4
+// Kerbl et al. 2023, equation 3. One block blends one tile, each of its warps a subtile of 8 x 4
 // pixels: a warp passes over a chunk's splats 32 at a time and looks only at those that reach its
-// own subtile. In front of every chunk but the first, each pixel's state is kept for the way back,
-// which can then begin anywhere.
+// own subtile. In front of every chunk but the first, each pixel's state is kept for the backward
+// pass, which can then begin anywhere.
 #include "tile.h"
 
 namespace gsfw {
@@ -14,11 +14,11 @@ constexpr double CLOSED = 1e30;
 
 /// What one pixel has seen so far.
 template <class T, int CHANNELS>
-struct Painted {
+struct PixelState {
   T transmittance;
   T color[CHANNELS];
-  /// log2 of the least alpha that is drawn; CLOSED once the pixel is opaque, and outside the image.
-  /// A closed pixel goes on with splats whose alpha is 0: cheaper than asking each time.
+  /// log2 of the least alpha that is rendered; CLOSED once the pixel is opaque and outside the
+  /// image. A closed pixel goes on with splats whose alpha is 0: cheaper than asking each time.
   T level_min;
   /// Pairs of the tile that it has looked at before it stopped.
   int seen;
@@ -27,7 +27,7 @@ struct Painted {
 /// Keep a pixel's state in front of a chunk.
 template <class T, int CHANNELS>
 __device__ __forceinline__ void save_checkpoint(const BlendJob& job, int64 row, int tile,
-                                                const Painted<T, CHANNELS>& pixel) {
+                                                const PixelState<T, CHANNELS>& pixel) {
   T* to = checkpoint_of<T, CHANNELS>(job, row, int(threadIdx.x));
   to[0] = pixel.transmittance;
 #pragma unroll
@@ -36,16 +36,16 @@ __device__ __forceinline__ void save_checkpoint(const BlendJob& job, int64 row, 
 }
 
 template <class T, int CHANNELS>
-__device__ __forceinline__ bool sees_through(const Painted<T, CHANNELS>& pixel) {
+__device__ __forceinline__ bool sees_through(const PixelState<T, CHANNELS>& pixel) {
   return pixel.level_min < T(CLOSED);
 }
 
-/// Paint one splat; returns its weight.
+/// Blend one splat; returns its weight.
 template <class T, int CHANNELS>
-__device__ __forceinline__ T paint(const T* splat, T alpha, int place, T stop,
-                                   Painted<T, CHANNELS>& pixel) {
+__device__ __forceinline__ T blend_splat(const T* splat, T alpha, int place, T stop,
+                                         PixelState<T, CHANNELS>& pixel) {
   const T next = pixel.transmittance * (T(1) - alpha);
-  if (!(next > stop)) {  // It would make the pixel opaque: neither it nor any behind is drawn.
+  if (!(next > stop)) {  // It would make the pixel opaque: neither it nor any behind is rendered.
     pixel.level_min = T(CLOSED);
     pixel.seen = place;
     return T(0);
@@ -53,7 +53,7 @@ __device__ __forceinline__ T paint(const T* splat, T alpha, int place, T stop,
   const T weight = alpha * pixel.transmittance;
 #pragma unroll
   for (int c = 0; c < CHANNELS; ++c) {
-    pixel.color[c] = fma(weight, splat[PAINT_CHANNELS + c], pixel.color[c]);
+    pixel.color[c] = fma(weight, splat[BLEND_CHANNELS + c], pixel.color[c]);
   }
   pixel.transmittance = next;
   return weight;
@@ -65,13 +65,13 @@ __device__ __forceinline__ T pixel_weight_at(const BlendJob& job, const Pixel<T>
   return job.pixel_weights && at.inside ? static_cast<const T*>(job.pixel_weights)[at.index] : T(1);
 }
 
-/// Paint a chunk on one subtile. ``weights`` [CHUNK] takes each splat's sum over the subtile, of
-/// weights times ``pixel_weight``, if ``MEASURE``; those that are not painted keep what is there.
+/// Blend a chunk on one subtile. ``weights`` [CHUNK] takes each splat's sum over the subtile, of
+/// weights times ``pixel_weight``, if ``MEASURE``; those that are not blended keep what is there.
 template <class T, int CHANNELS, int CHUNK, bool MEASURE>
-__device__ __forceinline__ void paint_chunk(const BlendJob& job,
+__device__ __forceinline__ void blend_chunk(const BlendJob& job,
                                             const Entries<T, CHANNELS, CHUNK>& entries, int before,
                                             int count, const Pixel<T>& at,
-                                            T pixel_weight, Painted<T, CHANNELS>& pixel,
+                                            T pixel_weight, PixelState<T, CHANNELS>& pixel,
                                             T* weights) {
   const T cap = T(job.alpha_cap), stop = T(job.transmittance_min);
   for (int base = 0; base < count; base += WARP) {
@@ -81,9 +81,9 @@ __device__ __forceinline__ void paint_chunk(const BlendJob& job,
     uint32 hits = __ballot_sync(FULL_WARP, int(reached >> warp_index() & 1u));
     for (; hits; hits &= hits - 1u) {
       const int place = base + __ffs(int(hits)) - 1;
-      const T* splat = entries.paint[place];
+      const T* splat = entries.splats[place];
       const T alpha = alpha_at(splat, at.x, at.y, pixel.level_min, cap);
-      const T weight = paint(splat, alpha, before + place, stop, pixel);
+      const T weight = blend_splat(splat, alpha, before + place, stop, pixel);
       if constexpr (MEASURE) {
         const T total = warp_sum(weight * pixel_weight);
         if (lane_index() == 0) weights[place] = total;
@@ -111,7 +111,7 @@ __device__ __forceinline__ void record_contribution(const BlendJob& job, int64 f
 /// Put the background behind a pixel, and write it.
 template <class T, int CHANNELS>
 __device__ __forceinline__ void finish_pixel(const BlendJob& job, const Pixel<T>& at,
-                                             const Painted<T, CHANNELS>& pixel) {
+                                             const PixelState<T, CHANNELS>& pixel) {
   if (!at.inside) return;
   const T left = pixel.transmittance;
   static_cast<T*>(job.alpha)[at.index] = T(1) - left;
@@ -139,7 +139,7 @@ __global__ void __launch_bounds__(TILE_PIXELS, RESIDENT_BLOCKS<T, CHANNELS>)
   const int tile = int(blockIdx.x);
   const Pixel<T> at = pixel_of<T>(job.grid, tile, warp_index(), lane_index());
   const T pixel_weight = MEASURE ? pixel_weight_at<T>(job, at) : T(1);
-  Painted<T, CHANNELS> pixel;
+  PixelState<T, CHANNELS> pixel;
   pixel.transmittance = T(1);
 #pragma unroll
   for (int c = 0; c < CHANNELS; ++c) pixel.color[c] = T(0);
@@ -163,7 +163,7 @@ __global__ void __launch_bounds__(TILE_PIXELS, RESIDENT_BLOCKS<T, CHANNELS>)
       }
     }
     __syncthreads();
-    paint_chunk<T, CHANNELS, CHUNK, MEASURE>(job, entries, int(first - begin), count, at,
+    blend_chunk<T, CHANNELS, CHUNK, MEASURE>(job, entries, int(first - begin), count, at,
                                              pixel_weight, pixel, weights[warp_index()]);
     if constexpr (MEASURE) {
       __syncthreads();

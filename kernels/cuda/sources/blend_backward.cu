@@ -57,8 +57,8 @@ struct ChunkPlace {
   bool last;
 };
 
-/// The chunk of warp ``item``: the first chunk of each tile, then those with a checkpoint. ``count``
-/// is 0 where there is none.
+/// The chunk of warp ``item``: the first chunk of each tile, then those with a checkpoint.
+/// ``count`` is 0 where there is none.
 template <int CHUNK>
 __device__ __forceinline__ ChunkPlace place_of(const BlendJob& job, int64 item) {
   const int64 tiles = int64(job.grid.columns) * job.grid.rows;
@@ -131,14 +131,14 @@ __device__ __forceinline__ void replay(const BlendJob& job, Memory& memory, cons
     if (k % GROUP == 0) memory.ahead[k / GROUP][lane_index()] = transmittance;
     if (k / GROUP == (length - 1) / GROUP) break;
     const int entry = memory.list[k];
-    const T alpha = alpha_at(memory.entries.paint[entry], at.x, at.y, level_min, cap);
+    const T alpha = alpha_at(memory.entries.splats[entry], at.x, at.y, level_min, cap);
     if (entry < seen) transmittance = transmittance * (T(1) - alpha);
   }
 }
 
 /// A thread is a pixel: leave weights and pulls of a group's splats, and move ``behind`` in front.
 template <class T, int CHANNELS, class Memory>
-__device__ __forceinline__ void unpaint_group(const BlendJob& job, Memory& memory,
+__device__ __forceinline__ void backward_group(const BlendJob& job, Memory& memory,
                                               const Pixel<T>& at, int seen, int begin, int members,
                                               const T* gradient, T& behind) {
   const T level_min = T(job.level_min), cap = T(job.alpha_cap), limit = T(job.alpha_limit);
@@ -150,7 +150,7 @@ __device__ __forceinline__ void unpaint_group(const BlendJob& job, Memory& memor
     alphas[k] = weights[k] = T(0);
     if (k < members) {
       const int entry = memory.list[begin + k];
-      const T alpha = alpha_at(memory.entries.paint[entry], at.x, at.y, level_min, cap);
+      const T alpha = alpha_at(memory.entries.splats[entry], at.x, at.y, level_min, cap);
       alphas[k] = entry < seen ? alpha : T(0);
       weights[k] = alphas[k] * transmittance;
       transmittance = transmittance * (T(1) - alphas[k]);
@@ -159,7 +159,7 @@ __device__ __forceinline__ void unpaint_group(const BlendJob& job, Memory& memor
 #pragma unroll
   for (int k = GROUP - 1; k >= 0; --k) {
     if (k < members) {
-      const T* color = memory.entries.paint[memory.list[begin + k]] + PAINT_CHANNELS;
+      const T* color = memory.entries.splats[memory.list[begin + k]] + BLEND_CHANNELS;
       T pull = T(0);
 #pragma unroll
       for (int c = 0; c < CHANNELS; ++c) pull = fma(color[c], gradient[c], pull);
@@ -197,8 +197,8 @@ __device__ __forceinline__ void sum_pixels(const Memory& memory, int subtile, co
     sums.shape[SUM_UV] = fma(gu, z.y, sums.shape[SUM_UV]);
     sums.shape[SUM_VV] = fma(gv, z.y, sums.shape[SUM_VV]);
     if (ABSOLUTE) {
-      sums.magnitude[0] += absolute(fma(splat[PAINT_R], gu, splat[PAINT_WK] * gv));
-      sums.magnitude[1] += absolute(splat[PAINT_W] * gv);
+      sums.magnitude[0] += absolute(fma(splat[BLEND_R], gu, splat[BLEND_WK] * gv));
+      sums.magnitude[1] += absolute(splat[BLEND_W] * gv);
     }
 #pragma unroll
     for (int c = 0; c < CHANNELS; ++c) {
@@ -226,7 +226,7 @@ __device__ __forceinline__ void add_halves(const SplatSums<T, CHANNELS>& sums, b
 
 /// One subtile of a chunk.
 template <class T, int CHANNELS, int CHUNK, bool ABSOLUTE>
-__device__ __forceinline__ void unpaint_subtile(
+__device__ __forceinline__ void backward_subtile(
     const BlendBackwardJob& job, const ChunkPlace& place, int subtile,
     ChunkMemory<T, CHANNELS, CHUNK, ABSOLUTE>& memory) {
   const BlendJob& forward = job.forward;
@@ -254,13 +254,13 @@ __device__ __forceinline__ void unpaint_subtile(
   replay(forward, memory, at, seen, length, transmittance);
   for (int begin = (length - 1) / GROUP * GROUP; begin >= 0; begin -= GROUP) {
     const int members = length - begin < GROUP ? length - begin : GROUP;
-    unpaint_group<T, CHANNELS>(forward, memory, at, seen, begin, members, gradient, behind);
+    backward_group<T, CHANNELS>(forward, memory, at, seen, begin, members, gradient, behind);
     __syncwarp();
     SplatSums<T, CHANNELS> sums{};
     const int member = lane % GROUP;
     const int entry = memory.list[begin + (member < members ? member : 0)];
     if (member < members) {
-      sum_pixels<T, CHANNELS, ABSOLUTE>(memory, subtile, memory.entries.paint[entry], sums);
+      sum_pixels<T, CHANNELS, ABSOLUTE>(memory, subtile, memory.entries.splats[entry], sums);
     }
     add_halves<T, CHANNELS, ABSOLUTE>(sums, member < members && lane < GROUP, memory.sums[entry]);
     __syncwarp();
@@ -305,7 +305,7 @@ __global__ void __launch_bounds__(WARP) blend_backward(BlendBackwardJob job) {
   }
   __syncwarp();
   for (int subtile = 0; subtile < SUBTILES && place.count > 0; ++subtile) {
-    unpaint_subtile<T, CHANNELS, CHUNK, ABSOLUTE>(job, place, subtile, memory);
+    backward_subtile<T, CHANNELS, CHUNK, ABSOLUTE>(job, place, subtile, memory);
   }
   __syncwarp();
   write_sums(job, place, memory);

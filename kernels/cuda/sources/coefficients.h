@@ -2,7 +2,7 @@
 //
 // A row of degree 3 has 192 bytes of float: if each thread read its own, every load would touch 32
 // lines of memory. Here the warp copies all of its rows, neighbouring threads neighbouring numbers,
-// and each thread then finds its own row in shared memory. Gradients take the same way back.
+// and each thread then finds its own row in shared memory. Gradients take the same backward pass.
 #pragma once
 
 #include "stages.h"

@@ -1,4 +1,4 @@
-// Project: from splats to brushes, the ellipses with which one camera's picture is painted.
+// Project: from splats to projected splats, the ellipses with which one camera's image is blended.
 //
 // One thread per row of the model. Threads beyond the last row repeat it and write nothing, since
 // all lanes of a warp take part when it fetches coefficients and counts tiles.
@@ -22,24 +22,24 @@ constexpr int PROJECT_BLOCKS = sizeof(T) != sizeof(float) ? 8 : RAGGED ? 10 : 12
 GSFW_FUNCTION uint32 depth_key(float depth) { return __float_as_uint(depth); }
 GSFW_FUNCTION uint64 depth_key(double depth) { return uint64(__double_as_longlong(depth)); }
 
-/// The fields of a brush that describe its ellipse, [BRUSH_CHANNELS] of them.
+/// The fields of a projected splat that describe its ellipse, [SPLAT_CHANNELS] of them.
 template <class T>
 GSFW_FUNCTION void ellipse_fields(const Projection<T>& splat, const T& level,
                                   const T& log_visibility, const Extent<T>& extent, T* fields) {
   const Whitening<T> scaled = scale_for_binary(whiten(splat.covariance, splat.determinant));
   const T reach = T(2.0) * maximum(T(0.0), log_visibility);
   const Symmetric2<T>& c = splat.covariance;
-  fields[BRUSH_X] = splat.mean.x;
-  fields[BRUSH_Y] = splat.mean.y;
-  fields[BRUSH_R] = scaled.r;
-  fields[BRUSH_WK] = -(scaled.w * scaled.k);
-  fields[BRUSH_W] = scaled.w;
-  fields[BRUSH_LEVEL] = level;
-  fields[BRUSH_TILT] = c.xy / c.yy;
-  fields[BRUSH_TURN] = c.xy * square_root(reach / c.xx);
-  fields[BRUSH_NARROW] = square_root(reach * (splat.determinant / c.yy));
-  fields[BRUSH_HEIGHT] = extent.half.y;
-  fields[BRUSH_WIDTH] = extent.half.x;
+  fields[SPLAT_X] = splat.mean.x;
+  fields[SPLAT_Y] = splat.mean.y;
+  fields[SPLAT_R] = scaled.r;
+  fields[SPLAT_WK] = -(scaled.w * scaled.k);
+  fields[SPLAT_W] = scaled.w;
+  fields[SPLAT_LEVEL] = level;
+  fields[SPLAT_TILT] = c.xy / c.yy;
+  fields[SPLAT_TURN] = c.xy * square_root(reach / c.xx);
+  fields[SPLAT_NARROW] = square_root(reach * (splat.determinant / c.yy));
+  fields[SPLAT_HEIGHT] = extent.half.y;
+  fields[SPLAT_WIDTH] = extent.half.x;
 }
 
 /// The channels of one row, one after the other.
@@ -51,7 +51,7 @@ struct ChannelReader {
   Vector3<T> sh_color;
   T depth;
 
-  /// Zero beyond those that are drawn.
+  /// Zero beyond those that are rendered.
   GSFW_FUNCTION T operator[](int channel) const {
     const int extra = channel - splats.color_channels, beyond = extra - splats.extras;
     if (extra < 0 && DEGREE >= 0) {
@@ -64,20 +64,20 @@ struct ChannelReader {
   }
 };
 
-/// Write a brush: [stride] numbers, of which ``fields`` has those of the ellipse.
+/// Write a projected splat: [stride] numbers, of which ``fields`` has those of the ellipse.
 template <class T, int DEGREE>
-GSFW_FUNCTION void write_brush(const T* fields, const ChannelReader<T, DEGREE>& channel, int stride,
-                               void* brushes) {
-  static_assert(BRUSH_CHANNELS % 4 == 3, "The third four ends with the first channel.");
-  constexpr int FULL = BRUSH_CHANNELS / 4;
-  Four<T>* to = reinterpret_cast<Four<T>*>(static_cast<T*>(brushes) + channel.row * stride);
+GSFW_FUNCTION void write_splat(const T* fields, const ChannelReader<T, DEGREE>& channel, int stride,
+                               void* projected) {
+  static_assert(SPLAT_CHANNELS % 4 == 3, "The third four ends with the first channel.");
+  constexpr int FULL = SPLAT_CHANNELS / 4;
+  Four<T>* to = reinterpret_cast<Four<T>*>(static_cast<T*>(projected) + channel.row * stride);
 #pragma unroll
   for (int i = 0; i < FULL; ++i) {
     to[i] = {{fields[4 * i], fields[4 * i + 1], fields[4 * i + 2], fields[4 * i + 3]}};
   }
   to[FULL] = {{fields[4 * FULL], fields[4 * FULL + 1], fields[4 * FULL + 2], channel[0]}};
   for (int i = FULL + 1; 4 * i < stride; ++i) {
-    const int next = 4 * i - BRUSH_CHANNELS;
+    const int next = 4 * i - SPLAT_CHANNELS;
     to[i] = {{channel[next], channel[next + 1], channel[next + 2], channel[next + 3]}};
   }
 }
@@ -97,7 +97,7 @@ __device__ __forceinline__ Vector3<T> sh_color_of(const SplatArrays& splats, con
   return {sh_color(sum.x), sh_color(sum.y), sh_color(sum.z)};
 }
 
-/// What is known of a row besides its brush.
+/// What is known of a row besides its projected splat.
 template <class T>
 GSFW_FUNCTION void write_row(const ProjectJob& job, int64 row, bool visible, int tiles,
                              const Projection<T>& splat, const Extent<T>& extent) {
@@ -131,9 +131,9 @@ __global__ void __launch_bounds__(PROJECT_THREADS, (PROJECT_BLOCKS<T, RAGGED>))
     const WarpRows rows = rows_of_warp(row, inside, visible);
     channels.sh_color = sh_color_of<DEGREE, RAGGED>(job.splats, rows, splat.mean, camera);
   }
-  T fields[BRUSH_CHANNELS];
+  T fields[SPLAT_CHANNELS];
   ellipse_fields(seen, level, log_visibility, extent, fields);
-  if (visible) write_brush(fields, channels, job.stride, job.brushes);
+  if (visible) write_splat(fields, channels, job.stride, job.projected);
   const int tiles = count_tiles(fields, visible, job.grid, job.bounded != 0);
   if (inside) write_row(job, row, visible, tiles, seen, extent);
 }

@@ -1,7 +1,7 @@
-// Reach: which tiles, and which subtiles of a tile, an ellipse meets.
+// Reach: which tiles, and which subtiles of a tile, an ellipse intersects.
 //
 // An ellipse cut by a strip of pixel rows spans an interval of x, because the cut is convex; a
-// rectangle of that strip is met if and only if its pixel centres overlap the interval. Binning
+// rectangle of that strip is reached if and only if its pixel centres overlap the interval. Binning
 // counts tiles in one kernel and emits them in another, and both must find the same ones to the
 // bit: hence no sum here that a compiler could fuse with whatever made its operands.
 #pragma once
@@ -31,12 +31,12 @@ __device__ __forceinline__ int length(const TileRange& range) {
   return range.last < range.first ? 0 : range.last - range.first + 1;
 }
 
-/// The fields of a brush that tell what it meets.
+/// The fields of a projected splat that tell what it intersects.
 template <class T>
 struct Ellipse {
   /// The centre, in pixels.
   T x, y;
-  /// As BrushField has them.
+  /// As SplatField has them.
   T tilt, turn, narrow, height, width;
   /// 1 / height.
   T shrink;
@@ -62,10 +62,10 @@ __device__ __forceinline__ float round_down(float x) { return GSFW_ELEMENTARY(fl
 __device__ __forceinline__ double round_down(double x) { return GSFW_ELEMENTARY(floor)(x); }
 
 template <class T>
-__device__ __forceinline__ Ellipse<T> ellipse_of(const T* brush) {
-  const T height = brush[BRUSH_HEIGHT];
-  return {brush[BRUSH_X],    brush[BRUSH_Y],      brush[BRUSH_TILT], brush[BRUSH_TURN],
-          brush[BRUSH_NARROW], height, brush[BRUSH_WIDTH], T(1) / height};
+__device__ __forceinline__ Ellipse<T> ellipse_of(const T* splat) {
+  const T height = splat[SPLAT_HEIGHT];
+  return {splat[SPLAT_X],    splat[SPLAT_Y],      splat[SPLAT_TILT], splat[SPLAT_TURN],
+          splat[SPLAT_NARROW], height, splat[SPLAT_WIDTH], T(1) / height};
 }
 
 /// The ellipse that lane ``lane`` holds. A warp collective; lanes may ask for different ones.
@@ -110,30 +110,32 @@ __device__ __forceinline__ Span<T> span_of_rows(const Ellipse<T>& ellipse, T top
           rounded_sum(rounded_sum(ellipse.x, right), slack)};
 }
 
-/// The same for a brush, in any memory.
+/// The same for a projected splat, in any memory.
 template <class T>
-__device__ __forceinline__ Span<T> span_of_rows(const T* brush, T top, T bottom) {
-  return span_of_rows(ellipse_of(brush), top, bottom);
+__device__ __forceinline__ Span<T> span_of_rows(const T* splat, T top, T bottom) {
+  return span_of_rows(ellipse_of(splat), top, bottom);
 }
 
 /// The subtiles that a splat may reach in the tile whose first pixel is (tile_x, tile_y): bit row *
 /// 2 + column for each subtile, all of them where splats are not bounded. Misses no pixel at which
 /// alpha reaches its minimum.
 template <class T>
-__device__ __forceinline__ uint32 subtiles_met(const T* brush, int tile_x, int tile_y,
+__device__ __forceinline__ uint32 subtiles_reached(const T* splat, int tile_x, int tile_y,
                                                bool bounded) {
   if (!bounded) return (1u << SUBTILES) - 1u;
-  const Ellipse<T> ellipse = ellipse_of(brush);
+  const Ellipse<T> ellipse = ellipse_of(splat);
   const T first = T(tile_x) + T(0.5), second = first + T(SUBTILE_WIDTH);
-  uint32 met = 0;
+  uint32 reached = 0;
 #pragma unroll
   for (int row = 0; row < TILE / SUBTILE_HEIGHT; ++row) {
     const T top = T(tile_y + row * SUBTILE_HEIGHT) + T(0.5);
     const Span<T> span = span_of_rows(ellipse, top, top + T(SUBTILE_HEIGHT - 1));
-    if (span.high >= first && span.low <= first + T(SUBTILE_WIDTH - 1)) met |= 1u << (2 * row);
-    if (span.high >= second && span.low <= second + T(SUBTILE_WIDTH - 1)) met |= 2u << (2 * row);
+    if (span.high >= first && span.low <= first + T(SUBTILE_WIDTH - 1)) reached |= 1u << (2 * row);
+    if (span.high >= second && span.low <= second + T(SUBTILE_WIDTH - 1)) {
+      reached |= 2u << (2 * row);
+    }
   }
-  return met;
+  return reached;
 }
 
 /// The tiles along an axis, of ``tiles``, some of whose pixel centres lie between ``low`` and
@@ -147,14 +149,14 @@ __device__ __forceinline__ TileRange tiles_between(T low, T high, int tiles) {
           int(minimum(maximum(last, T(-1)), T(tiles - 1)))};
 }
 
-/// The rows of tiles that an ellipse may meet.
+/// The rows of tiles that an ellipse may intersect.
 template <class T>
 __device__ __forceinline__ TileRange tile_rows(const Ellipse<T>& ellipse, const Grid& grid) {
   const T reach = rounded_sum(ellipse.height, slack_of(ellipse.height));
   return tiles_between(rounded_sum(ellipse.y, -reach), rounded_sum(ellipse.y, reach), grid.rows);
 }
 
-/// The columns of tiles that an ellipse meets in one row of tiles.
+/// The columns of tiles that an ellipse intersects in one row of tiles.
 template <class T>
 __device__ __forceinline__ TileRange tile_columns(const Ellipse<T>& ellipse, int row,
                                                   const Grid& grid) {
@@ -163,15 +165,15 @@ __device__ __forceinline__ TileRange tile_columns(const Ellipse<T>& ellipse, int
   return tiles_between(span.low, span.high, grid.columns);
 }
 
-/// How many tiles a splat meets; 0 where not ``visible``.
+/// How many tiles a splat intersects; 0 where not ``visible``.
 ///
-/// A warp collective. ``brush`` is an array of the lane's own; each lane counts its own splat, but
+/// A warp collective. ``splat`` is an array of the lane's own; each lane counts its own splat, but
 /// tall ones are counted by the whole warp, one after the other, lest one lane keep 31 waiting.
 template <class T>
-__device__ __forceinline__ int count_tiles(const T* brush, bool visible, const Grid& grid,
+__device__ __forceinline__ int count_tiles(const T* splat, bool visible, const Grid& grid,
                                            bool bounded) {
   if (!bounded) return visible ? grid.columns * grid.rows : 0;
-  const Ellipse<T> own = ellipse_of(brush);
+  const Ellipse<T> own = ellipse_of(splat);
   TileRange rows{0, -1};
   if (visible) rows = tile_rows(own, grid);
   const bool tall = length(rows) > ROWS_BY_ONE_LANE;

@@ -1,12 +1,12 @@
-// L1 and SSIM of pictures, and the way back.
+// L1 and SSIM of images, and the backward pass.
 //
 // Wang et al. 2004, equation 13, with zero padding. With u = x + y and v = x - y
 //     SSIM = (A - B + 2 c1) (U - V + 2 c2) / ((A + B + 2 c1) (U + V + 2 c2)),
 // where A and B are the squared window means of u and v, and U and V their variances: four blurred
-// maps instead of five, and 1 - SSIM loses no digits where the pictures agree, for then v, B and V
+// maps instead of five, and 1 - SSIM loses no digits where the images agree, for then v, B and V
 // vanish. A block answers for a tile of pixels, one channel after another: it takes the tile with a
 // border into shared memory, blurs it across into registers, puts that in place of what it took,
-// and blurs down. Sums are made in an order that depends on the size of the pictures only.
+// and blurs down. Sums are made in an order that depends on the size of the images only.
 #include "step_stages.h"
 
 namespace gsfw {
@@ -28,9 +28,9 @@ constexpr int RUNS = ROWS * (SSIM_WIDTH / RUN);
 static_assert(RUNS <= SSIM_THREADS, "every run has its own thread");
 static_assert(SSIM_WIDTH == WARP && SSIM_HEIGHT == DROP * SSIM_THREADS / WARP,
               "every thread of a warp has its own column, every warp its own rows");
-/// Maps that are blurred: u, v, u^2 and v^2; the first two are taken from the pictures.
-constexpr int MAPS = 4, PICTURE_MAPS = 2;
-static_assert(MAPS * ACROSS > PICTURE_MAPS * TAKEN, "what is put there fits");
+/// Maps that are blurred: u, v, u^2 and v^2; the first two are taken from the images.
+constexpr int MAPS = 4, IMAGE_MAPS = 2;
+static_assert(MAPS * ACROSS > IMAGE_MAPS * TAKEN, "what is put there fits");
 static_assert(TAKEN > ACROSS, "what is put there fits");
 
 /// Weight of a tap of the Gaussian window of 11 taps, sigma 1.5 (gsfw.core.maths.ssim).
@@ -41,9 +41,9 @@ __device__ __forceinline__ T window_weight(int tap) {
   return T(half[tap <= REACH ? tap : TAPS - 1 - tap]);
 }
 
-/// Where a block is: the picture, and the first pixel of the tile.
+/// Where a block is: the image, and the first pixel of the tile.
 struct Tile {
-  int64 picture;
+  int64 image;
   int left, top;
 };
 
@@ -54,7 +54,7 @@ __device__ __forceinline__ Tile tile_of_block(const Comparison& of) {
   return {row / rows, int(blockIdx.x) % columns * SSIM_WIDTH, row % rows * SSIM_HEIGHT};
 }
 
-/// Index of a pixel within its picture, counted from the tile's first; -1 outside the picture.
+/// Index of a pixel within its image, counted from the tile's first; -1 outside the image.
 __device__ __forceinline__ int64 pixel_at(const Comparison& of, const Tile& tile, int row,
                                           int column) {
   const int y = tile.top + row, x = tile.left + column;
@@ -62,22 +62,22 @@ __device__ __forceinline__ int64 pixel_at(const Comparison& of, const Tile& tile
   return inside ? int64(y) * of.width + x : -1;
 }
 
-__device__ __forceinline__ int64 picture_size(const Comparison& of) {
+__device__ __forceinline__ int64 image_size(const Comparison& of) {
   return int64(of.height) * of.width;
 }
 
-/// Whether a pixel of the tile's picture counts.
+/// Whether a pixel of the tile's image counts.
 __device__ __forceinline__ bool counts(const Comparison& of, const Tile& tile, int64 pixel) {
-  return of.valid == nullptr || of.valid[tile.picture * picture_size(of) + pixel] != 0;
+  return of.valid == nullptr || of.valid[tile.image * image_size(of) + pixel] != 0;
 }
 
 /// Take u and v of one channel, with the border. Pixels that do not count take the target's value.
-/// Returns this thread's part of the sum of |x - y| over the tile; it is made of the pictures
+/// Returns this thread's part of the sum of |x - y| over the tile; it is made of the images
 /// themselves so that, as in plain torch, a NaN shows even where it does not count.
 template <class T>
-__device__ __forceinline__ T take_pictures(const Comparison& of, const Tile& tile, int channel,
+__device__ __forceinline__ T take_images(const Comparison& of, const Tile& tile, int channel,
                                            T* taken) {
-  const int64 first = tile.picture * picture_size(of) * of.channels + channel;
+  const int64 first = tile.image * image_size(of) * of.channels + channel;
   const T* rendered = static_cast<const T*>(of.rendered) + first;
   const T* target = static_cast<const T*>(of.target) + first;
   T total = T(0.0);
@@ -104,10 +104,10 @@ __device__ __forceinline__ T take_pictures(const Comparison& of, const Tile& til
 template <class T>
 __device__ __forceinline__ void take_flows(const SsimBackwardJob& job, const Tile& tile,
                                            int channel, T* taken) {
-  const Comparison& of = job.pictures;
-  const int64 size = picture_size(of);
+  const Comparison& of = job.images;
+  const int64 size = image_size(of);
   const T* flows = static_cast<const T*>(job.flows) +
-                   (tile.picture * of.channels + channel) * SSIM_FLOWS * size;
+                   (tile.image * of.channels + channel) * SSIM_FLOWS * size;
   for (int i = int(threadIdx.x); i < ROWS * COLUMNS; i += SSIM_THREADS) {
     const int row = i / COLUMNS, column = i % COLUMNS;
     const int64 pixel = pixel_at(of, tile, row - REACH, column - REACH);
@@ -223,15 +223,15 @@ __device__ __forceinline__ void write_sums(const T (&sums)[COUNT], double* to) {
 
 /// u, v, u^2 and v^2, blurred across.
 template <class T>
-__device__ __forceinline__ void blur_pictures(const T* taken, T (&across)[MAPS][RUN]) {
+__device__ __forceinline__ void blur_images(const T* taken, T (&across)[MAPS][RUN]) {
 #pragma unroll
-  for (int map = 0; map < PICTURE_MAPS; ++map) {
+  for (int map = 0; map < IMAGE_MAPS; ++map) {
     T run[RUN + TAPS - 1];
     read_run(taken + map * TAKEN, run);
     blur<T, RUN>(run, across[map]);
 #pragma unroll
     for (int i = 0; i < RUN + TAPS - 1; ++i) run[i] *= run[i];
-    blur<T, RUN>(run, across[PICTURE_MAPS + map]);
+    blur<T, RUN>(run, across[IMAGE_MAPS + map]);
   }
 }
 
@@ -243,10 +243,10 @@ __device__ __forceinline__ T compare(const SsimJob& job, const Tile& tile, int c
   T blurred[MAPS][DROP];
 #pragma unroll
   for (int map = 0; map < MAPS; ++map) blur_down(maps + map * ACROSS, blurred[map]);
-  const Comparison& of = job.pictures;
-  const int64 size = picture_size(of);
+  const Comparison& of = job.images;
+  const int64 size = image_size(of);
   T* flows = static_cast<T*>(job.flows);
-  if (flows != nullptr) flows += (tile.picture * of.channels + channel) * SSIM_FLOWS * size;
+  if (flows != nullptr) flows += (tile.image * of.channels + channel) * SSIM_FLOWS * size;
   T total = T(0.0);
 #pragma unroll
   for (int i = 0; i < DROP; ++i) {
@@ -263,11 +263,11 @@ __device__ __forceinline__ T compare(const SsimJob& job, const Tile& tile, int c
   return total;
 }
 
-/// See ``SsimJob``. One block of SSIM_THREADS for every tile of every picture.
+/// See ``SsimJob``. One block of SSIM_THREADS for every tile of every image.
 template <class T>
 __global__ void __launch_bounds__(SSIM_THREADS) ssim(SsimJob job) {
   __shared__ T maps[MAPS * ACROSS];
-  const Comparison& of = job.pictures;
+  const Comparison& of = job.images;
   const Tile tile = tile_of_block(of);
   T weights[DROP];
   T sums[SSIM_SUMS] = {};
@@ -278,10 +278,10 @@ __global__ void __launch_bounds__(SSIM_THREADS) ssim(SsimJob job) {
     sums[2] += weights[i];
   }
   for (int channel = 0; channel < of.channels; ++channel) {
-    sums[0] += take_pictures(of, tile, channel, maps);
+    sums[0] += take_images(of, tile, channel, maps);
     __syncthreads();
     T across[MAPS][RUN] = {};
-    if (has_run()) blur_pictures(maps, across);
+    if (has_run()) blur_images(maps, across);
     put_across(across, maps);
     sums[1] += compare(job, tile, channel, maps, weights);
     __syncthreads();
@@ -316,8 +316,8 @@ __device__ __forceinline__ void return_flows(const SsimBackwardJob& job, const T
   T blurred[SSIM_FLOWS][DROP];
 #pragma unroll
   for (int flow = 0; flow < SSIM_FLOWS; ++flow) blur_down(maps + flow * ACROSS, blurred[flow]);
-  const Comparison& of = job.pictures;
-  const int64 first = tile.picture * picture_size(of) * of.channels + channel;
+  const Comparison& of = job.images;
+  const int64 first = tile.image * image_size(of) * of.channels + channel;
 #pragma unroll
   for (int i = 0; i < DROP; ++i) {
     const int64 pixel = pixel_at(of, tile, drop_row() + i, lane_index());
@@ -333,15 +333,15 @@ __device__ __forceinline__ void return_flows(const SsimBackwardJob& job, const T
   }
 }
 
-/// See ``SsimBackwardJob``. One block of SSIM_THREADS for every tile of every picture.
+/// See ``SsimBackwardJob``. One block of SSIM_THREADS for every tile of every image.
 template <class T>
 __global__ void __launch_bounds__(SSIM_THREADS) ssim_backward(SsimBackwardJob job) {
   __shared__ T maps[SSIM_FLOWS * TAKEN];
-  const Tile tile = tile_of_block(job.pictures);
+  const Tile tile = tile_of_block(job.images);
   const T share = *static_cast<const T*>(job.share);
   const T l1 = *static_cast<const T*>(job.l1_gradient) * share;
   const T dissimilarity = *static_cast<const T*>(job.dissimilarity_gradient) * share;
-  for (int channel = 0; channel < job.pictures.channels; ++channel) {
+  for (int channel = 0; channel < job.images.channels; ++channel) {
     take_flows(job, tile, channel, maps);
     __syncthreads();
     T across[SSIM_FLOWS][RUN] = {};

@@ -1,4 +1,4 @@
-// What the host hands to the kernels that draw: plain structures, mirrored field by field in
+// What the host hands to the kernels that render: plain structures, mirrored field by field in
 // kernels/cuda/jobs.py. Every kernel takes one of them by value, and nothing else.
 //
 // Arrays are untyped here so that one structure serves every number type T, which the kernel's
@@ -13,21 +13,21 @@ namespace cuda {
 /// Side of a tile in pixels: the unit of binning, and of one block of threads.
 constexpr int TILE = 16;
 constexpr int TILE_PIXELS = TILE * TILE;
-/// The part of a tile that one warp paints: 8 x 4 pixels, two columns and four rows of them.
+/// The part of a tile that one warp blends: 8 x 4 pixels, two columns and four rows of them.
 constexpr int SUBTILE_WIDTH = 8;
 constexpr int SUBTILE_HEIGHT = 4;
 constexpr int SUBTILES = TILE_PIXELS / WARP;
 
-/// A brush is a projected splat, one row of T per row of the model. Centre in pixels; r, -w k and w
-/// of the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 - v^2);
+/// A projected splat: one row of T per row of the model. Centre in pixels; r, -w k and w of the
+/// whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 - v^2);
 /// level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans with y;
 /// the height above the centre at which it reaches furthest right; half its width at the centre's
 /// height; half the height and half the width of its bounding box. Then the channels: colour,
 /// extra, depth, 1, and zeros up to the stride, which is a multiple of 4.
-enum BrushField {
-  BRUSH_X, BRUSH_Y, BRUSH_R, BRUSH_WK, BRUSH_W, BRUSH_LEVEL,
-  BRUSH_TILT, BRUSH_TURN, BRUSH_NARROW, BRUSH_HEIGHT, BRUSH_WIDTH,
-  BRUSH_CHANNELS
+enum SplatField {
+  SPLAT_X, SPLAT_Y, SPLAT_R, SPLAT_WK, SPLAT_W, SPLAT_LEVEL,
+  SPLAT_TILT, SPLAT_TURN, SPLAT_NARROW, SPLAT_HEIGHT, SPLAT_WIDTH,
+  SPLAT_CHANNELS
 };
 
 /// What is summed over the pixels of a splat, with g = alpha dL/d alpha: g, g u, g v, g u^2, g u v,
@@ -84,7 +84,7 @@ struct SplatArrays {
   int color_stride, rest_stride, extras;
   /// Channels of colour: 3 for SH.
   int color_channels;
-  /// 1 to draw depth, 2 to draw depth and a channel of ones.
+  /// 1 to render depth, 2 to render depth and a channel of ones.
   int depth_channels;
   int unused;
 };
@@ -101,23 +101,23 @@ struct SplatGradients {
   void* extra;
 };
 
-/// project<T, Shape, DEGREE, RAGGED>: brushes, and how many tiles each splat meets.
+/// project<T, Shape, DEGREE, RAGGED>: projected splats, and how many tiles each splat intersects.
 struct ProjectJob {
   View view;
   SplatArrays splats;
   Grid grid;
-  /// log2 of the least alpha that is drawn.
+  /// log2 of the least alpha that is rendered.
   double level_min;
   /// False when every splat in front is to reach the whole image.
   int bounded;
-  /// Numbers of T per brush.
+  /// Numbers of T per projected splat.
   int stride;
   /// T [n, stride]; written where visible.
-  void* brushes;
+  void* projected;
   /// uint32 [n] for float, uint64 [n] for double: view depth as a number that sorts alike, all ones
   /// where not visible.
   void* depth_keys;
-  /// int32 [n]: tiles met; 0 where not visible.
+  /// int32 [n]: tiles intersected; 0 where not visible.
   int* tile_counts;
   /// [n]
   uint8* visible;
@@ -130,7 +130,7 @@ struct EmitJob {
   Grid grid;
   int bounded;
   int stride;
-  const void* brushes;
+  const void* projected;
   /// Splats, all of them, visible ones first, from front to back: int32 [n].
   const int* order;
   int64 count;
@@ -157,13 +157,13 @@ struct TilesJob {
   int64* starts;
 };
 
-/// blend<T, CHANNELS, CHUNK, MEASURE>: one picture, and what its way back needs.
+/// blend<T, CHANNELS, CHUNK, MEASURE>: one image, and what its backward pass needs.
 struct BlendJob {
   Grid grid;
   double level_min, alpha_cap, alpha_limit, transmittance_min;
-  const void* brushes;
+  const void* projected;
   int stride;
-  /// Channels drawn; CHANNELS may be more, which are then 0.
+  /// Channels rendered; CHANNELS may be more, which are then 0.
   int channels;
   int bounded;
   int unused;
@@ -185,7 +185,7 @@ struct BlendJob {
   /// int32 [h, w]: how many pairs of its tile each pixel has looked at before it stopped.
   int* seen;
   /// T [chunks, 1 + CHANNELS, 256]: transmittance and colours in front of each chunk, pixels in the
-  /// order of subtiles; null where there is no way back.
+  /// order of subtiles; null where there is no backward pass.
   void* checkpoints;
   /// int32 [chunks]: the tile of each checkpoint, -1 where the tile had stopped before.
   int* chunk_tiles;
@@ -218,7 +218,7 @@ struct ProjectBackwardJob {
   ProjectJob forward;
   const void* sums;
   int sum_stride;
-  /// Channels drawn, after which the magnitudes of absgrad follow in ``sums``.
+  /// Channels rendered, after which the magnitudes of absgrad follow in ``sums``.
   int channels;
   /// int64 [n], by row: the end of each splat's slots, ``tile_counts`` of them; null where ``sums``
   /// has one row per splat.

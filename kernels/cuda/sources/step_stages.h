@@ -1,4 +1,4 @@
-// What the host hands to the kernels of a training step besides drawing: plain structures, mirrored
+// Arguments of the kernels of a training step besides rendering: plain structures, mirrored
 // field by field in kernels/cuda/step_jobs.py.
 //
 // As in stages.h, arrays are untyped, plain numbers are doubles, and what is absent is null.
@@ -9,11 +9,11 @@
 namespace gsfw {
 namespace cuda {
 
-/// Pixels of a picture that one block of ``ssim`` and ``ssim_backward`` answers for.
+/// Pixels of an image that one block of ``ssim`` and ``ssim_backward`` answers for.
 constexpr int SSIM_WIDTH = 32;
 constexpr int SSIM_HEIGHT = 16;
 constexpr int SSIM_THREADS = 256;
-/// Maps of what flows back from a similarity to the pictures that were compared.
+/// Maps of what flows back from a similarity to the images that were compared.
 constexpr int SSIM_FLOWS = 3;
 /// What a block of ``ssim`` sums: |x - y|, 1 - SSIM, and pixels that count.
 constexpr int SSIM_SUMS = 3;
@@ -27,22 +27,22 @@ constexpr int FINITE_THREADS = 256;
 constexpr int FINITE_NUMBERS = 8192;
 constexpr int FINITE_TENSORS = 16;
 
-/// Pictures that are compared.
+/// Images that are compared.
 struct Comparison {
   /// T [c, h, w, d], and so is the target.
   const void* rendered;
   const void* target;
   /// [c, h, w]: 1 where a pixel counts and 0 elsewhere; null when all do.
   const uint8* valid;
-  int pictures, height, width, channels;
+  int images, height, width, channels;
 };
 
 /// ssim<T>: L1 and 1 - SSIM, summed over each block's pixels that count.
 struct SsimJob {
-  Comparison pictures;
+  Comparison images;
   /// T [c, d, SSIM_FLOWS, h, w]: a quarter of the derivatives of SSIM with respect to the blurred
   /// u = x + y, and half of those with respect to the blurred u^2 and v^2, v = x - y; 0 where a
-  /// pixel does not count. Null where there is no way back.
+  /// pixel does not count. Null where there is no backward pass.
   void* flows;
   /// [SSIM_SUMS, blocks]
   double* sums;
@@ -59,9 +59,9 @@ struct LossesJob {
   void* share;
 };
 
-/// ssim_backward<T>: the gradient of the rendered pictures.
+/// ssim_backward<T>: the gradient of the rendered images.
 struct SsimBackwardJob {
-  Comparison pictures;
+  Comparison images;
   const void* flows;
   /// T each: ``LossesJob``'s share, and the gradients of the two losses.
   const void* share;

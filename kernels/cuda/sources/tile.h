@@ -1,7 +1,7 @@
-// Tile: the pixels of one, and the splats that are painted on them.
+// Tile: the pixels of one, and the splats that are blended on them.
 //
 // Forward and backward see alpha through the same function of explicitly fused operations, so that
-// both agree bit for bit on what is drawn.
+// both agree bit for bit on what is rendered.
 #pragma once
 
 #include "stages.h"
@@ -42,17 +42,17 @@ __device__ __forceinline__ Pixel<T> pixel_of(const Grid& grid, int tile, int sub
           inside ? int64(y) * grid.width + x : 0, inside};
 }
 
-/// What painting needs of a splat, next to one another: u and v at the middle of the tile; r, -w k
+/// What blending needs of a splat, next to one another: u and v at the middle of the tile; r, -w k
 /// and w of the whitening; level; then the channels.
-enum PaintField { PAINT_U, PAINT_V, PAINT_R, PAINT_WK, PAINT_W, PAINT_LEVEL, PAINT_CHANNELS };
+enum BlendField { BLEND_U, BLEND_V, BLEND_R, BLEND_WK, BLEND_W, BLEND_LEVEL, BLEND_CHANNELS };
 
 /// A chunk of a tile's splats in shared memory.
 template <class T, int CHANNELS, int CHUNK>
 struct Entries {
   /// A multiple of four numbers, which one load of 16 bytes fetches.
-  static constexpr int STRIDE = (PAINT_CHANNELS + CHANNELS + 3) / 4 * 4;
+  static constexpr int STRIDE = (BLEND_CHANNELS + CHANNELS + 3) / 4 * 4;
 
-  __align__(16) T paint[CHUNK][STRIDE];
+  __align__(16) T splats[CHUNK][STRIDE];
   /// Bit s: the splat may reach subtile s.
   uint8 subtiles[CHUNK];
 };
@@ -61,42 +61,42 @@ struct Entries {
 template <class T, int CHANNELS, int CHUNK>
 __device__ __forceinline__ void load_entry(const BlendJob& job, int tile, int64 first, int place,
                                            Entries<T, CHANNELS, CHUNK>& entries) {
-  // All of the brush that is used, four numbers at a time, into registers.
-  constexpr int FOURS = (BRUSH_CHANNELS + CHANNELS + 3) / 4;
-  __align__(16) T brush[4 * FOURS];
+  // All of the projected splat that is used, four numbers at a time, into registers.
+  constexpr int FOURS = (SPLAT_CHANNELS + CHANNELS + 3) / 4;
+  __align__(16) T splat[4 * FOURS];
   const int64 row = job.rows[first + place];
-  const Four<T>* from = reinterpret_cast<const Four<T>*>(static_cast<const T*>(job.brushes) +
+  const Four<T>* from = reinterpret_cast<const Four<T>*>(static_cast<const T*>(job.projected) +
                                                          row * job.stride);
 #pragma unroll
   for (int i = 0; i < FOURS; ++i) {
     const Four<T> four = from[i];
-    for (int k = 0; k < 4; ++k) brush[4 * i + k] = four.numbers[k];
+    for (int k = 0; k < 4; ++k) splat[4 * i + k] = four.numbers[k];
   }
-  T* to = entries.paint[place];
+  T* to = entries.splats[place];
   const int left = tile % job.grid.columns * TILE, top = tile / job.grid.columns * TILE;
-  const T x = brush[BRUSH_X] - T(left + TILE / 2), y = brush[BRUSH_Y] - T(top + TILE / 2);
-  to[PAINT_U] = -(brush[BRUSH_R] * x);
-  to[PAINT_V] = -fma(brush[BRUSH_W], y, brush[BRUSH_WK] * x);
-  to[PAINT_R] = brush[BRUSH_R];
-  to[PAINT_WK] = brush[BRUSH_WK];
-  to[PAINT_W] = brush[BRUSH_W];
-  to[PAINT_LEVEL] = brush[BRUSH_LEVEL];
+  const T x = splat[SPLAT_X] - T(left + TILE / 2), y = splat[SPLAT_Y] - T(top + TILE / 2);
+  to[BLEND_U] = -(splat[SPLAT_R] * x);
+  to[BLEND_V] = -fma(splat[SPLAT_W], y, splat[SPLAT_WK] * x);
+  to[BLEND_R] = splat[SPLAT_R];
+  to[BLEND_WK] = splat[SPLAT_WK];
+  to[BLEND_W] = splat[SPLAT_W];
+  to[BLEND_LEVEL] = splat[SPLAT_LEVEL];
 #pragma unroll
-  for (int c = 0; c < CHANNELS; ++c) to[PAINT_CHANNELS + c] = brush[BRUSH_CHANNELS + c];
-  entries.subtiles[place] = uint8(subtiles_met(brush, left, top, job.bounded != 0));
+  for (int c = 0; c < CHANNELS; ++c) to[BLEND_CHANNELS + c] = splat[SPLAT_CHANNELS + c];
+  entries.subtiles[place] = uint8(subtiles_reached(splat, left, top, job.bounded != 0));
 }
 
 /// u and v of a splat, scaled for binary, at a pixel.
 template <class T>
-__device__ __forceinline__ Vector2<T> whitened_at(const T* paint, T x, T y) {
-  return {fma(paint[PAINT_R], x, paint[PAINT_U]),
-          fma(paint[PAINT_W], y, fma(paint[PAINT_WK], x, paint[PAINT_V]))};
+__device__ __forceinline__ Vector2<T> whitened_at(const T* splat, T x, T y) {
+  return {fma(splat[BLEND_R], x, splat[BLEND_U]),
+          fma(splat[BLEND_W], y, fma(splat[BLEND_WK], x, splat[BLEND_V]))};
 }
 
 /// Alpha of a splat at a pixel, 0 where it is skipped.
 template <class T>
-__device__ __forceinline__ T alpha_at(const T* paint, T x, T y, T level_min, T alpha_cap) {
-  const T level = alpha_exponent(paint[PAINT_LEVEL], whitened_at(paint, x, y));
+__device__ __forceinline__ T alpha_at(const T* splat, T x, T y, T level_min, T alpha_cap) {
+  const T level = alpha_exponent(splat[BLEND_LEVEL], whitened_at(splat, x, y));
   return level >= level_min ? least(power_of_two(level), alpha_cap) : T(0);
 }
 

@@ -23,9 +23,9 @@ void fail(const std::string& what) {
 }
 
 struct Size {
-  int64_t pictures, height, width, channels;
+  int64_t images, height, width, channels;
 
-  int64_t pixels() const { return pictures * height * width; }
+  int64_t pixels() const { return images * height * width; }
 };
 
 constexpr Size SIZES[] = {
@@ -48,11 +48,11 @@ std::vector<T> losses_of(const Size& size, bool masked, int threads) {
   const std::vector<T> rendered = uniform<T>(numbers, 1), target = uniform<T>(numbers, 2);
   std::vector<uint8_t> valid(static_cast<size_t>(size.pixels()));
   for (size_t i = 0; i < valid.size(); ++i) valid[i] = i % 5 != 2;
-  const Comparison<T> pictures = {rendered.data(), target.data(), masked ? valid.data() : nullptr,
-                                  size.pictures, size.height, size.width, size.channels};
+  const Comparison<T> images = {rendered.data(), target.data(), masked ? valid.data() : nullptr,
+                                  size.images, size.height, size.width, size.channels};
   std::vector<T> gradient(static_cast<size_t>(numbers)), total(gradient);
-  const Losses losses = l1_dissimilarity(pictures, gradient.data(), threads);
-  loss_gradient(pictures, gradient.data(), 0.8, 0.2, total.data(), threads);
+  const Losses losses = l1_dissimilarity(images, gradient.data(), threads);
+  loss_gradient(images, gradient.data(), 0.8, 0.2, total.data(), threads);
   std::vector<T> results = {T(losses.l1), T(losses.dissimilarity)};
   results.insert(results.end(), gradient.begin(), gradient.end());
   results.insert(results.end(), total.begin(), total.end());

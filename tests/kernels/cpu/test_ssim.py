@@ -22,8 +22,8 @@ SHAPES = [
 ]
 
 
-def pictures(shape: tuple[int, ...], dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
-    """A rendered picture that needs a gradient, what it should look like, and a mask."""
+def images(shape: tuple[int, ...], dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+    """A rendered image that needs a gradient, what it should look like, and a mask."""
     generator = torch.Generator().manual_seed(sum(shape))
     target = torch.rand(shape, dtype=dtype, generator=generator)
     noise = torch.randn(shape, dtype=dtype, generator=generator)
@@ -48,7 +48,7 @@ def relative_error(found: Tensor, expected: Tensor) -> float:
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-5)])
 def test_values_and_gradients_agree_with_torch(shape, dtype, tolerance, masked):
-    rendered, target, valid = pictures(shape, dtype)
+    rendered, target, valid = images(shape, dtype)
     mask = valid if masked else None
     found = losses_and_gradients(CpuOperators(), rendered, target, mask)
     exact = rendered.detach().double().requires_grad_()
@@ -60,7 +60,7 @@ def test_values_and_gradients_agree_with_torch(shape, dtype, tolerance, masked):
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_any_number_of_threads_gives_the_same_bits(dtype, use_threads):
-    rendered, target, valid = pictures((2, 230, 410, 3), dtype)
+    rendered, target, valid = images((2, 230, 410, 3), dtype)
     results = []
     for threads in (1, 2, 5):
         use_threads(threads)
@@ -82,7 +82,7 @@ def test_equal_flat_pictures_lose_nothing(dtype, brightness):
 
 
 def test_no_valid_pixel_gives_no_l1_and_no_gradient():
-    rendered, target, valid = pictures((1, 12, 12, 3), torch.float32)
+    rendered, target, valid = images((1, 12, 12, 3), torch.float32)
     l1, dssim = CpuOperators().l1_dssim(rendered, target, torch.zeros_like(valid))
     (l1 + dssim).backward()
     assert l1.item() == 0.0
@@ -93,7 +93,7 @@ def test_no_valid_pixel_gives_no_l1_and_no_gradient():
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_what_is_not_finite_is_not_hidden(bad, masked):
-    rendered, target, valid = pictures((1, 30, 30, 3), torch.float32)
+    rendered, target, valid = images((1, 30, 30, 3), torch.float32)
     valid[0, 4, 5] = False  # Even there.
     broken = rendered.detach().clone()
     broken[0, 4, 5, 1] = bad
@@ -102,7 +102,7 @@ def test_what_is_not_finite_is_not_hidden(bad, masked):
 
 
 def test_pictures_that_are_not_contiguous_are_taken_too():
-    rendered, target, valid = pictures((1, 20, 24, 3), torch.float64)
+    rendered, target, valid = images((1, 20, 24, 3), torch.float64)
     turned, other, mask = (tensor.transpose(1, 2) for tensor in (rendered, target, valid))
     found = CpuOperators().l1_dssim(turned, other, mask)
     expected = Operators().l1_dssim(rendered, target, valid)
@@ -110,7 +110,7 @@ def test_pictures_that_are_not_contiguous_are_taken_too():
 
 
 def test_backward_may_run_twice():
-    rendered, target, valid = pictures((1, 20, 24, 3), torch.float32)
+    rendered, target, valid = images((1, 20, 24, 3), torch.float32)
     l1, dssim = CpuOperators().l1_dssim(rendered, target, valid)
     (first,) = torch.autograd.grad(l1 + dssim, rendered, retain_graph=True)
     (second,) = torch.autograd.grad(l1 + dssim, rendered)
@@ -118,7 +118,7 @@ def test_backward_may_run_twice():
 
 
 def test_second_derivatives_come_from_torch():
-    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    rendered, target, _ = images((1, 6, 6, 1), torch.float64)
 
     def curvature(operators: Operators) -> Tensor:
         _, dssim = operators.l1_dssim(rendered, target)
@@ -130,7 +130,7 @@ def test_second_derivatives_come_from_torch():
 
 @pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
 def test_derivatives_carried_forward_come_from_torch():
-    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    rendered, target, _ = images((1, 6, 6, 1), torch.float64)
     with forward_ad.dual_level():
         dual = forward_ad.make_dual(rendered.detach(), torch.ones_like(target))
         _, dssim = CpuOperators().l1_dssim(dual, target)
@@ -138,13 +138,13 @@ def test_derivatives_carried_forward_come_from_torch():
 
 
 def test_a_target_that_needs_a_gradient_gets_it():
-    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    rendered, target, _ = images((1, 6, 6, 1), torch.float64)
     sum(CpuOperators().l1_dssim(rendered.detach(), target.requires_grad_())).backward()
     assert target.grad.any()
 
 
 def test_half_precision_goes_to_torch():
-    rendered, target, _ = pictures((1, 20, 20, 3), torch.float32)
+    rendered, target, _ = images((1, 20, 20, 3), torch.float32)
     half, other = rendered.detach().bfloat16(), target.bfloat16()
     found = CpuOperators().l1_dssim(half, other)
     assert [float(v) for v in found] == [float(v) for v in Operators().l1_dssim(half, other)]

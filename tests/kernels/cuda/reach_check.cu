@@ -10,7 +10,7 @@ struct ReachJob {
   int stride;
   int64 count;
   /// T [n, stride]
-  const void* brushes;
+  const void* projected;
   /// [n]
   const uint8* visible;
   /// int32 [n]
@@ -22,26 +22,26 @@ struct ReachJob {
 /// One thread per splat.
 template <class T>
 __global__ void __launch_bounds__(64) count_all(ReachJob job) {
-  const int64 splat = thread_index();
-  const bool visible = splat < job.count && job.visible[splat];
-  const T* from = static_cast<const T*>(job.brushes) + (visible ? splat * job.stride : 0);
-  T brush[BRUSH_CHANNELS];
+  const int64 row = thread_index();
+  const bool visible = row < job.count && job.visible[row];
+  const T* from = static_cast<const T*>(job.projected) + (visible ? row * job.stride : 0);
+  T splat[SPLAT_CHANNELS];
 #pragma unroll
-  for (int i = 0; i < BRUSH_CHANNELS; ++i) brush[i] = visible ? from[i] : T(0);
-  const int tiles = count_tiles(brush, visible, job.grid, job.bounded != 0);
-  if (splat < job.count) job.tile_counts[splat] = tiles;
+  for (int i = 0; i < SPLAT_CHANNELS; ++i) splat[i] = visible ? from[i] : T(0);
+  const int tiles = count_tiles(splat, visible, job.grid, job.bounded != 0);
+  if (row < job.count) job.tile_counts[row] = tiles;
 }
 
 /// One thread per splat and tile.
 template <class T>
 __global__ void __launch_bounds__(64) find_subtiles(ReachJob job) {
   const int tiles = job.grid.columns * job.grid.rows;
-  const int64 splat = thread_index() / tiles;
-  if (splat >= job.count || !job.visible[splat]) return;
+  const int64 row = thread_index() / tiles;
+  if (row >= job.count || !job.visible[row]) return;
   const int tile = int(thread_index() % tiles);
-  const T* brush = static_cast<const T*>(job.brushes) + splat * job.stride;
+  const T* splat = static_cast<const T*>(job.projected) + row * job.stride;
   job.subtiles[thread_index()] =
-      int(subtiles_met(brush, tile % job.grid.columns * TILE, tile / job.grid.columns * TILE,
+      int(subtiles_reached(splat, tile % job.grid.columns * TILE, tile / job.grid.columns * TILE,
                        job.bounded != 0));
 }
 

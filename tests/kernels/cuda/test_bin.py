@@ -45,7 +45,7 @@ class ReachJob(ctypes.Structure):
         ("bounded", INT),
         ("stride", INT),
         ("count", INT64),
-        ("brushes", POINTER),
+        ("projected", POINTER),
         ("visible", POINTER),
         ("tile_counts", POINTER),
         ("subtiles", POINTER),
@@ -65,7 +65,7 @@ class Pairs:
 
 def reach_of(launcher: EmulatedLauncher, scene: Scene) -> tuple[Tensor, Tensor]:
     """Tile counts [n], and subtiles met [n, tiles], by the functions of reach.h."""
-    count, number = len(scene.visible), C_TYPES[scene.brushes.dtype]
+    count, number = len(scene.visible), C_TYPES[scene.projected.dtype]
     counts = torch.full((count,), -1, dtype=torch.int32)
     subtiles = torch.zeros(count, scene.tiles, dtype=torch.int32)
     job = ReachJob(
@@ -73,7 +73,7 @@ def reach_of(launcher: EmulatedLauncher, scene: Scene) -> tuple[Tensor, Tensor]:
         scene.bounded,
         STRIDE,
         count,
-        address(scene.brushes),
+        address(scene.projected),
         address(scene.visible),
         address(counts),
         address(subtiles),
@@ -101,7 +101,7 @@ def bin_pairs(
         scene.grid,
         scene.bounded,
         STRIDE,
-        address(scene.brushes),
+        address(scene.projected),
         address(order),
         len(order),
         address(counts),
@@ -111,7 +111,7 @@ def bin_pairs(
         address(rows if numbered else None),
         numbered,
     )
-    kernel = Kernel("bin.cu", f"emit<{C_TYPES[scene.brushes.dtype]}, {C_KEYS[key]}>")
+    kernel = Kernel("bin.cu", f"emit<{C_TYPES[scene.projected.dtype]}, {C_KEYS[key]}>")
     launcher.launch(kernel, -(-len(order) // 256), 256, job)
     for written in (tiles, payload, rows):
         assert (written[total:] == -1).all()
@@ -153,13 +153,13 @@ def test_pairs_are_the_tiles_that_an_ellipse_meets(
         if not scene.visible[splat]:
             assert not met[splat].any()
             continue
-        brush = scene.brushes[splat].double().numpy()
-        drawn = drawn_subtiles(scene.grid, brush)
-        assert met[splat][drawn != 0].all()
-        assert (drawn & ~subtiles[splat].numpy() == 0).all()
-        assert reached(scene.grid, brush, (TILE, TILE))[met[splat]].all()
+        ellipse = scene.projected[splat].double().numpy()
+        rendered = drawn_subtiles(scene.grid, ellipse)
+        assert met[splat][rendered != 0].all()
+        assert (rendered & ~subtiles[splat].numpy() == 0).all()
+        assert reached(scene.grid, ellipse, (TILE, TILE))[met[splat]].all()
         said = subtiles[splat].numpy()[:, None] >> np.arange(8) & 1
-        assert reached(scene.grid, brush, (SUBTILE_WIDTH, SUBTILE_HEIGHT))[said == 1].all()
+        assert reached(scene.grid, ellipse, (SUBTILE_WIDTH, SUBTILE_HEIGHT))[said == 1].all()
 
 
 @pytest.mark.parametrize("count", [1, 31, 33, 300])
@@ -168,9 +168,9 @@ def test_tall_and_short_splats_of_a_warp_are_counted_as_they_are_emitted(
     launcher: EmulatedLauncher, dtype: torch.dtype, count: int
 ) -> None:
     parts = [random_scene(kind, (150, 600), dtype, count, seed=3) for kind in LENGTHS]
-    brushes = torch.stack([part.brushes for part in parts], dim=1).flatten(0, 1)
+    projected = torch.stack([part.projected for part in parts], dim=1).flatten(0, 1)
     visible = torch.stack([part.visible for part in parts], dim=1).flatten()
-    mixed = Scene(parts[0].grid, brushes, visible)
+    mixed = Scene(parts[0].grid, projected, visible)
     met = tiles_met(mixed, bin_pairs(launcher, mixed))
     tile_rows = met.reshape(len(met), mixed.grid.rows, -1).any(2).sum(1)
     if count > 1:

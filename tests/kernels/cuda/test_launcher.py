@@ -81,7 +81,7 @@ def test_more_blocks_than_cuda_starts_are_refused(stub, cache):
         launcher.launch(BLEND, 2**31, 32, BlendJob())
     assert str(error.value) == (
         "blend<float, 3, 128, false> would need 2147483648 blocks of threads for what it is "
-        "given; CUDA starts 2147483647 at most.\nDraw fewer splats, or a smaller image."
+        "given; CUDA starts 2147483647 at most.\nRender fewer splats, or a smaller image."
     )
 
 

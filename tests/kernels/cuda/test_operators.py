@@ -70,8 +70,8 @@ def test_tensors_of_the_cpu_are_left_to_torch():
     finite = operators.all_finite([values])
     operators.adam_(values, torch.ones(5, 3), moments, 0.5, AdamSettings(), finite)
     torch.testing.assert_close(values, before - 0.5)
-    pictures = torch.rand(1, 8, 8, 3), torch.rand(1, 8, 8, 3)
-    assert operators.l1_dssim(*pictures) == Operators().l1_dssim(*pictures)
+    images = torch.rand(1, 8, 8, 3), torch.rand(1, 8, 8, 3)
+    assert operators.l1_dssim(*images) == Operators().l1_dssim(*images)
 
 
 @pytest.mark.cuda

@@ -13,10 +13,10 @@ from torch import Tensor
 from gsfw.core.numerics import DEFAULT
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Sh
-from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS
+from gsfw.rasterizers.cuda.stages import SPLAT_CHANNELS
 
 
-def expected_brushes(scene: Scene, stride: int) -> Tensor:
+def expected_splats(scene: Scene, stride: int) -> Tensor:
     """[m, stride], by the formulas of stages.h."""
     expected = reference_of(*scene)
     ellipses, profile = expected.ellipses, scene[2].profile
@@ -34,18 +34,18 @@ def expected_brushes(scene: Scene, stride: int) -> Tensor:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_brushes_are_the_reference_s_ellipses_and_channels(name):
+def test_projected_splats_are_the_reference_s_ellipses_and_channels(name):
     scene = scene_of(name, torch.float64)
     found, expected = projected(scene), reference_of(*scene)
     assert torch.equal(found.visible, expected.visible.byte())
     assert not expected.visible.all() or len(expected.visible) == 1
-    brushes = found.brushes[expected.rows]
-    wanted = expected_brushes(scene, brushes.shape[1])
+    rows = found.projected[expected.rows]
+    wanted = expected_splats(scene, rows.shape[1])
     # Without cut-offs a splat's ellipse has no end, and nobody asks for its shape.
     free = slice(7, 9) if SCENES[name].cut_offs is False else slice(0, 0)
-    brushes[:, free] = wanted[:, free] = 0
-    torch.testing.assert_close(brushes, wanted, rtol=1e-10, atol=1e-12)
-    assert found.brushes[~expected.visible].isnan().all()
+    rows[:, free] = wanted[:, free] = 0
+    torch.testing.assert_close(rows, wanted, rtol=1e-10, atol=1e-12)
+    assert found.projected[~expected.visible].isnan().all()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -61,14 +61,14 @@ def test_rows_say_how_near_and_how_large_their_splats_are(name):
     torch.testing.assert_close(found.radii, radii, rtol=1e-12, atol=0)
 
 
-def tiles_painted(brush: Tensor, columns: int, rows: int, level_min: float) -> int:
+def tiles_painted(splat: Tensor, columns: int, rows: int, level_min: float) -> int:
     """Tiles with a pixel centre, in the image or beyond it, at which alpha reaches its minimum."""
     y, x = torch.meshgrid(
         torch.arange(16 * rows) + 0.5, torch.arange(16 * columns) + 0.5, indexing="ij"
     )
-    dx, dy = x - brush[0], y - brush[1]
-    u, v = brush[2] * dx, brush[4] * dy + brush[3] * dx
-    hit = (brush[5] - u * u - v * v >= level_min).nonzero() // 16
+    dx, dy = x - splat[0], y - splat[1]
+    u, v = splat[2] * dx, splat[4] * dy + splat[3] * dx
+    hit = (splat[5] - u * u - v * v >= level_min).nonzero() // 16
     return len(hit.unique(dim=0))
 
 
@@ -77,10 +77,10 @@ def test_tiles_are_counted_for_visible_splats_alone(name):
     scene = scene_of(name, torch.float64)
     found = projected(scene)
     assert (found.tile_counts[found.visible == 0] == 0).all()
-    for brush, count in zip(found.brushes, found.tile_counts.tolist(), strict=True):
-        if not brush[0].isnan():
+    for splat, count in zip(found.projected, found.tile_counts.tolist(), strict=True):
+        if not splat[0].isnan():
             grid = found.job.grid
-            assert count == tiles_painted(brush, grid.columns, grid.rows, found.job.level_min)
+            assert count == tiles_painted(splat, grid.columns, grid.rows, found.job.level_min)
 
 
 def test_float_is_as_near_as_its_rounding():
@@ -89,9 +89,9 @@ def test_float_is_as_near_as_its_rounding():
     wide = scene_of(name, torch.float64)
     narrow = wide[0].map(lambda held: held.float().double())
     rows = reference_of(*wide).rows
-    wanted = expected_brushes((narrow, *wide[1:]), found.brushes.shape[1])
+    wanted = expected_splats((narrow, *wide[1:]), found.projected.shape[1])
     assert found.visible.nonzero()[:, 0].tolist() == rows.tolist()
-    torch.testing.assert_close(found.brushes[rows].double(), wanted, rtol=2e-4, atol=2e-5)
+    torch.testing.assert_close(found.projected[rows].double(), wanted, rtol=2e-4, atol=2e-5)
     depths = reference_of(*wide).ellipses.depths.detach()
     keys = found.depth_keys[rows].view(torch.float32).double()
     torch.testing.assert_close(keys, depths, rtol=1e-6, atol=0)
@@ -103,7 +103,7 @@ def test_the_order_in_which_threads_run_changes_no_bit():
     first = projected(scene)
     for seed in range(1, 9):
         again = projected(scene, EmulatedLauncher(seed=seed))
-        for name in ("brushes", "depth_keys", "tile_counts", "visible", "radii"):
+        for name in ("projected", "depth_keys", "tile_counts", "visible", "radii"):
             a, b = getattr(first, name), getattr(again, name)
             assert torch.equal(a.nan_to_num(-1), b.nan_to_num(-1)), name
 
@@ -119,7 +119,7 @@ def test_coefficients_that_are_not_visible_are_not_read():
     splats.means[::2, 2] = -100
     splats.colors.coefficients[::2] = torch.nan
     found = projected((splats, front_camera(), RenderSettings()))
-    assert found.brushes[1::2, BRUSH_CHANNELS:].isfinite().all()
+    assert found.projected[1::2, SPLAT_CHANNELS:].isfinite().all()
     assert (found.visible == torch.arange(40) % 2).all()
 
 
@@ -130,7 +130,7 @@ def test_offsets_that_lie_lead_nowhere_out_of_memory():
     assert colors.offsets is not None
     colors.offsets[::3] = torch.tensor([-(10**12), 10**12]).repeat(7)
     found = projected((replace(splats, colors=colors), front_camera(), RenderSettings()))
-    assert found.brushes[found.visible == 1].isfinite().all()
+    assert found.projected[found.visible == 1].isfinite().all()
 
 
 def test_an_opacity_of_zero_is_drawn_where_nothing_is_cut_off():
@@ -138,4 +138,4 @@ def test_an_opacity_of_zero_is_drawn_where_nothing_is_cut_off():
     settings = RenderSettings(profile=DEFAULT.without_cutoffs())
     found = projected((splats, front_camera(), settings))
     assert (found.visible == 1).all()
-    assert found.brushes[:, 5].isfinite().all()
+    assert found.projected[:, 5].isfinite().all()

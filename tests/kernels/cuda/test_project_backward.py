@@ -1,4 +1,4 @@
-"""The way back from blending's sums, on the emulation, against autograd through the reference."""
+"""The backward pass of projection, on the emulation, against autograd through the reference."""
 
 import math
 from dataclasses import replace
@@ -24,7 +24,7 @@ from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.splats import Sh, Splats
 from gsfw.kernels.render_arguments import POSE_FIELDS
-from gsfw.rasterizers.cuda.stages import BRUSH_CHANNELS, SUM_CHANNELS
+from gsfw.rasterizers.cuda.stages import SPLAT_CHANNELS, SUM_CHANNELS
 from gsfw.studies.stress.catalogue import CHANGES
 from gsfw.studies.stress.catalogue.views import CAMERAS
 
@@ -217,7 +217,7 @@ def test_a_clamped_colour_has_no_gradient():
     splats.colors.coefficients[::2, 0] = -10
     scene = (splats, front_camera(dtype=torch.float64), RenderSettings())
     projection = projected(scene)
-    assert (projection.brushes[::2, BRUSH_CHANNELS : BRUSH_CHANNELS + 3] == 0).all()
+    assert (projection.projected[::2, SPLAT_CHANNELS : SPLAT_CHANNELS + 3] == 0).all()
     found = run_backward(EmulatedLauncher(), projection, random_sums(projection))
     assert (found.gradients["colors"][::2] == 0).all()
     assert (found.gradients["colors"][1::2] != 0).any()
@@ -228,7 +228,7 @@ EXTREME = RenderSettings(antialias=True, depth=Depth.ACCUMULATED, near=1e-7)
 
 def check_finite(splats: Splats, camera: Cameras) -> None:
     projection = projected((splats, camera, EXTREME))
-    assert projection.brushes[projection.visible == 1].isfinite().all()
+    assert projection.projected[projection.visible == 1].isfinite().all()
     # Blending's sums vanish with alpha, and pixels are no further from the centre than alpha lasts.
     sums = 0.01 * random_sums(projection) * splats.opacities[:, None]
     found = run_backward(EmulatedLauncher(), projection, sums)

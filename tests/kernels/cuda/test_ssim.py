@@ -24,8 +24,8 @@ SHAPES = [
 ]
 
 
-def pictures(shape: tuple[int, ...], dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
-    """A rendered picture that needs a gradient, what it should look like, and a mask."""
+def images(shape: tuple[int, ...], dtype: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+    """A rendered image that needs a gradient, what it should look like, and a mask."""
     generator = torch.Generator().manual_seed(sum(shape))
     target = torch.rand(shape, dtype=dtype, generator=generator)
     noise = torch.randn(shape, dtype=dtype, generator=generator)
@@ -50,7 +50,7 @@ def relative_error(found: Tensor, expected: Tensor) -> float:
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-12), (torch.float32, 1e-5)])
 def test_values_and_gradients_agree_with_torch(operators, shape, dtype, tolerance, masked):
-    rendered, target, valid = pictures(shape, dtype)
+    rendered, target, valid = images(shape, dtype)
     valid[0, 0, 0] = True
     mask = valid if masked else None
     found = losses_and_gradients(operators, rendered, target, mask)
@@ -63,7 +63,7 @@ def test_values_and_gradients_agree_with_torch(operators, shape, dtype, toleranc
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_any_order_of_threads_gives_the_same_bits(operators_of, dtype):
-    rendered, target, valid = pictures((2, 30, 41, 3), dtype)
+    rendered, target, valid = images((2, 30, 41, 3), dtype)
     results = [
         losses_and_gradients(operators_of(seed), rendered, target, valid) for seed in (0, 1, 2)
     ]
@@ -97,7 +97,7 @@ def test_bright_pictures_that_hardly_differ_keep_their_digits(operators):
 
 
 def test_no_valid_pixel_gives_no_l1_and_no_gradient(operators):
-    rendered, target, valid = pictures((1, 12, 12, 3), torch.float32)
+    rendered, target, valid = images((1, 12, 12, 3), torch.float32)
     l1, dssim = operators.l1_dssim(rendered, target, torch.zeros_like(valid))
     (l1 + dssim).backward()
     assert l1.item() == 0.0
@@ -108,7 +108,7 @@ def test_no_valid_pixel_gives_no_l1_and_no_gradient(operators):
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_what_is_not_finite_is_not_hidden(operators, bad, masked):
-    rendered, target, valid = pictures((1, 30, 30, 3), torch.float32)
+    rendered, target, valid = images((1, 30, 30, 3), torch.float32)
     valid[0, 4, 5] = False  # Even there.
     broken = rendered.detach().clone()
     broken[0, 4, 5, 1] = bad
@@ -117,7 +117,7 @@ def test_what_is_not_finite_is_not_hidden(operators, bad, masked):
 
 
 def test_pictures_that_are_not_contiguous_are_taken_too(operators):
-    rendered, target, valid = pictures((1, 20, 24, 3), torch.float64)
+    rendered, target, valid = images((1, 20, 24, 3), torch.float64)
     turned, other, mask = (tensor.transpose(1, 2) for tensor in (rendered, target, valid))
     found = operators.l1_dssim(turned, other, mask)
     expected = Operators().l1_dssim(rendered, target, valid)
@@ -125,7 +125,7 @@ def test_pictures_that_are_not_contiguous_are_taken_too(operators):
 
 
 def test_backward_may_run_twice(operators):
-    rendered, target, valid = pictures((1, 20, 24, 3), torch.float32)
+    rendered, target, valid = images((1, 20, 24, 3), torch.float32)
     l1, dssim = operators.l1_dssim(rendered, target, valid)
     (first,) = torch.autograd.grad(l1 + dssim, rendered, retain_graph=True)
     (second,) = torch.autograd.grad(l1 + dssim, rendered)
@@ -133,7 +133,7 @@ def test_backward_may_run_twice(operators):
 
 
 def test_second_derivatives_come_from_torch(operators):
-    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    rendered, target, _ = images((1, 6, 6, 1), torch.float64)
 
     def curvature(operators: Operators) -> Tensor:
         _, dssim = operators.l1_dssim(rendered, target)
@@ -145,7 +145,7 @@ def test_second_derivatives_come_from_torch(operators):
 
 @pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated")  # Torch's own use of it.
 def test_derivatives_carried_forward_come_from_torch(operators):
-    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    rendered, target, _ = images((1, 6, 6, 1), torch.float64)
     with forward_ad.dual_level():
         dual = forward_ad.make_dual(rendered.detach(), torch.ones_like(target))
         _, dssim = operators.l1_dssim(dual, target)
@@ -153,13 +153,13 @@ def test_derivatives_carried_forward_come_from_torch(operators):
 
 
 def test_a_target_that_needs_a_gradient_gets_it(operators):
-    rendered, target, _ = pictures((1, 6, 6, 1), torch.float64)
+    rendered, target, _ = images((1, 6, 6, 1), torch.float64)
     sum(operators.l1_dssim(rendered.detach(), target.requires_grad_())).backward()
     assert target.grad.any()
 
 
 def test_half_precision_goes_to_torch(operators):
-    rendered, target, _ = pictures((1, 20, 20, 3), torch.float32)
+    rendered, target, _ = images((1, 20, 20, 3), torch.float32)
     half, other = rendered.detach().bfloat16(), target.bfloat16()
     found = operators.l1_dssim(half, other)
     assert [float(v) for v in found] == [float(v) for v in Operators().l1_dssim(half, other)]

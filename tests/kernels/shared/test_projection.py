@@ -52,7 +52,7 @@ def random_gradients(n: int = N) -> torch.Tensor:
     return torch.randn(n, 7, generator=generator, dtype=torch.float64)
 
 
-def brush_gradients(rows: torch.Tensor, gradients: torch.Tensor) -> torch.Tensor:
+def splat_gradients(rows: torch.Tensor, gradients: torch.Tensor) -> torch.Tensor:
     """What random moments mean for x, y, r, k, w and opacity: du = u dr / r and so on."""
     r, w = rows.detach()[:, 2], rows.detach()[:, 4]
     x, y, _, uu, uv, vv, opacity = gradients.unbind(1)
@@ -68,7 +68,7 @@ def by_autograd(
     pose = camera.world_to_camera.clone().requires_grad_()
     ellipses = project(replace(splats, **leaves), replace(camera, world_to_camera=pose), settings)
     rows = projected_splats(ellipses, ellipses.depths[:, None])
-    wanted = torch.cat([brush_gradients(rows[:, :6], gradients), gradients[:, 2:3]], dim=1)
+    wanted = torch.cat([splat_gradients(rows[:, :6], gradients), gradients[:, 2:3]], dim=1)
     found = torch.autograd.grad(rows, [*leaves.values(), pose], wanted)
     return dict(zip(names, found[:-1], strict=True)) | {"pose": found[-1][0, :3]}
 

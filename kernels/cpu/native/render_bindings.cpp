@@ -1,4 +1,4 @@
-// Drawing as Python sees it: the dataclasses of kernels/render_arguments.py in, a handle for the
+// Rendering as Python sees it: the dataclasses of kernels/render_arguments.py in, a handle for the
 // backward pass out.
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
@@ -9,7 +9,7 @@
 #include <memory>
 
 #include "bindings.h"
-#include "drawing.h"
+#include "render_pass.h"
 
 namespace nb = nanobind;
 
@@ -137,38 +137,38 @@ CutOffs<T> cut_offs_of(const nb::object& settings) {
           number<T>(settings, "alpha_limit"), number<T>(settings, "transmittance_min")};
 }
 
-/// A picture, with a hold on the arrays it was drawn from.
+/// An image, with a hold on the arrays it was rendered from.
 template <typename T>
 class Handle {
  public:
   Handle(const nb::object& inputs, const nb::object& settings, const nb::object& outputs,
          int threads)
-      : inputs_(inputs), request_{} {
-    request_.view = view_of<T>(inputs, settings);
-    request_.splats = splats_of<T>(inputs.attr("splats"), settings);
-    request_.cut_offs = cut_offs_of<T>(settings);
-    request_.most_pairs = number<int64_t>(settings, "max_pairs");
-    request_.threads = threads;
-    const SplatArrays<T>& splats = request_.splats;
+      : inputs_(inputs), arguments_{} {
+    arguments_.view = view_of<T>(inputs, settings);
+    arguments_.splats = splats_of<T>(inputs.attr("splats"), settings);
+    arguments_.cut_offs = cut_offs_of<T>(settings);
+    arguments_.most_pairs = number<int64_t>(settings, "max_pairs");
+    arguments_.threads = threads;
+    const SplatArrays<T>& splats = arguments_.splats;
     channels_ = splats.color_channels + splats.extras + splats.depth_channels;
-    request_.background = array<const T>(inputs, "background", {channels_});
-    const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
-    request_.pixel_weights = array<const T>(inputs, "pixel_weights", {h, w});
-    const DrawingOutputs<T> to = {array<T>(outputs, "image", {h, w, channels_}),
+    arguments_.background = array<const T>(inputs, "background", {channels_});
+    const int64_t n = splats.count, w = arguments_.view.width, h = arguments_.view.height;
+    arguments_.pixel_weights = array<const T>(inputs, "pixel_weights", {h, w});
+    const RenderOutputs<T> to = {array<T>(outputs, "image", {h, w, channels_}),
                                   array<T>(outputs, "alpha", {h, w}),
                                   array<uint8_t>(outputs, "visible", {n}),
                                   array<T>(outputs, "radii", {n}),
                                   array<T>(outputs, "contribution", {n})};
     const nb::gil_scoped_release release;
-    drawing_ = std::make_unique<Drawing<T>>(request_, to);
+    pass_ = std::make_unique<RenderPass<T>>(arguments_, to);
   }
 
   void backward(const nb::object& gradients) {
     const nb::object rows = gradients.attr("splats");
-    const SplatArrays<T>& splats = request_.splats;
-    const int64_t n = splats.count, w = request_.view.width, h = request_.view.height;
+    const SplatArrays<T>& splats = arguments_.splats;
+    const int64_t n = splats.count, w = arguments_.view.width, h = arguments_.view.height;
     const int64_t rest_rows = splats.offsets ? splats.offsets[n] : n;
-    DrawingGradients<T> to{};
+    RenderGradients<T> to{};
     to.image = array<const T>(gradients, "image", {h, w, channels_});
     to.alpha = array<const T>(gradients, "alpha", {h, w});
     to.splats = {array<T>(rows, "means", {n, 3}),
@@ -184,7 +184,7 @@ class Handle {
     to.screen_gradient = array<T>(gradients, "screen_gradient", {n});
     to.absgrad = array<T>(gradients, "absgrad", {n});
     const nb::gil_scoped_release release;
-    drawing_->backward(to);
+    pass_->backward(to);
   }
 
   /// CPU and wall milliseconds of each stage.
@@ -193,25 +193,25 @@ class Handle {
                                               "blend",   "blend_backward", "project_backward"};
     nb::dict result;
     for (int stage = 0; stage < STAGES; ++stage) {
-      const StageTime& time = drawing_->times()[stage];
+      const StageTime& time = pass_->times()[stage];
       result[NAMES[stage]] = nb::make_tuple(double(time.cpu) * 1e-6, double(time.wall) * 1e-6);
     }
     return result;
   }
 
-  int64_t pairs() const { return drawing_->pairs(); }
+  int64_t pairs() const { return pass_->pairs(); }
 
  private:
   // Never the outputs: the image holds the autograd node that holds this, a cycle for ever.
   nb::object inputs_;
-  DrawingRequest<T> request_;
+  RenderArguments<T> arguments_;
   int64_t channels_ = 0;
-  std::unique_ptr<Drawing<T>> drawing_;
+  std::unique_ptr<RenderPass<T>> pass_;
 };
 
 template <typename T>
 void bind_handle(nb::module_& module, const char* name) {
-  nb::class_<Handle<T>>(module, name, "One camera's picture, and its way back.")
+  nb::class_<Handle<T>>(module, name, "One camera's image, and its backward pass.")
       .def(nb::init<const nb::object&, const nb::object&, const nb::object&, int>(),
            nb::arg("inputs"), nb::arg("settings"), nb::arg("outputs"), nb::arg("threads"))
       .def("backward", &Handle<T>::backward, nb::arg("gradients"))
@@ -221,9 +221,9 @@ void bind_handle(nb::module_& module, const char* name) {
 
 }  // namespace
 
-void bind_drawing(nb::module_& module) {
-  bind_handle<float>(module, "DrawingFloat32");
-  bind_handle<double>(module, "DrawingFloat64");
+void bind_render(nb::module_& module) {
+  bind_handle<float>(module, "RenderPassFloat32");
+  bind_handle<double>(module, "RenderPassFloat64");
   static nb::exception<TooManyPairs> too_many(module, "TooManyPairs", PyExc_RuntimeError);
   nb::register_exception_translator([](const std::exception_ptr& error, void*) {
     try {

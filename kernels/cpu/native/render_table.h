@@ -1,4 +1,4 @@
-// The stages of drawing for one type of number, as each instruction set has them.
+// The stages of rendering for one type of number, as each instruction set has them.
 #pragma once
 
 #include "stages.h"
@@ -7,11 +7,11 @@ namespace gsfw {
 
 /// See the headers of the same names.
 template <typename T>
-struct DrawingKernels {
+struct RenderKernels {
   /// Working memory of one thread for blending and its backward pass, in numbers of T.
   int64_t (*scratch)(int stride, int channels);
   void (*project)(const ProjectJob<T>& job, int64_t begin, int64_t end);
-  int64_t (*meet)(const BinJob<T>& job, uint32_t row, Meeting* to);
+  int64_t (*intersect)(const BinJob<T>& job, uint32_t row, Intersection* to);
   void (*blend)(const BlendJob<T>& job, int tile, T* scratch);
   void (*blend_backward)(const BlendBackwardJob<T>& job, int tile, T* scratch);
   void (*project_backward)(const ProjectBackwardJob<T>& job, int64_t begin, int64_t end, T* sums);

@@ -1,4 +1,4 @@
-// Checks of drawing that need no Python, for sanitizers and emulators: small scenes of odd sizes,
+// Checks of rendering that need no Python, for sanitizers and emulators: small scenes of odd sizes,
 // forward and backward, with every instruction set that the machine has.
 //
 // Results must be the same bits for any number of threads, and close to those of float64. It prints
@@ -15,7 +15,7 @@
 #include <thread>
 #include <vector>
 
-#include "drawing.h"
+#include "render_pass.h"
 #include "instruction_sets.h"
 
 namespace gsfw {
@@ -65,7 +65,7 @@ constexpr Case CASES[] = {
      .hostile = true},
 };
 
-/// Numbers that float holds, so that float64 draws the very same scene.
+/// Numbers that float holds, so that float64 renders the very same scene.
 class Dice {
  public:
   explicit Dice(unsigned seed) : bits_(seed) {}
@@ -158,18 +158,18 @@ const T* or_null(const std::vector<T>& array) {
 }
 
 template <typename T>
-DrawingRequest<T> request_of(const Scene<T>& scene, int threads) {
+RenderArguments<T> arguments_of(const Scene<T>& scene, int threads) {
   const Case& is = scene.is;
-  DrawingRequest<T> request{};
+  RenderArguments<T> arguments{};
   const T focal = T(1.2) * T(is.width > is.height ? is.width : is.height);
-  ViewParameters<T>& view = request.view;
+  ViewParameters<T>& view = arguments.view;
   // Turned by 0.6, 0.8 about z, so that no axis of the camera is one of the scene's.
   view = {{T(0.6), T(-0.8), 0, T(0.1), T(0.8), T(0.6), 0, T(-0.1), 0, 0, 1, 4},
           is.model == 1 ? focal / 4 : focal, is.model == 1 ? focal / 4 : focal,
           T(is.width) / 2, T(is.height) / 2, is.width, is.height, is.model,
           T(0.3), T(0.3), T(0.005), is.bounded ? T(1.0 / 255.0) : T(0), T(0.01), T(1e10), T(1e9),
           T(1e-12), is.antialias};
-  SplatArrays<T>& splats = request.splats;
+  SplatArrays<T>& splats = arguments.splats;
   splats = {is.count, scene.means.data(), or_null(scene.quats), or_null(scene.scales),
             or_null(scene.covariances), scene.opacities.data(), scene.colors.data(),
             is.count ? int(scene.colors.size()) / is.count : 3, is.sh_degree,
@@ -177,16 +177,16 @@ DrawingRequest<T> request_of(const Scene<T>& scene, int threads) {
             is.ragged ? 3 : is.split ? int(scene.rest.size()) / is.count : 0,
             is.ragged ? scene.offsets.data() : nullptr, or_null(scene.extra), is.extras,
             is.sh_degree >= 0 ? 3 : is.colors, is.depth_channels};
-  request.cut_offs = {is.bounded ? T(std::log2(1.0 / 255.0)) : T(-1e30), T(0.990001), T(0.99),
+  arguments.cut_offs = {is.bounded ? T(std::log2(1.0 / 255.0)) : T(-1e30), T(0.990001), T(0.99),
                       T(1e-4)};
-  request.background = scene.background.data();
-  request.pixel_weights = or_null(scene.pixel_weights);
-  request.most_pairs = int64_t(1) << 30;
-  request.threads = threads;
-  return request;
+  arguments.background = scene.background.data();
+  arguments.pixel_weights = or_null(scene.pixel_weights);
+  arguments.most_pairs = int64_t(1) << 30;
+  arguments.threads = threads;
+  return arguments;
 }
 
-/// All that drawing a scene and going back gives, one array after another.
+/// All that rendering a scene and going back gives, one array after another.
 template <typename T>
 struct Results {
   std::vector<const char*> names;
@@ -202,20 +202,20 @@ struct Results {
 };
 
 template <typename T>
-Results<T> draw(const Scene<T>& scene, int threads) {
+Results<T> render(const Scene<T>& scene, int threads) {
   const Case& is = scene.is;
   const int64_t n = is.count, pixels = int64_t(is.width) * is.height;
   Results<T> results;
   results.visible.assign(static_cast<size_t>(n), 77);
-  const DrawingOutputs<T> outputs = {
+  const RenderOutputs<T> outputs = {
       results.add("image", pixels * scene.channels), results.add("alpha", pixels),
       results.visible.data(), results.add("radii", n),
       is.everything ? results.add("contribution", n) : nullptr};
-  Drawing<T> drawing(request_of(scene, threads), outputs);
+  RenderPass<T> rendering(arguments_of(scene, threads), outputs);
   const auto gradient = [&](const char* name, const std::vector<T>& array) -> T* {
     return array.empty() ? nullptr : results.add(name, int64_t(array.size()));
   };
-  DrawingGradients<T> gradients{};
+  RenderGradients<T> gradients{};
   gradients.image = scene.image_gradient.data();
   gradients.alpha = or_null(scene.alpha_gradient);
   gradients.splats = {gradient("means", scene.means),   gradient("quats", scene.quats),
@@ -227,10 +227,10 @@ Results<T> draw(const Scene<T>& scene, int threads) {
     gradients.screen_gradient = results.add("screen gradient", n);
     gradients.absgrad = results.add("absolute gradient", n);
   }
-  drawing.backward(gradients);
+  rendering.backward(gradients);
   if (is.everything) {
     gradients.accumulate = true;
-    drawing.backward(gradients);
+    rendering.backward(gradients);
   }
   return results;
 }
@@ -270,10 +270,10 @@ void compare(const std::string& where, const Results<float>& found, const Result
 
 template <typename T>
 Results<T> draw_repeatedly(const std::string& where, const Scene<T>& scene) {
-  release_drawing_memory();  // What a larger scene left would hide a step over the end.
-  const Results<T> first = draw(scene, 1);
+  release_render_memory();  // What a larger scene left would hide a step over the end.
+  const Results<T> first = render(scene, 1);
   for (const int threads : {1, 2, 5}) {
-    same(where + " on " + std::to_string(threads) + " threads", first, draw(scene, threads));
+    same(where + " on " + std::to_string(threads) + " threads", first, render(scene, threads));
   }
   return first;
 }
@@ -290,29 +290,29 @@ void check_case(const Case& is) {
   }
 }
 
-/// Too many pairs are refused, and drawing goes on afterwards.
+/// Too many pairs are refused, and rendering goes on afterwards.
 void check_refusal() {
   const Scene<float> scene = make_scene<float>(CASES[5]);
-  const Results<float> before = draw(scene, 2);
+  const Results<float> before = render(scene, 2);
   Results<float> room = before;
-  DrawingRequest<float> request = request_of(scene, 2);
-  request.most_pairs = 3;
+  RenderArguments<float> arguments = arguments_of(scene, 2);
+  arguments.most_pairs = 3;
   try {
-    Drawing<float>(request, {room.arrays[0].data(), room.arrays[1].data(), room.visible.data(),
+    RenderPass<float>(arguments, {room.arrays[0].data(), room.arrays[1].data(), room.visible.data(),
                              room.arrays[2].data(), nullptr});
     fail("too many pairs were not refused");
   } catch (const TooManyPairs& refused) {
     if (refused.count <= 3) fail("refused " + std::to_string(refused.count) + " pairs");
   }
-  same("after a refusal", before, draw(scene, 2));
+  same("after a refusal", before, render(scene, 2));
 }
 
 void check_two_callers() {
   const Scene<float> scene = make_scene<float>(CASES[5]);
-  const Results<float> expected = draw(scene, 3);
+  const Results<float> expected = render(scene, 3);
   Results<float> other;
-  std::thread caller([&] { other = draw(scene, 2); });
-  same("beside another caller", expected, draw(scene, 3));
+  std::thread caller([&] { other = render(scene, 2); });
+  same("beside another caller", expected, render(scene, 3));
   caller.join();
   same("the other caller", expected, other);
 }
@@ -320,13 +320,13 @@ void check_two_callers() {
 /// A child of a process whose threads are idle.
 void check_fork() {
   const Scene<float> scene = make_scene<float>(CASES[5]);
-  const Results<float> expected = draw(scene, 3);
+  const Results<float> expected = render(scene, 3);
   const pid_t child = fork();
-  if (child == 0) _exit(same("in a child", expected, draw(scene, 3)) ? 0 : 1);
+  if (child == 0) _exit(same("in a child", expected, render(scene, 3)) ? 0 : 1);
   int status = 1;
   waitpid(child, &status, 0);
   if (status != 0) fail("the child of a fork failed");
-  same("after a fork", expected, draw(scene, 3));
+  same("after a fork", expected, render(scene, 3));
 }
 
 }  // namespace
@@ -338,7 +338,7 @@ int main(int count, char** arguments) {
   gsfw::check_refusal();
   gsfw::check_two_callers();
   if (!emulated) gsfw::check_fork();
-  gsfw::release_drawing_memory();
+  gsfw::release_render_memory();
   if (gsfw::failures) std::printf("%d failures in all\n", gsfw::failures);
   return gsfw::failures ? 1 : 0;
 }

@@ -1,4 +1,4 @@
-#include "drawing.h"
+#include "render_pass.h"
 
 #include <algorithm>
 #include <atomic>
@@ -54,14 +54,14 @@ constexpr int RUNS_PER_THREAD = 16;
 }  // namespace
 
 template <typename T>
-Drawing<T>::Drawing(const DrawingRequest<T>& request, const DrawingOutputs<T>& outputs)
-    : kernels_(drawing_kernels<T>()),
-      request_(request),
-      grid_(grid_of(request.view.width, request.view.height)),
+RenderPass<T>::RenderPass(const RenderArguments<T>& arguments, const RenderOutputs<T>& outputs)
+    : kernels_(render_kernels<T>()),
+      arguments_(arguments),
+      grid_(grid_of(arguments.view.width, arguments.view.height)),
       kept_(Recycler<KeptMemory<T>>::instance().take()),
-      channels_(request.splats.color_channels + request.splats.extras +
-                request.splats.depth_channels),
-      stride_(padded(BRUSH_CHANNELS + channels_)) {
+      channels_(arguments.splats.color_channels + arguments.splats.extras +
+                arguments.splats.depth_channels),
+      stride_(padded(SPLAT_CHANNELS + channels_)) {
   Passing memory = Recycler<PassingMemory<T>>::instance().take();
   project(memory, outputs);
   const int64_t visible = sort(memory);
@@ -70,18 +70,18 @@ Drawing<T>::Drawing(const DrawingRequest<T>& request, const DrawingOutputs<T>& o
 }
 
 template <typename T>
-void Drawing<T>::project(Passing& memory, const DrawingOutputs<T>& outputs) {
+void RenderPass<T>::project(Passing& memory, const RenderOutputs<T>& outputs) {
   const Timed timed(times_[PROJECT]);
-  const int64_t count = request_.splats.count;
-  project_job_ = {request_.view,
-                  request_.splats,
-                  request_.cut_offs.level_min,
-                  kept_->brushes.reserve(count * stride_),
+  const int64_t count = arguments_.splats.count;
+  project_job_ = {arguments_.view,
+                  arguments_.splats,
+                  arguments_.cut_offs.level_min,
+                  kept_->projected.reserve(count * stride_),
                   stride_,
                   memory->depths.reserve(count),
                   kept_->visible.reserve(count),
                   outputs.radii};
-  parallel_pieces(count, ROWS_PER_TASK, request_.threads, [&](int64_t begin, int64_t end, int) {
+  parallel_pieces(count, ROWS_PER_TASK, arguments_.threads, [&](int64_t begin, int64_t end, int) {
     kernels_.project(project_job_, begin, end);
   });
   // The caller's copy may change before the backward pass.
@@ -89,22 +89,22 @@ void Drawing<T>::project(Passing& memory, const DrawingOutputs<T>& outputs) {
 }
 
 template <typename T>
-int64_t Drawing<T>::sort(Passing& memory) {
+int64_t RenderPass<T>::sort(Passing& memory) {
   const Timed timed(times_[SORT]);
-  const int64_t count = request_.splats.count;
-  return sort_by_depth(project_job_.depths, project_job_.visible, count, request_.threads,
+  const int64_t count = arguments_.splats.count;
+  return sort_by_depth(project_job_.depths, project_job_.visible, count, arguments_.threads,
                        memory->sort, memory->order.reserve(count));
 }
 
 template <typename T>
-void Drawing<T>::bin(Passing& memory, int64_t visible) {
+void RenderPass<T>::bin(Passing& memory, int64_t visible) {
   const Timed timed(times_[BIN]);
-  const int64_t most = int64_t(request_.threads) * PIECES_PER_THREAD;
+  const int64_t most = int64_t(arguments_.threads) * PIECES_PER_THREAD;
   const int64_t grain = std::max<int64_t>((visible + most - 1) / most, 256);
   const int64_t pieces = (visible + grain - 1) / grain;
   std::vector<int64_t> lengths(pieces);
-  pairs_ = find_meetings(memory, visible, pieces, grain, lengths.data());
-  if (pairs_ > request_.most_pairs) throw TooManyPairs(pairs_);
+  pairs_ = find_intersections(memory, visible, pieces, grain, lengths.data());
+  if (pairs_ > arguments_.most_pairs) throw TooManyPairs(pairs_);
   place_entries(memory, pieces, lengths.data());
   plan_tiles();
 }
@@ -112,35 +112,35 @@ void Drawing<T>::bin(Passing& memory, int64_t visible) {
 /// Meetings that a thread finds before it tells the others.
 constexpr int64_t UNTOLD = 4096;
 
-/// Find what each splat meets; counts on beyond the limit, but keeps nothing then.
+/// Find what each splat intersects; counts on beyond the limit, but keeps nothing then.
 template <typename T>
-int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t pieces, int64_t grain,
-                                  int64_t* lengths) {
+int64_t RenderPass<T>::find_intersections(Passing& memory, int64_t visible, int64_t pieces,
+                                          int64_t grain, int64_t* lengths) {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
-  const BinJob<T> job = {grid_, request_.view.alpha_min > T(0), memory->order.get(),
-                         project_job_.brushes, stride_};
-  while (static_cast<int64_t>(memory->meetings.size()) < pieces) {
-    memory->meetings.push_back(std::make_unique<Buffer<Meeting>>());
+  const BinJob<T> job = {grid_, arguments_.view.alpha_min > T(0), memory->order.get(),
+                         project_job_.projected, stride_};
+  while (static_cast<int64_t>(memory->intersections.size()) < pieces) {
+    memory->intersections.push_back(std::make_unique<Buffer<Intersection>>());
   }
   int64_t* tile_counts = memory->tile_counts.reserve(std::max<int64_t>(pieces, 1) * tiles);
   std::atomic<int64_t> total{0};
-  parallel_pieces(visible, grain, request_.threads, [&](int64_t begin, int64_t end, int) {
+  parallel_pieces(visible, grain, arguments_.threads, [&](int64_t begin, int64_t end, int) {
     const int64_t piece = begin / grain;
     int64_t* counts = tile_counts + piece * tiles;
     std::fill(counts, counts + tiles, 0);
-    Buffer<Meeting>& buffer = *memory->meetings[piece];
+    Buffer<Intersection>& buffer = *memory->intersections[piece];
     int64_t length = 0, untold = 0;
     for (int64_t rank = begin; rank < end; ++rank) {
       if (rank + 12 < end) {
-        __builtin_prefetch(job.brushes + int64_t(job.order[rank + 12]) * job.stride);
+        __builtin_prefetch(job.projected + int64_t(job.order[rank + 12]) * job.stride);
       }
       const uint32_t row = job.order[rank];
-      Meeting* to = buffer.grow(length, length + tiles + TILE);
-      const int64_t more = kernels_.meet(job, row, to + length);
+      Intersection* to = buffer.grow(length, length + tiles + TILE);
+      const int64_t more = kernels_.intersect(job, row, to + length);
       for (int64_t i = length; i < length + more; ++i) ++counts[to[i].tile];
-      set_number(brush_of(row) + BRUSH_SLOTS, static_cast<uint32_t>(more));
+      set_number(splat_of(row) + SPLAT_SLOTS, static_cast<uint32_t>(more));
       untold += more;
-      if (total.load(std::memory_order_relaxed) + untold <= request_.most_pairs) length += more;
+      if (total.load(std::memory_order_relaxed) + untold <= arguments_.most_pairs) length += more;
       if (untold >= UNTOLD) total.fetch_add(std::exchange(untold, 0));
     }
     total.fetch_add(untold);
@@ -149,10 +149,10 @@ int64_t Drawing<T>::find_meetings(Passing& memory, int64_t visible, int64_t piec
   return total.load();
 }
 
-/// Sort meetings into tiles: those of a tile come from front to back, because pieces do and every
-/// piece keeps its order; and give each splat's entries neighbouring slots.
+/// Sort intersections into tiles: those of a tile come from front to back, because pieces do and
+/// every piece keeps its order; and give each splat's entries neighbouring slots.
 template <typename T>
-void Drawing<T>::place_entries(Passing& memory, int64_t pieces, const int64_t* lengths) {
+void RenderPass<T>::place_entries(Passing& memory, int64_t pieces, const int64_t* lengths) {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
   int64_t* next = memory->tile_counts.get();
   int64_t* starts = kept_->tile_starts.reserve(tiles + 1);
@@ -165,16 +165,16 @@ void Drawing<T>::place_entries(Passing& memory, int64_t pieces, const int64_t* l
   std::vector<int64_t> slots(pieces);
   std::exclusive_scan(lengths, lengths + pieces, slots.begin(), int64_t(0));
   Entry* entries = kept_->entries.reserve(total);
-  parallel(pieces, request_.threads, [&](int64_t piece, int) {
-    const Meeting* meetings = memory->meetings[piece]->get();
+  parallel(pieces, arguments_.threads, [&](int64_t piece, int) {
+    const Intersection* intersections = memory->intersections[piece]->get();
     int64_t* places = next + piece * tiles;
     for (int64_t i = 0; i < lengths[piece]; ++i) {
-      const Meeting& meeting = meetings[i];
+      const Intersection& intersection = intersections[i];
       const uint32_t slot = static_cast<uint32_t>(slots[piece] + i);
-      if (i == 0 || meetings[i - 1].row != meeting.row) {
-        set_number(brush_of(meeting.row) + BRUSH_FIRST_SLOT, slot);
+      if (i == 0 || intersections[i - 1].row != intersection.row) {
+        set_number(splat_of(intersection.row) + SPLAT_FIRST_SLOT, slot);
       }
-      entries[places[meeting.tile]++] = {meeting.row, slot, meeting.blocks};
+      entries[places[intersection.tile]++] = {intersection.row, slot, intersection.blocks};
     }
   });
 }
@@ -183,7 +183,7 @@ void Drawing<T>::place_entries(Passing& memory, int64_t pieces, const int64_t* l
 /// Tiles of a run are neighbours, which share most of their splats: a thread finds these in its own
 /// cache, and writes to slots that no other thread is writing next to.
 template <typename T>
-void Drawing<T>::plan_tiles() {
+void RenderPass<T>::plan_tiles() {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
   const int64_t* starts = kept_->tile_starts.get();
   int64_t* chunks = kept_->chunk_starts.reserve(tiles + 1);
@@ -191,11 +191,11 @@ void Drawing<T>::plan_tiles() {
   for (int64_t tile = 0; tile < tiles; ++tile) {
     chunks[tile + 1] = chunks[tile] + (starts[tile + 1] - starts[tile] + CHUNK - 1) / CHUNK;
   }
-  run_length_ = std::max<int64_t>(tiles / (int64_t(request_.threads) * RUNS_PER_THREAD), 1);
+  run_length_ = std::max<int64_t>(tiles / (int64_t(arguments_.threads) * RUNS_PER_THREAD), 1);
   const int64_t runs = (tiles + run_length_ - 1) / run_length_;
   uint32_t* order = kept_->runs.reserve(runs);
   std::iota(order, order + runs, 0u);
-  if (request_.threads == 1) return;
+  if (arguments_.threads == 1) return;
   const auto load = [&](uint32_t run) {
     return starts[std::min((run + 1) * run_length_, tiles)] - starts[run * run_length_];
   };
@@ -206,11 +206,11 @@ void Drawing<T>::plan_tiles() {
 /// Call ``f(tile, worker)`` for every tile.
 template <typename T>
 template <typename F>
-void Drawing<T>::for_each_tile(const F& f) const {
+void RenderPass<T>::for_each_tile(const F& f) const {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
   const uint32_t* order = kept_->runs.get();
   const int64_t runs = (tiles + run_length_ - 1) / run_length_;
-  parallel(runs, request_.threads, [&](int64_t task, int worker) {
+  parallel(runs, arguments_.threads, [&](int64_t task, int worker) {
     const int64_t first = order[task] * run_length_;
     const int64_t end = std::min(first + run_length_, tiles);
     for (int64_t tile = first; tile < end; ++tile) f(static_cast<int>(tile), worker);
@@ -218,48 +218,48 @@ void Drawing<T>::for_each_tile(const F& f) const {
 }
 
 template <typename T>
-BlendJob<T> Drawing<T>::blend_job() const {
+BlendJob<T> RenderPass<T>::blend_job() const {
   BlendJob<T> job{};
   job.grid = grid_;
-  job.cut_offs = request_.cut_offs;
-  job.brushes = kept_->brushes.get();
+  job.cut_offs = arguments_.cut_offs;
+  job.projected = kept_->projected.get();
   job.stride = stride_;
   job.channels = channels_;
   job.entries = kept_->entries.get();
   job.tile_starts = kept_->tile_starts.get();
   job.chunk_starts = kept_->chunk_starts.get();
   job.checkpoints = kept_->checkpoints.get();
-  job.chunks_drawn = kept_->chunks_drawn.get();
-  job.background = request_.background;
-  job.pixel_weights = request_.pixel_weights;
+  job.chunks_blended = kept_->chunks_blended.get();
+  job.background = arguments_.background;
+  job.pixel_weights = arguments_.pixel_weights;
   return job;
 }
 
 template <typename T>
-void Drawing<T>::blend(Passing& memory, const DrawingOutputs<T>& outputs) {
+void RenderPass<T>::blend(Passing& memory, const RenderOutputs<T>& outputs) {
   const Timed timed(times_[BLEND]);
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
   kept_->checkpoints.reserve(kept_->chunk_starts.get()[tiles] * PIXELS);
-  kept_->chunks_drawn.reserve(tiles);
+  kept_->chunks_blended.reserve(tiles);
   BlendJob<T> job = blend_job();
   job.image = outputs.image;
   job.alpha = outputs.alpha;
   if (outputs.contribution) job.contribution = memory->slots.reserve(pairs_);
   const int64_t size = padded(static_cast<int>(kernels_.scratch(stride_, channels_)));
-  T* scratch = memory->scratch.reserve(size * request_.threads);
+  T* scratch = memory->scratch.reserve(size * arguments_.threads);
   for_each_tile([&](int tile, int worker) { kernels_.blend(job, tile, scratch + worker * size); });
   if (outputs.contribution) sum_contributions(job.contribution, outputs.contribution);
 }
 
 template <typename T>
-void Drawing<T>::sum_contributions(const T* slots, T* to) {
-  const int64_t count = request_.splats.count;
-  parallel_pieces(count, ROWS_PER_TASK, request_.threads, [&](int64_t begin, int64_t end, int) {
+void RenderPass<T>::sum_contributions(const T* slots, T* to) {
+  const int64_t count = arguments_.splats.count;
+  parallel_pieces(count, ROWS_PER_TASK, arguments_.threads, [&](int64_t begin, int64_t end, int) {
     for (int64_t row = begin; row < end; ++row) {
       T sum = 0;
       const bool seen = project_job_.visible[row];
-      const uint32_t count = seen ? number_at(brush_of(row) + BRUSH_SLOTS) : 0;
-      const uint32_t first = seen ? number_at(brush_of(row) + BRUSH_FIRST_SLOT) : 0;
+      const uint32_t count = seen ? number_at(splat_of(row) + SPLAT_SLOTS) : 0;
+      const uint32_t first = seen ? number_at(splat_of(row) + SPLAT_FIRST_SLOT) : 0;
       for (uint32_t i = 0; i < count; ++i) sum += slots[int64_t(first) + i];
       to[row] = sum;
     }
@@ -267,13 +267,13 @@ void Drawing<T>::sum_contributions(const T* slots, T* to) {
 }
 
 template <typename T>
-void Drawing<T>::backward(const DrawingGradients<T>& gradients) {
+void RenderPass<T>::backward(const RenderGradients<T>& gradients) {
   Passing memory = Recycler<PassingMemory<T>>::instance().take();
   const int slot_stride = SLOT_CHANNELS + channels_ + (gradients.absgrad ? 2 : 0);
   // A row of slots is read in whole packs.
   T* slots = memory->slots.reserve(pairs_ * slot_stride + 16);
   const int64_t size = padded(static_cast<int>(kernels_.scratch(stride_, channels_)));
-  T* scratch = memory->scratch.reserve(size * request_.threads);
+  T* scratch = memory->scratch.reserve(size * arguments_.threads);
   {
     const Timed timed(times_[BLEND_BACKWARD]);
     const BlendBackwardJob<T> job = {blend_job(),  gradients.image, gradients.alpha,
@@ -283,7 +283,7 @@ void Drawing<T>::backward(const DrawingGradients<T>& gradients) {
     });
   }
   const Timed timed(times_[PROJECT_BACKWARD]);
-  const int64_t count = request_.splats.count;
+  const int64_t count = arguments_.splats.count;
   const int64_t tasks = (count + ROWS_PER_TASK - 1) / ROWS_PER_TASK;
   T* pose = gradients.pose ? memory->pose.reserve(tasks * POSE_FIELDS) : nullptr;
   const ProjectBackwardJob<T> job = {project_job_,
@@ -295,7 +295,7 @@ void Drawing<T>::backward(const DrawingGradients<T>& gradients) {
                                      pose,
                                      gradients.screen_gradient,
                                      gradients.absgrad};
-  parallel_pieces(count, ROWS_PER_TASK, request_.threads,
+  parallel_pieces(count, ROWS_PER_TASK, arguments_.threads,
                   [&](int64_t begin, int64_t end, int worker) {
                     kernels_.project_backward(job, begin, end, scratch + worker * size);
                   });
@@ -306,10 +306,10 @@ void Drawing<T>::backward(const DrawingGradients<T>& gradients) {
   }
 }
 
-template class Drawing<float>;
-template class Drawing<double>;
+template class RenderPass<float>;
+template class RenderPass<double>;
 
-void release_drawing_memory() {
+void release_render_memory() {
   Recycler<KeptMemory<float>>::instance().clear();
   Recycler<KeptMemory<double>>::instance().clear();
   Recycler<PassingMemory<float>>::instance().clear();

@@ -1,17 +1,17 @@
-// Drawing: one camera's picture, from splats to pixels and from pixel gradients back to splats.
+// Render pass: from splats to one camera's image, and from its gradient back to the splats.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <stdexcept>
 
-#include "drawing_kernels.h"
 #include "memory.h"
+#include "render_kernels.h"
 #include "sort.h"
 
 namespace gsfw {
 
-/// What a stage took, in nanoseconds over all threads and by the clock on the wall.
+/// Duration of a stage in nanoseconds: summed over all threads, and by the wall clock.
 struct StageTime {
   int64_t cpu = 0;
   int64_t wall = 0;
@@ -19,18 +19,18 @@ struct StageTime {
 
 enum Stage { PROJECT, SORT, BIN, BLEND, BLEND_BACKWARD, PROJECT_BACKWARD, STAGES };
 
-/// A picture has more pairs of a splat and a tile than it may.
+/// An image has more pairs of a splat and a tile than it may.
 struct TooManyPairs : std::runtime_error {
   explicit TooManyPairs(int64_t pairs) : std::runtime_error("too many pairs"), count(pairs) {}
   int64_t count;
 };
 
 /// Memory per pair besides its slot.
-constexpr int64_t PAIR_BYTES = sizeof(Entry) + sizeof(Meeting);
+constexpr int64_t PAIR_BYTES = sizeof(Entry) + sizeof(Intersection);
 
-/// How a picture is wanted.
+/// The arguments of one image.
 template <typename T>
-struct DrawingRequest {
+struct RenderArguments {
   ViewParameters<T> view;
   SplatArrays<T> splats;
   CutOffs<T> cut_offs;
@@ -42,9 +42,9 @@ struct DrawingRequest {
   int threads;
 };
 
-/// Where a picture goes; see ``BlendJob`` and ``ProjectJob``.
+/// The arrays that the forward pass writes; see ``BlendJob`` and ``ProjectJob``.
 template <typename T>
-struct DrawingOutputs {
+struct RenderOutputs {
   T* image;
   T* alpha;
   uint8_t* visible;
@@ -53,9 +53,9 @@ struct DrawingOutputs {
   T* contribution;
 };
 
-/// What a picture's backward pass is given, and where its results go.
+/// The gradients that the backward pass reads, and the arrays that it writes.
 template <typename T>
-struct DrawingGradients {
+struct RenderGradients {
   const T* image;
   const T* alpha;
   SplatGradients<T> splats;
@@ -66,59 +66,59 @@ struct DrawingGradients {
   T* absgrad;
 };
 
-/// What the backward pass needs of the forward pass.
+/// Memory of the forward pass that the backward pass reads.
 template <typename T>
 struct KeptMemory {
-  Buffer<T> brushes, checkpoints;
+  Buffer<T> projected, checkpoints;
   Buffer<Entry> entries;
   Buffer<int64_t> tile_starts, chunk_starts;
-  Buffer<int32_t> chunks_drawn;
+  Buffer<int32_t> chunks_blended;
   Buffer<uint32_t> runs;
   Buffer<uint8_t> visible;
 };
 
-/// What a pass needs only while it runs.
+/// Working memory of a pass.
 template <typename T>
 struct PassingMemory {
   Buffer<T> depths, slots, scratch, pose;
   Buffer<uint32_t> order;
   SortMemory sort;
   Buffer<int64_t> tile_counts;
-  std::vector<std::unique_ptr<Buffer<Meeting>>> meetings;
+  std::vector<std::unique_ptr<Buffer<Intersection>>> intersections;
 };
 
 template <typename T>
-class Drawing {
+class RenderPass {
  public:
-  /// Draws at once. Throws TooManyPairs and std::bad_alloc.
-  Drawing(const DrawingRequest<T>& request, const DrawingOutputs<T>& outputs);
+  /// Renders at once. Throws TooManyPairs and std::bad_alloc.
+  RenderPass(const RenderArguments<T>& arguments, const RenderOutputs<T>& outputs);
 
-  /// The arrays of ``request`` must still be there, unchanged.
-  void backward(const DrawingGradients<T>& gradients);
+  /// The arrays of ``arguments`` must still be there, unchanged.
+  void backward(const RenderGradients<T>& gradients);
 
-  /// Pairs of a splat and a tile that meet.
+  /// Pairs of a splat and a tile that intersect.
   int64_t pairs() const { return pairs_; }
   const std::array<StageTime, STAGES>& times() const { return times_; }
 
  private:
   using Passing = typename Recycler<PassingMemory<T>>::Lease;
 
-  void project(Passing& memory, const DrawingOutputs<T>& outputs);
+  void project(Passing& memory, const RenderOutputs<T>& outputs);
   int64_t sort(Passing& memory);
   void bin(Passing& memory, int64_t visible);
-  int64_t find_meetings(Passing& memory, int64_t visible, int64_t pieces, int64_t grain,
-                        int64_t* lengths);
+  int64_t find_intersections(Passing& memory, int64_t visible, int64_t pieces, int64_t grain,
+                             int64_t* lengths);
   void place_entries(Passing& memory, int64_t pieces, const int64_t* lengths);
   void plan_tiles();
   template <typename F>
   void for_each_tile(const F& f) const;
-  void blend(Passing& memory, const DrawingOutputs<T>& outputs);
+  void blend(Passing& memory, const RenderOutputs<T>& outputs);
   void sum_contributions(const T* slots, T* to);
   BlendJob<T> blend_job() const;
-  T* brush_of(int64_t row) const { return kept_->brushes.get() + row * stride_; }
+  T* splat_of(int64_t row) const { return kept_->projected.get() + row * stride_; }
 
-  const DrawingKernels<T>& kernels_;
-  DrawingRequest<T> request_;
+  const RenderKernels<T>& kernels_;
+  RenderArguments<T> arguments_;
   Grid grid_;
   ProjectJob<T> project_job_{};
   typename Recycler<KeptMemory<T>>::Lease kept_;
@@ -129,7 +129,7 @@ class Drawing {
   std::array<StageTime, STAGES> times_{};
 };
 
-/// Free the memory that is kept from picture to picture.
-void release_drawing_memory();
+/// Free the memory that is kept from image to image.
+void release_render_memory();
 
 }  // namespace gsfw
