@@ -52,6 +52,7 @@ def entrant() -> Entrant:
     suppress_health_check=list(HealthCheck),
 )  # fmt: skip
 @given(PLACES, st.booleans())
+@pytest.mark.slow
 def test_no_place_is_worse_than_plain_float32_lets_it_be(place, cut_offs):
     profile = DEFAULT if cut_offs else DEFAULT.without_cutoffs()
     drawing = placed(place, RenderSettings(near=1e-9, profile=profile))
