@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.core.capabilities import Feature, Needs
+from gsfw.core.capabilities import Needs
 from gsfw.core.config import steps_field
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import number
@@ -122,4 +122,4 @@ class SpacetimeConfig(MovingConfig):
         needs = super().needs()
         if self.colors == "sh":
             return needs
-        return needs | Needs(features=frozenset({Feature.EXTRA}), channels=9)
+        return needs | Needs(extra_channels=6)

@@ -57,12 +57,11 @@ def test_rows_grow_by_their_time_gradient_too_wherever_adc_is_used():
         assert resolved(**values).flat()["strategy.grow_time_gradient"] == 5e-5
 
 
-def test_features_ask_for_nine_channels():
+def test_features_ask_for_six_extra_channels():
     assert Feature.EXTRA not in SpacetimeConfig().needs().features
     needs = SpacetimeConfig(colors="features").needs()
-    assert Feature.EXTRA in needs.features
     assert Feature.SH in needs.features
-    assert needs.channels == 9
+    assert (needs.channels, needs.extra_channels) == (3, 6)
 
 
 @pytest.mark.parametrize(
