@@ -30,7 +30,7 @@ class ByErrorConfig(StrategyConfig):
     """Rows cloned in a round, relative to those there are."""
 
     def needs(self) -> Needs:
-        return Needs(features=frozenset({Feature.CONTRIBUTION}), densifiable=True)
+        return Needs(features=frozenset({Feature.WEIGHTED_CONTRIBUTION}), densifiable=True)
 
     def refiners(self, scene):
         return (ByError(self),)

@@ -80,3 +80,34 @@ def test_a_strategy_by_errors_grows_within_any_budget(composed, tmp_path, budget
     state = read_checkpoint(RunFolder(tmp_path).checkpoint(40))["refiners"]
     assert set(state) == ({"by-error"} if budget == "none" else {"budget", "by-error"})
     assert all(torch.isfinite(state["by-error"][name]).all() for name in state["by-error"])
+
+
+def test_a_method_is_given_the_training_views_and_its_model_the_cameras(
+    composed, tmp_path, monkeypatch
+):
+    example = import_module("feature_column")
+    begun, rendered = [], []
+    splats = example.BrightGaussians.splats
+
+    def noted(self, time=None, cameras=None):
+        rendered.append(cameras)
+        return splats(self, time, cameras)
+
+    monkeypatch.setattr(
+        example.Bright, "begin", lambda self, scene, views, model: begun.append((views, model))
+    )
+    monkeypatch.setattr(example.BrightGaussians, "splats", noted)
+    run = composed("feature_column", method="3dgs-bright", strategy="none", steps="2")
+    ((views, model),) = begun
+    assert model is run.parts.model
+    assert len(views.names) == len(views.cameras) == 6
+    assert all(camera.intrinsics.shape == (1, 3, 3) for camera in views.cameras)
+    run.trainer(RunFolder(tmp_path)).fit()
+    assert all((cameras.width, cameras.height) == (32, 24) for cameras in rendered)
+
+
+def test_a_column_that_is_used_before_it_is_made_is_named(composed):
+    model = composed("prototype_method", method="blobs", strategy="none").parts.model
+    del model.logits
+    with pytest.raises(RuntimeError, match="the columns of BlobModel: .*'logits'"):
+        _ = model.num_rows
