@@ -109,5 +109,5 @@ def test_a_method_is_given_the_training_views_and_its_model_the_cameras(
 def test_a_column_that_is_used_before_it_is_made_is_named(composed):
     model = composed("prototype_method", method="blobs", strategy="none").parts.model
     del model.logits
-    with pytest.raises(RuntimeError, match="the columns of BlobModel: .*'logits'"):
+    with pytest.raises(RuntimeError, match=r"the columns of BlobModel: .*'logits'"):
         _ = model.num_rows
