@@ -79,7 +79,10 @@ class TensorBoard(Callback):
         rendered, target = view.rendered.clamp(0, 1), view.target.clamp(0, 1)
         error = ((rendered - target).abs() * ERROR_GAIN).clamp(0, 1)
         row = torch.cat([target, rendered, error], dim=1)
-        self._writer.add_image(f"eval/{view.name}", row.cpu(), step, dataformats="HWC")
+        images = {f"eval/{view.name}": row}
+        images |= {f"eval/{view.name}/{name}": image for name, image in view.images.items()}
+        for tag, image in images.items():
+            self._writer.add_image(tag, image.clamp(0, 1).cpu(), step, dataformats="HWC")
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Curves of the means; pictures are counted anew."""

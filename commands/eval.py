@@ -65,6 +65,7 @@ def run(arguments: list[str]) -> int:
             plan.settings,
             parts.device,
             split,
+            method=parts.method,
         )
     document = {
         "run": found.name,

@@ -143,4 +143,7 @@ def _views(restored: Restored, folder: Path) -> Iterator[Path]:
         output = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
         both = torch.cat([batch.target(settings.background)[0], output.color[0]], dim=1)
         # Numbered and flat: names of the data may be absolute, lead elsewhere, or be equal.
-        yield write_image(folder / f"{index:04d}_{Path(name).stem}.png", both)
+        stem = f"{index:04d}_{Path(name).stem}"
+        yield write_image(folder / f"{stem}.png", both)
+        for kind, image in parts.method.view_images(batch, output).items():
+            yield write_image(folder / f"{stem}_{kind}.png", image)

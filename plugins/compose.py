@@ -257,16 +257,21 @@ def compose(
         data = RefinedCapture(data, corrections.poses)
     with stage("building the model"):
         parts = _parts(settings.config, registry, method, data, corrections, device)
+    _check_parts(settings, parts)
+    missed = _missed(settings, registry, device)
+    plan = training_plan(settings, scene, device)
+    plan = replace(plan, settings=method.render_settings(plan.settings, None))
+    return Composition(settings, parts, plan, missed)
+
+
+def _check_parts(settings: Settings, parts: TrainingParts) -> None:
+    """Check that the parts of third parties take the calls of gsfw."""
     check_built("method", settings.method, parts.model)
     for slot in ("sampler", "rasterizer"):
         check_built(slot, settings.choices[slot], getattr(parts, slot))
     for refiner in parts.refiners:
         check_built("strategy", settings.choices["strategy"], refiner)
         check_built("method", settings.method, refiner)
-    missed = _missed(settings, registry, device)
-    plan = training_plan(settings, scene, device)
-    plan = replace(plan, settings=method.render_settings(plan.settings, None))
-    return Composition(settings, parts, plan, missed)
 
 
 def _parts(

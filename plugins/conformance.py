@@ -21,7 +21,7 @@ CONTRACTS = {
     "strategy": ("gsfw.core.config:StrategyConfig",),
     "sampler": ("gsfw.core.config:SamplerConfig",),
     "operators": ("gsfw.core.operators:Operators",),
-    "exporter": tuple(f"gsfw.core.exchange:{kind}Exporter" for kind in ("", "Model", "Track")),
+    "exporter": ("gsfw.core.exchange:Exporter",),
     "importer": ("gsfw.core.exchange:Importer",),
     "metric": ("gsfw.core.metrics:Metric",),
     "callback": ("gsfw.core.config:CallbackConfig", "gsfw.core.callback:Callback"),

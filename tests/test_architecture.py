@@ -121,7 +121,8 @@ def test_listing_what_is_installed_imports_no_torch():
 
 def test_training_says_its_first_line_before_torch_is_imported():
     loaded = modules_after(
-        "from gsfw.commands import console, main\n"
+        "from gsfw.commands import main\n"
+        "from gsfw.commands.interface import console\n"
         "def stop(self, text): raise KeyboardInterrupt\n"
         "console.Console.say = stop\n"
         "assert main.main(['train', 'method=3dgs']) == 130"

@@ -21,7 +21,7 @@ def refusal(tmp_path, capsys):
     """Try to train; what is said on standard error."""
     out = tmp_path / "run"
 
-    def refuse(*arguments: str) -> str:
+    def refuse(*arguments: str, trained: bool = False) -> str:
         given = {argument.partition("=")[0] for argument in arguments}
         defaults = [] if "method" in given else ["method=3dgs"]
         capsys.readouterr()
@@ -29,7 +29,7 @@ def refusal(tmp_path, capsys):
         said = capsys.readouterr()
         assert said.err.count("error: ") == 1
         assert "Traceback" not in said.err
-        assert not out.exists(), "nothing half-written may stay"
+        assert out.exists() == trained, "nothing half-written may stay, and nothing trained may go"
         return said.err
 
     return refuse
@@ -102,7 +102,7 @@ def test_a_picture_cut_short_is_named_even_if_its_header_is_whole(refusal, colma
     broken.write_bytes(broken.read_bytes()[:-30])
     with Image.open(broken) as picture:
         assert picture.size == (64, 48)
-    assert "view_001.png" in refusal(f"data={colmap}", "steps=8")
+    assert "view_001.png" in refusal(f"data={colmap}", "steps=8", trained=True)
 
 
 def test_a_pose_that_is_not_a_number_is_named(refusal, tmp_path):

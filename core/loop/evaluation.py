@@ -80,16 +80,7 @@ def evaluate(
 ) -> Evaluation:
     """Render and compare every view of a split, one at a time.
 
-    Args:
-        model: with its trained parameters.
-        rasterizer: renders it.
-        data: has the views.
-        metrics: by name.
-        settings: of the rendering.
-        device: of the model.
-        split: the views to compare with.
-        on_view: is called after each view.
-        method: adds its own metrics and images of each view; ``None`` for none.
+    ``on_view`` is called after each view. A ``method`` adds its own metrics and images.
     """
     assert settings.background is not None
     views = data.views(split)
@@ -107,18 +98,16 @@ def evaluate(
         output = draw(model, rasterizer, batch.cameras, settings, batch.time)
         wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
-        picture, target = output.color[0], batch.target(settings.background)[0]
+        image, target = output.color[0], batch.target(settings.background)[0]
         valid = None if batch.valid is None else batch.valid[0]
-        figures = {name: metric(picture, target, valid) for name, metric in metrics.items()}
+        figures = {name: metric(image, target, valid) for name, metric in metrics.items()}
         if watch is not None:
-            figures |= watch.compare(index, picture, target, valid)
+            figures |= watch.compare(index, image, target, valid)
+        figures |= {} if method is None else method.view_metrics(batch, output)
         per_view[index] = figures
-        images: Mapping[str, Tensor] = {}
-        if method is not None:
-            figures |= method.view_metrics(batch, output)
-            images = method.view_images(batch, output)
         if on_view is not None:
-            on_view(EvaluatedView(views.names[index], figures, target, picture, images))
+            images = {} if method is None else method.view_images(batch, output)
+            on_view(EvaluatedView(views.names[index], figures, target, image, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
     averages = means(per_view)
     if watch is None:

@@ -49,7 +49,9 @@ def play(callback: Callback, path, steps=(10, 20), first_step: int = 0, summary=
         callback.on_step(report(step), control)
     for index in range(6):
         picture = torch.full((8, 10, 3), 0.5)
-        callback.on_view(steps[-1], EvaluatedView(f"v{index}", {"psnr": 30.0}, picture, picture))
+        own = {"depth": picture} if index == 0 else {}
+        view = EvaluatedView(f"v{index}", {"psnr": 30.0}, picture, picture, own)
+        callback.on_view(steps[-1], view)
     evaluation = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0})
     callback.on_evaluation(steps[-1], evaluation, control)
     callback.on_checkpoint(steps[-1], path / "step.pt")
@@ -103,7 +105,8 @@ def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
     }
     assert expected <= set(tags["scalars"])
     assert [event.value for event in events.Scalars("train/loss")] == pytest.approx([0.05, 0.025])
-    assert tags["images"] == [f"eval/v{index}" for index in range(4)]
+    of_views = [f"eval/v{index}" for index in range(4)]
+    assert set(tags["images"]) == {*of_views, "eval/v0/depth"}
     assert events.Images("eval/v0")[0].width == 3 * 10
     assert "config/text_summary" in tags["tensors"]
 

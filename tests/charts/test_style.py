@@ -31,7 +31,7 @@ def test_charts_and_commands_are_imported_without_matplotlib():
     modules = (
         *("charts.census", "charts.dots", "charts.fronts", "charts.heat_map", "charts.time_plot"),
         *("commands.main", "commands.training", "callbacks.results", "callbacks.tensorboard"),
-        *("studies.writing", "studies.stress.heat_map", "studies.tradeoff.pareto_plot"),
+        *("studies.report", "studies.stress.heat_map", "studies.tradeoff.pareto_plot"),
         *("studies.tradeoff.training.plot", "preparation.check.contact_sheet"),
     )
     code = f"import sys, {', '.join('gsfw.' + name for name in modules)}; print(*sys.modules)"

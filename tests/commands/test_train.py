@@ -86,7 +86,7 @@ def test_dry_run_says_how_pictures_will_grow(capsys):
     sizes = ("datamanager.width=128", "datamanager.height=96", "steps=1000")
     asked = ("train", *SMALL, *sizes, "resolution_schedule=auto", "--dry-run")
     assert main([*asked]) == 0
-    assert "note: Pictures start at 1/1.4 of their size and reach" in capsys.readouterr().out
+    assert "note: Images start at 1/1.4 of their size and reach" in capsys.readouterr().out
     assert main([*asked, "steps=100"]) == 0
     assert "note: resolution_schedule=auto leaves all images at" in capsys.readouterr().out
 

@@ -33,7 +33,7 @@ class DriftingGaussians(StaticGaussians):
     def columns(self):
         return {**super().columns(), "velocities": self.velocities}
 
-    def splats(self, time=None):
+    def splats(self, time=None, cameras=None):
         splats = super().splats()
         if time is None:
             return splats

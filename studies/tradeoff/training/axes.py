@@ -88,7 +88,8 @@ def _caps(base: Values) -> list[Choice]:
     found = []
     if limit_key(base):
         found = [Choice("cap", f"cap 1/{part}", part=1 / part) for part in PARTS]
-    if base.get("strategy.budget", "auto") != "auto":
+    grows = base.get("strategy") != "none"
+    if grows and base.get("strategy.budget", "auto") != "auto":
         found.append(Choice("cap", "budget=auto", {"strategy.budget": "auto"}))
     return found
 

@@ -59,8 +59,21 @@ def test_a_checkpoint_that_was_cut_short_is_refused_with_advice(tmp_path):
 
 def test_a_checkpoint_of_another_schema_is_refused(tmp_path):
     torch.save({"schema": 99}, tmp_path / "step_000000001.pt")
-    with pytest.raises(DataError, match="expected checkpoint schema 1, found 99"):
+    with pytest.raises(DataError, match="expected checkpoint schema 2, found 99"):
         read_checkpoint(tmp_path / "step_000000001.pt")
+
+
+def test_a_checkpoint_of_gsfw_0_1_gives_each_refiner_its_state(tmp_path):
+    gathered = {"gradient": torch.ones(3), "views": torch.ones(3), "radius": torch.zeros(3)}
+    strategy = {**gathered, "count": {"stopped": 40}, "guided": {"rounds": 2}}
+    torch.save({"schema": 1, "strategy": strategy, "step": 7}, tmp_path / "step_000000007.pt")
+    state = read_checkpoint(tmp_path / "step_000000007.pt")
+    assert set(state) == {"schema", "step", "refiners"}
+    refiners = state["refiners"]
+    assert refiners["budget"] == {"stopped": 40}
+    assert refiners["guided"] == {"rounds": 2}
+    assert refiners["adc"]["gathered"].keys() == gathered.keys()
+    assert refiners["adc"]["may_grow"] is False
 
 
 def test_a_checkpoint_cannot_run_code(tmp_path):

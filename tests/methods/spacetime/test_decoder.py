@@ -16,7 +16,7 @@ BACKGROUND = RenderSettings(background=torch.tensor([0.2, 0.5, 0.9], dtype=torch
 def test_pictures_are_decoded_pixel_by_pixel_as_the_paper_says():
     model, camera = spacetime(colors="features"), turned_camera()
     splats = model.splats(at(0.4))
-    drawn = ReferenceRasterizer().render(splats, camera, model.settings(BACKGROUND))
+    drawn = ReferenceRasterizer().render(splats, camera, BACKGROUND)
     decoded = draw(model, ReferenceRasterizer(), camera, BACKGROUND, at(0.4))
     assert model.decoder is not None
     assert drawn.extra is not None

@@ -25,6 +25,7 @@ from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import Psnr
 from gsfw.core.operators import Operators
+from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
@@ -130,7 +131,7 @@ def trainer(
         model=model,
         optimizer=optimizer,
         table=SplatTable(model, optimizer),
-        strategy=STRATEGIES[strategy].build(data.scene),
+        refiners=Refiners(STRATEGIES[strategy].refiners(data.scene)),
         sampler=UniformSampler(len(data.views(Split.TRAIN)), 1, 0),
         data=data,
         rasterizer=ReferenceRasterizer(),
