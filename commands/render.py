@@ -133,14 +133,14 @@ def _views(restored: Restored, folder: Path) -> Iterator[Path]:
     import torch
 
     from gsfw.core.datamanager import Split
-    from gsfw.core.loop.evaluation import draw
+    from gsfw.core.loop.evaluation import render_model
     from gsfw.rendering.film import write_image
 
     parts, settings = restored.composition.parts, restored.composition.plan.settings
     assert settings.background is not None
     for index, name in enumerate(parts.data.views(Split.EVAL).names):
         (batch,) = parts.data.load(Split.EVAL, [index], parts.device)
-        output = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
+        output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
         both = torch.cat([batch.target(settings.background)[0], output.color[0]], dim=1)
         # Numbered and flat: names of the data may be absolute, lead elsewhere, or be equal.
         yield write_image(folder / f"{index:04d}_{Path(name).stem}.png", both)

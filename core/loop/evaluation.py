@@ -1,4 +1,4 @@
-"""Evaluation: the held-out views, drawn and compared under the stated protocol."""
+"""Evaluation: the held-out views, rendered and compared under the stated protocol."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Evaluation:
     views: tuple[str, ...]
     per_view: tuple[Mapping[str, float], ...]
     render_ms: float
-    """Median wall-clock time to draw one view, in milliseconds."""
+    """Median wall-clock time to render one view, in milliseconds."""
     means: Mapping[str, float] = field(default_factory=dict)
     """Mean of each metric over the views; empty when there are none."""
     over_time: tuple[Mapping[str, Any], ...] = ()
     """The same at each time, in order of time; empty for a static capture."""
     notes: Mapping[str, str] = field(default_factory=dict)
-    """How figures over time came about, or why there are none; empty for a static capture."""
+    """Protocol of the figures over time, or the cause why there are none; empty if static."""
 
     def document(self) -> dict[str, Any]:
         """Plain data for result files."""
@@ -47,21 +47,21 @@ class Evaluation:
         return {**figures, "per_view": views}
 
     def time_document(self) -> dict[str, Any]:
-        """What data with times adds to result files; empty for a static capture."""
+        """Figures over time, for result files; empty for a static capture."""
         if not self.notes:
             return {}
         return {**self.notes, "over_time": [dict(point) for point in self.over_time]}
 
 
 @torch.no_grad()
-def draw(
+def render_model(
     model: PrimitiveModel,
     rasterizer: Rasterizer,
     cameras: Cameras,
     settings: RenderSettings,
     time: Float[Tensor, ""] | None = None,
 ) -> RenderOutput:
-    """Draw a model as it is at ``time``, without gradients."""
+    """Render a model at ``time``, without gradients."""
     output = rasterizer.render(model.splats(time, cameras), cameras, settings)
     return model.decode(output, cameras)
 
@@ -104,21 +104,21 @@ def evaluate(
         (batch,) = data.load(split, [index], device)
         wait_for(device)  # The clock is the host's, and a GPU works behind its back.
         started = time.perf_counter()
-        output = draw(model, rasterizer, batch.cameras, settings, batch.time)
+        output = render_model(model, rasterizer, batch.cameras, settings, batch.time)
         wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
-        picture, target = output.color[0], batch.target(settings.background)[0]
+        image, target = output.color[0], batch.target(settings.background)[0]
         valid = None if batch.valid is None else batch.valid[0]
-        figures = {name: metric(picture, target, valid) for name, metric in metrics.items()}
+        figures = {name: metric(image, target, valid) for name, metric in metrics.items()}
         if watch is not None:
-            figures |= watch.compare(index, picture, target, valid)
+            figures |= watch.compare(index, image, target, valid)
         per_view[index] = figures
         images: Mapping[str, Tensor] = {}
         if method is not None:
             figures |= method.view_metrics(batch, output)
             images = method.view_images(batch, output)
         if on_view is not None:
-            on_view(EvaluatedView(views.names[index], figures, target, picture, images))
+            on_view(EvaluatedView(views.names[index], figures, target, image, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
     averages = means(per_view)
     if watch is None:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
@@ -30,4 +30,4 @@ class ModelHandle:
 
     def render(self, cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
         """Render from any cameras, with the settings and the background of the evaluation."""
-        return draw(self._model, self._rasterizer, cameras, self._settings, time)
+        return render_model(self._model, self._rasterizer, cameras, self._settings, time)
