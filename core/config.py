@@ -207,7 +207,7 @@ class OptimConfig:
     """Settings of the optimizer; the learning rates are those of Kerbl et al. 2023."""
 
     sparse: bool = False
-    """Keep rows that no view of a step has seen unchanged (faster; not the method of the papers)."""
+    """Keep rows unchanged that no view of a step has seen (faster; not as in the papers)."""
     exposure_lr: float = number(1e-2, at_least=0, below=math.inf)
     """Rate of gains and offsets of the images' colours under exposure=true."""
     exposure_lr_final: float = number(1e-3, at_least=0, below=math.inf)
@@ -215,7 +215,7 @@ class OptimConfig:
     exposure_start: int = steps_field(500)
     """Steps before exposures are learnt, in which splats learn the mean colours."""
     poses_lr: float = number(1e-3, at_least=0, below=math.inf)
-    """Rate of the cameras' rotations (radians) and translations (extents) under refine_poses=true."""
+    """Rate of camera rotations (radians) and translations (extents) under refine_poses=true."""
     poses_lr_final: float = number(1e-5, at_least=0, below=math.inf)
     """Rate of rotations and translations once it has decayed, log-linearly."""
     poses_start: int = steps_field(500)

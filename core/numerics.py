@@ -38,7 +38,7 @@ class NumericsProfile:
     alpha_min: float = 1.0 / 255.0
     """A splat whose alpha at a pixel is below this is not blended there."""
     transmittance_min: float = 1e-4
-    """A splat that would bring the transmittance to this or below is not blended, nor any behind it."""
+    """A splat that would lower the transmittance to this or below ends the pixel, unblended."""
     jacobian_margin: float = 0.3
     """x/z and y/z are clamped this far beyond the image, in fractions of the field of view."""
     compensation_min: float = 0.005

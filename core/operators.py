@@ -49,7 +49,7 @@ class Operators:
 
     @classmethod
     def preference(cls, device: torch.device) -> int | None:
-        """Preference of this set on ``device``: the highest wins; ``None`` if it cannot run there."""
+        """Preference of this set on ``device``: the highest wins; ``None`` if it cannot run."""
         return 0
 
     def l1_dssim(
@@ -75,9 +75,9 @@ class Operators:
     ) -> None:
         """One step of Adam, in place.
 
-        With ``rows`` only those rows (of the first axis) and their moments change: the moments of the
-        others do not decay, and the bias correction counts steps, not visits.
-        When ``finite`` is false nothing changes; there is no synchronisation.
+        With ``rows`` only those rows (of the first axis) and their moments change: the moments of
+        the others do not decay, and the bias correction counts steps, not visits. When ``finite``
+        is false nothing changes; there is no synchronisation.
         """
         if rows is not None:
             part = AdamMoments(moments.first[rows], moments.second[rows], moments.count)

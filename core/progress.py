@@ -30,7 +30,7 @@ _watchers: list[ShowStage] = []
 
 @contextmanager
 def shown_by(show: ShowStage) -> Iterator[None]:
-    """Display all stages with ``show`` inside the context; restores the former display afterwards."""
+    """Display all stages with ``show`` inside the context; then restore the former display."""
     _watchers.append(show)
     try:
         yield

@@ -91,7 +91,7 @@ class Rasterizer(ABC):
         return sums
 
     def stage_times(self) -> Mapping[str, StageTime]:
-        """Durations of the stages of the latest ``render`` and its backward pass; empty if not measured."""
+        """Stage durations of the latest ``render`` and its backward pass; empty if not measured."""
         return {}
 
     @abstractmethod

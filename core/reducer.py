@@ -11,7 +11,7 @@ from gsfw.core.render_output import RenderStatistics
 
 
 class Reducer:
-    """Reduces losses and gradients between backward and the optimizer; a single process needs none."""
+    """Reduces losses and gradients between backward and the optimizer; no-op for one process."""
 
     @property
     def world_size(self) -> int:

@@ -23,8 +23,8 @@ class Sh:
     degree: int
     """Bands above this are ignored (the degree schedule); 0 to 4."""
     rest: Float[Tensor, "n k_minus_1 3"] | Float[Tensor, "m 3"] | None = None
-    """All coefficients but the constant one, as models store them: dense, or, with ``offsets``, each
-    splat's own 0, 3, 8, 15 or 24, concatenated; ``None`` when ``coefficients`` has them."""
+    """All coefficients but the constant one, as models store them: dense, or, with ``offsets``,
+    each splat's own 0, 3, 8, 15 or 24, concatenated; ``None`` when ``coefficients`` has them."""
     offsets: Int[Tensor, " n_plus_1"] | None = None
     """Ragged form: splat i has rows offsets[i] to offsets[i + 1] of ``rest``; else ``None``."""
 
@@ -68,7 +68,7 @@ class Sh:
         return torch.cat([self.coefficients, padded], dim=1)
 
     def of_degrees(self, degrees: Int[Tensor, " n"]) -> Sh:
-        """Convert to the ragged form, in which each splat has the coefficients of its own degree only.
+        """Convert to the ragged form: each splat has the coefficients of its own degree only.
 
         Args:
             degrees: degree of each splat; at most the active one.
@@ -92,7 +92,7 @@ class Sh:
 
 @dataclass(frozen=True)
 class Splats:
-    """``n`` activated Gaussians at one instant. Exactly one of the two forms of shape is present."""
+    """``n`` activated Gaussians at one instant, with exactly one of the two forms of shape."""
 
     means: Float[Tensor, "n 3"]
     """Centres, in scene units."""
@@ -101,7 +101,7 @@ class Splats:
     colors: Sh | Float[Tensor, "n d"]
     """View-dependent colour, or d channels that are rendered without a change."""
     quats: Float[Tensor, "n 4"] | None = None
-    """Rotations, wxyz, of any norm: the rasterizer normalises them, and differentiates through that."""
+    """Rotations, wxyz, of any norm: the rasterizer normalises them, differentiably."""
     scales: Float[Tensor, "n 3"] | None = None
     """Standard deviations along the rotated axes, in scene units, >= 0."""
     covariances: Float[Tensor, "n 3 3"] | None = None

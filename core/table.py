@@ -15,7 +15,7 @@ from gsfw.core.operators import AdamMoments
 
 
 class SplatTable:
-    """A model's columns and their optimizer moments, edited together; a failed edit changes nothing.
+    """A model's columns and their optimizer moments, edited together; failed edits change nothing.
 
     Every edit is computed in full before anything changes, so that an error (out of memory,
     wrong shapes) leaves model and optimizer unchanged. Kept rows keep their moments;
@@ -26,7 +26,7 @@ class SplatTable:
         self._model = model
         self._optimizer = optimizer
         self.row_edits = 0
-        """Number of edits that added, removed or replaced rows; statistics by row are stale then."""
+        """Number of edits that added, removed or replaced rows; each invalidates statistics by row."""
 
     def __len__(self) -> int:
         return self._model.num_rows

@@ -36,7 +36,7 @@ class Evaluation:
     means: Mapping[str, float] = field(default_factory=dict)
     """Mean of each metric over the views; empty when there are none."""
     over_time: tuple[Mapping[str, Any], ...] = ()
-    """The same at each time, in order of time; empty for a static capture."""
+    """Means of the figures at each time, in order of time; empty for a static capture."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Protocol of the figures over time, or the cause why there are none; empty if static."""
 
@@ -81,15 +81,15 @@ def evaluate(
     """Render and compare every view of a split, one at a time.
 
     Args:
-        model: with its trained parameters.
-        rasterizer: renders it.
-        data: has the views.
-        metrics: by name.
-        settings: of the rendering.
-        device: of the model.
+        model: model with its trained parameters.
+        rasterizer: rasterizer of the model.
+        data: source of the views.
+        metrics: metrics by name.
+        settings: render settings.
+        device: device of the model.
         split: the views to compare with.
-        on_view: is called after each view.
-        method: adds its own metrics and images of each view; ``None`` for none.
+        on_view: called after each view.
+        method: its own metrics and images of each view are added; ``None`` for none.
     """
     assert settings.background is not None
     views = data.views(split)
@@ -102,7 +102,7 @@ def evaluate(
     for place, index in enumerate(tracked(order, "evaluating held-out views", len(views))):
         data.prefetch(split, order[place + 1 : place + 3])
         (batch,) = data.load(split, [index], device)
-        wait_for(device)  # The clock is the host's, and a GPU works behind its back.
+        wait_for(device)  # The clock is the host's, and a GPU runs asynchronously.
         started = time.perf_counter()
         output = render_model(model, rasterizer, batch.cameras, settings, batch.time)
         wait_for(device)

@@ -16,7 +16,7 @@ from gsfw.core.splats import Splats
 
 
 class ModelHandle:
-    """Renders the model as it is now, or gives its splats; costs nothing until it is asked."""
+    """Renders the current model, or returns its splats; has no cost without a call."""
 
     def __init__(
         self, model: PrimitiveModel, rasterizer: Rasterizer, settings: RenderSettings
@@ -25,7 +25,7 @@ class ModelHandle:
 
     @torch.no_grad()
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
-        """The splats at ``time`` in [0, 1], in the scene frame; not to be changed in place."""
+        """The splats at ``time`` in [0, 1], in the scene frame; must not be changed in place."""
         return self._model.splats(time).map(Tensor.detach)
 
     def render(self, cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
