@@ -99,7 +99,7 @@ class Batch:
 
     @property
     def coverage(self) -> Float[Tensor, "c h w 1"] | None:
-        """Fraction of each pixel that is not background, in [0, 1]; ``None`` when it is always 1."""
+        """Fraction of each pixel that is not background, in [0, 1]; ``None`` if it is always 1."""
         coverage = self.alpha
         if self.mask is not None and self.mask_mode is MaskMode.EMPTY:
             inside = self.mask.to(self.images.dtype)

@@ -26,7 +26,7 @@ class SplatTable:
         self._model = model
         self._optimizer = optimizer
         self.row_edits = 0
-        """Number of edits that added, removed or replaced rows; each invalidates statistics by row."""
+        """Number of edits that added, removed or replaced rows; each makes row statistics stale."""
 
     def __len__(self) -> int:
         return self._model.num_rows

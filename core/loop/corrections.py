@@ -58,7 +58,7 @@ class CaptureCorrections(nn.Module):
         return figures
 
     def protocol(self) -> Mapping[str, str]:
-        """Notes on the corrections, for figures of held-out views; empty if nothing is corrected."""
+        """Notes on the corrections, for held-out figures; empty if nothing is corrected."""
         said: dict[str, str] = {}
         if self.exposures is not None:
             said["exposure"] = "learnt for training pictures, held-out ones are drawn without"

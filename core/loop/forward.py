@@ -99,7 +99,7 @@ class Forward:
         return RenderedBatch(context, losses, tuple(data_losses), total)
 
     def _settings(self, step: int) -> RenderSettings:
-        """The render settings of a step, after those of the run, of the method and of the refiners."""
+        """The render settings of a step: those of the run, changed by method and refiners."""
         parts = self._parts
         settings = parts.method.render_settings(self._plan.settings, step)
         depth = parts.refiners.depth(step)
