@@ -4,8 +4,8 @@ A camera W, world to camera, takes a point x to exp(r) (W x - p) + p + t. As in 
 2021), but with the rotation vector r and the translation t apart, so(3) x R^3, and with the pivot p
 on the optical axis at the depth of the scene. A rotation about p hardly moves the image, so that r
 and t do not cancel each other, as they do about the camera's centre; CamP (Park et al. 2023)
-explains the importance of such coordinates. Measured on the built-in scene, 20 views of 96 x 72
-with errors of a degree and 2 % of the extent, 600 steps: 28.8 dB held out, 23.0 dB about the centre.
+explains the importance of such coordinates. Measured on the built-in scene, 20 views of 96 x 72,
+errors of a degree and 2 % of the extent, 600 steps: 28.8 dB held out, 23.0 dB about the centre.
 
 A common motion of all cameras, equal to a similarity of the world, changes no image once the splats
 follow. To first order such motions are the span of seven known directions; every step projects them
@@ -33,7 +33,7 @@ SMALLEST_DIRECTION = 1e-6
 
 
 class PoseRefinement(nn.Module):
-    """A rotation and a translation for every distinct pose of the training views; zero at the start.
+    """A rotation and a translation for each distinct pose of the training views; zero at first.
 
     Views with one pose belong to one static camera, and share them.
     """
@@ -118,7 +118,7 @@ def scene_depths(poses: Float[Tensor, "p 4 4"], scene: Scene) -> Float[Tensor, "
 def motion_matrices(
     motions: Float[Tensor, "c 6"], depths: Float[Tensor, " c"], extent: float
 ) -> Float[Tensor, "c 4 4"]:
-    """Rigid transforms in the cameras' axes: rotations about pivots at ``depths``, then translations."""
+    """Rigid transforms in the cameras' axes: rotate about pivots at ``depths``, then translate."""
     rotation = rotation_vector_matrices(motions[:, :3])
     pivots = torch.stack([torch.zeros_like(depths), torch.zeros_like(depths), depths], dim=1)
     turned = (rotation @ pivots[:, :, None])[..., 0]
@@ -135,8 +135,8 @@ def common_motions(
     """An orthonormal basis of the camera motions that equal a motion of the world.
 
     A world that rotates by w, translates by m and grows by s moves a camera's centre c to
-    c + w x c + m + s c, and rotates the camera by -R w, to first order. A rotation r about a pivot p
-    adds p x r to the translation.
+    c + w x c + m + s c, and rotates the camera by -R w, to first order. A rotation r about a
+    pivot p adds p x r to the translation.
     """
     rotations = poses[:, :3, :3]
     centers = -(rotations.mT @ poses[:, :3, 3:])[..., 0]

@@ -6,9 +6,9 @@ Let K(f) be the fraction of their detail that images smaller by a factor f keep,
 step with full images. Step s is trained at the largest f with S K(f) > s: each size gets the share
 of the steps by which it adds detail to the previous size.
 
-Differences: sizes are powers of the square root of 2 under an exact area filter, S is a setting, and
-strategies control the growth of the model. By default S is 60 % of the steps in which ADC adds rows:
-fine detail can only be added and fitted once images are full.
+Differences: sizes are powers of the square root of 2 under an exact area filter, S is a setting,
+and strategies control the growth of the model. By default S is 60 % of the steps in which ADC adds
+rows: fine detail can only be added and fitted once images are full.
 
 Gradients of screen positions are in NDC units, so that thresholds mean the same at every size.
 Radii in pixels do not. Without antialias each splat is rendered about half a pixel too wide, so
@@ -54,8 +54,8 @@ class ResolutionSchedule:
     """Image size of each step, as a pure function of the step."""
 
     stages: tuple[tuple[int, float], ...] = ()
-    """First step (counted from 0) and divisor of the sides, the last one 1; empty if images are full
-    from the beginning."""
+    """First step (counted from 0) and divisor of the sides, the last one 1; empty if all images
+    are full."""
 
     def factor(self, step: int) -> float:
         """Divisor of the sides of the images at ``step``; at least 1."""

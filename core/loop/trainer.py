@@ -56,7 +56,7 @@ class Trainer:
         self._handle = ModelHandle(parts.model, parts.rasterizer, plan.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
-        """Train until the plan's end or until a callback requests a stop; returns the run's summary.
+        """Train until the plan's end or until a callback requests a stop; return the summary.
 
         Args:
             afterwards: called when a run is completed and has written its figures, before the
@@ -204,7 +204,7 @@ class Trainer:
         self.callbacks.on_step(report, self.control)
 
     def _check_skipped(self) -> None:
-        """Stop after too many steps in a row that were not finite; the flag is read late and rarely."""
+        """Stop after too many steps in a row that were not finite; reads the flag late and rarely."""
         self._catch_up()
         skipped_in_a_row = int(self._skipped_in_a_row)
         if skipped_in_a_row >= self.plan.max_skipped:
