@@ -110,9 +110,9 @@ class MovingRegions:
         total, squares = None, None
         for part, index in members:
             (batch,) = self._data.load(part, [index], self._device)
-            picture = batch.target(self._background)[0].double()
-            total = picture if total is None else total + picture
-            squares = picture**2 if squares is None else squares + picture**2
+            image = batch.target(self._background)[0].double()
+            total = image if total is None else total + image
+            squares = image**2 if squares is None else squares + image**2
         assert total is not None
         assert squares is not None
         variance = squares / len(members) - (total / len(members)) ** 2
