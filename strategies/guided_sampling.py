@@ -1,4 +1,4 @@
-"""Guided sampling: new rows along the rays of the worst rendered patches (Li et al. 2024, section 4.4).
+"""Guided sampling: new rows along the rays of the worst patches (Li et al. 2024, section 4.4).
 
 Rows grow from rows, so no row grows in an empty region: at a surface without splats, or at one that
 is visible for a moment only. In the training views with the largest error at their last render, the
@@ -7,7 +7,7 @@ image there, at the view's time. Rows at a wrong position stay faint and are pru
 
 Differences from the released code: views and patches are ranked by their mean absolute error
 (there: views by SSIM, and patches are bad when 85 % of their pixels are above the quantile of 0.6);
-a view is not used again before its next render; a row is about as large as its patch, and each patch
+a view is not used again before its next render; a row is about as large as its patch, of which each
 gets a few (there: one per pixel); and depths are spread around the rendered surface, or from the
 camera to the far side of a box around the scene if there is none. There, they are 0.7 and 7.5 times
 the largest rendered depth, which suits a far background that was never reconstructed.
@@ -128,7 +128,7 @@ class GuidedSampling(Refiner):
         return Depth.EXPECTED if self._looks(step) else Depth.NONE
 
     def _looks(self, step: int) -> bool:
-        """True if the renders of ``step`` are measured: from one interval before the first round."""
+        """True if the renders of ``step`` are measured; starts one interval before round one."""
         config = self._config
         more = self._rounds < config.rounds and step + 1 < self._refinements.stop
         return more and step >= config.start - config.every

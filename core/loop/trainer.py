@@ -204,7 +204,7 @@ class Trainer:
         self.callbacks.on_step(report, self.control)
 
     def _check_skipped(self) -> None:
-        """Stop after too many steps in a row that were not finite; read the flag late and rarely."""
+        """Stop after too many steps in a row that were not finite; reads the flag rarely."""
         self._catch_up()
         skipped_in_a_row = int(self._skipped_in_a_row)
         if skipped_in_a_row >= self.plan.max_skipped:
