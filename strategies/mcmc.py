@@ -52,7 +52,7 @@ class McmcConfig(StrategyConfig):
     min_opacity: float = number(0.005, at_least=0)
     """Rows up to this opacity are dead, and are relocated."""
     gradient_share: float = number(0.0, at_least=0, at_most=1)
-    """Part of the copies sampled by screen gradient instead of opacity (FreeTimeGS: 0.5); 0: none."""
+    """Part of the copies sampled by screen gradient, not by opacity (FreeTimeGS: 0.5); 0: none."""
     noise_lr: float = number(5e5, at_least=0)
     """Strength of the noise, times the learning rate of positions."""
     opacity_reg: float = number(0.01, at_least=0)

@@ -66,8 +66,8 @@ class BandsConfig:
     """A splat gains a band above this signal-to-noise ratio of the direction dependence of its
     gradients, which is 1 for a splat that needs none; higher: fewer bands."""
     rate: float = number(4.0, above=0, below=math.inf)
-    """Initial rate of the bands, relative to optim.sh_rest_lr, their final rate: a band on trial has
-    little time to show its worth."""
+    """Initial rate of the bands, relative to optim.sh_rest_lr, their final rate: a band on trial
+    has little time to show its worth."""
     every: int = steps_field(1000, at_least=2, floor=50)
     """Steps between rounds in which splats gain or lose a band."""
     grow_stop: int = steps_field(5000)
@@ -97,8 +97,8 @@ class GaussiansConfig(MethodConfig):
     random_points: int = number(100_000, at_least=1)
     """Number of splats of a random initialisation."""
     random_region: Literal["auto", "object", "surroundings"] = "auto"
-    """Region of random splats: around the point that the cameras look at (object), or all around the
-    cameras (surroundings). auto: object if images have alpha."""
+    """Region of random splats: around the point that the cameras look at (object), or all around
+    the cameras (surroundings). auto: object if images have alpha."""
     optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
 
     def __post_init__(self) -> None:

@@ -36,7 +36,7 @@ CHUNK = 65_536
 def usable_points(
     scene: Scene,
 ) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"], dict[str, int]]:
-    """The scene's points to start from, their colours, and the number of omitted points by cause."""
+    """The scene's points to start from, their colours, and the omitted points by cause."""
     rows, dropped = usable_rows(scene)
     return scene.points[rows], scene.point_colors[rows], dropped
 

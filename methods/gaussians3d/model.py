@@ -30,8 +30,8 @@ NEW_OPACITY = 0.1
 SPLIT_SHRINK = 0.8
 """Children of a split are smaller by 1 / (0.8 * copies): 1.6 for two (Kerbl et al. 2023, 5.2)."""
 NOISE_SHARPNESS, NOISE_OPACITY = 100.0, 0.005
-"""Opacity at which noise fades out: sigmoid(-100 (o - 0.005)). The text of Kheradmand et al. 2024 has
-t = 1 - 0.005 in equation 8; the released code and ours have 0.005, the pruning threshold."""
+"""Opacity at which noise fades out: sigmoid(-100 (o - 0.005)). The text of Kheradmand et al. 2024
+has t = 1 - 0.005 in equation 8; the released code and ours have 0.005, the pruning threshold."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class GaussianParameters:
 class StaticGaussians(DensifiableModel):
     """Gaussians that do not change with time.
 
-    ``active_degree`` is the SH degree that is rendered and trained now. It follows from the step, so
-    it is not part of the state; until a method lowers it, all bands are rendered.
+    ``active_degree`` is the SH degree that is rendered and trained now. It follows from the step,
+    so it is not part of the state; until a method lowers it, all bands are rendered.
 
-    To extend them, give ``extra`` columns (``StaticGaussiansMethod.extra_columns``): density control,
-    optimizer, checkpoints and model files include them. Override ``splats`` to render them,
-    ``regularizers`` to add losses, ``extra_rows`` for their values in new rows.
+    To extend them, give ``extra`` columns (``StaticGaussiansMethod.extra_columns``): density
+    control, optimizer, checkpoints and model files include them. Override ``splats`` to render
+    them, ``regularizers`` to add losses, ``extra_rows`` for their values in new rows.
     """
 
     def __init__(

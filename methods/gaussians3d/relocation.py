@@ -21,9 +21,9 @@ from torch import Tensor
 from torch.nn.functional import logsigmoid
 
 NODE_SPACING = 0.125
-"""Spacing of the trapezoidal rule, whose error falls like exp(-2 pi a / spacing): below 1e-14 here."""
+"""Spacing of the trapezoidal rule, whose error falls like exp(-2 pi a / spacing): below 1e-14."""
 NUM_NODES = 60
-"""The last node is at 7.4, where exp(-u^2) is 2e-24: the rest is negligible for up to 1e6 copies."""
+"""The last node is at 7.4, where exp(-u^2) is 2e-24: negligible for up to 1e6 copies."""
 MAX_LOGIT = 40.0
 """Opacity 1 - 4e-18; a larger logit changes no image."""
 

@@ -138,7 +138,7 @@ class MovingGaussians(DensifiableModel):
     # New rows.
 
     def temporal_rows(self, values: Mapping[str, Tensor], count: int) -> Children:
-        """Temporal values of ``count`` new rows, all of which change, and their values of ``still``."""
+        """Temporal values of ``count`` new moving rows, and their values of ``still``."""
         if self.still is None:
             return {name: Rows(rows) for name, rows in values.items()}
         lengths = torch.ones(count, dtype=torch.int64, device=self.canonical.means.values.device)

@@ -39,7 +39,7 @@ class MovingMethod(Method):
     def __init__(self, canonical: GaussiansConfig, settling: MovingConfig | None = None) -> None:
         """Store the settings of the canonical Gaussians, and of static rows.
 
-        Without the latter no rows are static, and the model may be another than ``MovingGaussians``.
+        Without the latter no rows are static, and the model need not be ``MovingGaussians``.
         """
         self._static = StaticGaussiansMethod(canonical)
         self._settling = settling

@@ -1,6 +1,6 @@
 """StillRows: the static rows of a model, and the evidence that they should move.
 
-A static row that should move has different gradients early and late in the sequence: the gradients of
+A static row that should move has different gradients early and late in the sequence: those of
 its position and opacity correlate with time, whatever their size. For a direction g of the gradient
 and phi_k(t) = cos(k pi t), k = 1, 2, the sum of g phi_k over the steps has the variance
 sum (g phi_k)^2 if g is independent of t, so that their quotient
@@ -76,7 +76,7 @@ class StillRows(nn.Module):
         return self._moving
 
     def _sort(self) -> None:
-        # Offsets are replaced, never changed: only a new tensor makes a GPU count, and the host wait.
+        # Offsets are replaced, never changed: only then does a GPU count again, and the host wait.
         if self._sorted_by is not self.stillness.offsets:
             self._sorted_by, still = self.stillness.offsets, self.mask()
             self._still, self._moving = still.nonzero()[:, 0], (~still).nonzero()[:, 0]
