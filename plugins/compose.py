@@ -97,7 +97,7 @@ class Composition:
 
     @cached_property
     def resolution(self) -> ResolutionSchedule:
-        """Schedule of training image sizes; decodes some images, so it is read for training only."""
+        """Schedule of training image sizes; decodes some images, so only training reads it."""
         config, background = self.settings.config, self.plan.settings.background
         if config.resolution_schedule != AUTO:
             return FULL_SIZE

@@ -184,7 +184,7 @@ class Resolving:
         )
 
     def choose_rasterizer(self) -> None:
-        """Choose device, rasterizer and profile by the needs of the other parts, then set its values.
+        """Choose device, rasterizer and profile by the needs of the other parts; set its values.
 
         Raises:
             ConfigError: as for every other value.

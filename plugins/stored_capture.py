@@ -26,8 +26,8 @@ class StoredCapture(DataManager):
             scene: scene of the capture.
             views: views of every split.
             source: the file, for messages.
-            has_data: true if the images came from a data set; false if the run generated them, as for
-                the built-in scene.
+            has_data: true if the images came from a data set; false if the run generated them, as
+                for the built-in scene.
         """
         self._scene, self._views, self._source = scene, views, source
         self._has_data = has_data

@@ -157,7 +157,7 @@ class AdaptiveDensityControl(Refiner):
         self._seen = None
 
     def refine(self, context: RefineContext) -> Refinement:
-        """Grow and prune every ``refine_every`` steps, unless another refiner prunes in the step."""
+        """Grow and prune every ``refine_every`` steps, unless another refiner prunes that step."""
         self._may_grow = context.limits.may_grow
         if context.done >= self._config.refine_stop:
             self._seen = None

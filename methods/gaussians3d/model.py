@@ -1,7 +1,8 @@
 """Static Gaussians: position, rotation, scale, opacity and spherical-harmonic colour of each.
 
 Kerbl et al. 2023, section 4: covariance R S S^T R^T (equation 6), scales through exp and opacities
-through a sigmoid. Quaternions may have any norm, as there: rasterizers normalise them."""
+through a sigmoid. Quaternions may have any norm, as there: rasterizers normalise them.
+"""
 
 from __future__ import annotations
 
