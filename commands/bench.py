@@ -97,9 +97,7 @@ def run(arguments: list[str]) -> int:
         bench = Bench(workload, entrants, threads, registry, options.sparse)
         warm_up(device)
         _measure(bench, options.repeats)
-        memory = (
-            process_memory()
-        )  # Before the count, which needs more memory than the measurements.
+        memory = process_memory()  # Before the count, which needs more memory.
         pairs = contributing_pairs(workload.splats, workload.cameras, RenderSettings())
         report = document(bench, options.repeats, pairs, limits, memory)
         report |= _more(options, workload, entrants)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gsfw.plugins.restore import Restored
 
 MOST_FPS = 1000
-"""Unit of frame durations in a WebP: milliseconds."""
+"""Highest frame rate: a WebP counts in milliseconds."""
 
 
 @dataclass(kw_only=True)

@@ -56,7 +56,7 @@ def run(tokens: list[str]) -> int:
 
 
 def names_a_run(arguments: Arguments) -> bool:
-    """True if the arguments name a finished model: RUN is the only bare word."""
+    """True if the arguments name a finished model, by a bare word or by ``run``."""
     return bool(arguments.words) or "run" in arguments.values
 
 

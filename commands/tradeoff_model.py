@@ -99,7 +99,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _clock(model: FinishedModel) -> str:
-    """The conditions of the times besides the model; times of different conditions are not mixed."""
+    """Conditions of the times besides the model; times of different conditions are never mixed."""
     import torch
 
     from gsfw.studies.origin import origin

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 SHELL = 0.1
 """Thickness of the shell of all space beyond the box, in halves of the box."""
 STRAY = 0.01
-"""Fraction of the points that may lie beyond the box at either end of an axis, before the margin."""
+"""Fraction of the points that may lie beyond the box at either end of an axis (no margin)."""
 MARGIN = 0.1
 """Margin on every side, in halves of the box, for motion."""
 FLATTEST = 0.1
@@ -46,7 +46,7 @@ class SpaceBox(nn.Module):
         return self.reach.amax()
 
     def forward(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-        """Coordinates in [-1, 1]: proportional to the position within the box, contracted beyond it.
+        """Coordinates in [-1, 1]: proportional to the position inside, contracted beyond the box.
 
         Value and first derivative are continuous everywhere.
         """

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gsfw.core.method import Method
 
 MAX_LOG2_ROWS = 24
-"""Largest logarithm of the rows of a hash table, with 32-bit indices; Mueller et al. 2022 use 2^24."""
+"""Largest logarithm of the rows of a hash table, which has 32-bit indices; Mueller et al.: 24."""
 
 
 @dataclass

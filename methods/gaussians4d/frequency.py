@@ -3,8 +3,8 @@
 Yang et al. 2024, "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene
 Reconstruction", section 3.2: positional encoding (equation 4), time through a small network of its
 own, 8 layers of 256 with the input concatenated again in the middle; positions are detached at its
-input. Frequencies are 1, 2, 4, ... as in the released code; equation 4 has pi times them. Difference:
-places are coordinates of the box, in [-1, 1], so that frequencies are independent of the scene's unit.
+input. Frequencies are 1, 2, 4, ... as in the released code; equation 4 has pi times them. Unlike
+there, places are box coordinates in [-1, 1], so that frequencies do not depend on the scene's unit.
 """
 
 from __future__ import annotations

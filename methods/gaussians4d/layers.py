@@ -10,7 +10,7 @@ from torch.nn.utils import skip_init
 
 
 def linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
-    """A linear layer with the weights of Glorot and Bengio 2010, and torch's distribution of biases."""
+    """A linear layer with weights as in Glorot and Bengio 2010, and biases as in torch."""
     layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)
     _fill(layer.weight, math.sqrt(6 / (inputs + outputs)), generator)
     _fill(layer.bias, 1 / math.sqrt(inputs), generator)

@@ -126,7 +126,7 @@ class DeformedGaussians(MovingGaussians):
     def split_rows(
         self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
     ) -> Children:
-        """Smaller children at points of the row's own Gaussian; the field moves them like the row."""
+        """Smaller children at points of the row's own Gaussian, moved by the field like the row."""
         smaller = self.canonical.split_rows(rows, copies, generator)
         return {**self.clone_rows(rows.repeat(copies)), **smaller}
 
@@ -138,7 +138,7 @@ class DeformedGaussians(MovingGaussians):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Isotropic canonical rows with low opacity, which the field moves to ``points`` at ``time``."""
+        """Isotropic canonical rows with low opacity; the field moves them to ``points`` at ``time``."""
         still = points.to(self.canonical.means.values)
         if time is not None and self.deforming:
             for _ in range(FIXED_POINT_STEPS):
@@ -155,7 +155,7 @@ class DeformedGaussians(MovingGaussians):
         self.canonical.perturb_(rate, generator)
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
-        """Canonical values that the field turns, on average, into the current values of the rows."""
+        """Canonical values that the field turns, on average, into the rows' current values."""
         if not self.deforming:
             return
         canonical = self.canonical

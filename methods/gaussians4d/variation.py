@@ -46,7 +46,7 @@ class _MeanSquaredDifference(torch.autograd.Function):
 
 
 def _transposed_difference(differences: Tensor, axis: int) -> Tensor:
-    """Transposed difference: each difference is subtracted from its first cell, added to its second."""
+    """Transposed difference: subtract from the first cell, add to the second."""
     count = differences.shape[axis]
     shape = [*differences.shape]
     shape[axis] = count + 1

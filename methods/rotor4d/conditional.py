@@ -6,9 +6,9 @@ the covariance of space and time is M M^T, and given the time t
     variance = |m|^2,  velocity = M3 m / |m|^2,  mean(t) = x + velocity (t - center),
     covariance = P P^T  with  P = M3 - (M3 m) m^T / |m|^2,
 
-which is positive semi-definite by construction; the difference of two large matrices, as in released
-codes, is not (in float32, with scales of 1e-4 in space and 10 in time, in 98% of samples). We expand
-P further, with r for the last row of R and s for the scales:
+which is positive semi-definite by construction; the difference of two large matrices, as in
+released codes, is not (in float32, with scales of 1e-4 in space and 10 in time, in 98% of samples).
+We expand P further, with r for the last row of R and s for the scales:
 
     P_ij = s_j / |m|^2 * sum over k of (R_ij r_k - R_ik r_j) s_k^2 r_k.
 

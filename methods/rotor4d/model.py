@@ -76,8 +76,8 @@ class Regularization:
 class SlicedGaussians(MovingGaussians):
     """Static Gaussians with a fourth axis each.
 
-    ``canonical`` holds the columns of static Gaussians. Its quaternion is the first of a
-    rotation's two; ``time_quats`` has the second, ``log_durations`` the scale along the fourth axis.
+    ``canonical`` holds the columns of static Gaussians. Its quaternion is the first of a rotation's
+    two; ``time_quats`` has the second, ``log_durations`` the scale along the fourth axis.
     Static rows have neither: they are static Gaussians, with that first quaternion.
     """
 
@@ -165,7 +165,7 @@ class SlicedGaussians(MovingGaussians):
         return replace(still.take(rows), rows=rows)
 
     def _sliced(self, rows: Int[Tensor, " r"] | None = None) -> Conditional:
-        """Slices of rows that change, at any time; with ``rows``, for a model in which all change, of these."""
+        """Slices of moving rows, at any time; of ``rows``, for a model in which all rows move."""
         columns = self.canonical.columns()
         values = (
             self.taken(_taken(columns[name].values, rows)) for name in ("quats", "log_scales")
@@ -298,7 +298,7 @@ class SlicedGaussians(MovingGaussians):
         return sizes if rows is None else self.canonical.sizes().index_copy(0, rows, sizes)
 
     def lifetimes(self) -> Float[Tensor, " n"]:
-        """Mean temporal weight of each row over the sequence: 1 for rows that are always present."""
+        """Mean temporal weight of each row over the sequence: 1 for always present rows."""
         return self.everywhere(self._presence().means(), otherwise=1.0)
 
     def time_gradients(self) -> Float[Tensor, " n"] | None:
@@ -336,7 +336,7 @@ class SlicedGaussians(MovingGaussians):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Isotropic rows with low opacity and no motion, present for a fifth of the sequence each way."""
+        """Isotropic rows at rest with low opacity, present for a fifth of the sequence each way."""
         children = dict(self.canonical.rows_at(points, colors, sizes, time))
         first, second = self._rotation.of_space(children["quats"].values)
         centers = second.new_full((len(points),), 0.5 if time is None else time)

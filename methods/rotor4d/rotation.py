@@ -1,9 +1,9 @@
 """Rotation: maps eight trained numbers to a rotation of space and time.
 
 Every rotation of four dimensions is x -> l x conj(r), with points as quaternions x (time is their
-real part) and two unit quaternions, l and r: left and right. Forms differ in the map from the numbers
-to these two. All forms keep the matrix a rotation in the same way: left and right are normalised,
-with gradient, at every use, and permanently after every optimizer step.
+real part) and two unit quaternions, l and r: left and right. Forms differ in the map from the
+numbers to these two. All forms keep the matrix a rotation in the same way: left and right are
+normalised, with gradient, at every use, and permanently after every optimizer step.
 """
 
 from __future__ import annotations

@@ -31,5 +31,5 @@ class Rotor(Rotation):
     def numbers(
         self, left: Float[Tensor, "n 4"], right: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """Half of the sum, and half of the difference, which is zero for rotations of space alone."""
+        """Half of the sum, and half of the difference, which is zero for rotations of space."""
         return (left + right) / 2, (left - right) / 2
