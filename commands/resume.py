@@ -1,4 +1,4 @@
-"""The verb ``resume``: continues a run from its checkpoint, with the bits of a run without a stop."""
+"""The verb ``resume``: continues a run from its checkpoint, with the bits of an unstopped run."""
 
 from __future__ import annotations
 

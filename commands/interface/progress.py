@@ -122,7 +122,7 @@ class StageBars(Progress):
 
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Advance]:
-        """Display a bar, or regular lines; print a line with the duration at the end of the stage."""
+        """Display a bar, or regular lines; print the duration at the end of the stage."""
         start = time.perf_counter()
         counted = _Counted()
         with self._bar(name, total) if sys.stderr.isatty() else self._lines(name, total) as show:

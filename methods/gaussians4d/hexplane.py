@@ -2,7 +2,7 @@
 
 Wu et al. 2024, "4D Gaussian Splatting for Real-Time Dynamic Scene Rendering", section 4.2: features
 are read from the planes by bilinear interpolation, multiplied over the planes, and concatenated
-over the resolutions. Regularisers are those of Fridovich-Keil et al. 2023 ("K-Planes", section 3.2).
+over the resolutions. Regularisers are from Fridovich-Keil et al. 2023 ("K-Planes", section 3.2).
 
 Differences from the released code: time spans all of its planes (there it fills one half of them),
 features start around 1 (see UNIT), and total variation is that of the paper (there, a second

@@ -42,7 +42,7 @@ class SlicedGaussiansMethod(MovingMethod):
         generator: torch.Generator,
         initial: Splats | None,
     ) -> SlicedGaussians:
-        """Build resting Gaussians from the splats of a file, from the scene's points, or at random."""
+        """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
         config = self._config
         canonical = self._static.build_model(scene, operators, generator, initial)
         if initial is None:
