@@ -144,7 +144,7 @@ def _check_entries(entries: list[zipfile.ZipInfo], size: int) -> None:
 
 
 def _array(name: str, stored: bytes) -> np.ndarray:
-    """An array on the bytes of its ``.npy`` file, after a check of its shape against their number."""
+    """An array on the bytes of its ``.npy`` file, after a check of its shape against them."""
     start = NPY.match(stored)
     if start is None or int.from_bytes(start[1], "little") != start.end() - PREFIX:
         raise ValueError(f"{name} does not begin as a .npy file of version 1.0 in C order does")

@@ -1,7 +1,7 @@
 """Sampler error-weighted: samples views with a large loss more often.
 
-A view's share of an epoch is its running mean loss over the sum of all, mixed with a uniform share so
-that every view is sampled. Losses stay on the device and are read once per epoch, so that no step
+A view's share of an epoch is its running mean loss over the sum of all, mixed with a uniform share
+so that every view is sampled. Losses stay on the device and are read once per epoch, so that no step
 waits for a GPU; the epoch's samples are fixed then. Systematic sampling: a view with the expected
 count x is sampled floor(x) or ceil(x) times, and equal losses give an ordinary epoch.
 

@@ -1,8 +1,8 @@
 """Sampler progressive: a growing window of times, up to all times (Lee et al. 2024, Ex4DGS).
 
 Motion is learned within a short window first, and tracked from there. The paper starts with 10 of
-300 frames and adds 10 more every 400 of 40,000 steps, so that all are included after 30 % of the run;
-so do we, in fewer and larger stages.
+300 frames and adds 10 more every 400 of 40,000 steps, so that all are included after 30 % of the
+run; so do we, in fewer and larger stages.
 """
 
 from __future__ import annotations

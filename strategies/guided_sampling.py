@@ -57,7 +57,7 @@ OPAQUE = 0.5
 OUTLIERS = 0.01
 """Fraction of the points on each side that may lie outside of the box."""
 MIN_COSINE = 1e-3
-"""Longest ray, in depths, as at the rim of a fisheye."""
+"""Least cosine to the optical axis: rays have at most a thousand depths, as at a fisheye's rim."""
 PARALLEL = 1e-9
 """Rays with a smaller direction along an axis never leave the box along it."""
 

@@ -16,7 +16,7 @@ CLOSED_GAP = math.pi / 2
 """Cameras surround the scene if no gap between neighbours is wider than this, in radians."""
 
 MIN_SPREAD = 1e-3
-"""Least eigenvalue (per camera) below which viewing axes count as parallel, without a meeting point."""
+"""Least eigenvalue (per camera) below which viewing axes count as parallel."""
 
 
 def viewing_center(cameras: Cameras) -> Float[Tensor, " 3"]:

@@ -15,8 +15,8 @@ OBJECT_SIZE = 0.33
 """Half of the box of an object's random points, in distances of its cameras: NeRF-synthetic has
 cameras at 4.03 and, in the code of Kerbl et al. 2023, points within 1.3."""
 ROUNDNESS = 0.1
-"""Cameras lie on a sphere if their distances from its centre differ by less, relatively, and look at
-one point if the distance of their axes from it is less."""
+"""Cameras lie on a sphere if their distances from its centre differ by less, relatively, and look
+at one point if the distance of their axes from it is less."""
 MIN_AXES = 2
 """Least number of cameras with a common point."""
 

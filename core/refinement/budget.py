@@ -56,7 +56,7 @@ HEADROOM = 2
 ROUNDS = 4
 """Number of rounds of pruning."""
 LARGEST_ROUND = 0.2
-"""Most rows that a round removes under ``auto``: the remaining rows have to compensate."""
+"""Largest fraction of the rows that a round removes under ``auto``: the rest has to compensate."""
 PASSES = 3
 """Most images of a round, per view: sampled at random, these include 95 % of the views."""
 PATIENCE = 2

@@ -95,8 +95,8 @@ class TrackedGaussiansMethod(MovingMethod):
     def _start(self, step: int, model: TrackedGaussians, optimizer: Optimizer) -> None:
         """Start to track a time.
 
-        Its expected length is that of the previous time, for the first one an even share of the run:
-        the number of trained times is unknown, as some may be held out.
+        Its expected length is that of the previous time, for the first one an even share of the
+        run: the number of trained times is unknown, as some may be held out.
         """
         if self._first_step is None:
             self._planned_steps = max((self._config.steps - step) // (self._num_times - 1), 1)

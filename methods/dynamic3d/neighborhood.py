@@ -14,10 +14,9 @@ from gsfw.methods.dynamic3d.trajectory import Trajectory
 class Neighborhood:
     """The nearest rows of each row at the first time, and their distances.
 
-    It follows from the trajectory, so it is no part of the state. Weights are exp(-(d / m)^2) with m
-    the row's own median distance: the paper's exp(-2000 d^2) is for a capture in metres whose
-    Gaussians are centimetres apart, and would disconnect those of a coarse background.
-    """
+    It follows from the trajectory, so it is no part of the state. Weights are exp(-(d / m)^2)
+    with m the row's own median distance: the paper's exp(-2000 d^2) is for a capture in metres
+    whose Gaussians are centimetres apart, and would disconnect those of a coarse background."""
 
     def __init__(
         self, trajectory: Trajectory, count: int, per_step: int, operators: Operators

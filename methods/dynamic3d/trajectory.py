@@ -35,7 +35,7 @@ class Trajectory(nn.Module):
     times: Tensor
 
     def __init__(self, pose: Pose) -> None:
-        """Start without a finished time; ``pose`` has the number of rows and the changing parameters."""
+        """Start without a finished time; ``pose`` has the rows and the changing parameters."""
         super().__init__()
         self._times: list[float] = []
         self.register_buffer("times", torch.zeros(0, dtype=torch.float64))

@@ -36,7 +36,7 @@ INSTANTS = 9
 MIN_OPACITY, MAX_OPACITY = 1e-6, 1 - 1e-6
 """Largest opacity: a saturated sigmoid has no gradient."""
 FLATTEST = 1e-4
-"""Thinnest to thickest axis: rounding leaves fewer digits of a flat Gaussian's covariance."""
+"""Least ratio of axes: with flatter Gaussians rounding leaves more of a covariance undefined."""
 
 
 class Settling(Refiner):

@@ -12,8 +12,8 @@ from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.spacetime.model import MAX_DURATION, TemporalParameters
 
 FRAMES_PER_DURATION = 4
-"""A duration is at least this fraction (inverse) of the interval between two times: shorter ones
-overfit single images, and nothing constrains them between."""
+"""Least durations per interval between two times: shorter durations overfit single images, and
+nothing constrains them between."""
 
 
 def min_duration(scene: Scene) -> float:

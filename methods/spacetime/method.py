@@ -3,9 +3,8 @@
 Losses, the SH degree and the initialisation are those of method 3dgs; this method holds an instance
 of it. The paper's guided sampling is strategy.guided.rounds=6, and off by default: from few random
 points it gained 0.7 dB, from surface points nothing (see ``strategies.guided_sampling``). The paper
-renders two views of one time per step, as sampler=same-time does; the default is one view, which was
-1.9 dB better on the built-in scene for the same number of views (2000, 240 x 180, seed 0).
-"""
+renders two views of one time per step, as sampler=same-time does; the default is one view, which
+was 1.9 dB better on the built-in scene for the same number of views (2000, 240 x 180, seed 0)."""
 
 from __future__ import annotations
 
@@ -50,7 +49,7 @@ class SpacetimeMethod(MovingMethod):
         generator: torch.Generator,
         initial: Splats | None,
     ) -> SpacetimeGaussians:
-        """Build resting Gaussians from the splats of a file, from the scene's points, or at random."""
+        """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
         config = self._config
         canonical = self._static.build_model(scene, operators, generator, initial)
         count = canonical.num_rows
@@ -87,7 +86,7 @@ class SpacetimeMethod(MovingMethod):
         return (*found, Simplification(self._config, model))
 
     def report(self) -> Mapping[str, Any]:
-        """Number of rows with each temporal parameter, and of removed ones, with motion=adaptive."""
+        """Number of rows with each temporal parameter, and of removals, with motion=adaptive."""
         if not isinstance(self._model, AdaptiveSpacetimeGaussians):
             return super().report()
         motion = self._model.census()
