@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.metrics import psnr
 from gsfw.core.render_settings import RenderSettings
@@ -45,7 +45,7 @@ def projection_of_run(run: Path, count: int) -> str:
         for name, way in WAYS.items():
             before = time.process_time()
             settings = RenderSettings(background=background)
-            picture = draw(parts.model, way, batch.cameras, settings, batch.time).color[0]
+            picture = render_model(parts.model, way, batch.cameras, settings, batch.time).color[0]
             sums[name][2] += time.process_time() - before
             splatted = picture if splatted is None else splatted
             if splatted is not picture:

@@ -1,4 +1,4 @@
-"""Autosave: a checkpoint every few minutes, so that little is lost when a run is killed."""
+"""Autosave: writes a checkpoint every few minutes, so that a killed run loses little."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from gsfw.core.callback import Callback, Control, RunInfo
 
 
 class Autosave(Callback):
-    """Asks for a checkpoint when the last one is too old."""
+    """Requests a checkpoint when the latest one is too old."""
 
     def __init__(self, seconds: float) -> None:
-        """Keep checkpoints younger than ``seconds``."""
+        """Keep the latest checkpoint younger than ``seconds``."""
         self._seconds = seconds
         self._last = time.monotonic()
 
@@ -21,10 +21,10 @@ class Autosave(Callback):
         self._last = time.monotonic()
 
     def on_tick(self, step: int, control: Control) -> None:
-        """Look at the clock."""
+        """Request a checkpoint if the latest one is too old."""
         if time.monotonic() - self._last >= self._seconds:
             control.request_checkpoint()
 
     def on_checkpoint(self, step: int, path: Path) -> None:
-        """Start the clock again."""
+        """Restart the clock."""
         self._last = time.monotonic()

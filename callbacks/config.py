@@ -17,10 +17,10 @@ class AutosaveConfig(CallbackConfig):
     """Checkpoints by the clock, besides those of checkpoint_every."""
 
     minutes: float = number(15.0, above=0)
-    """A checkpoint is written where the last one is older than this."""
+    """Age of the latest checkpoint at which another is written."""
 
     def build(self) -> Callback:
-        """The callback."""
+        """Build the callback."""
         from gsfw.callbacks.autosave import Autosave
 
         return Autosave(60.0 * self.minutes)
@@ -34,7 +34,7 @@ class LogConfig(CallbackConfig):
     """Logged steps between two lines."""
 
     def build(self) -> Callback:
-        """The callback."""
+        """Build the callback."""
         from gsfw.callbacks.log import Log
 
         return Log(self.every)
@@ -45,10 +45,10 @@ class ProgressConfig(CallbackConfig):
     """The progress line."""
 
     seconds: float = number(10.0, at_least=0)
-    """Without a terminal, seconds between two plain lines."""
+    """Seconds between two plain lines without a terminal."""
 
     def build(self) -> Callback:
-        """The callback."""
+        """Build the callback."""
         from gsfw.callbacks.progress import Progress
 
         return Progress(self.seconds)
@@ -59,7 +59,7 @@ class ResultsConfig(CallbackConfig):
     """metrics.jsonl, metrics.json and eval/."""
 
     def build(self) -> Callback:
-        """The callback."""
+        """Build the callback."""
         from gsfw.callbacks.results import Results
 
         return Results()
@@ -73,7 +73,7 @@ class TensorBoardConfig(CallbackConfig):
     """Held-out views shown per evaluation; more make event files large and pages slow."""
 
     def build(self) -> Callback:
-        """The callback."""
+        """Build the callback."""
         from gsfw.callbacks.tensorboard import TensorBoard
 
         return TensorBoard(self.images)

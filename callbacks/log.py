@@ -20,10 +20,10 @@ logger = logging.getLogger("gsfw.run")
 
 
 class Log(Callback):
-    """Writes log.txt; also takes what any part of gsfw logs meanwhile."""
+    """Writes log.txt; includes the log records of all parts of gsfw."""
 
     def __init__(self, every: int) -> None:
-        """Write a line for every n-th logged step: a log is read by people."""
+        """Write a line for every n-th logged step: people read the log."""
         self._every = every
         self._handler: logging.Handler | None = None
         self._level = logging.NOTSET
@@ -45,7 +45,7 @@ class Log(Callback):
             logger.info("note: %s", note)
 
     def on_step(self, report: StepReport, control: Control) -> None:
-        """Log a line now and then."""
+        """Log a line every n-th step."""
         if self._reports % self._every == 0:
             logger.info(
                 "step %d: loss %.5f, psnr %.2f dB, %d Gaussians, %.1f ms/step, %d steps skipped",
@@ -64,7 +64,7 @@ class Log(Callback):
         logger.info("step %d: held-out views: %s", step, means or "there are none")
 
     def on_checkpoint(self, step: int, path: Path) -> None:
-        """Log its name."""
+        """Log the name of the checkpoint."""
         logger.info("step %d: checkpoint %s", step, path.name)
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:

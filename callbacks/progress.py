@@ -19,14 +19,14 @@ from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.progress import Advance, shown_by
 
 SMOOTHING = 0.9
-"""Weight of the past in the loss and PSNR shown: single views differ too much to be read."""
+"""Weight of the past in the displayed loss and PSNR: single views differ too much."""
 
 
 class Progress(Callback):
-    """A live line on a terminal, a plain line now and then elsewhere; always on standard error."""
+    """A live line on a terminal, or regular plain lines elsewhere; always on standard error."""
 
     def __init__(self, seconds: float) -> None:
-        """Without a terminal, write a plain line every ``seconds``."""
+        """Write a plain line every ``seconds`` if there is no terminal."""
         self._seconds = seconds
         self._console = Console(stderr=True, highlight=False)
         self._bar: Bar | None = None
@@ -38,12 +38,12 @@ class Progress(Callback):
         self._stages = ExitStack()
 
     def on_start(self, run: RunInfo, control: Control) -> None:
-        """Show the notes, then the line."""
+        """Display the notes, then the line."""
         self._run = run
         for note in run.notes:
             self._say(f"note: {note}")
         if self._console.is_terminal:
-            # The figures come first: on a narrow terminal it is the bar that gives way.
+            # The figures come first: on a narrow terminal the bar is truncated.
             self._bar = Bar(
                 TextColumn("{task.description}", table_column=TableColumn(no_wrap=True)),
                 BarColumn(bar_width=None),
@@ -58,7 +58,7 @@ class Progress(Callback):
 
     @contextmanager
     def _stage(self, name: str, total: int) -> Iterator[Advance]:
-        """A second line under the first, while something else than a step takes its time."""
+        """Display a second line below the first during other work than steps."""
         assert self._bar is not None
         bar, task = self._bar, self._bar.add_task(name, total=total or None)
         try:
@@ -70,7 +70,7 @@ class Progress(Callback):
         self._console.print(line, markup=False, soft_wrap=True)
 
     def on_step(self, report: StepReport, control: Control) -> None:
-        """Loss, PSNR, count, speed, time left, memory."""
+        """Update loss, PSNR, count, speed, remaining time and memory."""
         self._loss = _smoothed(self._loss, report.loss)
         self._psnr = _smoothed(self._psnr, report.psnr)
         self._steps_per_second = 1e3 / max(report.step_ms, 1e-6)
@@ -95,7 +95,7 @@ class Progress(Callback):
         )
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """The means, on a line that stays."""
+        """Print the means on a permanent line."""
         means = "  ".join(f"{name} {value:.4g}" for name, value in evaluation.means.items())
         self._say(
             f"step {step}: {len(evaluation.views)} held-out views: {means}"
@@ -104,11 +104,11 @@ class Progress(Callback):
         )
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """Take the line away."""
+        """Remove the line."""
         self.close()
 
     def close(self) -> None:
-        """Give the terminal back."""
+        """Release the terminal."""
         self._stages.close()
         if self._bar is not None:
             self._bar.stop()

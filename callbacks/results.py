@@ -22,7 +22,7 @@ from gsfw.core.loop.run_folder import RunFolder
 class Results(Callback):
     """Writes metrics.jsonl (a line per logged step), eval/step_N.json, and at last metrics.json.
 
-    What a completed run required is in requirements.json and requirements.png.
+    The requirements of a completed run are in requirements.json and requirements.png.
     """
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class Results(Callback):
         self._log: IO[str] | None = None
 
     def on_start(self, run: RunInfo, control: Control) -> None:
-        """Open the log; a resumed run goes on where its checkpoint was."""
+        """Open the log; a resumed run continues at its checkpoint."""
         self._run, self._folder = run, RunFolder(run.folder)
         self._folder.cut_metrics_log(run.first_step)
         with readable_write_errors(self._folder.metrics_log):
@@ -45,7 +45,7 @@ class Results(Callback):
             self._log.flush()
 
     def on_step(self, report: StepReport, control: Control) -> None:
-        """One line per logged step."""
+        """Write one line per logged step."""
         self._write(
             {
                 "step": report.step,
@@ -62,7 +62,7 @@ class Results(Callback):
         )
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """Figures of every held-out view."""
+        """Write the figures of every held-out view."""
         assert self._run is not None
         assert self._folder is not None
         means = {f"eval/{name}": value for name, value in evaluation.means.items()}
@@ -75,7 +75,7 @@ class Results(Callback):
         write_time_plot(path, evaluation)
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """The final figures of a run that was completed."""
+        """Write the final figures of a completed run."""
         assert self._run is not None
         assert self._folder is not None
         if summary["completed"]:
@@ -84,7 +84,7 @@ class Results(Callback):
             self._folder.write_json(self._folder.summary, document)
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
-        """Where the floats went, as figures and as a picture."""
+        """Write the requirements as figures and as an image."""
         assert self._folder is not None
         self._folder.write_json(self._folder.requirements, requirements.document())
         buffer = io.BytesIO()

@@ -19,17 +19,17 @@ from gsfw.core.loop.requirements import Requirements
 from gsfw.core.loop.run_folder import RunFolder
 
 ERROR_GAIN = 4.0
-"""Absolute errors are multiplied by this to be seen."""
+"""Factor of absolute errors, for visibility."""
 
 
 class TensorBoard(Callback):
     """train/*, eval/*, gaussians/count, lr/*, time/*, mem/*; images: gt | render | error.
 
-    At last requirements/*: where the floats of the final model went, and what each bought.
+    At the end requirements/*: the floats of the final model, and the PSNR gain of each group.
     """
 
     def __init__(self, images: int) -> None:
-        """Show this many held-out views per evaluation."""
+        """Store the number of displayed held-out views per evaluation."""
         self._images = images
         self._writer: SummaryWriter | None = None
         self._run: RunInfo | None = None
@@ -47,7 +47,7 @@ class TensorBoard(Callback):
         self._writer.add_text("config", indented, run.first_step)
 
     def on_step(self, report: StepReport, control: Control) -> None:
-        """Curves of a logged step."""
+        """Write the curves of a logged step."""
         scalars = {
             "train/loss": report.loss,
             "train/psnr": report.psnr,
@@ -71,7 +71,7 @@ class TensorBoard(Callback):
                 self._writer.add_scalar(tag, value, step)
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
-        """The first few held-out views."""
+        """Write the images of the first few held-out views."""
         assert self._writer is not None
         if self._pictures >= self._images:
             return
@@ -85,14 +85,14 @@ class TensorBoard(Callback):
             self._writer.add_image(tag, image.clamp(0, 1).cpu(), step, dataformats="HWC")
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """Curves of the means; pictures are counted anew."""
+        """Write the curves of the means; the count of images restarts."""
         assert self._writer is not None
         self._pictures = 0
         self._add(step, {f"eval/{name}": value for name, value in evaluation.means.items()})
         self._writer.flush()
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """Settings and final figures, for the hparams page."""
+        """Write settings and final figures, for the hparams page."""
         assert self._writer is not None
         assert self._run is not None
         if summary["completed"]:
@@ -112,7 +112,7 @@ class TensorBoard(Callback):
             self._add(step, figures)
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
-        """Floats and dB of every group, and all of it as a picture."""
+        """Write floats and dB of every group, and the plot as an image."""
         assert self._writer is not None
         scalars = {
             "requirements/sh_floats": float(requirements.sh_floats),
@@ -129,7 +129,7 @@ class TensorBoard(Callback):
         self._writer.add_image("requirements", plot, requirements.step, dataformats="HWC")
 
     def close(self) -> None:
-        """Write out what is left."""
+        """Flush and close the events."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None

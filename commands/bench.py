@@ -97,7 +97,7 @@ def run(arguments: list[str]) -> int:
         bench = Bench(workload, entrants, threads, registry, options.sparse)
         warm_up(device)
         _measure(bench, options.repeats)
-        memory = process_memory()  # Before the count, which takes more than the measurements.
+        memory = process_memory()  # Before the count, which needs more memory.
         pairs = contributing_pairs(workload.splats, workload.cameras, RenderSettings())
         report = document(bench, options.repeats, pairs, limits, memory)
         report |= _more(options, workload, entrants)
@@ -135,7 +135,7 @@ def check(options: BenchOptions) -> None:
     """Check numbers and names before anything heavy is imported.
 
     Raises:
-        ConfigError: naming the key, what was expected, and what was given.
+        ConfigError: a value is wrong; names the key, the expected and the given value.
     """
     from gsfw.core.errors import ConfigError
 
@@ -162,7 +162,7 @@ def check(options: BenchOptions) -> None:
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Width and height of WIDTHxHEIGHT.
+    """Parse WIDTHxHEIGHT.
 
     Raises:
         ConfigError: it is no size.
@@ -176,7 +176,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _workload(options: BenchOptions, device: torch.device) -> Workload:
-    """The workload that the options describe, on the device."""
+    """Load or generate the workload of the options, on the device."""
     from gsfw.studies.bench.workload import RANDOM, built_in, random_workload, read_workload
 
     if options.workload.startswith(RANDOM):
@@ -190,7 +190,7 @@ def _workload(options: BenchOptions, device: torch.device) -> Workload:
 
 
 def _more(options: BenchOptions, workload: Workload, entrants: Sequence[Entrant]) -> dict[str, Any]:
-    """Measurements that are made on request."""
+    """Run the measurements on request."""
     from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
     from gsfw.studies.bench.agreement import agreement, agreement_at_random
     from gsfw.studies.bench.first_use import first_use
@@ -239,7 +239,7 @@ def _measure(bench: Bench, repeats: int) -> None:
 
 
 def _progress(rounds: range) -> Iterable[int]:
-    """The rounds, with a progress bar on a terminal."""
+    """Iterate over the rounds, with a progress bar on a terminal."""
     from rich.console import Console as Screen
     from rich.progress import track
 

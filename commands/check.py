@@ -1,4 +1,4 @@
-"""`gsfw check`: whether a data set is good enough to train on, and what to do if not."""
+"""`gsfw check`: rates a data set for training, and names the remedies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OWN = ("images", "out", *FLAGS)
 """Keys of this verb; all others are those of ``gsfw train``."""
 ALL = "all"
 REFUSED = 1
-"""Exit code of a data set that will not train."""
+"""Exit code of a data set that cannot be trained on."""
 
 
 @dataclass(kw_only=True)
@@ -46,7 +46,7 @@ class CheckOptions(Options):
 
 
 def run(tokens: list[str]) -> int:
-    """SampledImage at a data set, and say what was found."""
+    """Examine a data set, and print the findings."""
     arguments = parse(tokens)
     own = [f"{key}={text}" for key, text in arguments.pairs if key in OWN]
     options = read("check", CheckOptions, [*own, *arguments.words])
@@ -69,7 +69,7 @@ def _images(text: str) -> int | None:
     """Number of images to decode; 0: all; ``None``: the default number.
 
     Raises:
-        ConfigError: it is none of these.
+        ConfigError: the text is neither a number nor "all".
     """
     if text in ("", ALL):
         return 0 if text else None
@@ -81,11 +81,11 @@ def _images(text: str) -> int | None:
 def _settings(
     options: CheckOptions, given: Sequence[tuple[str, str]]
 ) -> tuple[Settings, Mapping[str, str]]:
-    """The settings that a training with these keys would have, and the keys.
+    """The settings of a training with these keys, and the keys.
 
     Raises:
         ConfigError: no data set is named, or two are, or a setting is wrong.
-        DataError: the data set is not there, or of no known format.
+        DataError: the data set is missing, or of no known format.
     """
     from gsfw.commands.interface.arguments import Arguments, layers
     from gsfw.plugins.automatic import BUILT_IN_SCENE
@@ -119,9 +119,9 @@ def _check(
     given: Mapping[str, str],
     images: int | None,
 ) -> dict[str, Any]:
-    """Open the data set, examine it, and draw the sheet; the document.
+    """Open the data set, examine it, and render the contact sheet; return the document.
 
-    A data set that cannot be opened has a document as well: it will not train.
+    A data set that cannot be opened has a document as well: it cannot be trained on.
     """
     from gsfw.plugins.compose import open_data
     from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
@@ -148,7 +148,7 @@ def _check(
 
 
 def _show(console: Console, document: Mapping[str, Any]) -> None:
-    """Print the document for people: a table, the findings, the verdict, the next command."""
+    """Print the document: a table, the findings, the verdict, the next command."""
     from gsfw.preparation.check.report import finding_lines, sample_line, table_rows
 
     title = f"{document['path'] or 'the built-in scene'}: {document['format']}"

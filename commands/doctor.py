@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gsfw.core.capabilities import Capabilities
 
 LIBRARIES = ("matplotlib", "numpy", "PIL", "plyfile", "pycolmap", "scipy", "tensorboard", "yaml")
-"""Libraries that training imports sooner or later."""
+"""Libraries that training imports."""
 
 
 @dataclass(kw_only=True)
@@ -133,7 +133,7 @@ def _abilities(able: Capabilities) -> str:
 
 
 def _plugins(registry: Registry) -> Iterator[Finding]:
-    load_third_parties(registry)  # Only loading shows which of them fail.
+    load_third_parties(registry)  # Only loading a plugin shows its faults.
     for item in registry.broken:
         what = f"{item.kind} {item.name} of {item.distribution} {item.version}"
         yield Finding(what, "missing", f"{item.reason}. {item.advice}")

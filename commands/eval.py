@@ -98,7 +98,7 @@ def _write(
     document: Mapping[str, Any],
     evaluation: Evaluation,
 ) -> None:
-    """The document, and beside it the curve over time where there is one."""
+    """Write the document and, for a moving scene, the curve over time."""
     from gsfw.charts.time_plot import write_time_plot
 
     folder.write_json(path, document)
@@ -109,7 +109,7 @@ def _write(
 
 
 def _show(console: Console, evaluation: Evaluation, title: str) -> None:
-    # Flicker is a figure of pairs of images, so no column of theirs.
+    # Flicker belongs to pairs of images, so it has no column here.
     names = list(dict.fromkeys(name for figures in evaluation.per_view for name in figures))
     rows: list[Sequence[str]] = [
         [view, *(_cell(figures.get(name)) for name in names)]

@@ -1,4 +1,4 @@
-"""`gsfw export RUN`: a run's splats as files that other tools open, or its model as one file."""
+"""`gsfw export RUN`: writes the splats of a run for other tools, or its model as one file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 ALL = "all"
 TOO_COARSE = 0.1
-"""Rounding of positions, relative to the median splat, above which a note says so."""
+"""Rounding of positions, relative to the median splat, above which a note warns."""
 
 
 @dataclass(kw_only=True)
@@ -58,7 +58,7 @@ class ExportOptions(RunOptions):
 
 
 def run(arguments: list[str]) -> int:
-    """Write the file or the files, and say what they hold."""
+    """Write the file or the files, and print their content."""
     options = read("export", ExportOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
@@ -83,7 +83,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _check(options: ExportOptions) -> None:
-    """Check the options by themselves, before anything is loaded.
+    """Check the options before anything is loaded.
 
     Raises:
         ConfigError: a number is out of range, or two options contradict each other.
@@ -104,10 +104,10 @@ def _check(options: ExportOptions) -> None:
 
 
 def _check_fit(options: ExportOptions, holds: Holds) -> None:
-    """Check that the options make sense for the content of the format.
+    """Check that the options fit the content of the format.
 
     Raises:
-        ConfigError: one does not.
+        ConfigError: an option does not fit.
     """
     from gsfw.core.errors import ConfigError
     from gsfw.core.exchange import Holds
@@ -127,10 +127,10 @@ def _check_fit(options: ExportOptions, holds: Holds) -> None:
 
 
 def parse_times(text: str, composition: Composition) -> tuple[float, ...]:
-    """The times that ``times=TEXT`` means, in [0, 1].
+    """Parse ``times=TEXT``: times in [0, 1].
 
     Raises:
-        ConfigError: it is neither a number nor ``all``, or nothing moves.
+        ConfigError: it is neither a number nor ``all``, or the model is static.
     """
     from gsfw.core.errors import ConfigError
     from gsfw.plugins.run_source import data_times, is_dynamic
@@ -162,7 +162,7 @@ class _Export:
     console: Console
 
     def write(self) -> dict[str, Any]:
-        """Write whatever the format holds; the document."""
+        """Write the content of the format; return the document."""
         from gsfw.core.exchange import Holds
 
         if self.exporter.holds is Holds.MODEL:
@@ -251,19 +251,19 @@ class _Export:
         }
 
     def _name(self, content: str) -> str:
-        """Name of a file without suffix where the user gave none."""
+        """Default name of a file, without suffix."""
         if self.found.model_file is not None:
             return self.found.model_file.stem
         last = self.found.checkpoint is None and self.options.step is None
         return content if last else f"{content}_{self.restored.step:09d}"
 
     def _path(self, content: str) -> Path:
-        """The file to write."""
+        """Path of the file."""
         out = Path(self.options.out) if self.options.out else self.found.folder.path
         return out / f"{self._name(content)}{self.exporter.suffix}" if out.is_dir() else out
 
     def _say(self, content: str, path: Path) -> int:
-        """Say what was written where; its size in bytes."""
+        """Print the content and the path of a file; return its size in bytes."""
         size = path.stat().st_size
         self.console.say(f"{content} after {self.restored.step} steps, {size / 1e6:.1f} MB: {path}")
         return size
@@ -272,7 +272,7 @@ class _Export:
 def _corrections(
     restored: Restored, written: str | list[str], found: RunArgument, console: Console
 ) -> dict[str, Any]:
-    """Write learnt exposures and cameras beside a file outside the run, which has them already."""
+    """Write learnt exposures and cameras beside a file outside of the run folder."""
     from gsfw.formats.corrections import write_corrections
 
     first = written if isinstance(written, str) else written[0]
@@ -303,13 +303,13 @@ def _readable_value_errors(path: Path, form: str) -> Iterator[None]:
 
 
 def _notes(taken: Snapshot) -> list[str]:
-    """Warnings about the file, in sentences."""
+    """Warnings about the file, as sentences."""
     left_out = [f"{taken.num_dropped} splats were left out: they are not finite."]
     return left_out * bool(taken.num_dropped) + _rounding_note(taken.content.splats)
 
 
 def _rounding_note(splats: Splats) -> list[str]:
-    """The warning about coordinates far from the origin, where float32 is coarse."""
+    """Warning about coordinates far from the origin, where float32 is coarse."""
     import numpy as np
 
     if not len(splats) or splats.scales is None:

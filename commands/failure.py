@@ -1,4 +1,4 @@
-"""Failure: an error as one message with an exit code; tracebacks go to a file."""
+"""Failure: reports an error as one message with an exit code; tracebacks go to a file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 UNEXPECTED = 1
 INTERRUPTED = 130
-"""Exit codes; the user's own mistakes have 2."""
+"""Exit codes; errors of the user have 2."""
 
 
 class RecordedError(Exception):
@@ -36,8 +36,8 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
     """Append the traceback of an unexpected error to the log of a run.
 
     Args:
-        folder: of the run.
-        stays: whether the folder stays after an error.
+        folder: folder of the run.
+        stays: returns true if the folder is kept after an error.
 
     Raises:
         RecordedError: in place of that error.
@@ -55,7 +55,7 @@ def tracebacks_in(folder: RunFolder, stays: Callable[[], bool]) -> Iterator[None
 
 
 def report(error: Exception, console: Console, debug: bool) -> int:
-    """Tell the user about an error; the exit code."""
+    """Print an error for the user; return the exit code."""
     if debug:
         traceback.print_exception(error, file=sys.stderr)
     if isinstance(error, UserError):
@@ -76,10 +76,10 @@ def report(error: Exception, console: Console, debug: bool) -> int:
 
 
 def _culprit(error: BaseException) -> tuple[str, str]:
-    """The code that failed, and a sentence about whose bug that is.
+    """The failed code, and a sentence on whose bug it is.
 
     The innermost frame of the traceback that runs code of a plugin names the package: gsfw checks
-    what it passes, and cannot check what a plugin makes of it.
+    its arguments, but cannot check the code of a plugin.
     """
     registry = installed()
     frames = list(traceback.walk_tb(error.__traceback__))

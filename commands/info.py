@@ -1,4 +1,4 @@
-"""`gsfw info`: what a splat file, a model file, a run or a data set is."""
+"""`gsfw info`: describes a splat file, a model file, a run or a data set."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class InfoOptions(Options):
 
 
 def run(arguments: list[str]) -> int:
-    """Find out what it is, and describe it."""
+    """Recognise the argument, and describe it."""
     options = read("info", InfoOptions, arguments)
     from gsfw.commands.interface.progress import load_torch
 
@@ -56,11 +56,11 @@ def run(arguments: list[str]) -> int:
 
 
 def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
-    """The document of whatever was named.
+    """The document of the argument.
 
     Raises:
-        ConfigError: nothing was named, or two things.
-        DataError: it is nothing that is known here, or it is damaged.
+        ConfigError: no argument or two were given.
+        DataError: it is of an unknown kind, or damaged.
     """
     from gsfw.commands.interface.runs import LATEST, MODEL_SUFFIX, find_run
     from gsfw.core.errors import ConfigError
@@ -96,7 +96,7 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
 
     Raises:
         ConfigError: there is no such format, or ``downscale`` is below 1.
-        DataError: it cannot be used; says where and why.
+        DataError: the data cannot be used; names the cause and the place.
     """
     from gsfw.core.config import DataManagerConfig
     from gsfw.core.datamanager import DataRequest
@@ -130,7 +130,7 @@ def _describe_data(data: str, options: InfoOptions, registry: Registry) -> dict[
 
 
 def _importer(path: Path, registry: Registry) -> str | None:
-    """Name of the importer that recognises a file; ``None`` when none does."""
+    """Name of the importer that recognises a file; ``None`` if none does."""
     from gsfw.plugins.loading import ask_all
 
     recognised = ask_all("importer", registry, lambda kind: kind.recognises(path))
@@ -138,7 +138,7 @@ def _importer(path: Path, registry: Registry) -> str | None:
 
 
 def _check_known(what: str, registry: Registry) -> None:
-    """Refuse a file that is no data set either, naming what could be read.
+    """Refuse a file that is no data set either; the message names the readable formats.
 
     Raises:
         DataError: no data manager recognises it.
@@ -161,7 +161,7 @@ def _title(document: Mapping[str, Any]) -> str:
 
 
 def _rows(document: Mapping[str, Any], prefix: str = "") -> list[Sequence[str]]:
-    """A document as rows of a table; nested ones with their names in front."""
+    """Rows of a table for a document; nested rows have their names as a prefix."""
     rows: list[Sequence[str]] = []
     for key, value in document.items():
         name = f"{prefix}{key}".replace("_", " ")
@@ -178,7 +178,7 @@ def _rows(document: Mapping[str, Any], prefix: str = "") -> list[Sequence[str]]:
 
 
 def _text(value: object) -> str:
-    """A value as people read it."""
+    """Format a value for people."""
     if value is None or value in ("", []):
         return "-"
     if isinstance(value, bool):

@@ -1,4 +1,4 @@
-"""The command line: finds the verb, runs it, and turns every error into one clear message."""
+"""The command line: finds and runs the verb, and turns every error into one clear message."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from gsfw.plugins.registry import Registry, did_you_mean, installed
 from gsfw.plugins.specs import PROJECT
 
 SPINS = "1000"
-"""How often a thread of torch looks for work before it sleeps (GOMP_SPINCOUNT). With the library's
-own default, two threads on two busy cores wait for one another: drawing 3,000 splats forward and
-backward took 2.8 s instead of 80 ms; on idle cores this costs nothing that could be measured."""
+"""Spins of an idle torch thread before it sleeps (GOMP_SPINCOUNT). With the library's own default,
+two threads on two busy cores wait for one another: rendering 3,000 splats forward and backward
+took 2.8 s instead of 80 ms; on idle cores the value has no measurable cost."""
 
 SHOW_BROKEN = ("plugins", "doctor")
-"""Verbs that tell of broken plugins themselves."""
+"""Verbs that report broken plugins themselves."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb; the exit code.
+    """Run one verb; return the exit code.
 
-    0: done. 1: failed. 2: something the user can put right. 130: interrupted.
+    0: done. 1: failed. 2: an error that the user can correct. 130: interrupted.
 
     Raises:
-        SystemExit: it was ended by SIGTERM (143) or SIGHUP (129).
+        SystemExit: the program was ended by SIGTERM (143) or SIGHUP (129).
     """
     os.environ.setdefault("GOMP_SPINCOUNT", SPINS)  # Read when torch is loaded.
-    # Of EXIF that is damaged, and pictures that are large; what matters is told by messages.
+    # On damaged EXIF, and on large images; important cases have messages of their own.
     warnings.filterwarnings("ignore", module=r"PIL\b")
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     console = Console(_flag(tokens, "json"))
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.say(str(wanted))
         console.result({"help": str(wanted)})
         return 0
-    except BrokenPipeError:  # The reader (a pager, head) has seen enough.
+    except BrokenPipeError:  # The reader (a pager, head) has closed the pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _flag(tokens: list[str], name: str) -> bool:
-    """Whether a flag is on, however broken the rest of the line is."""
+    """True if a flag is on, even if the rest of the line is invalid."""
     try:
         return parse(tokens).flag(name)
     except UserError:
@@ -83,12 +83,12 @@ def _run(tokens: list[str], console: Console) -> int:
     with shown_by(SlowStages().stage):
         code = verb(tokens[1:])
     if tokens[0] not in SHOW_BROKEN:
-        _tell_broken(console, told)  # Some only break when they are loaded.
+        _tell_broken(console, told)  # Some fail only when they are loaded.
     return code
 
 
 def _tell_broken(console: Console, told: int = 0) -> None:
-    """A line for each plugin that was skipped, except the first ``told``."""
+    """Print a line for each skipped plugin, except the first ``told``."""
     for broken in installed().broken[told:]:
         console.warn(str(broken))
 

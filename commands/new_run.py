@@ -1,4 +1,4 @@
-"""New run: the folder of a run; it goes again if training never begins."""
+"""New run: the folder of a run; it is removed if training never begins."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def check_free(out: str) -> None:
     """Refuse a folder that is in use, before any work is done.
 
     Raises:
-        OutputError: it holds a run or other files, or cannot be made.
+        OutputError: it holds a run or other files, or cannot be created.
     """
     with readable_write_errors(Path(out)):
         _check_free(out, Path(out))
@@ -54,7 +54,7 @@ def _nearest_existing(path: Path) -> Path:
 
 
 def default_folder(scene: str, method: str) -> Path:
-    """``runs/SCENE/METHOD/TIME``; a number is added where two runs start in the same second."""
+    """``runs/SCENE/METHOD/TIME``; with a number if two runs start in the same second."""
     name = re.sub(r"[^\w.-]+", "-", scene).strip("-") or "scene"
     base = RUNS / name / method / time.strftime("%Y-%m-%d_%H-%M-%S")
     path, number = base, 2
@@ -66,21 +66,21 @@ def default_folder(scene: str, method: str) -> Path:
 
 @dataclass
 class NewRun:
-    """A run that is being started."""
+    """A run before and during its start."""
 
     folder: RunFolder
     steps_done: Callable[[], int] = lambda: 0
-    """Steps that the run has done; set once there is a trainer."""
+    """Number of finished steps; set once there is a trainer."""
 
 
 @contextmanager
 def new_run_folder(path: Path) -> Iterator[NewRun]:
-    """Make the folder of a run; remove it again if the run fails before its first step is done.
+    """Create the folder of a run; remove it if the run fails before its first step is done.
 
-    The checkpoint of step 0 holds nothing that another start would not make again.
+    The checkpoint of step 0 has no content that another start could not recreate.
 
     Raises:
-        OutputError: it cannot be made.
+        OutputError: it cannot be created.
     """
     run = NewRun(RunFolder(path))
     with readable_write_errors(path):
@@ -95,7 +95,7 @@ def new_run_folder(path: Path) -> Iterator[NewRun]:
 
 
 def _remove(path: Path, kept: Path) -> None:
-    """Remove a folder, and those above it that were made for it and are empty."""
+    """Remove a folder, and its empty parents that were created for it."""
     shutil.rmtree(path, ignore_errors=True)
     if path == kept:
         path.mkdir()

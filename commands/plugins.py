@@ -1,4 +1,4 @@
-"""The verb ``plugins``: the names that can be chosen for each slot, and what was skipped."""
+"""The verb ``plugins``: the names of each slot, and the skipped plugins."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class PluginsOptions(Options):
 
 
 def run(tokens: list[str]) -> int:
-    """List what is installed."""
+    """List the installed parts."""
     options = read("plugins", PluginsOptions, tokens)
     if options.slot and options.slot not in SLOTS:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""`gsfw prepare`: a data set that trains, from photos, video, or another tool's data set."""
+"""`gsfw prepare`: a data set for training, from photos, video, or another tool's data set."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from gsfw.preparation.workspace import Workspace
 
 PREPARED = Path("prepared")
-"""Where results go that nobody gave a place."""
+"""Default folder of results."""
 ROWS_SHOWN = 20
 """Largest number of unused files that are listed."""
 STOPPING = "stopping, which may take some seconds; the same command will go on from here"
 REFUSED = 1
-"""Exit code of a capture that will not train."""
+"""Exit code of a capture that cannot be trained on."""
 
 
 @dataclass(kw_only=True)
@@ -90,7 +90,7 @@ class PrepareOptions(Options):
 
 
 def run(tokens: list[str]) -> int:
-    """Prepare a data set, look at it, and say what was found."""
+    """Prepare a data set, examine it, and print the findings."""
     options = read("prepare", PrepareOptions, tokens)
     inputs = _inputs(options)
     _check_colmap()
@@ -115,7 +115,7 @@ def _document(
     place: Workspace,
     rule: PreparationRule,
 ) -> dict[str, Any]:
-    """Prepare or convert the inputs; the document."""
+    """Prepare or convert the inputs; return the document."""
     if options.again:
         place.remove(place.journal)
     source = _data_set(options, inputs)
@@ -128,7 +128,7 @@ def _inputs(options: PrepareOptions) -> tuple[Path, ...]:
     """The inputs as paths.
 
     Raises:
-        ConfigError: one is an empty word, which would stand for the folder one is in.
+        ConfigError: one is an empty word, which would mean the current folder.
     """
     if not all(options.inputs):
         raise ConfigError(
@@ -139,10 +139,10 @@ def _inputs(options: PrepareOptions) -> tuple[Path, ...]:
 
 
 def _check_colmap() -> None:
-    """Check that COLMAP can be used, before anything is looked at.
+    """Check that COLMAP can be used, before the inputs are read.
 
     Raises:
-        UnavailableError: it cannot.
+        UnavailableError: COLMAP cannot be used.
     """
     from gsfw.preparation.native import load_colmap
 
@@ -157,10 +157,10 @@ def _check_colmap() -> None:
 
 
 def _check_exists(path: Path) -> None:
-    """Check that an input is there.
+    """Check that an input exists.
 
     Raises:
-        DataError: it is not; names what is.
+        DataError: it does not; names the nearest path.
     """
     from gsfw.plugins.registry import what_is_missing
 
@@ -178,7 +178,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     """The rules of all stages.
 
     Raises:
-        ConfigError: a value makes no sense.
+        ConfigError: a value is invalid.
     """
     from gsfw.preparation.camera_grouping import CameraRule
     from gsfw.preparation.mapping.mapping_rule import MappingRule
@@ -213,7 +213,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
 
 
 def _data_set(options: PrepareOptions, inputs: tuple[Path, ...]) -> Settings | None:
-    """Settings to open the input with, where it has cameras and they are to be kept.
+    """Settings to open an input whose cameras are kept; ``None`` if cameras are computed.
 
     Raises:
         ConfigError: cameras of several inputs are to be kept.
@@ -236,13 +236,13 @@ def _data_set(options: PrepareOptions, inputs: tuple[Path, ...]) -> Settings | N
         return None
     settings = _settings(inputs[0])
     if settings.choices["datamanager"].name == "transforms":
-        # Training asks for depths where a plugin wants them; what is written anew keeps them.
+        # Training needs depths only for a plugin; a converted data set keeps them.
         return _settings(inputs[0], ("datamanager.depth", "true"))
     return settings
 
 
 def _settings(data: Path, *more: tuple[str, str]) -> Settings:
-    """Those that ``gsfw train data=...`` would begin with, and more of them."""
+    """The settings of ``gsfw train data=...``, and further ones."""
     from gsfw.commands.interface.arguments import Arguments, layers
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import resolve
@@ -254,7 +254,7 @@ def _settings(data: Path, *more: tuple[str, str]) -> Settings:
 def _prepare(
     console: Console, inputs: tuple[Path, ...], place: Workspace, rule: PreparationRule
 ) -> dict[str, Any]:
-    """Compute cameras; the document."""
+    """Compute cameras; return the document."""
     from gsfw.commands.interface.progress import StageBars
     from gsfw.preparation.native import log_into
     from gsfw.preparation.preparation import Preparation
@@ -273,7 +273,7 @@ def _convert(
     options: PrepareOptions,
     rule: PreparationRule,
 ) -> dict[str, Any]:
-    """Keep the cameras of a data set; the document."""
+    """Keep the cameras of a data set; return the document."""
     from gsfw.commands.interface.progress import StageBars
     from gsfw.datamanagers.capture import Capture
     from gsfw.plugins.compose import open_data
@@ -291,7 +291,7 @@ def _convert(
                 f"{source.config.data}: data manager {name} gives no images as files.",
                 "Only formats whose images are files or videos can be converted.",
             )
-        # No stage of an earlier preparation is finished any more once its data set is gone.
+        # Without its data set, no stage of an earlier preparation is finished any more.
         place.remove(place.journal, place.images, place.sparse)
         rules = ConversionRule(options.layout, rule.output)
         converted = convert(data.recording, place.path, rules, StageBars(console), rule.jobs)
@@ -299,7 +299,7 @@ def _convert(
 
 
 def _examine(data: Path) -> Examination:
-    """The check of the written data set."""
+    """Check the written data set."""
     from gsfw.plugins.compose import open_data
     from gsfw.preparation.check.examination import Examination
 

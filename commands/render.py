@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gsfw.plugins.restore import Restored
 
 MOST_FPS = 1000
-"""A WebP counts in milliseconds."""
+"""Highest frame rate: a WebP counts in milliseconds."""
 
 
 @dataclass(kw_only=True)
@@ -56,7 +56,7 @@ class RenderOptions(RunOptions):
 
 
 def run(arguments: list[str]) -> int:
-    """Render, and say where the images are."""
+    """Render, and print the place of the images."""
     options = read("render", RenderOptions, arguments)
     _check(options)
     from gsfw.commands.interface.progress import load_torch
@@ -100,7 +100,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _check(options: RenderOptions) -> None:
-    """Refuse numbers that make no images, before anything is loaded."""
+    """Refuse invalid numbers before anything is loaded."""
     from gsfw.core.errors import ConfigError
 
     sound = options.frames >= 1 and 1 <= options.fps <= MOST_FPS
@@ -129,18 +129,18 @@ def _count_views(restored: Restored) -> int:
 
 
 def _views(restored: Restored, folder: Path) -> Iterator[Path]:
-    """Every held-out view, the photo at the left and the render at the right."""
+    """Render every held-out view, the photo at the left and the render at the right."""
     import torch
 
     from gsfw.core.datamanager import Split
-    from gsfw.core.loop.evaluation import draw
+    from gsfw.core.loop.evaluation import render_model
     from gsfw.rendering.film import write_image
 
     parts, settings = restored.composition.parts, restored.composition.plan.settings
     assert settings.background is not None
     for index, name in enumerate(parts.data.views(Split.EVAL).names):
         (batch,) = parts.data.load(Split.EVAL, [index], parts.device)
-        output = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
+        output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
         both = torch.cat([batch.target(settings.background)[0], output.color[0]], dim=1)
         # Numbered and flat: names of the data may be absolute, lead elsewhere, or be equal.
         stem = f"{index:04d}_{Path(name).stem}"

@@ -1,4 +1,4 @@
-"""The verb ``resume``: a run goes on from its checkpoint, bit by bit as if it had not stopped."""
+"""The verb ``resume``: continues a run from its checkpoint, with the bits of an unstopped run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CHANGEABLE = (
     "max_skipped",
     "callbacks",
 )
-"""Settings, and groups of settings, that may change on resuming; the rest is part of the state."""
+"""Settings, and groups of settings, that may change on resuming; the others are fixed."""
 
 HELP = f"""usage: gsfw resume RUN [key=value ...]
 
@@ -44,7 +44,7 @@ examples:
 
 
 def run(tokens: list[str]) -> int:
-    """Go on with a run."""
+    """Continue a run."""
     arguments = parse(tokens)
     if arguments.flag("help"):
         raise HelpRequested(HELP)
@@ -87,7 +87,7 @@ def run(tokens: list[str]) -> int:
 
 
 def _changed(arguments: Arguments) -> Mapping[str, str]:
-    """The settings that were given.
+    """The given settings.
 
     Raises:
         ConfigError: RUN is missing, or a setting cannot change.
@@ -106,7 +106,7 @@ def _changed(arguments: Arguments) -> Mapping[str, str]:
 
 
 def _is_finished(restored: Restored, console: Console) -> bool:
-    """Whether nothing is left to do; says so."""
+    """True if no step is left; prints that."""
     steps, done = restored.composition.plan.steps, restored.step
     if done > steps:
         raise ConfigError(

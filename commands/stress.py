@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gsfw.studies.stress.runner import StressPlan
 
 FAILED = 1
-"""Exit code where a case has failed."""
+"""Exit code if a case has failed."""
 
 NONE = "none"
 
@@ -122,7 +122,7 @@ def _measured(console: Console, plan: StressPlan, registry: Registry) -> list[Ca
 
 
 def _planes(console: Console, plan: StressPlan, registry: Registry, out: str) -> list[PlaneErrors]:
-    """Measure errors over planes and write the heat map; nothing where no file is wanted."""
+    """Measure errors over planes and write the heat map; nothing without a file name."""
     from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.stress.heat_map import write_heat_map
     from gsfw.studies.stress.plane import PLANES, PlaneOracle, plane_errors
@@ -168,10 +168,10 @@ def _document(
     """The JSON document.
 
     Args:
-        results: of all cases.
+        results: results of all cases.
         planes: errors over planes.
-        missing: reasons of rasterizers that are left out, by name.
-        image: file of the heat map; empty when there is none.
+        missing: causes of skipped rasterizers, by name.
+        image: file of the heat map; empty without one.
     """
     from gsfw.studies.stress.result import totals
 
@@ -186,7 +186,7 @@ def _document(
 
 
 def _list_cases(console: Console, only: Sequence[str]) -> None:
-    """Print the names of cases, and why float32 cannot do better where it cannot.
+    """Print the names of cases, and the cause of each limit of float32.
 
     Raises:
         ConfigError: a pattern matches no case.

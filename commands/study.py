@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from gsfw.studies.study import Study
 
 FAILED = 1
-"""Exit code where a run has failed."""
+"""Exit code if a run has failed."""
 
 OTHERS = "another study, or a run that one left behind,"
 
@@ -65,7 +65,7 @@ class StudyOptions(Options):
 
 
 def run(arguments: list[str]) -> int:
-    """Make a study."""
+    """Run a study."""
     options = read("study", StudyOptions, arguments)
     _check(options)
 
@@ -87,7 +87,7 @@ def run(arguments: list[str]) -> int:
         return _dry(console, plan, store, options, missing)
     with only_one(folder, OTHERS) as lock:
         store = ResultStore(folder / RESULTS, study.title)
-        store.write()  # Better found out now than after an hour that it cannot be.
+        store.write()  # A write error should appear now, not after an hour.
         return _make(console, study, plan, store, options, lock, missing)
 
 
@@ -160,7 +160,7 @@ def _make(
             for item in runner.run():
                 ended.append(item)
                 _tell(console, item)
-                _write(study, store, options)  # To look at while the others are made.
+                _write(study, store, options)  # An intermediate report.
     finally:
         tables = _report(console, study, store, options)
     _tell_rest(console, runner, control, options)
@@ -182,7 +182,7 @@ def _make(
 
 
 def _tell(console: Console, ended: Ended) -> None:
-    """Print a line for a run that has ended."""
+    """Print a line for an ended run."""
     from gsfw.studies.comparison import KNOWN
 
     name = ended.run.cell.name
@@ -205,7 +205,7 @@ def _tell(console: Console, ended: Ended) -> None:
 
 
 def _tell_rest(console: Console, runner: Runner, control: Control, options: StudyOptions) -> None:
-    """Print why runs are left, and how to go on."""
+    """Print the causes of remaining runs, and the next command."""
     if not runner.pending:
         return
     why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"
@@ -273,7 +273,7 @@ def _prospect(planned: PlannedRun, store: ResultStore, again: bool) -> str:
 
 
 def _table(console: Console, study: Study, store: ResultStore, options: StudyOptions) -> int:
-    """Print the tables of the kept results."""
+    """Print the tables of the stored results."""
     from gsfw.core.errors import DataError
     from gsfw.studies.report import documents, shown_results
 
@@ -325,7 +325,7 @@ def _warn_of_columns(console: Console, study: Study, store: ResultStore) -> None
 
 
 def _write(study: Study, store: ResultStore, options: StudyOptions) -> list[SceneTable]:
-    """Write the files that are made of results; the tables in them."""
+    """Write the files with the results; return the tables in them."""
     from gsfw.studies.report import write_report
 
     words = ["gsfw", "study", options.file]
@@ -339,7 +339,7 @@ def _runs(number: int) -> str:
 
 
 def _duration(seconds: float) -> str:
-    """A duration for people: 40 s, 12 min, 3.5 h."""
+    """Format a duration for people: 40 s, 12 min, 3.5 h."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

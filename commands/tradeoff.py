@@ -56,7 +56,7 @@ def run(tokens: list[str]) -> int:
 
 
 def names_a_run(arguments: Arguments) -> bool:
-    """Whether a finished model is meant: settings have keys, and only RUN stands alone."""
+    """True if the arguments name a finished model, by a bare word or by ``run``."""
     return bool(arguments.words) or "run" in arguments.values
 
 
@@ -72,7 +72,7 @@ def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> Non
 
     Args:
         numbers: value and least value of options, by key.
-        budget: every field of which has to be positive.
+        budget: all its fields have to be positive.
 
     Raises:
         ConfigError: names the key, the value, and the expected range.
@@ -88,7 +88,7 @@ def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> Non
 
 
 def _help() -> str:
-    """Both forms, one after the other."""
+    """The help of both forms."""
     from gsfw.commands.interface.help import options_help
     from gsfw.commands.tradeoff_model import ModelOptions
     from gsfw.commands.tradeoff_training import TrainingOptions

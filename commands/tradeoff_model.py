@@ -99,7 +99,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _clock(model: FinishedModel) -> str:
-    """Everything besides the model that times depend on; different times are not mixed."""
+    """Conditions of the times besides the model; times of different conditions are never mixed."""
     import torch
 
     from gsfw.studies.origin import origin
@@ -116,7 +116,7 @@ def _wanted(axis: str, options: ModelOptions) -> bool:
 def _tell_beginning(
     console: Console, model: FinishedModel, store: RecordStore, left_out: list[LeftOut]
 ) -> None:
-    """Print the views, the axes that are left out, and the variants that are known."""
+    """Print the views, the skipped axes, and the known variants."""
     from gsfw.studies.tradeoff.finished_model import PHOTOS
 
     said = f"{model.name}, step {model.restored.step}: {len(model.views)} held-out views"
@@ -157,7 +157,7 @@ def _report(
     left_out: list[LeftOut],
     options: ModelOptions,
 ) -> dict[str, Any]:
-    """Write the files, and print the table and the recommendation; the document."""
+    """Write the files, print the table and the recommendation; return the document."""
     from gsfw.studies.tradeoff.files import PLOT, TABLE, write_model_files
     from gsfw.studies.tradeoff.recommendation import recommend
     from gsfw.studies.tradeoff.report import in_order, offers, table, usual_wish

@@ -24,7 +24,7 @@ USUAL_METHOD = "3dgs"
 """The default method."""
 
 OWN = ("axes", "jobs", "repeats", "target", "budget", "out", "json", "debug", "dry_run")
-"""Beginnings of this verb's own keys; all others are settings of the runs."""
+"""Prefixes of this verb's own keys; all others are settings of the runs."""
 
 OTHERS = "another tradeoff, or a run that one left behind,"
 
@@ -91,7 +91,7 @@ def run(arguments: Arguments) -> int:
         raise OutputError(f"out={folder}: this folder holds a run.", "Choose another with out=DIR.")
     with only_one(folder, OTHERS) as lock, stop_on_signal(control) as interrupt:
         store = ResultStore(folder / RESULTS, f"Variants of {data or 'the built-in scene'}")
-        store.write()  # Better found out now than after an hour that it cannot be.
+        store.write()  # A write error should appear now, not after an hour.
         deadline = by_when(started, options.budget.minutes)
         shop = Workshop(registry, folder, store, control, options.jobs, deadline, lock)
         experiment = Experiment(_request(options, data), base, shop)
@@ -103,7 +103,7 @@ def run(arguments: Arguments) -> int:
 
 
 def _split(arguments: Arguments) -> tuple[TrainingOptions, dict[str, Any]]:
-    """This verb's options, and settings of the runs.
+    """Separate this verb's options and the settings of the runs.
 
     Raises:
         ConfigError: an option is unknown, or has a wrong value.
@@ -136,7 +136,7 @@ def _check(options: TrainingOptions) -> None:
 
 
 def _base(given: Mapping[str, Any], registry: Registry) -> Base:
-    """The base; a key that is nearly one of this verb's gets that suggestion.
+    """Resolve the base settings; a key similar to one of this verb's gets that suggestion.
 
     Raises:
         ConfigError: a setting is unknown or wrong.
@@ -171,7 +171,7 @@ def _request(options: TrainingOptions, data: str) -> Request:
 def _make(
     console: Console, experiment: Experiment, options: TrainingOptions, control: Control
 ) -> None:
-    """Choose length and size, and train; after a stop the same command goes on."""
+    """Choose length and size, and train; after a stop the same command continues."""
     from gsfw.commands.interface.progress import StageBars
     from gsfw.studies.tradeoff.training.trainer import Stopped
 
@@ -203,7 +203,7 @@ def _make(
 
 
 def _tell_beginning(console: Console, experiment: Experiment) -> None:
-    """Print the views and the axes that are left out."""
+    """Print the views and the skipped axes."""
     capture = experiment.capture
     console.say(
         f"{capture.views} views to train on, {capture.held_out} held out, "
@@ -216,7 +216,7 @@ def _tell_beginning(console: Console, experiment: Experiment) -> None:
 def _tell_sizing(
     console: Console, experiment: Experiment, sizing: Sizing, options: TrainingOptions
 ) -> None:
-    """Print length and size, the reason for them, and the duration."""
+    """Print length and size, their cause, and the duration."""
     lengths = ", ".join(str(steps) for steps in experiment.search.lengths)
     at = f"downscale={sizing.downscale:g}"
     console.say(f"runs of {lengths} steps at {at}, {experiment.shop.jobs} at a time")
@@ -239,7 +239,7 @@ def _tell_sizing(
 
 
 def _tell(console: Console, ended: Ended) -> None:
-    """Print a line for a run that has ended."""
+    """Print a line for an ended run."""
     from gsfw.studies.tradeoff.training.trainer import PSNR
 
     cell = ended.run.cell
@@ -259,7 +259,7 @@ def _tell(console: Console, ended: Ended) -> None:
 def _report(
     console: Console, experiment: Experiment, options: TrainingOptions, control: Control
 ) -> dict[str, Any]:
-    """Write the files, and print the table and the recommendation; the document."""
+    """Write the files, print the table and the recommendation; return the document."""
     from gsfw.core.errors import DataError
     from gsfw.studies.tradeoff.files import write_training_files
     from gsfw.studies.tradeoff.recommendation import recommend
@@ -286,7 +286,7 @@ def _report(
 def _tell_rest(
     console: Console, experiment: Experiment, control: Control, options: TrainingOptions
 ) -> None:
-    """Print why runs are left, and how to go on."""
+    """Print the causes of remaining runs, and the next command."""
     left = experiment.left()
     if left:
         why = control.stop_reason or f"budget.minutes={options.budget.minutes:g} is over"

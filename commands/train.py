@@ -53,13 +53,13 @@ def run(tokens: list[str]) -> int:
 
 
 def _tell_dry_run(composition: Composition, path: Path, seconds: float, console: Console) -> int:
-    """Say that everything fits, and what the run would cost; the exit code.
+    """Print the success of a dry run and the cost of the run; return the exit code.
 
     Args:
-        composition: of the run.
-        path: of its folder.
-        seconds: since the process was started.
-        console: to say it on.
+        composition: composition of the run.
+        path: path of its folder.
+        seconds: time since the start of the process.
+        console: console to print on.
     """
     from gsfw.studies.expectation import expect
 
@@ -76,7 +76,7 @@ def _tell_dry_run(composition: Composition, path: Path, seconds: float, console:
 
 
 def _announce(arguments: Arguments, registry: Registry, console: Console) -> None:
-    """Say what will be trained on what, before torch is loaded; wrong arguments are told later."""
+    """Print method and data before torch is loaded; wrong arguments are reported later."""
     values = {key: text for layer in layers(arguments) for key, text in layer.values.items()}
     if values.get("method") in registry.slot("method") and not arguments.flag("help"):
         data = values.get("data") or "the built-in scene"
@@ -85,7 +85,7 @@ def _announce(arguments: Arguments, registry: Registry, console: Console) -> Non
 
 
 def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settings:
-    """The settings that were asked for, or help on them.
+    """Resolve the given settings, or raise help on them.
 
     Raises:
         HelpRequested: ``--help`` was given.

@@ -1,4 +1,4 @@
-"""Training: what ``train`` and ``resume`` share: running the loop, and telling how it ended."""
+"""Training: shared parts of ``train`` and ``resume``: running the loop, and reporting its end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gsfw.studies.requirements.report import RequirementsReport
 
 
 def describe(composition: Composition) -> str:
-    """Two lines: what is trained with what, and on what."""
+    """Two lines: method and parts, and data."""
     settings, data = composition.settings, composition.parts.data
     choices = {slot: spec.name for slot, spec in settings.choices.items()}
     return (
@@ -40,7 +40,7 @@ def describe(composition: Composition) -> str:
 
 
 def run_training(trainer: Trainer, console: Console) -> int:
-    """Train to the end, or until a signal; tell how it ended. The exit code.
+    """Train to the end, or until a signal; print the result, and return the exit code.
 
     Raises:
         TrainingError: the GPU's memory is full, or steps are no longer finite.
@@ -77,21 +77,21 @@ def _fit(trainer: Trainer, report: RequirementsReport) -> dict[str, Any]:
 
 
 def write_splats(trainer: Trainer, console: Console) -> None:
-    """The result as a 3DGS PLY, in the world of the data; rows that are not finite are left out."""
+    """Write the model as a 3DGS PLY, in the world of the data; drops rows that are not finite."""
     parts = trainer.parts
     taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
     exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
     try:
         with stage(f"writing {trainer.folder.splats.name}"):
             exporter.write(trainer.folder.splats, taken.content)
-    except ValueError as error:  # The run itself is whole: its checkpoint holds everything.
+    except ValueError as error:  # The run itself is complete: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
 
 
 def quoted(folder: RunFolder) -> str:
-    """The folder as one types it."""
+    """The folder, quoted for a shell."""
     return shlex.quote(str(folder.path))
 
 

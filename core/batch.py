@@ -13,11 +13,11 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 
 LEAST_KNOWN = 0.5
-"""A resampled pixel is known if at least this part of the area that it covers is."""
+"""A resampled pixel is known if at least this fraction of its area is known."""
 
 
 class MaskMode(Enum):
-    """What the pixels outside a mask mean."""
+    """Meaning of the pixels outside a mask."""
 
     IGNORE = "ignore"
     """They carry no loss; losses are normalised by the valid pixels."""
@@ -26,16 +26,16 @@ class MaskMode(Enum):
 
 
 class Resampling(Enum):
-    """How a per-view map is undistorted and resized, and which of its numbers mean "unknown"."""
+    """Rule that undistorts and resizes a per-view map, and marks its unknown values."""
 
     MEAN = "mean"
     """Linear interpolation, and area means of the known pixels: features, normals, confidence.
-    Numbers that are not finite are unknown."""
+    Values that are not finite are unknown."""
     NEAREST = "nearest"
-    """The nearest pixel; numbers are never mixed: labels. What is not finite is unknown."""
+    """The nearest pixel; values are never mixed: labels. Values that are not finite are unknown."""
     DEPTH = "depth"
     """Nearest pixel where a map is undistorted or enlarged, area means of the known pixels where
-    it shrinks. Lengths in scene units; numbers that are not finite and positive are unknown."""
+    it shrinks. Lengths in scene units; values that are not finite and positive are unknown."""
 
     def known(self, values: Float[Tensor, "*size d"]) -> Bool[Tensor, "*size 1"]:
         """True where all channels of a pixel are known."""
@@ -52,12 +52,12 @@ class ViewMap:
     values: Float[Tensor, "c h w d"]
     """0 where unknown. Depth is measured along the camera's axis (z), in scene units."""
     known: Bool[Tensor, "c h w 1"]
-    """False where nothing was measured, and outside masks."""
+    """False where no value was measured, and outside masks."""
     rule: Resampling = Resampling.MEAN
 
     @staticmethod
     def of(values: Float[Tensor, "c h w d"], rule: Resampling = Resampling.MEAN) -> ViewMap:
-        """A map of raw numbers, some of which may be unknown by ``rule``."""
+        """A map of raw values, some of which may be unknown by ``rule``."""
         known = rule.known(values)
         return ViewMap(torch.where(known, values, 0.0), known, rule)
 
@@ -82,7 +82,7 @@ class Batch:
     alpha: Float[Tensor, "c h w 1"] | None = None
     """Coverage in [0, 1]; ``None`` when the images are opaque."""
     mask: Bool[Tensor, "c h w 1"] | None = None
-    """True where a pixel is valid; ``None`` when all are."""
+    """True where a pixel is valid; ``None`` when all pixels are."""
     mask_mode: MaskMode = MaskMode.IGNORE
     maps: Mapping[str, ViewMap] = field(default_factory=dict)
     """Per-view maps by name, at the size of the images; ``Views.maps`` names the same ones."""
@@ -94,12 +94,12 @@ class Batch:
 
     @property
     def valid(self) -> Bool[Tensor, "c h w 1"] | None:
-        """True where a pixel carries loss; ``None`` when all do."""
+        """True where a pixel carries loss; ``None`` when all pixels do."""
         return self.mask if self.mask_mode is MaskMode.IGNORE else None
 
     @property
     def coverage(self) -> Float[Tensor, "c h w 1"] | None:
-        """The part of each pixel that is not background, in [0, 1]; ``None`` when all of it is."""
+        """Fraction of each pixel that is not background, in [0, 1]; ``None`` if it is always 1."""
         coverage = self.alpha
         if self.mask is not None and self.mask_mode is MaskMode.EMPTY:
             inside = self.mask.to(self.images.dtype)
@@ -107,7 +107,7 @@ class Batch:
         return coverage
 
     def target(self, background: Float[Tensor, " 3"]) -> Float[Tensor, "c h w 3"]:
-        """The images over a background colour: the target of a render."""
+        """Composite the images over a background colour: the target of a render."""
         coverage = self.coverage
         if coverage is None:
             return self.images

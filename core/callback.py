@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Control:
-    """The only way in which a callback may influence a run."""
+    """Requests of a callback to the trainer; the only influence of a callback on a run."""
 
     def __init__(self) -> None:
         self.stop_reason: str | None = None
@@ -41,18 +41,18 @@ class RunInfo:
     scene: str
     steps: int
     first_step: int
-    """0, or the step a resumed run goes on from."""
+    """0, or the step from which a resumed run continues."""
     settings: Mapping[str, Any]
     """Every setting as plain data, by dotted key."""
     protocol: Mapping[str, Any]
-    """How the figures are measured; written into every result file."""
+    """Measurement protocol of the figures; written into every result file."""
     notes: tuple[str, ...] = ()
-    """What the user should know before it starts."""
+    """Notes for the user before training starts."""
 
 
 @dataclass(frozen=True)
 class TrainingView:
-    """The first image of a logged step; not to be changed in place."""
+    """The first image of a logged step; must not be changed in place."""
 
     name: str
     target: Float[Tensor, "h w 3"]
@@ -62,33 +62,33 @@ class TrainingView:
 
 @dataclass(frozen=True)
 class StepReport:
-    """One step that was logged (losses stay on the device in all others)."""
+    """Figures of one logged step (the losses of other steps stay on the device)."""
 
     step: int
-    """Steps done, counted from 1."""
+    """Number of finished steps."""
     loss: float
     losses: Mapping[str, float]
     """Each weighted term."""
     psnr: float
-    """Of the first image of the step, in dB."""
+    """PSNR of the first image of the step, in dB."""
     num_gaussians: int
     learning_rates: Mapping[str, float]
     step_ms: float
     """Mean wall-clock time of the steps since the last report, in milliseconds."""
     stage_ms: Mapping[str, float] = field(default_factory=dict)
-    """The same by stage: load, render, backward, optimize, refine."""
+    """Mean wall-clock time by stage: load, render, backward, optimize, refine; in milliseconds."""
     memory_mb: Mapping[str, float] = field(default_factory=dict)
-    """Peak memory: "rss" of the process, "cuda" where used."""
+    """Peak memory: "rss" of the process, "cuda" if a GPU is used."""
     skipped_steps: int = 0
-    """Steps skipped so far because they were not finite."""
+    """Number of skipped steps so far; a step is skipped if it is not finite."""
     resolution: float = 1.0
     """Width of the first image of the step over its full width; 1 unless training starts coarse."""
     refined: Mapping[str, int] = field(default_factory=dict)
     """Rows changed since the last report, by verb: {"cloned": 12, "pruned": 3}."""
     view: TrainingView | None = None
-    """The first image of the step; ``None`` where reports are not made by a trainer."""
+    """The first image of the step; ``None`` if no trainer made the report."""
     model: ModelHandle | None = None
-    """The model after the step, to be rendered from any camera; ``None`` as for ``view``."""
+    """The model after the step, for rendering from any camera; ``None`` as for ``view``."""
 
 
 @dataclass(frozen=True)
@@ -104,37 +104,37 @@ class EvaluatedView:
 
 
 class Callback:
-    """Watches a run; every method may be left out. None may change what is trained.
+    """Watches a run; every method is optional. No callback may change the training.
 
     A callback that raises is detached with a warning, and the run goes on without it.
     """
 
     origin: str = ""
-    """Its registered name and package, for messages; filled in when it is built."""
+    """Registered name and package, for messages; set when the callback is built."""
 
     def on_start(self, run: RunInfo, control: Control) -> None:
-        """Before the first step."""
+        """Run before the first step."""
 
     def on_step(self, report: StepReport, control: Control) -> None:
-        """After a step that is logged."""
+        """Run after each logged step."""
 
     def on_tick(self, step: int, control: Control) -> None:
-        """After every step; cheap things only."""
+        """Run after every step; must be cheap."""
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
-        """After each held-out image of an evaluation."""
+        """Run after each held-out image of an evaluation."""
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """After an evaluation."""
+        """Run after each evaluation."""
 
     def on_checkpoint(self, step: int, path: Path) -> None:
-        """After a checkpoint is safely on disk."""
+        """Run after a checkpoint is safely on disk."""
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """After the last step; also when the run was stopped."""
+        """Run after the last step, and after a stopped run."""
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
-        """After ``on_end``, once the requirements of a completed run were measured."""
+        """Run after ``on_end``, once the requirements of a completed run are measured."""
 
     def close(self) -> None:
-        """Release files and the screen, whatever happened."""
+        """Release files and the screen; called in every case."""

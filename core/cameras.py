@@ -1,4 +1,4 @@
-"""Cameras: where images were taken from, and when."""
+"""Cameras: poses, intrinsics and times of images."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch import Tensor
 
 
 class CameraModel(Enum):
-    """How a camera maps directions to pixels."""
+    """Projection model: maps directions to pixels."""
 
     PINHOLE = "pinhole"
     ORTHOGRAPHIC = "orthographic"
@@ -24,8 +24,7 @@ class Cameras:
     """``c`` cameras of one image size and one model.
 
     Lenses have no distortion: data managers undistort images. Axes are OpenCV's (x right, y down,
-    z forward). Pixels are measured so that the centre of the
-    first one is (0.5, 0.5).
+    z forward). The centre of the first pixel is at (0.5, 0.5).
     """
 
     world_to_camera: Float[Tensor, "c 4 4"]
@@ -38,7 +37,7 @@ class Cameras:
     time: Float[Tensor, " c"] | None = None
     """Capture time in [0, 1] over the whole data set; ``None`` for a static capture."""
     camera_index: Int[Tensor, " c"] | None = None
-    """Number of the physical camera that took the image; ``None`` when unknown."""
+    """Number of the physical camera of each image; ``None`` when unknown."""
 
     def __len__(self) -> int:
         return self.world_to_camera.shape[0]
@@ -68,13 +67,13 @@ class Cameras:
         )
 
     def select(self, indices: list[int] | slice) -> Cameras:
-        """Some of the cameras, in the given order."""
+        """Select cameras, in the given order."""
         return self._map(lambda tensor: tensor[indices])
 
     def resized(self, width: int, height: int) -> Cameras:
         """The same views at another image size; intrinsics follow by the exact ratio per axis."""
         x, y, last = self.intrinsics.unbind(1)
-        # Plain numbers: a tensor of them would have to be copied to a GPU, which waits for it.
+        # Plain numbers: a tensor would need a copy to the GPU, and the host would wait for it.
         scaled = torch.stack([x * (width / self.width), y * (height / self.height), last], dim=1)
         return replace(self, intrinsics=scaled, width=width, height=height)
 

@@ -34,7 +34,7 @@ class Feature(Enum):
 
 
 class Determinism(Enum):
-    """Whether rendering the same inputs twice gives the same bits."""
+    """Guarantee of equal bits when the same inputs are rendered twice."""
 
     BITWISE = "bitwise"
     NONE = "none"

@@ -15,7 +15,7 @@ from gsfw.core.learning_rate import LearningRate
 
 
 class Layout(Enum):
-    """How rows lie in a column's tensor."""
+    """Layout of the rows in a column's tensor."""
 
     DENSE = "dense"
     """[n, ...]"""
@@ -56,14 +56,14 @@ class Column(nn.Module):
         offsets: Int[Tensor, " n_plus_1"] | None = None,
         bands: bool = False,
     ) -> None:
-        """Take ``values`` as they are.
+        """Store ``values`` without a copy.
 
         Args:
-            values: the rows, laid out as ``layout`` says.
+            values: the rows, in the layout ``layout``.
             learning_rate: ``None`` makes this a buffer, which no optimizer touches.
-            layout: how rows lie in ``values``.
-            offsets: where each row begins; given exactly when ragged.
-            bands: whether the axis after the rows holds SH coefficients above the constant one,
+            layout: the layout of the rows in ``values``.
+            offsets: start of each row; given exactly when ragged.
+            bands: true if the axis after the rows holds SH coefficients above the constant one,
                 of which only those of the active degree are trained.
         """
         super().__init__()
@@ -86,7 +86,7 @@ class Column(nn.Module):
 
     @property
     def trained(self) -> bool:
-        """Whether an optimizer moves it."""
+        """True if an optimizer updates the column; false for a buffer."""
         return self.learning_rate is not None
 
     @property
@@ -97,16 +97,16 @@ class Column(nn.Module):
         return self.values.shape[1 if self.layout is Layout.STACKED else 0]
 
     def _value_indices(self, rows: Int[Tensor, " r"]) -> tuple[Tensor, Tensor]:
-        """Where the values of ragged ``rows`` lie, and how many each row has."""
+        """Indices of the values of ragged ``rows``, and the number of values of each row."""
         assert self.offsets is not None
         lengths = self.offsets.diff()[rows]
         return _indices(self.offsets[:-1][rows], lengths), lengths
 
     def count(self, rows: Rows) -> int:
-        """How many rows ``rows`` holds.
+        """Count the rows that ``rows`` holds.
 
         Raises:
-            ValueError: they do not fit this column.
+            ValueError: the rows do not fit this column.
         """
         found = rows.values.shape
         axis = 1 if self.layout is Layout.STACKED else 0
@@ -126,10 +126,10 @@ class Column(nn.Module):
         return found[axis] if rows.lengths is None else len(rows.lengths)
 
     def resized(self, lengths: Int[Tensor, " n"], values: Tensor | None = None) -> Rows:
-        """Every row of a ragged column with a new number of values: cut, or filled up with zeros.
+        """Resize every row of a ragged column: truncate its values, or append zeros.
 
         Args:
-            lengths: values that each row shall have.
+            lengths: new number of values of each row.
             values: a tensor laid out like the column (its moments); the column's own if ``None``.
 
         Raises:
@@ -148,7 +148,7 @@ class Column(nn.Module):
         return Rows(new, lengths)
 
     def take(self, rows: Int[Tensor, " r"], values: Tensor | None = None) -> Rows:
-        """Copy rows out, of the column or of a tensor laid out like it (its moments)."""
+        """Copy rows of the column, or of a tensor laid out like it (its moments)."""
         source = (self.values if values is None else values).detach()
         if self.layout is Layout.STACKED:
             return Rows(source[:, rows])
@@ -158,7 +158,7 @@ class Column(nn.Module):
         return Rows(source[rows])
 
     def join(self, first: Rows, second: Rows) -> Rows:
-        """Rows of ``first``, then those of ``second``."""
+        """Concatenate the rows of ``first`` and of ``second``."""
         axis = 1 if self.layout is Layout.STACKED else 0
         values = torch.cat([first.values, second.values.to(first.values)], dim=axis)
         if first.lengths is None or second.lengths is None:
@@ -166,7 +166,7 @@ class Column(nn.Module):
         return Rows(values, torch.cat([first.lengths, second.lengths]))
 
     def assign(self, rows: Rows) -> None:
-        """Make ``rows`` the whole content."""
+        """Replace all rows by ``rows``."""
         self._set_values(rows.values)
         if self.layout is Layout.RAGGED:
             assert rows.lengths is not None
@@ -174,10 +174,10 @@ class Column(nn.Module):
             self.offsets = torch.cat([zero, rows.lengths.cumsum(0)])
 
     def check_lengths(self, rows: Int[Tensor, " r"], new: Rows) -> None:
-        """Check that overwriting ``rows`` changes the number of values of none.
+        """Check that overwriting ``rows`` keeps the number of values of every row.
 
         Raises:
-            ValueError: it would.
+            ValueError: a row would get another number of values.
         """
         if self.offsets is None:
             return
@@ -207,7 +207,7 @@ class Column(nn.Module):
         prefix: str,
         *args: Any,  # noqa: ANN401
     ) -> None:
-        """Accept any number of rows: a checkpoint has the count it was written with."""
+        """Accept any number of rows: a checkpoint keeps its own row count."""
         values = state_dict.get(prefix + "values")
         if values is not None:
             self._set_values(values.to(self.values).clone())

@@ -27,33 +27,33 @@ if TYPE_CHECKING:
     from gsfw.core.scene import Scene
 
 MAX_SEED = 2**62 - 1
-"""Generators take 64-bit seeds, and some of them are made by counting up from this one."""
+"""Largest seed: generators take 64-bit seeds, and some seeds are counted up from this one."""
 
 AUTO = "auto"
-"""The choice that leaves choosing to gsfw."""
+"""Value of a setting that gsfw chooses itself."""
 
 
 def steps_field(default: int, *, at_least: int = 0, floor: int = 0) -> Any:  # noqa: ANN401 - a dataclass field
     """A setting counted in training steps, which ``steps=N`` rescales in proportion.
 
     Args:
-        default: steps, for the method's own default length.
+        default: number of steps at the method's own default length.
         at_least: the smallest value that can be given.
-        floor: rescaling goes no lower (intervals in which statistics have to gather).
+        floor: lower bound of rescaling (intervals in which statistics have to gather).
     """
     return number(default, at_least=at_least, metadata={"unit": "steps", "floor": floor})
 
 
 @dataclass(frozen=True)
 class Rescaled:
-    """Steps in a preset that ``steps=N`` rescales as it does defaults; plain numbers stay."""
+    """Number of steps in a preset that ``steps=N`` rescales like a default; plain numbers stay."""
 
     steps: int
-    """For the method's default length."""
+    """Number of steps at the method's default length."""
 
 
 def step_settings(config: object, prefix: str = "") -> dict[str, tuple[int, int]]:
-    """Every setting counted in steps, by dotted key: its value, and how low rescaling may go."""
+    """Every setting counted in steps, by dotted key: its value and the lower bound of rescaling."""
     found: dict[str, tuple[int, int]] = {}
     for item in fields(config):  # type: ignore[arg-type]
         value = getattr(config, item.name)
@@ -68,7 +68,7 @@ Config = TypeVar("Config")
 
 
 def replace_at(config: Config, key: str, value: object) -> Config:
-    """A copy of ``config`` with the setting at a dotted key replaced."""
+    """Copy ``config`` with a new value of the setting at a dotted key."""
     head, _, rest = key.partition(".")
     if rest:
         value = replace_at(getattr(config, head), rest, value)
@@ -80,27 +80,27 @@ class SlotConfig:
     """Settings of one choice (a strategy, a rasterizer, ...)."""
 
     renamed: ClassVar[Mapping[str, str]] = {}
-    """Settings that have a new name: old name -> new name, so that old files and runs open.
+    """Renamed settings: old name -> new name, so that old files and runs can be read.
 
-    Groups may be renamed too; an empty new name is that of a setting that has no effect any more.
+    Groups may be renamed too; an empty new name marks a setting that has no effect any more.
     """
     recommended: ClassVar[Mapping[str, Any]] = {}
-    """Settings of the run, by dotted key, that go with this choice; what the user gives wins."""
+    """Recommended settings of the run for this choice, by dotted key; the user's settings win."""
 
     def needs(self) -> Needs:
-        """What this choice asks of the rasterizer."""
+        """The needs of this choice from the rasterizer."""
         from gsfw.core.capabilities import Needs
 
         return Needs()
 
 
 NO_BUDGET = "none"
-"""The choice of no budget: the strategy alone decides how many Gaussians there are."""
+"""The choice of no budget: the strategy alone limits the number of Gaussians."""
 
 
 @dataclass
 class StrategyConfig(SlotConfig, ABC):
-    """Settings of a density strategy, and of the budget that goes with any of them."""
+    """Settings of a density strategy, and of its budget."""
 
     budget: str = NO_BUDGET
     """Gaussians to end with: none, auto (as the scene needs), a number, or megabytes as in 20MB."""
@@ -112,7 +112,7 @@ class StrategyConfig(SlotConfig, ABC):
 
     @abstractmethod
     def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
-        """The refiners of the strategy in the order in which they edit rows, before the first step.
+        """Build the refiners of the strategy, in the order in which they edit rows.
 
         Raises:
             ConfigError: settings are out of range or contradict each other.
@@ -125,15 +125,15 @@ class SamplerConfig(SlotConfig, ABC):
 
     @abstractmethod
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler over the training views, before its first step.
+        """Build the sampler of the training views.
 
         Args:
-            views: of the training split.
-            seed: of the run; the only source of randomness.
+            views: the training split.
+            seed: seed of the run; the only source of randomness.
             steps: length of the run.
 
         Raises:
-            ConfigError: these views cannot be sampled so (no times, for instance).
+            ConfigError: these views cannot be sampled in this way (no times, for instance).
         """
 
 
@@ -143,11 +143,11 @@ class RasterizerConfig(SlotConfig, ABC):
 
     @abstractmethod
     def capabilities(self) -> Capabilities:
-        """What it can do on this machine; builds nothing."""
+        """Abilities of the rasterizer on this machine; builds nothing."""
 
     @abstractmethod
     def build(self, device: torch.device) -> Rasterizer:
-        """The rasterizer.
+        """Build the rasterizer.
 
         Raises:
             UnavailableError: it cannot run here.
@@ -156,15 +156,15 @@ class RasterizerConfig(SlotConfig, ABC):
 
 @dataclass(frozen=True)
 class Detection:
-    """Whether a folder or file looks like a data set of some format."""
+    """Result of checking a folder or file for a data set of some format."""
 
     recognised: bool
     looked_for: str
-    """What would have been recognised, as a phrase: "sparse/0/cameras.bin"."""
+    """The sign of the format, as a phrase: "sparse/0/cameras.bin"."""
     found: str = ""
-    """What was, as a phrase; empty when nothing."""
+    """The sign that was found, as a phrase; empty if none was."""
     priority: int = 0
-    """The highest wins when several formats recognise the same folder."""
+    """Priority among several formats that recognise the same folder; the highest wins."""
 
 
 @dataclass
@@ -174,14 +174,14 @@ class DataManagerConfig(SlotConfig, ABC):
     @classmethod
     @abstractmethod
     def detect(cls, path: Path) -> Detection:
-        """Whether ``path`` looks like this format; looks at names, reads no pictures."""
+        """Check ``path`` for this format by file names only; reads no images."""
 
     @abstractmethod
     def build(self, request: DataRequest) -> DataManager:
-        """Read cameras and points, check the pictures' headers.
+        """Read cameras and points, and check the headers of the images.
 
         Raises:
-            DataError: the data cannot be used; says where and why.
+            DataError: the data cannot be used; names the cause and the place.
         """
 
 
@@ -190,51 +190,51 @@ class CallbackConfig(ABC):
     """Settings of a callback, which are typed as ``callbacks.NAME.KEY=VALUE``."""
 
     enabled: bool = True
-    """Whether it watches the run."""
+    """True if the callback watches the run."""
 
     @abstractmethod
     def build(self) -> Callback:
-        """The callback of one run, before its first step."""
+        """Build the callback of one run."""
 
 
 @dataclass
 class CallbackConfigs:
-    """The settings of every callback; settings derive from it, with a field for each installed."""
+    """Settings of every callback; the settings of a run derive from it, with one field for each."""
 
 
 @dataclass
 class OptimConfig:
-    """How parameters are moved; the learning rates are those of Kerbl et al. 2023."""
+    """Settings of the optimizer; the learning rates are those of Kerbl et al. 2023."""
 
     sparse: bool = False
-    """Rows that no view of a step has seen stay as they are (faster; not what the papers do)."""
+    """Keep rows unchanged that no view of a step has seen (faster; not as in the papers)."""
     exposure_lr: float = number(1e-2, at_least=0, below=math.inf)
-    """Rate of gains and offsets of the pictures' colours under exposure=true."""
+    """Rate of gains and offsets of the images' colours under exposure=true."""
     exposure_lr_final: float = number(1e-3, at_least=0, below=math.inf)
     """Rate of gains and offsets once it has decayed, log-linearly."""
     exposure_start: int = steps_field(500)
-    """Steps before exposures are learnt, in which splats find the mean colours."""
+    """Steps before exposures are learnt, in which splats learn the mean colours."""
     poses_lr: float = number(1e-3, at_least=0, below=math.inf)
-    """Rate of the cameras' turns (radians) and shifts (extents) under refine_poses=true."""
+    """Rate of camera rotations (radians) and translations (extents) under refine_poses=true."""
     poses_lr_final: float = number(1e-5, at_least=0, below=math.inf)
-    """Rate of turns and shifts once it has decayed, log-linearly."""
+    """Rate of rotations and translations once it has decayed, log-linearly."""
     poses_start: int = steps_field(500)
-    """Steps before cameras move, in which splats find the rough shape."""
+    """Steps before cameras move, in which splats learn the rough shape."""
     corrections_lr_steps: int = steps_field(30_000)
     """Steps over which the rates of exposures and poses decay."""
 
     def settings(self) -> OptimizerSettings:
-        """For the optimizer."""
+        """Settings for the optimizer."""
         from gsfw.core.loop.optimizer import OptimizerSettings
 
         return OptimizerSettings(sparse=self.sparse)
 
     def exposure_rate(self) -> LearningRate:
-        """How fast exposures move."""
+        """Learning rate of exposures."""
         return self._decaying(self.exposure_lr, self.exposure_lr_final, self.exposure_start)
 
     def poses_rate(self) -> LearningRate:
-        """How fast cameras move."""
+        """Learning rate of camera poses."""
         return self._decaying(self.poses_lr, self.poses_lr_final, self.poses_start)
 
     def _decaying(self, initial: float, final: float, start: int) -> LearningRate:
@@ -243,14 +243,14 @@ class OptimConfig:
 
 @dataclass
 class MethodConfig(ABC):
-    """The settings every run has; a method's own derive from it and may change the defaults.
+    """Settings that every run has; a method derives from them and may change the defaults.
 
     A field whose type is a slot's config (``strategy``, ``rasterizer``, ``datamanager``,
-    ``sampler``) is chosen by name among what is registered; ``None`` means ``auto``.
+    ``sampler``) is chosen by name among the registered ones; ``None`` means ``auto``.
     """
 
     renamed: ClassVar[Mapping[str, str]] = {}
-    """Settings that have a new name, as in ``SlotConfig``."""
+    """Renamed settings, as in ``SlotConfig``."""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"default": {}}
     """Settings by dotted key, for ``preset=NAME``; each builds on the one named "default"."""
 
@@ -289,11 +289,11 @@ class MethodConfig(ABC):
     gpu_cache_mb: int = number(2048, at_least=0)
     """Memory of a GPU that decoded images may stay in, in megabytes; 0: each use copies them."""
     resolution_schedule: str = "none"
-    """Size of training pictures: none (full), or auto (small until they lack detail; faster)."""
+    """Size of training images: none (full), or auto (small until they lack detail; faster)."""
     resolution_steps: int = steps_field(9000)
-    """Step by which pictures are full under resolution_schedule=auto; 60 % of adc's growth."""
+    """Step from which images are full under resolution_schedule=auto; 60 % of adc's growth."""
     exposure: bool = False
-    """Learn how each training picture differs in colour (gains and offsets); held-out ones do not.
+    """Learn the colour difference of each training image (gains and offsets); held-out ones do not.
     """
     refine_poses: bool = False
     """Learn small motions of the training cameras, for poses that are not quite right."""
@@ -314,14 +314,14 @@ class MethodConfig(ABC):
 
     @abstractmethod
     def build(self) -> Method:
-        """The method.
+        """Build the method.
 
         Raises:
             ConfigError: settings contradict each other.
         """
 
     def needs(self) -> Needs:
-        """What the method itself asks of the rasterizer."""
+        """The needs of the method itself from the rasterizer."""
         from gsfw.core.capabilities import Feature, Needs
 
         features = {Feature.GRADIENT, Feature.SH}
@@ -333,10 +333,10 @@ class MethodConfig(ABC):
         return Needs(features=frozenset(features), profile=profile)
 
     def check(self) -> None:
-        """Check the ranges of all values, and the values every run has.
+        """Check the ranges of all values, and the settings that every run has.
 
         Raises:
-            ConfigError: naming the key, what was expected, and what was given.
+            ConfigError: a value is wrong; names the key, the expected and the given value.
         """
         from gsfw.core.numerics import PROFILES
 
@@ -365,7 +365,7 @@ NAMED_BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
 
 
 def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, float]:
-    """The colour a ``background`` setting means, in [0, 1] per channel.
+    """Parse a ``background`` setting: the colour in [0, 1] per channel.
 
     Raises:
         ConfigError: it is neither a name nor three numbers.

@@ -19,25 +19,25 @@ from gsfw.core.splats import Splats
 class StepContext:
     """One rendered batch of one step.
 
-    All batches of a step are rendered before any of them is observed: state that belongs to a
-    batch belongs here, not into the model.
+    All batches of a step are rendered before any of them is observed: the state of a batch belongs
+    here, not into the model.
     """
 
     step: int
-    """Counted from 0."""
+    """Number of the step, counted from 0."""
     steps: int
     """Length of the run."""
     batch: Batch
     splats: Splats
     """The rendered splats, still attached to the graph."""
     rendered: RenderOutput
-    """After ``PrimitiveModel.decode``; its statistics are those of the rasterizer."""
+    """Decoded images (``PrimitiveModel.decode``); the statistics are those of the rasterizer."""
     target: Float[Tensor, "c h w 3"]
     """The batch's images over this step's background."""
     num_rows: int
-    """Rows of the model; ``splats.rows`` counts among them."""
+    """Number of rows of the model; ``splats.rows`` indexes them."""
     share: float
-    """This batch's part of the step's loss: its views over all views of the step."""
+    """Fraction of the step's views that are in this batch: the weight of its loss."""
     extent: float
     """The scene's extent, in scene units."""
     operators: Operators

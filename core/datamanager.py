@@ -1,4 +1,4 @@
-"""DataManager: where images, cameras, points and times come from."""
+"""DataManager: the source of images, cameras, points and times."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gsfw.core.scene import Scene
 
 
 class Split(Enum):
-    """Which part of a data set."""
+    """Part of a data set."""
 
     TRAIN = "train"
     EVAL = "eval"
@@ -34,7 +34,7 @@ class Views:
     cameras: tuple[Cameras, ...]
     """One camera (c = 1) per view: sizes and models may differ between views."""
     origin: str = ""
-    """How the views came into this split ("every 8th by name"); empty when unknown."""
+    """Rule that selected the views of this split ("every 8th by name"); empty when unknown."""
     maps: Mapping[str, int] = field(default_factory=dict)
     """Number of channels of each per-view map, by name; every batch has these maps. A method that
     needs one checks it before training."""
@@ -62,20 +62,20 @@ class Views:
 
 @dataclass(frozen=True)
 class DataRequest:
-    """The run's settings that concern data of any format."""
+    """Settings of the run that concern data of any format."""
 
     path: Path | None
     """The ``data`` key; ``None`` for data that needs no file."""
     downscale: float = 1.0
     """Images are shrunk by this factor (area filter, size rounded); >= 1."""
     eval_every_nth: int = 8
-    """Every n-th image by name is held out, unless the data set brings its own split; 0: none."""
+    """Every n-th image by name is held out, unless the data set has its own split; 0: none."""
     eval_names: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_megabytes: int = 2048
-    """Memory that decoded images (uint8) and per-view maps may take."""
+    """Memory limit of decoded images (uint8) and per-view maps."""
     gpu_cache_megabytes: int = 0
-    """GPU memory that decoded images and per-view maps may stay in; 0 where no GPU is used."""
+    """GPU memory limit of decoded images and per-view maps; 0 if no GPU is used."""
 
 
 class DataManager(ABC):
@@ -89,12 +89,12 @@ class DataManager(ABC):
     """
 
     has_images: ClassVar[bool] = True
-    """False if there is nothing to ``load``: a model file holds cameras alone."""
+    """False if there are no images to ``load``: a model file holds cameras alone."""
 
     @property
     @abstractmethod
     def scene(self) -> Scene:
-        """Everything known of the capture before training."""
+        """The facts about the capture that are known before training."""
 
     @abstractmethod
     def views(self, split: Split) -> Views:
@@ -109,9 +109,9 @@ class DataManager(ABC):
         """
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
-        """True where something moves in a view's image, on the CPU, for evaluation.
+        """Mask of the moving pixels of a view, on the CPU, for evaluation.
 
-        ``None`` when the data set does not say.
+        ``None`` when the data set has no such masks.
 
         Raises:
             DataError: the mask does not decode or does not fit its image.
@@ -119,10 +119,10 @@ class DataManager(ABC):
         return None
 
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:  # noqa: B027
-        """Start decoding views that will probably be asked for next; may do nothing."""
+        """Start to decode views that are likely to be loaded next; may do nothing."""
 
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user: how the data was recognised, what was skipped."""
+        """Notes for the user: the recognised format, and the skipped data."""
         return ()
 
     def close(self) -> None:  # noqa: B027
@@ -139,7 +139,7 @@ class WrappedDataManager(DataManager):
     def __init__(self, given: DataManager) -> None:
         """Forward to ``given``."""
         self.given = given
-        """The data manager that is wrapped."""
+        """The wrapped data manager."""
         self.has_images = given.has_images  # type: ignore[misc]
 
     @property

@@ -1,11 +1,11 @@
-"""Errors whose text is written for the person at the keyboard."""
+"""Errors with messages for the user."""
 
 
 class UserError(Exception):
-    """Something the user can put right: shown as one message, without a traceback, exit code 2.
+    """An error that the user can correct: shown as one message without a traceback, exit code 2.
 
-    The message says what happened, where, what was expected and what was found; ``advice`` says
-    what to do next.
+    The message has the event, the place, the expected and the found value; ``advice`` has the
+    next step of the user.
     """
 
     exit_code = 2
@@ -17,11 +17,11 @@ class UserError(Exception):
 
 
 class ConfigError(UserError, ValueError):
-    """A setting is unknown, has the wrong type, or does not go with the others."""
+    """A setting is unknown, has the wrong type, or contradicts another."""
 
 
 class DataError(UserError, ValueError):
-    """A data set or a file cannot be used as it is."""
+    """A data set or a file cannot be used."""
 
 
 class OutputError(UserError):
@@ -33,6 +33,6 @@ class UnavailableError(UserError):
 
 
 class TrainingError(UserError):
-    """Training cannot go on, for instance because its steps are no longer finite."""
+    """Training cannot continue, for instance because its steps are no longer finite."""
 
     exit_code = 1

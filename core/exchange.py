@@ -54,13 +54,13 @@ class ExportSource:
 
 @dataclass(frozen=True)
 class SplatFile(ExportSource):
-    """A set of splats as files hold it: activated, in the world of the data."""
+    """A set of splats for files: activated, in the world of the data."""
 
     splats: Splats
-    """Quats and scales form with dense SH colours; float64 on the CPU, so that nothing is lost on
-    the way through the scene frame."""
+    """Quats and scales form with dense SH colours; float64 on the CPU, so that the transform to the
+    scene frame loses no precision."""
     antialiased: bool = False
-    """True if the splats were trained with antialiasing, and should be rendered so."""
+    """True if the splats were trained, and should be rendered, with antialiasing."""
     up: str = ""
     """Up direction in the data's world ("-y" for COLMAP, "z"); empty when unknown."""
     properties: Mapping[str, str] = field(default_factory=dict)
@@ -73,7 +73,7 @@ class SplatFile(ExportSource):
 
 @dataclass(frozen=True)
 class TrackFile(ExportSource):
-    """The paths of all rows of a model as files hold them, on the CPU."""
+    """The paths of all rows of a model for files, on the CPU."""
 
     tracks: Tracks
     """In the world of the data, in float64."""
@@ -140,16 +140,16 @@ class Holds(Enum):
 
 
 class Exporter(ABC):
-    """Writes one file format."""
+    """Writer of one file format."""
 
     suffix: str
     """Suffix of file names, with the dot."""
     holds: Holds = Holds.SPLATS
-    """Content of a file: the exporter asks its source for this, and for nothing else."""
+    """Content of a file; the exporter reads only this from its source."""
 
     @abstractmethod
     def write(self, path: Path, source: ExportSource) -> None:
-        """Write the file, whole or not at all.
+        """Write the file atomically.
 
         Raises:
             OutputError: it cannot be written.
@@ -159,17 +159,17 @@ class Exporter(ABC):
 
 
 class Importer(ABC):
-    """Reads one file format."""
+    """Reader of one file format."""
 
     @classmethod
     @abstractmethod
     def recognises(cls, path: Path) -> bool:
-        """True if a file looks like this format, from its first bytes; never raises."""
+        """True if the first bytes of a file look like this format; never raises."""
 
     @abstractmethod
     def read(self, path: Path) -> SplatFile:
         """Read the file.
 
         Raises:
-            DataError: it is damaged or not of this format; says where and why.
+            DataError: it is damaged or not of this format; names the cause and the place.
         """

@@ -1,4 +1,4 @@
-"""LearningRate: how fast a parameter moves, as a function of the step."""
+"""LearningRate: the learning rate of a parameter as a function of the step."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ class LearningRate:
 
     initial: float
     final: float | None = None
-    """``None``: constant."""
+    """Learning rate at the end of the decay; ``None``: constant."""
     steps: int = 1
-    """When ``final`` is reached."""
+    """Steps from ``start`` to ``final``."""
     start: int = 0
-    """Zero before this step (a phase that comes later); the decay is counted from here."""
+    """The rate is zero before this step (a later phase); the decay starts here."""
 
     def at(self, step: int) -> float:
         """The rate at ``step``, counted from 0."""

@@ -1,4 +1,4 @@
-"""Method: a model and what it is trained with."""
+"""Method: a model and its training."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from gsfw.core.splats import Splats
 
 
 class Method(ABC):
-    """A model and what it is trained with: losses, phases, and what it expects of a scene."""
+    """A model and its training: losses, phases, and requirements on the scene."""
 
     def check_scene(self, scene: Scene) -> None:  # noqa: B027
-        """Refuse a scene this method cannot be trained on.
+        """Refuse a scene that this method cannot train on.
 
         Raises:
-            ConfigError: saying what the scene lacks and what to do.
+            ConfigError: the scene lacks data that the method needs; names the data and the remedy.
         """
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
-        """What the user should know before it starts, such as what random initialisation costs."""
+        """Notes for the user before training, such as the cost of random initialisation."""
         return ()
 
     @abstractmethod
@@ -48,7 +48,7 @@ class Method(ABC):
         """The model before its first step, on the CPU.
 
         Args:
-            scene: what is known of the capture.
+            scene: the facts about the capture.
             operators: for nearest neighbours.
             generator: on the CPU; the only source of randomness.
             initial: splats to start from (``init=FILE``), in the scene frame; ``None`` otherwise.
@@ -57,7 +57,7 @@ class Method(ABC):
     def begin(  # noqa: B027
         self, scene: Scene, views: Views, model: PrimitiveModel
     ) -> None:
-        """Take note of the training views, once, before the first step or after a resume.
+        """Receive the training views, once, before the first step or after a resume.
 
         Args:
             scene: the capture.
@@ -77,7 +77,7 @@ class Method(ABC):
         """The settings to render with at a step.
 
         Args:
-            settings: those of the run.
+            settings: settings of the run.
             step: counted from 0; ``None`` for evaluation and rendering of the finished model.
         """
         return settings
@@ -89,17 +89,17 @@ class Method(ABC):
     def prepare(  # noqa: B027
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
-        """Before each step: SH degree, phase changes, freezing, forward initialisation.
+        """Run before each step: SH degree, phase changes, freezing, forward initialisation.
 
         Args:
             step: counted from 0.
             model: may change its values, not its rows.
-            optimizer: for what is to be frozen, or to begin with fresh moments.
-            time: of the step's first view, in [0, 1]; ``None`` for a static capture.
+            optimizer: freezes parameters, or resets their moments.
+            time: time of the step's first view, in [0, 1]; ``None`` for a static capture.
         """
 
     def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
-        """The method's own metrics of one held-out view, by name, such as an error of depth."""
+        """The method's own metrics of one held-out view, by name, such as a depth error."""
         return {}
 
     def view_images(
@@ -109,11 +109,11 @@ class Method(ABC):
         return {}
 
     def report(self) -> Mapping[str, Any]:
-        """What it has to say of the finished run, as plain data for ``requirements.json``."""
+        """Results of the finished run for ``requirements.json``, as plain data."""
         return {}
 
     def state_dict(self) -> dict[str, Any]:
-        """Tensors and plain data; state that ``prepare`` depends on besides the step."""
+        """Tensors and plain data; the state of ``prepare`` besides the step."""
         return {}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:  # noqa: B027

@@ -1,4 +1,4 @@
-"""Metrics: how close a rendered image is to the photo."""
+"""Metrics: similarity of a rendered image and the photo."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gsfw.core.operators import Operators
 logger = logging.getLogger("gsfw.run")
 
 PSNR_MAX = 100.0
-"""Reported for pictures that are equal, in dB, so that means stay finite."""
+"""PSNR of two equal images, in dB; finite, so that means stay finite."""
 
 
 def psnr(
@@ -31,10 +31,10 @@ def psnr(
 
 
 class Metric(ABC):
-    """A figure for one picture."""
+    """A figure of one image."""
 
     def __init__(self, operators: Operators | None = None) -> None:
-        """Measure with the operators of the run's device; ``None`` for plain torch."""
+        """Use the operators of the run's device; ``None`` for plain torch."""
         self.operators = operators or Operators()
 
     @abstractmethod
@@ -44,11 +44,11 @@ class Metric(ABC):
         target: Float[Tensor, "h w 3"],
         valid: Bool[Tensor, "h w 1"] | None,
     ) -> float:
-        """Compare one picture over its valid pixels."""
+        """Compare one image over its valid pixels."""
 
 
 class CautiousMetric(Metric):
-    """A metric of a third party: NaN where it fails, which is logged once."""
+    """A metric of a third party: NaN if it fails; the failure is logged once."""
 
     def __init__(self, metric: Metric, name: str) -> None:
         super().__init__(getattr(metric, "operators", None))
@@ -76,7 +76,7 @@ class Psnr(Metric):
     """Peak signal-to-noise ratio, in dB."""
 
     def __call__(self, rendered: Tensor, target: Tensor, valid: Tensor | None) -> float:
-        """Compare one picture."""
+        """Compare one image."""
         return psnr(rendered, target, valid)
 
 
@@ -84,7 +84,7 @@ class Ssim(Metric):
     """Structural similarity with the loss's window, of values clamped to [0, 1]."""
 
     def __call__(self, rendered: Tensor, target: Tensor, valid: Tensor | None) -> float:
-        """Compare one picture."""
+        """Compare one image."""
         picture = rendered.clamp(0, 1)[None]
         mask = None if valid is None else valid[None]
         return 1.0 - float(self.operators.l1_dssim(picture, target[None], mask)[1])

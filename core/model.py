@@ -1,4 +1,4 @@
-"""PrimitiveModel: parameters, and how they become splats at a time."""
+"""PrimitiveModel: trained parameters, and their splats at a given time."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ Children = Mapping[str, Rows]
 
 
 class PrimitiveModel(nn.Module, ABC):
-    """Parameters, and how they become splats at a time.
+    """Trained parameters, and their splats at a given time.
 
-    A model must have ``columns`` and ``splats``. Density control asks for more: see
+    A model must have ``columns`` and ``splats``. Density control needs more: see
     ``DensifiableModel``.
     """
 
@@ -43,16 +43,16 @@ class PrimitiveModel(nn.Module, ABC):
         Args:
             time: in [0, 1]; ``None`` for a static capture, or for the first time. A static model
                 ignores it.
-            cameras: that the splats are rendered with, for models whose splats depend on the
+            cameras: the cameras of the render, for models whose splats depend on the
                 view; ``None`` where there is no view, as for exports. Most models ignore them.
         """
 
     def temporal_columns(self) -> Mapping[str, Column]:
-        """The columns that only serve motion and change over time; none for a static model."""
+        """The columns that represent motion and change over time; none for a static model."""
         return {}
 
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
-        """Trained parameters that are not one per splat (networks, grids)."""
+        """Trained parameters that do not belong to one splat (networks, grids)."""
         return ()
 
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
@@ -81,7 +81,7 @@ class PrimitiveModel(nn.Module, ABC):
         """Number of primitives.
 
         Raises:
-            RuntimeError: a column is used before it was made. ``nn.Module`` would report a missing
+            RuntimeError: a column is used before it is made. ``nn.Module`` would report a missing
                 ``num_rows`` instead.
         """
         try:
@@ -106,11 +106,11 @@ class DensifiableModel(PrimitiveModel):
         """Largest standard deviation of each row, in scene units; no gradient."""
 
     def lifetimes(self) -> Float[Tensor, " n"] | None:
-        """Mean temporal weight of each row over [0, 1]; ``None`` when all are always there."""
+        """Mean temporal weight of each row over [0, 1]; ``None`` when it is 1 for all rows."""
         return None
 
     def time_gradients(self) -> Float[Tensor, " n"] | None:
-        """|dL / d temporal centre| of each row in the step just taken, with time in [0, 1].
+        """Gradient |dL / d temporal centre| of each row in the latest step, with time in [0, 1].
 
         ``None`` for a model whose rows have no temporal centre, or before any step.
         """
@@ -120,10 +120,10 @@ class DensifiableModel(PrimitiveModel):
     def clone_rows(
         self, rows: Int[Tensor, " r"], generator: torch.Generator | None = None
     ) -> Children:
-        """Copies of ``rows``; with a ``generator`` they may differ in what draws them apart.
+        """Copies of ``rows``; with a ``generator`` their random parts may differ.
 
-        Copies that stand beside their originals gain nothing from being there at the same time: a
-        model that moves may draw a new temporal centre for each.
+        A copy beside its original has no use at the same time: a moving model may sample a new
+        temporal centre for each.
         """
         return {name: column.take(rows) for name, column in self.columns().items()}
 
@@ -131,9 +131,9 @@ class DensifiableModel(PrimitiveModel):
     def split_rows(
         self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
     ) -> Children:
-        """``copies`` smaller children for each of ``rows``, drawn from the row's own density.
+        """Sample ``copies`` smaller children for each of ``rows`` from the row's own density.
 
-        The first child of every row comes first, then all the second ones.
+        The children are ordered by number: the first child of every row, then the second ones.
         """
 
     @abstractmethod
@@ -144,19 +144,19 @@ class DensifiableModel(PrimitiveModel):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """New rows where the image lacks something: round, faint and at rest.
+        """New rows for badly reconstructed pixels: isotropic, with low opacity and no motion.
 
         Args:
-            points: where they are seen at ``time``, in scene units.
-            colors: their colours, in [0, 1].
+            points: positions at ``time``, in scene units.
+            colors: colours, in [0, 1].
             sizes: standard deviations, in scene units.
-            time: in [0, 1]; a model whose rows come and go has them there around it. ``None``
+            time: in [0, 1]; a model with temporary rows centres them at it. ``None``
                 for a static capture.
         """
 
     @abstractmethod
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """``rows`` with opacity and scale such that ``counts`` coincident copies look as one did.
+        """``rows`` with opacity and scale such that ``counts`` coincident copies render as one did.
 
         Equation 9 of Kheradmand et al. 2024; counts >= 1 include the row itself.
         """
@@ -171,10 +171,10 @@ class DensifiableModel(PrimitiveModel):
 
     @abstractmethod
     def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
-        """Change every opacity by a function, in place; the names of the columns that changed.
+        """Apply a function to every opacity, in place; the names of the columns that changed.
 
         Args:
-            function: from opacities in [0, 1] (float64) to opacities in (0, 1), element by
+            function: maps opacities in [0, 1] (float64) to opacities in (0, 1), element by
                 element, such as ``lambda opacities: opacities.clamp_max(0.01)``. Rows that it
-                leaves as they are keep their bits.
+                does not change keep their bits.
         """

@@ -1,4 +1,4 @@
-"""Operators: the heavy parts of a step besides drawing, each with a plain torch default."""
+"""Operators: the expensive operations of a step besides rendering, with plain torch defaults."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gsfw.core.maths.ssim import masked_mean, ssim
 from gsfw.core.progress import stage
 
 GRADIENT_LIMIT = 1e18
-"""Larger gradients count as this, whose square is still finite in float32."""
+"""Upper bound of gradients, whose square is still finite in float32."""
 
 
 @dataclass(frozen=True)
@@ -33,23 +33,23 @@ class AdamMoments:
     first: Tensor
     """Running mean of the gradient, laid out like the tensor."""
     second: Tensor
-    """Running mean of its square."""
+    """Running mean of the squared gradient."""
     count: Float[Tensor, ""]
-    """Steps taken, for the bias correction; float64, on the tensor's device."""
+    """Number of steps, for the bias correction; float64, on the tensor's device."""
 
     @staticmethod
     def zeros_like(values: Tensor) -> AdamMoments:
-        """Fresh moments."""
+        """Fresh moments for ``values``."""
         count = torch.zeros((), dtype=torch.float64, device=values.device)
         return AdamMoments(torch.zeros_like(values), torch.zeros_like(values), count)
 
 
 class Operators:
-    """The torch defaults; a device's faster set overrides some, and compose injects it."""
+    """The torch defaults; the set of a device overrides some of them, and compose injects it."""
 
     @classmethod
     def preference(cls, device: torch.device) -> int | None:
-        """How willingly this set serves ``device``: the highest is taken, ``None`` cannot."""
+        """Preference of this set on ``device``: the highest wins; ``None`` if it cannot run."""
         return 0
 
     def l1_dssim(
@@ -75,9 +75,9 @@ class Operators:
     ) -> None:
         """One step of Adam, in place.
 
-        With ``rows`` only those rows (of the first axis) and their moments are touched: the moments
-        of the others do not decay, and the bias correction counts steps, not visits.
-        When ``finite`` is false nothing changes; no device is waited for.
+        With ``rows`` only those rows (of the first axis) and their moments change: the moments of
+        the others do not decay, and the bias correction counts steps, not visits. When ``finite``
+        is false nothing changes; there is no synchronisation.
         """
         if rows is not None:
             part = AdamMoments(moments.first[rows], moments.second[rows], moments.count)
@@ -89,7 +89,7 @@ class Operators:
         gate = finite.to(values.dtype)
         moments.count += finite
         gradient = torch.where(finite, gradient, 0.0).clamp_(-GRADIENT_LIMIT, GRADIENT_LIMIT)
-        # Before the first finite step the corrections are 0, and nothing may be divided by them.
+        # Before the first finite step the corrections are 0, and a division by them is invalid.
         bias1 = torch.where(finite, 1.0 - settings.beta1**moments.count, 1.0)
         bias2 = torch.where(finite, 1.0 - settings.beta2**moments.count, 1.0)
         moments.first.lerp_(gradient, gate * (1.0 - settings.beta1))
@@ -100,7 +100,7 @@ class Operators:
         values.sub_(moments.first / denominator.add_(settings.epsilon) * scale)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
-        """Whether no number of any of these tensors, at least one, is infinite or NaN."""
+        """True if all values of the tensors (at least one tensor) are finite."""
         return torch.stack([tensor.isfinite().all() for tensor in tensors]).all()
 
     def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:
@@ -117,7 +117,7 @@ class Operators:
             _, found = cKDTree(host).query(host, k=range(1, k + 2), workers=-1)
         rows = torch.from_numpy(found)
         own = torch.arange(len(rows))[:, None]
-        # A point is among its own nearest, unless more than k others lie exactly where it does.
+        # A point is among its own nearest, unless more than k others have exactly its position.
         left_out = torch.where((rows == own).any(1), (rows == own).int().argmax(1), k)
         others = rows[torch.arange(k + 1) != left_out[:, None]].view(-1, k)
         return torch.where(others < len(rows), others, own).to(points.device)

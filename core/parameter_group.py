@@ -14,7 +14,7 @@ class ParameterGroup:
     """Parameters of a network or a grid that share a learning rate."""
 
     name: str
-    """Unique among the model's groups and columns; the name in ``lr/NAME``, reset and freeze."""
+    """Name, unique among the model's groups and columns; used in ``lr/NAME``, reset and freeze."""
     parameters: tuple[nn.Parameter, ...]
     learning_rate: LearningRate
     weight_decay: float = 0.0

@@ -1,11 +1,11 @@
-"""Progress: long work in the library says how far it is; a command decides how that is shown.
+"""Progress: the library reports the progress of long work; a command displays it.
 
 The library never prints. It wraps work that may take over a second::
 
     for path in tracked(paths, "reading images", len(paths)):
         ...
 
-Nothing is shown unless somebody watches, with ``shown_by``.
+Nothing is displayed outside of ``shown_by``.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import TypeVar
 
 Advance = Callable[[int], None]
-"""Takes the number of things that are done so far."""
+"""Receives the number of finished items."""
 
 ShowStage = Callable[[str, int], AbstractContextManager[Advance]]
-"""Shows a stage while it runs.
+"""Displays a stage while it runs.
 
-Takes the work in words ("reading images") and the number of things, 0 if it is unknown.
+Receives the work in words ("reading images") and the number of items, 0 if it is unknown.
 """
 
 Item = TypeVar("Item")
@@ -30,7 +30,7 @@ _watchers: list[ShowStage] = []
 
 @contextmanager
 def shown_by(show: ShowStage) -> Iterator[None]:
-    """Let ``show`` display all stages from now on; afterwards the former watcher again."""
+    """Display all stages with ``show`` inside the context; then restore the former display."""
     _watchers.append(show)
     try:
         yield
@@ -40,14 +40,14 @@ def shown_by(show: ShowStage) -> Iterator[None]:
 
 @contextmanager
 def stage(name: str, total: int = 0) -> Iterator[Advance]:
-    """A piece of work that may take over a second.
+    """Report work that may take over a second.
 
     Args:
         name: the work in words, such as "reading images".
-        total: number of things to do; 0 if it is unknown.
+        total: number of items; 0 if it is unknown.
 
     Yields:
-        A function to call with the number of things that are done.
+        A function that receives the number of finished items.
     """
     if not _watchers:
         yield lambda done: None
@@ -57,10 +57,10 @@ def stage(name: str, total: int = 0) -> Iterator[Advance]:
 
 
 def tracked(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
-    """The items of a loop that is a stage: an item is done when the next one is asked for.
+    """Iterate over the items of a stage: an item is finished when the next one is requested.
 
     Args:
-        items: the work of the loop, or the loop's own slow results.
+        items: the items of the loop, or its slow results.
         name: the work in words.
         total: number of items; 0 if it is unknown.
     """

@@ -1,4 +1,4 @@
-"""Ranges: bounds of a setting, declared where its field is, and checked for all settings at once.
+"""Ranges: bounds of a setting, declared at its field, and checked for all settings at once.
 
     share: float = number(0.1, above=0, at_most=1)
 
@@ -15,15 +15,15 @@ from typing import Any
 from gsfw.core.errors import ConfigError
 
 Number = int | float
-"""Types that the bounds of a whole number and of a real one have."""
+"""Types of the bounds of whole and of real numbers."""
 
 RANGE = "range"
-"""Key under which the metadata of a field hold its bounds."""
+"""Key of the bounds in the metadata of a field."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """Bounds of a number; ``None`` where there is none."""
+    """Bounds of a number; ``None`` for an open side."""
 
     at_least: Number | None = None
     above: Number | None = None
@@ -31,7 +31,7 @@ class Range:
     below: Number | None = None
 
     def __contains__(self, value: Number) -> bool:
-        """Whether a number is within all bounds; NaN never is."""
+        """True if a number is within all bounds; false for NaN."""
         return (
             (self.at_least is None or value >= self.at_least)
             and (self.above is None or value > self.above)
@@ -41,7 +41,7 @@ class Range:
         )
 
     def __str__(self) -> str:
-        """The numbers within, as a phrase: "a number from 0 to 1"."""
+        """The range as a phrase: "a number from 0 to 1"."""
         finite = self.below == math.inf
         below = None if finite else self.below
         noun = "a finite number" if finite else "a number"
@@ -74,31 +74,31 @@ def number(
     below: Number | None = None,
     metadata: Mapping[str, Any] | None = None,
 ) -> Any:  # noqa: ANN401 - a dataclass field
-    """A setting that is a number within bounds.
+    """A setting with a numeric range.
 
     Args:
-        default: its value; whole for fields of type ``int``.
-        at_least: the smallest value.
-        above: values are larger than this.
-        at_most: the largest value.
-        below: values are smaller than this; ``math.inf`` for any finite number.
-        metadata: what else is known of the field.
+        default: default value; whole for fields of type ``int``.
+        at_least: inclusive lower bound.
+        above: exclusive lower bound.
+        at_most: inclusive upper bound.
+        below: exclusive upper bound; ``math.inf`` for any finite number.
+        metadata: further metadata of the field.
     """
     bounds = Range(at_least, above, at_most, below)
     return field(default=default, metadata={**(metadata or {}), RANGE: bounds})
 
 
 def check_ranges(config: object, prefix: str = "") -> None:
-    """Check every number of a configuration that has bounds, those of nested ones included.
+    """Check every number with bounds in a configuration and its nested configurations.
 
     Settings that are ``None`` have no value to check.
 
     Args:
         config: a dataclass.
-        prefix: of its keys, such as "sampler.".
+        prefix: prefix of its keys, such as "sampler.".
 
     Raises:
-        ConfigError: naming the first key out of range, its value, and what was expected.
+        ConfigError: a number is out of range; names the first key, its value and its range.
     """
     for item in fields(config):  # type: ignore[arg-type]
         value, bounds = getattr(config, item.name), item.metadata.get(RANGE)

@@ -33,7 +33,7 @@ class Rasterizer(ABC):
     @classmethod
     @abstractmethod
     def capabilities(cls) -> Capabilities:
-        """The abilities of this backend on this machine; found without building anything."""
+        """Abilities of this backend on this machine; builds nothing."""
 
     @final
     def render(
@@ -70,7 +70,7 @@ class Rasterizer(ABC):
             splats: the splats, whose colours and extra channels are ignored.
             cameras: one per image of ``weights``.
             weights: any finite numbers, which may be negative; ``None`` for ones.
-            settings: those that ``render`` was given; only its background, depth and statistics
+            settings: the settings of the render; only its background, depth and statistics
                 are ignored.
 
         Raises:
@@ -91,7 +91,7 @@ class Rasterizer(ABC):
         return sums
 
     def stage_times(self) -> Mapping[str, StageTime]:
-        """Stages of the latest ``render`` and its backward pass; empty where not measured."""
+        """Stage durations of the latest ``render`` and its backward pass; empty if not measured."""
         return {}
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Reducer: where several processes will meet."""
+"""Reducer: the interface for training with several processes."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from gsfw.core.render_output import RenderStatistics
 
 
 class Reducer:
-    """What happens to losses and gradients between backward and the optimizer: nothing, alone."""
+    """Reduces losses and gradients between backward and the optimizer; no-op for one process."""
 
     @property
     def world_size(self) -> int:
-        """Number of processes that train together."""
+        """Number of processes of the training."""
         return 1
 
     def gradients_(self, gradients: Iterable[Tensor]) -> None:
-        """Average over processes, in place."""
+        """Average gradients over processes, in place."""
 
     def statistics(self, statistics: RenderStatistics) -> RenderStatistics:
-        """What all processes have measured, so that strategies decide alike everywhere."""
+        """Combine the statistics of all processes, so that strategies decide alike in each."""
         return statistics
 
     def visible(self, visible: Bool[Tensor, " n"]) -> Bool[Tensor, " n"]:
-        """Rows that any process saw."""
+        """Rows that any process has seen."""
         return visible
 
     def loss(self, loss: Tensor) -> Tensor:
-        """Average over processes."""
+        """Average the loss over processes."""
         return loss

@@ -64,7 +64,7 @@ class RefineContext:
     """The state of a run after an optimizer step, for the refiners to edit."""
 
     step: int
-    """The step just taken, counted from 0."""
+    """The latest step, counted from 0."""
     steps: int
     """Length of the run."""
     table: SplatTable
@@ -73,15 +73,15 @@ class RefineContext:
     generator: torch.Generator
     """The only source of randomness, on the model's device."""
     limits: GrowthLimits
-    """Limits set by all refiners, as they are now."""
+    """Current limits of all refiners."""
     growth_due: bool
-    """Whether any refiner adds rows after this step (``Refiner.growth_due``)."""
+    """True if any refiner adds rows after this step (``Refiner.growth_due``)."""
     edits: Refinement
-    """Edits of the refiners that came before this one in the same step."""
+    """Edits of earlier refiners in the same step."""
 
     @property
     def done(self) -> int:
-        """Steps done."""
+        """Number of finished steps."""
         return self.step + 1
 
 
@@ -106,7 +106,7 @@ class Refiner(ABC):
         return Depth.NONE
 
     def needs_view_gradients(self, step: int) -> bool:
-        """Whether the gradients of single views are needed: each view is then its own batch.
+        """True if the gradients of single views are needed: each view is then its own batch.
 
         The loss of a step with several views stays the mean over them.
         """
@@ -130,7 +130,7 @@ class Refiner(ABC):
         """
 
     def growth_due(self, step: int) -> bool:
-        """Whether ``refine`` will add rows after ``step`` if the limits allow it."""
+        """True if ``refine`` adds rows after ``step``, provided the limits allow it."""
         return False
 
     @property
@@ -144,13 +144,13 @@ class Refiner(ABC):
 
     @abstractmethod
     def refine(self, context: RefineContext) -> Refinement:
-        """Edit rows when it is time. Called after every optimizer step."""
+        """Edit rows if the schedule says so. Called after every optimizer step."""
 
     def rows_edited(self) -> None:  # noqa: B027
         """Drop statistics by row: a refiner has added, removed or replaced rows."""
 
     def opacities_reset(self, step: int) -> None:  # noqa: B027
-        """Expect higher losses for a while: a refiner has reset opacities after ``step``."""
+        """Expect higher losses for some time: a refiner has reset opacities after ``step``."""
 
     def report(self) -> Mapping[str, Any]:
         """Results for ``requirements.json`` of the finished run, as plain data."""

@@ -50,7 +50,7 @@ class RenderStatistics:
         )
 
     def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
-        """The same, or zeros if ``finite`` is false; no synchronisation."""
+        """The same statistics, or zeros if ``finite`` is false; no synchronisation."""
 
         def gate(values: Tensor | None) -> Tensor | None:
             return None if values is None else torch.where(finite, values, 0.0)
@@ -66,14 +66,14 @@ class RenderStatistics:
 
 @dataclass(frozen=True)
 class RenderOutput:
-    """``c`` images of ``h`` by ``w`` pixels with ``d`` channels."""
+    """Images of ``c`` cameras: ``h`` by ``w`` pixels with ``d`` channels."""
 
     color: Float[Tensor, "c h w d"]
-    """Background included; not clamped."""
+    """Colour, composited over the background; not clamped."""
     alpha: Float[Tensor, "c h w 1"]
-    """1 - remaining transmittance; 0 where no splat is."""
+    """1 - remaining transmittance; 0 where there is no splat."""
     statistics: RenderStatistics
     depth: Float[Tensor, "c h w 1"] | None = None
-    """In scene units; ``None`` when not asked for."""
+    """Depth in scene units; ``None`` when not requested."""
     extra: Float[Tensor, "c h w e"] | None = None
-    """The splats' extra channels over 0; ``None`` when they have none."""
+    """The splats' extra channels over background 0; ``None`` when they have none."""

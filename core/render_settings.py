@@ -17,13 +17,13 @@ class Depth(Enum):
 
     NONE = "none"
     EXPECTED = "expected"
-    """Sum of weight times view depth, divided by the sum of weights; 0 where no splat is."""
+    """Sum of weight times view depth, divided by the sum of weights; 0 where there is no splat."""
     ACCUMULATED = "accumulated"
     """Sum of weight times view depth."""
 
 
 class Statistic(Enum):
-    """A per-splat quantity that is measured during rendering; see ``RenderStatistics``."""
+    """Per-splat quantity that is measured during rendering; see ``RenderStatistics``."""
 
     SCREEN_GRADIENT = "screen gradient"
     ABSGRAD = "absgrad"
@@ -53,9 +53,9 @@ class RenderSettings:
     background: Float[Tensor, " d"] | None = None
     """Colour behind everything, one value per channel; ``None`` for zeros."""
     near: float = NEAR
-    """Splats with a smaller view depth are left out; scene units."""
+    """Near plane: splats with a smaller view depth are skipped; scene units."""
     far: float = FAR
-    """Splats with a larger view depth are left out; scene units."""
+    """Far plane: splats with a larger view depth are skipped; scene units."""
     antialias: bool = False
     """Reduce opacities by the area that dilation adds (Mip-Splatting, Yu et al. 2024)."""
     depth: Depth = Depth.NONE
@@ -68,7 +68,7 @@ class RenderSettings:
     validation: Validation = Validation.FULL
 
     def needs(self) -> Needs:
-        """The needs of these settings on a rasterizer."""
+        """The needs of these settings from a rasterizer."""
         features = {STATISTIC_FEATURES[statistic] for statistic in self.statistics}
         if self.antialias:
             features.add(Feature.ANTIALIAS)

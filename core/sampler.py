@@ -1,4 +1,4 @@
-"""Sampler: which views come next, and when time advances."""
+"""Sampler: the order of the training views, and the schedule of time."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from torch import Tensor
 
 
 class Sampler(ABC):
-    """Which views come next, and when time advances.
+    """The order of the training views, and the schedule of time.
 
-    Its state is the position *consumed*: looking ahead (for prefetching) never changes it.
+    Its state is the *consumed* position: ``peek`` (for prefetching) never changes it.
     """
 
     @abstractmethod
     def next(self) -> tuple[int, ...]:
-        """The training views of this step; they may fall into several batches."""
+        """The training views of this step; they may form several batches."""
 
     @abstractmethod
     def peek(self, count: int) -> tuple[int, ...]:
-        """The next ``count`` views as far as is known now; a hint for prefetching."""
+        """The next ``count`` views as far as they are known; a hint for prefetching."""
 
     def observe(self, views: tuple[int, ...], losses: Float[Tensor, " c"]) -> None:  # noqa: B027
-        """Take note of the loss of views just drawn (error-weighted sampling); no default use.
+        """Receive the losses of the latest views (for error-weighted sampling); ignored by default.
 
-        Views that share a batch are given its mean loss; a step that was not finite has 0.
+        Each view of a batch has the batch's mean loss; after a step that was not finite it is 0.
         """
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Splats: activated Gaussians at one instant, which is all that a rasterizer ever sees."""
+"""Splats: activated Gaussians at one instant, the only input of a rasterizer besides cameras."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from torch import Tensor
 class Sh:
     """Spherical-harmonic colours, dense or ragged (each splat its own degree).
 
-    Evaluated as max(0, 0.5 + sum of coefficient times basis) in the direction from the camera
+    Colour = max(0, 0.5 + sum of coefficient times basis) in the direction from the camera
     centre to the mean.
     """
 
     coefficients: Float[Tensor, "n k 3"]
-    """k = 1, 4, 9, 16 or 25; 1, the constant one, when the others are in ``rest``."""
+    """k = 1, 4, 9, 16 or 25; 1 (the constant coefficient) when the others are in ``rest``."""
     degree: int
     """Bands above this are ignored (the degree schedule); 0 to 4."""
     rest: Float[Tensor, "n k_minus_1 3"] | Float[Tensor, "m 3"] | None = None
-    """All but the constant coefficient, as models keep them: dense, or, with ``offsets``, every
-    splat's own 0, 3, 8, 15 or 24, one splat after the other; ``None`` when they are together."""
+    """All coefficients but the constant one, as models store them: dense, or, with ``offsets``,
+    each splat's own 0, 3, 8, 15 or 24, concatenated; ``None`` when ``coefficients`` has them."""
     offsets: Int[Tensor, " n_plus_1"] | None = None
     """Ragged form: splat i has rows offsets[i] to offsets[i + 1] of ``rest``; else ``None``."""
 
     @property
     def width(self) -> int:
-        """Coefficients that the widest row has room for, k; ragged ones are counted for it."""
+        """Number of coefficients of the widest row, k; for ragged rows, of the highest degree."""
         if self.rest is None:
             return self.coefficients.shape[1]
         if self.offsets is None:
@@ -38,18 +38,18 @@ class Sh:
         return 1 + (int(self.offsets.diff().max()) if len(self.offsets) > 1 else 0)
 
     def tensors(self) -> dict[str, Tensor]:
-        """What can be differentiated: the coefficients, and ``rest`` if it is there."""
+        """The differentiable tensors: the coefficients, and ``rest`` if present."""
         return {"colors": self.coefficients} | ({} if self.rest is None else {"rest": self.rest})
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Sh:
-        """The same with ``function`` applied to the tensors of coefficients."""
+        """Apply ``function`` to the tensors of coefficients."""
         rest = None if self.rest is None else function(self.rest)
         return replace(self, coefficients=function(self.coefficients), rest=rest)
 
     def dense(self) -> Float[Tensor, "n k 3"]:
-        """The coefficients of the active degree, zero where a splat has none.
+        """The coefficients of the active degree; zero if a splat has none.
 
-        Differentiable; k = (degree + 1) squared, or fewer where dense rows have no more.
+        Differentiable; k = (degree + 1) squared, or fewer if dense rows have no more.
         """
         count = (self.degree + 1) ** 2
         if self.rest is None:
@@ -60,7 +60,7 @@ class Sh:
         present = columns < self.offsets.diff()[:, None]
         source = (self.offsets[:-1, None] + columns)[present]
         padded = self.rest.new_zeros(len(self.coefficients) * (count - 1), 3)
-        # By whole rows: indexing by masks and by tensors has a backward pass that sorts.
+        # By whole rows: the backward pass of indexing by masks or tensors sorts.
         padded = padded.index_copy(
             0, present.flatten().nonzero()[:, 0], self.rest.index_select(0, source)
         )
@@ -68,10 +68,10 @@ class Sh:
         return torch.cat([self.coefficients, padded], dim=1)
 
     def of_degrees(self, degrees: Int[Tensor, " n"]) -> Sh:
-        """The ragged form, in which each splat has the coefficients of its own degree only.
+        """Convert to the ragged form: each splat has the coefficients of its own degree only.
 
         Args:
-            degrees: of each splat; at most the active one.
+            degrees: degree of each splat; at most the active one.
         """
         dense, lengths = self.dense(), (degrees + 1) ** 2 - 1
         present = torch.arange(dense.shape[1] - 1, device=lengths.device) < lengths[:, None]
@@ -92,24 +92,24 @@ class Sh:
 
 @dataclass(frozen=True)
 class Splats:
-    """``n`` activated Gaussians at one instant. Exactly one of the two forms of shape is given."""
+    """``n`` activated Gaussians at one instant, with exactly one of the two forms of shape."""
 
     means: Float[Tensor, "n 3"]
     """Centres, in scene units."""
     opacities: Float[Tensor, " n"]
-    """In [0, 1]; a temporal weight is already in them."""
+    """Opacities in [0, 1]; they include the temporal weight."""
     colors: Sh | Float[Tensor, "n d"]
-    """View-dependent colour, or d channels drawn as they are."""
+    """View-dependent colour, or d channels that are rendered without a change."""
     quats: Float[Tensor, "n 4"] | None = None
-    """Rotations, wxyz, of any norm: the rasterizer normalises, with gradient through that."""
+    """Rotations, wxyz, of any norm: the rasterizer normalises them, differentiably."""
     scales: Float[Tensor, "n 3"] | None = None
     """Standard deviations along the rotated axes, in scene units, >= 0."""
     covariances: Float[Tensor, "n 3 3"] | None = None
-    """The other form: symmetric and positive semi-definite, in scene units squared."""
+    """The other form of shape: symmetric and positive semi-definite, in scene units squared."""
     extra: Float[Tensor, "n e"] | None = None
-    """Further channels drawn in the same pass with background 0; ``None`` for none."""
+    """Further channels rendered in the same pass with background 0; ``None`` for none."""
     rows: Int[Tensor, " n"] | None = None
-    """The model row of each splat when only some are present; ``None`` when splat i is row i."""
+    """The model row of each splat if only some rows are present; ``None`` when splat i is row i."""
 
     def __len__(self) -> int:
         return self.means.shape[0]
@@ -120,7 +120,7 @@ class Splats:
         return 3 if isinstance(self.colors, Sh) else self.colors.shape[1]
 
     def tensors(self) -> dict[str, Tensor]:
-        """Every floating-point tensor that is present, by field name."""
+        """All floating-point tensors, by field name."""
         named: dict[str, Tensor | None] = {
             "means": self.means,
             "opacities": self.opacities,
@@ -133,7 +133,7 @@ class Splats:
         return {name: tensor for name, tensor in named.items() if tensor is not None}
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Splats:
-        """The same with ``function`` applied to every tensor of ``tensors``."""
+        """Apply ``function`` to every tensor of ``tensors``."""
 
         def apply(tensor: Tensor | None) -> Tensor | None:
             return None if tensor is None else function(tensor)
@@ -153,7 +153,7 @@ class Splats:
     def take(self, rows: Int[Tensor, " r"]) -> Splats:
         """Some of the splats, in the order of ``rows``; differentiable."""
 
-        # Indexing by a tensor has a backward pass that sorts.
+        # The backward pass of indexing by a tensor sorts.
         def taken(tensor: Tensor) -> Tensor:
             return tensor.index_select(0, rows)
 
@@ -164,7 +164,7 @@ class Splats:
         return replace(bare, colors=self.colors.take(rows), rows=drawn)
 
     def to(self, device: torch.device | str) -> Splats:
-        """The same on another device; splats of no device, which only have shapes, stay."""
+        """Move the splats to another device; splats on the meta device stay there."""
 
         def moved(tensor: Tensor | None) -> Tensor | None:
             return tensor if tensor is None or tensor.is_meta else tensor.to(device)

@@ -1,4 +1,4 @@
-"""SplatTable: the only place where rows are kept, appended or replaced."""
+"""SplatTable: the only code that keeps, appends or replaces rows."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from gsfw.core.operators import AdamMoments
 
 
 class SplatTable:
-    """A model's columns and their optimizer moments, edited together or not at all.
+    """A model's columns and their optimizer moments, edited together; failed edits change nothing.
 
-    Every edit is worked out in full before anything is changed, so that an error (out of memory,
-    wrong shapes) leaves model and optimizer as they were. Rows that are kept keep their moments;
-    new and replaced ones begin with moments of zero.
+    Every edit is computed in full before anything changes, so that an error (out of memory,
+    wrong shapes) leaves model and optimizer unchanged. Kept rows keep their moments;
+    the moments of new and replaced rows start at zero.
     """
 
     def __init__(self, model: PrimitiveModel, optimizer: Optimizer) -> None:
         self._model = model
         self._optimizer = optimizer
         self.row_edits = 0
-        """Times that rows were added, removed or replaced; statistics by row are stale then."""
+        """Number of edits that added, removed or replaced rows; each makes row statistics stale."""
 
     def __len__(self) -> int:
         return self._model.num_rows
 
     @property
     def device(self) -> torch.device:
-        """Where the rows live."""
+        """Device of the rows."""
         return next(iter(self._model.columns().values())).values.device
 
     def learning_rate(self, name: str, step: int) -> float:
-        """The rate of a column at ``step``, counted from 0."""
+        """Learning rate of a column at ``step``, counted from 0."""
         return self._optimizer.learning_rates(step)[name]
 
     def keep(self, rows: Bool[Tensor, " n"] | Int[Tensor, " r"]) -> None:
-        """Keep these rows (a mask, or indices in the order wanted) and drop all others."""
+        """Keep these rows (a mask, or indices in the new order) and drop all others."""
         self.edit(rows, None)
 
     def append(self, children: Children) -> None:
@@ -92,7 +92,7 @@ class SplatTable:
         self.row_edits += 1
 
     def joined(self, first: Children, second: Children) -> Children:
-        """New rows of ``first``, then those of ``second``."""
+        """Concatenate the new rows of ``first`` and of ``second``."""
         columns = self._model.columns()
         return {name: column.join(first[name], second[name]) for name, column in columns.items()}
 
@@ -103,7 +103,7 @@ class SplatTable:
 
     @torch.no_grad()
     def replace(self, rows: Int[Tensor, " r"], children: Children) -> None:
-        """Overwrite rows in place; their moments begin again at zero."""
+        """Overwrite rows in place; their moments restart at zero."""
         columns = self._model.columns()
         self._check(children, len(rows))
         for name, column in columns.items():
@@ -115,9 +115,9 @@ class SplatTable:
 
     @torch.no_grad()
     def resize(self, name: str, lengths: Int[Tensor, " n"]) -> None:
-        """Give the rows of a ragged column new numbers of values (SH bands that come or go).
+        """Change the number of values of the rows of a ragged column (added or removed SH bands).
 
-        Values and moments that stay are kept; new ones begin at zero.
+        Remaining values and moments are kept; new ones start at zero.
 
         Raises:
             ValueError: the column is not ragged, or ``lengths`` has another number of rows.
@@ -138,7 +138,7 @@ class SplatTable:
 
     @torch.no_grad()
     def reset_rows(self, rows: Int[Tensor, " r"]) -> None:
-        """Moments of zero for these rows, in every column."""
+        """Set the moments of these rows to zero, in every column."""
         for name, column in self._model.columns().items():
             if column.trained:
                 for state in self._optimizer.moments(name):
@@ -146,7 +146,7 @@ class SplatTable:
                         column.write(rows, Rows.zeros_like(column.take(rows, moment)), moment)
 
     def reset_columns(self, names: Iterable[str]) -> None:
-        """Moments of zero for whole columns; their step counts go on."""
+        """Set the moments of whole columns to zero; their step counts continue."""
         for name in names:
             for state in self._optimizer.moments(name):
                 state.first.zero_()

@@ -7,7 +7,7 @@ from gsfw.plugins.specs import Spec, hookimpl
 
 @hookimpl
 def gsfw_exporters() -> list[Spec]:
-    """The formats that can be written."""
+    """The built-in exporters."""
     return [
         Spec("ply", "3DGS PLY, as Kerbl et al. 2023 write it", "gsfw.formats.ply:PlyExporter"),
         Spec(
@@ -25,7 +25,7 @@ def gsfw_exporters() -> list[Spec]:
 
 @hookimpl
 def gsfw_importers() -> list[Spec]:
-    """The formats that can be read."""
+    """The built-in importers."""
     return [
         Spec("ply", "3DGS PLY, any SH degree", "gsfw.formats.ply:PlyImporter"),
     ]

@@ -1,8 +1,8 @@
-"""ArrayArchive: a JSON header and named arrays in one file, which numpy.load reads as it is.
+"""ArrayArchive: a JSON header and named arrays in one file that numpy.load reads directly.
 
 A ZIP archive whose entries are not compressed: ``header.json``, then one ``.npy`` file of version
-1.0 per array. Reading takes no more memory than the file has bytes, whatever the file says of
-itself, and runs nothing: pickled objects are refused.
+1.0 per array. Reading needs no more memory than the size of the file, whatever its header states,
+and runs no code: pickled objects are refused.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from gsfw.core.files.atomic import write_atomically
 HEADER = "header.json"
 SUFFIX = ".npy"
 DTYPES = ("<f2", "<f4", "<f8", "|i1", "<i2", "<i4", "<i8", "|u1", "|b1")
-"""Types of numbers that are written and read: little-endian, as numpy spells them."""
+"""Number types of the format: little-endian, in numpy's spelling."""
 NAME = re.compile(r"[\w\-]+([./][\w\-]+)*", re.ASCII)
-"""Names of arrays: words joined by dots and slashes, which lead nowhere outside of a folder."""
+"""Names of arrays: words joined by dots and slashes, which never lead outside of a folder."""
 NPY = re.compile(
     rb"\x93NUMPY\x01\x00(..)"
     rb"\{'descr': '([<|>][a-zA-Z]\d{0,2})', 'fortran_order': False, 'shape': \(([\d, ]*)\), \} *\n",
     re.DOTALL,
 )
-"""The beginning of an array as numpy.save writes it: the length of the header after ``PREFIX``
-bytes, type and shape. Parsing it as numpy does would mean to evaluate literals of Python."""
+"""The beginning of an array as in numpy.save: the length of the header after ``PREFIX`` bytes, type
+and shape. numpy's own parser would evaluate Python literals."""
 PREFIX = 10
 DATE = (1980, 1, 1, 0, 0, 0)
-"""Date of every entry, so that the same content makes the same bytes."""
+"""Date of every entry, so that equal content gives equal bytes."""
 ENCRYPTED = 0x1
 
 MALFORMED = (
@@ -58,20 +58,20 @@ COPY_AGAIN = "It may have been cut short or changed in copying; get it again."
 
 @dataclass(frozen=True)
 class ArrayArchive:
-    """Content of such a file."""
+    """Content of an archive."""
 
     header: Mapping[str, Any]
     """Plain data."""
     arrays: Mapping[str, np.ndarray]
-    """By name, in the order of the file; read-only."""
+    """Arrays by name, in the order of the file; read-only."""
 
 
 def write_archive(path: Path, content: ArrayArchive) -> None:
-    """Write the file, whole or not at all.
+    """Write the file atomically.
 
     Raises:
         OutputError: it cannot be written.
-        ValueError: an array has a type or a name that the format does not have.
+        ValueError: the format has no such type or name of an array.
     """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as file:
@@ -98,7 +98,7 @@ def read_archive(path: Path, header_only: bool = False) -> ArrayArchive:
     """Read the file; with ``header_only`` without its arrays.
 
     Raises:
-        DataError: it is missing, damaged, or no such archive; says where and why.
+        DataError: it is missing, damaged, or no such archive; names the cause and the place.
     """
     try:
         with zipfile.ZipFile(path) as file:
@@ -132,7 +132,7 @@ def _read(path: Path, file: zipfile.ZipFile, header_only: bool) -> ArrayArchive:
 
 
 def _check_entries(entries: list[zipfile.ZipInfo], size: int) -> None:
-    """Refuse entries that would become larger than the file they come from."""
+    """Refuse entries that would be larger than the file."""
     names = [entry.filename for entry in entries]
     if len(set(names)) < len(names):
         raise ValueError("two of its entries have the same name")
@@ -144,7 +144,7 @@ def _check_entries(entries: list[zipfile.ZipInfo], size: int) -> None:
 
 
 def _array(name: str, stored: bytes) -> np.ndarray:
-    """An array on the bytes of its ``.npy`` file; its shape is believed once they fit it."""
+    """An array on the bytes of its ``.npy`` file, after a check of its shape against them."""
     start = NPY.match(stored)
     if start is None or int.from_bytes(start[1], "little") != start.end() - PREFIX:
         raise ValueError(f"{name} does not begin as a .npy file of version 1.0 in C order does")

@@ -1,4 +1,4 @@
-"""Corrections: exposures and refined cameras that a run has learnt, as files."""
+"""Corrections: files with the learnt exposures and refined cameras of a run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MODELS = {CameraModel.PINHOLE: "PINHOLE", CameraModel.FISHEYE: "OPENCV_FISHEYE"}
 
 
 def write_corrections(parts: TrainingParts, folder: Path) -> list[Path]:
-    """Write the learnt exposures and cameras; the files, none where neither was trained.
+    """Write the learnt exposures and cameras; return the files, none if neither was trained.
 
     Raises:
         OutputError: one cannot be written.
@@ -38,9 +38,9 @@ def write_corrections(parts: TrainingParts, folder: Path) -> list[Path]:
 
 
 def refined_transforms(data: DataManager) -> dict[str, Any]:
-    """All cameras as a transforms.json has them, in the world of the data.
+    """All cameras as the content of a transforms.json, in the world of the data.
 
-    They are those of the images as they are trained on: undistorted, shrunk.
+    They are those of the training images: undistorted, shrunk.
     """
     views = {split: data.views(split) for split in Split}
     return {

@@ -23,7 +23,7 @@ def describe_splats(path: Path, form: str, content: SplatFile) -> dict[str, Any]
     Args:
         path: the file.
         form: its format, as the name of an importer.
-        content: the file as it was read; at least one splat.
+        content: content of the file; at least one splat.
     """
     splats, size = content.splats, path.stat().st_size
     low, high = splats.means.amin(dim=0), splats.means.amax(dim=0)
@@ -42,7 +42,7 @@ def describe_splats(path: Path, form: str, content: SplatFile) -> dict[str, Any]
         "extent": {"min": low.tolist(), "max": high.tolist(), "size": (high - low).tolist()},
         "opacity": _spread(splats.opacities),
         "scale": _spread(scales.flatten()),
-        # Scales of 0 are allowed; JSON knows no infinity.
+        # Scales of 0 are allowed; JSON has no infinity.
         "longest_to_shortest_axis": _spread(
             scales.amax(dim=1) / scales.amin(dim=1).clamp_min(1e-30)
         ),

@@ -1,4 +1,4 @@
-"""HeaderFields: plain data that somebody else wrote, read with a check of every value."""
+"""HeaderFields: untrusted plain data, with a check of every value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from gsfw.core.errors import DataError
 
 LARGEST_COUNT = 2**53
-"""Whole numbers above this are no longer whole in every reader of JSON."""
+"""Largest whole number that every reader of JSON keeps whole."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class HeaderFields:
     path: Path
     """Path of the file, for messages."""
     where: str
-    """Which object: "scene", "cameras[3]"; empty for the header itself."""
+    """Path of the object: "scene", "cameras[3]"; empty for the header itself."""
     values: Mapping[str, Any]
 
     def _find(self, name: str) -> Any:  # noqa: ANN401 - plain data of any kind
@@ -74,7 +74,7 @@ class HeaderFields:
     def numbers(self, name: str, *shape: int) -> np.ndarray:
         """Finite numbers of this shape in nested lists, float64; -1 for any length.
 
-        The result is one number per element: never a broadcast, never text that looks like one.
+        The result is one number per element: never a broadcast, never parsed text.
         """
         sides = " x ".join("any" if length < 0 else str(length) for length in shape)
         expected = f"{sides} finite numbers" if shape else "one finite number"
@@ -87,7 +87,7 @@ class HeaderFields:
         return array
 
     def is_null(self, name: str) -> bool:
-        """True if there is nothing under this name."""
+        """True if there is no value under this name."""
         return self._find(name) is None
 
     def fields(self, name: str) -> HeaderFields:

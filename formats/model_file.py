@@ -1,7 +1,7 @@
-"""The model file of gsfw: a whole model, static or moving, that is rendered without its data set.
+"""The model file of gsfw: a whole model, static or moving, that renders without its data set.
 
-An archive of arrays with a header; docs/model-file.md describes both. Reading one runs none of its
-content: it is numbers and names, and the method that is named has to be installed.
+An archive of arrays with a header; docs/model-file.md describes both. Reading one runs no code of
+the file: it holds numbers and names, and its method has to be installed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class ModelFileExporter(Exporter):
     holds = Holds.MODEL
 
     def write(self, path: Path, source: ExportSource) -> None:
-        """Write the file, whole or not at all.
+        """Write the file atomically.
 
         Raises:
             OutputError: it cannot be written.
@@ -46,7 +46,7 @@ class ModelFileExporter(Exporter):
 
 
 def read_model_file(path: Path) -> StoredModel:
-    """A model as a file holds it.
+    """Read the model of a file.
 
     Raises:
         DataError: the file is missing, damaged, of a newer gsfw, or no model file.
@@ -73,7 +73,7 @@ def _tensor(path: Path, name: str, array: np.ndarray) -> Tensor:
 
 
 def read_model_header(path: Path) -> tuple[StoredModel, Mapping[str, Any]]:
-    """A model without its state, and the header as it is written, whatever the number of rows.
+    """Read a model without its state, and the plain header; the cost is independent of the rows.
 
     Raises:
         DataError: as ``read_model_file``.

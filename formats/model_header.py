@@ -1,4 +1,4 @@
-"""ModelHeader: what a model file says of itself, as plain data; docs/model-file.md describes it."""
+"""ModelHeader: the header of a model file, as plain data; docs/model-file.md describes it."""
 
 from __future__ import annotations
 
@@ -104,10 +104,10 @@ def _camera_document(split: Split, name: str, camera: Cameras) -> dict[str, Any]
 def read_header(
     path: Path, document: Mapping[str, Any], state: Mapping[str, torch.Tensor]
 ) -> StoredModel:
-    """The model that a header and the tensors beside it make.
+    """Build the model of a header and its tensors.
 
     Raises:
-        DataError: this is no header of a model file, or one of a newer gsfw; says where and why.
+        DataError: this is no header of a model file, or one of a newer gsfw; names the place.
     """
     fields = HeaderFields(path, "", document)
     _check_version(fields)
@@ -145,7 +145,7 @@ def _check_version(fields: HeaderFields) -> None:
 
 
 def _settings(fields: HeaderFields) -> dict[str, Any]:
-    """The settings: each is text, a number, true, false, nothing, or a list of these."""
+    """Read the settings: each is text, a number, true, false, nothing, or a list of these."""
     simple = str | int | float | bool | None
     for name, value in fields.values.items():
         if not all(

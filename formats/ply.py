@@ -1,10 +1,10 @@
-"""The PLY layout of 3DGS: what Kerbl et al. 2023 write and every splat tool reads.
+"""The PLY layout of 3DGS: the format of Kerbl et al. 2023 and of every splat tool.
 
 Opacities are stored as logits, scales as natural logarithms, rotations as unit wxyz, SH
 coefficients channel by channel (all of red, then green, then blue). Tags are comments: Brush's and
 splat-transform's ``SplatRenderMode``, Postshot's ``antialiased``, nerfstudio's ``Vertical axis``.
 
-plyfile is GPL-3.0-or-later, gsfw is Apache-2.0: the README says where it is used.
+plyfile is GPL-3.0-or-later, gsfw is Apache-2.0: the README lists its uses.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from gsfw.core.splats import Sh, Splats
 
 MIN_LOGIT, MAX_LOGIT = -110.0, 20.0
 """Logits of opacities 0 and 1. Both are read back as 0 and 1 in float32, and every logit between
-them survives sigmoid and logit in float64 to the last float32 bit, which larger ones do not."""
+them survives sigmoid and logit in float64 to the last float32 bit; larger ones do not."""
 MIN_LOG_SCALE = -110.0
 """Logarithm of a scale of 0; exp of it is 0 in float32."""
 UNIT = 1e-6
-"""Quaternions as near to unit length as this are stored and read as they are: rounding to float32
-moves them by less, and normalising again would change their last bits."""
+"""Quaternions as near to unit length as this are stored and read unchanged: rounding to float32
+changes them by less, and another normalisation would change their last bits."""
 MAX_HEADER = 1 << 16
-"""Bytes in which a header must end; the longest layout known takes 3,000."""
+"""Longest header in bytes; the longest known layout has 3,000."""
 REST_COUNTS = (0, 9, 24, 45, 72)
 """Numbers of ``f_rest`` properties at SH degree 0 to 4."""
 MEANS, DC = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
@@ -53,7 +53,7 @@ class PlyExporter(Exporter):
     suffix = ".ply"
 
     def write(self, path: Path, source: ExportSource) -> None:
-        """Write the file, whole or not at all; bands above the active SH degree are left out.
+        """Write the file atomically; bands above the active SH degree are omitted.
 
         Raises:
             OutputError: it cannot be written.
@@ -93,7 +93,7 @@ def _table(splats: Splats) -> tuple[list[str], Float[np.ndarray, "n properties"]
 
 
 def _check_storable(field: str, stored: Float[Tensor, "n p"], given: Float[Tensor, "n q"]) -> None:
-    """Refuse NaN, infinities, what float32 cannot hold, and opacities or scales out of range."""
+    """Refuse NaN, infinities, overflows of float32, and opacities or scales out of range."""
     bad = (~stored.isfinite().all(dim=1)).nonzero()[:, 0]
     if len(bad):
         row = int(bad[0])
@@ -104,7 +104,7 @@ def _check_storable(field: str, stored: Float[Tensor, "n p"], given: Float[Tenso
 
 
 def _unit(quats: Float64[Tensor, "n 4"]) -> Float64[Tensor, "n 4"]:
-    """Quaternions of unit length; those of length 0 mean no rotation."""
+    """Quaternions of unit length; those of length 0 become the identity."""
     lengths = quats.norm(dim=1, keepdim=True)
     unit = torch.where((lengths - 1).abs() < UNIT, quats, quats / lengths)
     identity = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64, device=quats.device)
@@ -123,11 +123,11 @@ def _comments(content: SplatFile) -> list[str]:
 
 
 class PlyImporter(Importer):
-    """Reads by name, so that the order of properties and further ones do not matter."""
+    """Reads properties by name, in any order; ignores further ones."""
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Every PLY, so that one without splats is refused with its own reason."""
+        """True for every PLY, so that one without splats is refused with its own reason."""
         try:
             with path.open("rb") as file:
                 return file.read(4) in (b"ply\n", b"ply\r")
@@ -138,7 +138,7 @@ class PlyImporter(Importer):
         """Read the file.
 
         Raises:
-            DataError: it is damaged, no PLY, or holds something else than 3D Gaussians.
+            DataError: it is damaged, no PLY, or holds other content than 3D Gaussians.
         """
         header = _read_header(path)
         degree = _check_layout(path, header)
@@ -187,7 +187,7 @@ class _Header:
 
 
 def _read_header(path: Path) -> _Header:
-    """The header alone: nothing is allocated for rows that it only announces."""
+    """Read the header alone: allocates nothing for its announced rows."""
     try:
         with path.open("rb") as file:
             start = file.read(MAX_HEADER)
@@ -242,7 +242,7 @@ def _least_bytes(element: PlyElement, text: bool) -> int:
 
 
 def _check_layout(path: Path, header: _Header) -> int:
-    """Refuse what is not a set of 3D Gaussians; the SH degree of what is."""
+    """Refuse content that is no set of 3D Gaussians; return the SH degree."""
     names = header.properties.get("vertex", ())
     if "packed_position" in names:
         raise DataError(
@@ -282,7 +282,7 @@ def _check_layout(path: Path, header: _Header) -> int:
 
 
 def _check_size(path: Path, header: _Header) -> None:
-    """Refuse a file that is shorter than its header says, before anything is allocated."""
+    """Refuse a file that is shorter than its header states, before any allocation."""
     announced = sum(header.counts[name] * header.row_bytes[name] for name in header.counts)
     if announced > header.data_bytes:
         raise DataError(
@@ -300,16 +300,16 @@ class _Columns:
     data: np.ndarray
 
     def read(self, names: Sequence[str]) -> Float64[Tensor, "n p"]:
-        """Some properties side by side, in float64."""
+        """Stack some properties, in float64."""
         columns = [np.asarray(self.data[name], dtype=np.float64) for name in names]
         stacked = np.stack(columns, axis=1) if columns else np.zeros((len(self.data), 0))
         return torch.from_numpy(stacked)
 
     def finite(self, names: Sequence[str], values: Float64[Tensor, "*b"]) -> Float64[Tensor, "*b"]:
-        """The values of some properties, once they are known to be finite.
+        """Read the values of some properties, and check that they are finite.
 
         Raises:
-            DataError: one is not.
+            DataError: one is not finite.
         """
         bad = (~values.flatten(1).isfinite().all(dim=1)).nonzero()[:, 0]
         if len(bad):

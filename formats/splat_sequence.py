@@ -18,8 +18,8 @@ DIGITS = 4
 class SplatSequence:
     """Splat files of one model at several times, in one folder.
 
-    ``times.json`` is removed first and written last: where it is present, all files that it lists
-    are whole and belong together.
+    ``times.json`` is removed first and written last: if it is present, all files that it lists
+    are complete and belong together.
     """
 
     def __init__(
@@ -29,13 +29,13 @@ class SplatSequence:
         time_range: tuple[float, float] | None,
         folder: Path,
     ) -> None:
-        """Nothing is written yet.
+        """Store the arguments; writes nothing.
 
         Args:
             exporter: writes each file.
             times: in [0, 1], in the order of the files.
             time_range: first and last time in the data's own unit; ``None`` for a static capture.
-            folder: made if it is missing.
+            folder: created if it is missing.
         """
         self._exporter, self._times, self._time_range = exporter, times, time_range
         self._folder = folder
@@ -51,7 +51,7 @@ class SplatSequence:
         """Write the files, and yield the path of each.
 
         Args:
-            splats_at: gives the splats at a time.
+            splats_at: returns the splats at a time.
             about: further entries of the list, such as the method and the step.
 
         Raises:
@@ -88,7 +88,7 @@ class SplatSequence:
         return first + time * (last - first)
 
     def _listed(self) -> set[str]:
-        """Names of the files of an earlier sequence in this folder, as its list has them."""
+        """Names of the files of an earlier sequence in this folder, from its list."""
         try:
             entries = json.loads(self.index.read_text())["files"]
             names = {str(entry["file"]) for entry in entries}

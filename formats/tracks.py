@@ -31,7 +31,7 @@ class TracksExporter(Exporter):
     holds = Holds.TRACKS
 
     def write(self, path: Path, source: ExportSource) -> None:
-        """Write the file, whole or not at all.
+        """Write the file atomically.
 
         Raises:
             OutputError: it cannot be written.

@@ -1,4 +1,4 @@
-"""Automatic choices: the data format that is recognised, the device and rasterizer that fit."""
+"""Automatic choices: the recognised data format, and the device and rasterizer that fit."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ BUILT_IN_SCENE = "synthetic"
 """The data manager that needs no file."""
 
 MAX_NAMES_SHOWN = 12
-"""A folder that is not recognised is described by this many of its names."""
+"""Number of file names that describe a folder of unknown format."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A name that was chosen automatically."""
+    """An automatically chosen name."""
 
     name: str
     reason: str
 
     @property
     def source(self) -> str:
-        """For ``Settings.sources``."""
+        """The text for ``Settings.sources``."""
         return f"chosen automatically: {self.reason}"
 
 
 def choose_datamanager(data: str, registry: Registry) -> Choice:
-    """The data manager whose format ``data`` is in.
+    """Choose the data manager that recognises ``data``.
 
     Raises:
-        DataError: it is missing, empty, or of no known format; says what was looked for.
+        DataError: it is missing, empty, or of no known format; names the expected files.
     """
     if not data:
         return Choice(BUILT_IN_SCENE, "data is empty")
@@ -57,7 +57,7 @@ def choose_datamanager(data: str, registry: Registry) -> Choice:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Turn the system's refusal to look into a folder into one clear message."""
+    """Turn a permission error of a folder into one clear message."""
     try:
         yield
     except OSError as error:
@@ -97,10 +97,10 @@ def _unrecognised(path: Path, detections: dict[str, Detection]) -> tuple[str, st
 def choose_device(
     device: str, rasterizer: str, registry: Registry, needs: dict[str, Any]
 ) -> tuple[Choice | None, Choice | None]:
-    """The device and the rasterizer of a run; ``None`` for each that is not ``auto``.
+    """Choose the device and the rasterizer of a run; ``None`` for each that is not ``auto``.
 
-    Where nothing fits, the rasterizer that lacks least is taken: checking it afterwards tells what
-    is missing.
+    If none fits, the rasterizer with the fewest unmet needs is chosen: a later check names
+    them.
 
     Raises:
         ConfigError: no rasterizer is installed.
@@ -138,11 +138,11 @@ def choose_device(
 
 
 def _gpu_or_cpu(on_gpu: list[str], on_cpu: list[str], able: dict[str, Any]) -> Choice:
-    """Where the preferred of the rasterizers that fit runs; on a GPU rather than on the CPU."""
+    """Choose the device of the preferred fitting rasterizer; a GPU rather than the CPU."""
     if not on_gpu:
         return Choice("cpu", "there is a GPU, but no installed rasterizer fits there")
     if on_cpu and able[on_cpu[0]].preference > able[on_gpu[0]].preference:
-        # Where the fast backend of the GPU cannot run, the reference would, and take its time.
+        # Where the fast backend of the GPU cannot run, the reference could, but slowly.
         return Choice(
             "cpu",
             f"there is a GPU, but rasterizer {on_cpu[0]} is preferred to {on_gpu[0]}, "
@@ -152,7 +152,7 @@ def _gpu_or_cpu(on_gpu: list[str], on_cpu: list[str], able: dict[str, Any]) -> C
 
 
 def choose_profile(rasterizer: str, registry: Registry) -> Choice:
-    """The numerics profile of a run that is drawn by ``rasterizer``."""
+    """Choose the numerics profile of a run that ``rasterizer`` renders."""
     from gsfw.core.numerics import DEFAULT
 
     own = rasterizer_capabilities(registry)[rasterizer].profile
@@ -162,7 +162,7 @@ def choose_profile(rasterizer: str, registry: Registry) -> Choice:
 
 
 def rasterizer_capabilities(registry: Registry) -> dict[str, Any]:
-    """What every installed rasterizer can do here, with its default settings, by name."""
+    """Abilities of every installed rasterizer on this machine, with default settings, by name."""
     from gsfw.core.capabilities import Capabilities
 
     able: dict[str, Capabilities] = {}

@@ -1,4 +1,4 @@
-"""What core itself brings to the registry, through the same hooks as everybody else."""
+"""The registrations of core itself, through the same hooks as those of other plugins."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def gsfw_operators() -> list[Spec]:
 
 @hookimpl
 def gsfw_metrics() -> list[Spec]:
-    """The figures every evaluation has."""
+    """The metrics of every evaluation."""
     return [
         Spec("psnr", "peak signal-to-noise ratio, dB", "gsfw.core.metrics:Psnr"),
         Spec("ssim", "structural similarity, 11x11 Gaussian window", "gsfw.core.metrics:Ssim"),

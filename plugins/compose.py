@@ -1,4 +1,4 @@
-"""Compose: checks that the chosen parts fit together, then builds a run of them."""
+"""Compose: checks that the chosen parts fit together, then builds a run from them."""
 
 from __future__ import annotations
 
@@ -59,21 +59,21 @@ INIT_WORDS = (AUTO, "points", "random")
 
 @dataclass(frozen=True)
 class Composition:
-    """A run that is built, and has not started."""
+    """A run that is built, but not started."""
 
     settings: Settings
     parts: TrainingParts
     plan: TrainingPlan
     missed: tuple[str, ...] = ()
-    """Rasterizers that would be preferred, and why they cannot run; why a GPU is not used."""
+    """Preferred rasterizers that cannot run, and the causes; the cause of an unused GPU."""
 
     @property
     def scene(self) -> Scene:
-        """What is known of the capture."""
+        """The facts about the capture."""
         return self.parts.data.scene
 
     def protocol(self, split: Split = Split.EVAL) -> dict[str, Any]:
-        """How the figures of this run are measured."""
+        """Measurement protocol of the figures of this run."""
         config = self.settings.config
         views = self.parts.data.views(split)
         sizes = sorted({(camera.width, camera.height) for camera in views.cameras})
@@ -97,7 +97,7 @@ class Composition:
 
     @cached_property
     def resolution(self) -> ResolutionSchedule:
-        """How large training pictures are; looks at some, so only training asks for it."""
+        """Schedule of training image sizes; decodes some images, so only training reads it."""
         config, background = self.settings.config, self.plan.settings.background
         if config.resolution_schedule != AUTO:
             return FULL_SIZE
@@ -105,7 +105,7 @@ class Composition:
         return measured(self.parts.data, background, config.resolution_steps)
 
     def notes(self) -> tuple[str, ...]:
-        """What the user should know before it starts."""
+        """Notes for the user before training starts."""
         config = self.settings.config
         notes = (
             *self.settings.notes,
@@ -122,7 +122,7 @@ class Composition:
     def trainer(
         self, folder: RunFolder, callbacks: Sequence[Callback] = (), first_step: int = 0
     ) -> Trainer:
-        """The loop over these parts, before its first step."""
+        """Build the training loop of these parts, before its first step."""
         info = RunInfo(
             folder=folder.path,
             method=self.settings.method.name,
@@ -141,7 +141,7 @@ def check(settings: Settings, registry: Registry) -> None:
     """Check, before any data is read, that the chosen parts fit together on this machine.
 
     Raises:
-        ConfigError: naming who needs what, and which installed rasterizers fit.
+        ConfigError: a need is not met; names its component, and the installed rasterizers that fit.
     """
     config = settings.config
     config.check()
@@ -164,10 +164,10 @@ def check(settings: Settings, registry: Registry) -> None:
 
 
 def settings_device(settings: Settings) -> torch.device:
-    """The device a run was set to.
+    """The device of the run's settings.
 
     Raises:
-        ConfigError: there is no such device here.
+        ConfigError: there is no such device on this machine.
     """
     return find_device(settings.config.device)
 
@@ -180,7 +180,7 @@ def _check_rasterizer(
 
 
 def _missed(settings: Settings, registry: Registry, device: torch.device) -> tuple[str, ...]:
-    """Say of each rasterizer that would be preferred on this device why it cannot run here."""
+    """Explain for each preferred rasterizer on this device why it cannot run."""
     able = rasterizer_capabilities(registry)
     chosen = settings.choices["rasterizer"].name
     missed = tuple(
@@ -199,7 +199,7 @@ def open_data(settings: Settings) -> DataManager:
     """Read the data set's cameras and points.
 
     Raises:
-        DataError: it cannot be used; says where and why.
+        DataError: the data cannot be used; names the cause and the place.
     """
     config = settings.config
     assert isinstance(config.datamanager, DataManagerConfig)
@@ -224,10 +224,10 @@ def compose(
     """Check and build a run.
 
     Args:
-        settings: of the run.
-        registry: what is installed.
-        restoring: whether a checkpoint follows, so that a splat file to start from is not needed.
-        data: what stands in for the data set of the settings; ``None`` opens that.
+        settings: settings of the run.
+        registry: the installed parts.
+        restoring: true if a checkpoint follows, so that an initial splat file is not needed.
+        data: replaces the data set of the settings; ``None`` opens that one.
 
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
@@ -282,7 +282,7 @@ def _parts(
     corrections: CaptureCorrections,
     device: torch.device,
 ) -> TrainingParts:
-    """Build everything that a loop is made of."""
+    """Build the parts of a training loop."""
     scene = data.scene
     operators = choose_operators(registry, device)
     initial = read_initial(config.init, registry, scene)
@@ -313,7 +313,7 @@ def _parts(
 def make_refiners(
     config: MethodConfig, method: Method, scene: Scene, model: PrimitiveModel
 ) -> Refiners:
-    """Everything that edits rows, in order: the budget, the strategy, the method.
+    """Build all refiners, in order: the budget, the strategy, the method.
 
     Raises:
         ConfigError: the model cannot be densified, or settings are out of range.
@@ -330,7 +330,7 @@ def make_refiners(
 
 
 def make_corrections(config: MethodConfig, data: DataManager) -> CaptureCorrections:
-    """What is to be learnt of the capture itself, before the first step."""
+    """Build the trained corrections of the capture, before the first step."""
     names, optim = data.views(Split.TRAIN).names, config.optim
     return CaptureCorrections(
         Exposures(names, optim.exposure_rate()) if config.exposure else None,
@@ -339,7 +339,7 @@ def make_corrections(config: MethodConfig, data: DataManager) -> CaptureCorrecti
 
 
 def training_plan(settings: Settings, scene: Scene, device: torch.device) -> TrainingPlan:
-    """How long, and what happens when."""
+    """Length and schedule of a run."""
     config = settings.config
     background = parse_background(config.background, scene.has_alpha)
     return TrainingPlan(
@@ -359,7 +359,7 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
 
 
 def choose_operators(registry: Registry, device: torch.device) -> Operators:
-    """The set of operators that serves ``device`` most willingly."""
+    """Choose the set of operators with the highest preference on ``device``."""
     willing = ask_all("operators", registry, lambda kind: (kind.preference(device), kind))
     able = {name: found for name, found in willing.items() if found[0] is not None}
     kind: type[Operators] = able[max(able, key=lambda name: (able[name][0], name))][1]

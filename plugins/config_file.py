@@ -16,13 +16,13 @@ from gsfw.plugins.settings import Layer, Settings
 from gsfw.plugins.specs import PROJECT
 
 SCHEMA = 1
-"""Number of the layout; raised when an older gsfw could not read a newer file."""
+"""Version of the layout; raised when an older gsfw could not read a newer file."""
 
 HEADER = ("schema", "gsfw", "torch", "python", "plugins", "command line")
-"""Keys that say where a file comes from; they are no settings."""
+"""Keys of the origin of a file; they are no settings."""
 
 GIVEN = "given"
-"""Key that lists the settings of a run that someone chose."""
+"""Key of the list of settings that the user chose."""
 
 NOTE = """\
 # Made by gsfw. Use it again with config=FILE: that takes the keys under "given", and the rest
@@ -34,15 +34,15 @@ PLACES = ("data", "init")
 
 
 def write_config(settings: Settings, arguments: Sequence[str]) -> str:
-    """The text of a run's config.yaml, from which ``config=FILE`` makes the same run again.
+    """Write a run's config.yaml, from which ``config=FILE`` makes the same run again.
 
-    All values are written, so that the run can be restored; ``given`` names those that someone
+    All values are written, so that the run can be restored; ``given`` names those that the user
     chose, so that one more change has the same effect as on the command line of the first run.
-    The folder of the run is left out: the next run has its own.
+    The folder of the run is omitted: the next run has its own.
 
     Args:
-        settings: of the run.
-        arguments: what was typed, for people.
+        settings: settings of the run.
+        arguments: the command line, for people.
     """
     values = settings.flat()
     del values["out"]
@@ -76,12 +76,12 @@ def write_config(settings: Settings, arguments: Sequence[str]) -> str:
 
 
 def read_config(path: Path, everything: bool = False) -> Layer:
-    """The settings of a config file.
+    """Read the settings of a config file.
 
     Args:
-        path: of the file.
-        everything: whether a run's own file is read as the exact values of that run; otherwise
-            as what was given, from which the rest follows anew. Any other file is read in full.
+        path: path of the file.
+        everything: true to read a run's own file as the exact values of that run; false to read its
+            given values, from which the rest is resolved again. Any other file is read in full.
 
     Raises:
         ConfigError: it is missing, is no YAML mapping, or was written by a newer gsfw; or
@@ -143,7 +143,7 @@ def _check_schema(where: str, document: Mapping[Any, Any]) -> None:
 
 
 def _flattened(values: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Nested mappings as dotted keys."""
+    """Flatten nested mappings to dotted keys."""
     found: list[tuple[str, Any]] = []
     for key, value in values.items():
         name = f"{prefix}{key}"

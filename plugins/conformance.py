@@ -1,7 +1,7 @@
-"""Conformance: whether what a third party wrote keeps the contract of its slot.
+"""Conformance: checks that third-party code meets the contract of its slot.
 
-Checked when a part is loaded (``problem_of``) and when it is built (``check_built``), so that a
-plugin that was written for another version of gsfw is named before training starts.
+A part is checked when it is loaded (``problem_of``) and when it is built (``check_built``), so
+that a plugin for another version of gsfw is named before training starts.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ CONTRACTS = {
     "metric": ("gsfw.core.metrics:Metric",),
     "callback": ("gsfw.core.config:CallbackConfig", "gsfw.core.callback:Callback"),
 }
-"""The classes, one of which a slot's target derives from."""
+"""Base classes of each slot; a target derives from one of them."""
 
 CORE = "gsfw.core."
-"""Modules whose classes are contracts begin with this."""
+"""Prefix of the modules with contracts."""
 
 
 def problem_of(slot: str, target: object) -> str:
-    """Why a target does not fit its slot, as a phrase; empty where it does."""
+    """The misfit of a target and its slot, as a phrase; empty if it fits."""
     if slot == "command":
         return "" if _accepts(target, [[]]) else "its target is no function (arguments) -> int"
     contracts = [_class_at(place) for place in CONTRACTS[slot]]
@@ -47,10 +47,10 @@ def problem_of(slot: str, target: object) -> str:
 
 
 def signature_problem(kind: type) -> str:
-    """What of a class breaks the contracts that it derives from, as a phrase; empty for nothing.
+    """The violation of an inherited contract by a class, as a phrase; empty if there is none.
 
-    A contract is any of its base classes in ``gsfw.core``: all abstract methods are there, and
-    every method takes the arguments that gsfw calls it with.
+    A contract is any of its base classes in ``gsfw.core``: all abstract methods are implemented,
+    and every method accepts the arguments of gsfw's calls.
     """
     missing = sorted(getattr(kind, "__abstractmethods__", ()))
     if missing:
@@ -71,7 +71,7 @@ def signature_problem(kind: type) -> str:
 
 
 def _contract_methods(kind: type) -> Iterator[tuple[type, str, Callable[..., Any]]]:
-    """Public methods that the bases of a class in ``gsfw.core`` declare."""
+    """Public methods that a class inherits from its bases in ``gsfw.core``."""
     for base in kind.__mro__[1:]:
         if base.__module__.startswith(CORE):
             for name, item in vars(base).items():
@@ -81,10 +81,10 @@ def _contract_methods(kind: type) -> Iterator[tuple[type, str, Callable[..., Any
 
 
 def _accepts(function: object, asked: list[Any], named: bool = False) -> bool:
-    """Whether a function can be called with arguments, or with those of these parameters."""
+    """True if a function accepts the arguments, or the arguments of these parameters."""
     try:
         signature = inspect.signature(function)  # type: ignore[arg-type]
-    except (TypeError, ValueError):  # No function, or one that does not tell.
+    except (TypeError, ValueError):  # No function, or one without a signature.
         return callable(function)
     by_name = [item for item in asked if named and item.kind is item.KEYWORD_ONLY]
     in_order = [item for item in asked if item not in by_name]
@@ -105,7 +105,7 @@ def _signature(function: object) -> str:
 
 
 def _config_problem(kind: type) -> str:
-    """What is wrong with a configuration: a setting that is none, has no default, or no text."""
+    """The fault of a configuration: an unusable setting, or one without default or text."""
     known = {item.name for item in fields(kind)}
     for base in kind.__mro__:
         for name, annotation in inspect.get_annotations(base).items():

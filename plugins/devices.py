@@ -1,4 +1,4 @@
-"""Devices: what ``device`` names here, and why a GPU is not used where there is one."""
+"""Devices: the device of a ``device`` setting, and the cause of an unused GPU."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ WITHOUT_GPU = "Use device=cpu, or see gsfw doctor."
 
 
 def find_device(name: str) -> torch.device:
-    """The device that a ``device`` setting names; a GPU with its number.
+    """Find the device of a ``device`` setting; a GPU with its number.
 
     Raises:
-        ConfigError: there is no such device here.
+        ConfigError: there is no such device on this machine.
     """
     try:
         device = torch.device(name)
@@ -46,10 +46,10 @@ def _why_no_gpu() -> str:
 
 
 def unused_gpu(able: Mapping[str, Capabilities]) -> tuple[str, ...]:
-    """Why no GPU was chosen, in one sentence; nothing where torch sees none.
+    """The cause why no GPU was chosen, in one sentence; empty if torch finds none.
 
     Args:
-        able: what every installed rasterizer can do.
+        able: capabilities of every installed rasterizer.
     """
     if not torch.cuda.is_available():
         return ()

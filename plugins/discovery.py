@@ -1,4 +1,4 @@
-"""Discovery: the built-in plugins, then every installed one; a broken one harms no other."""
+"""Discovery: loads the built-in and the installed plugins; a broken one has no effect on others."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _UNKNOWN_FIELD = re.compile(r"Spec\.__init__\(\) got an unexpected keyword argum
 
 @dataclass(frozen=True)
 class PluginSource:
-    """A plugin: where registrations come from."""
+    """A plugin: the origin of registrations."""
 
     name: str
-    """Of its entry point."""
+    """Name of its entry point."""
     distribution: str
     version: str
     package: str = ""
-    """Top-level module of the entry point; empty where there is none."""
+    """Top-level module of the entry point; empty without one."""
 
     def __str__(self) -> str:
         return f"{self.distribution} {self.version}".strip()
@@ -50,7 +50,7 @@ class PluginSource:
 
 @dataclass(frozen=True)
 class BrokenPlugin:
-    """A plugin of a third party that is left out, as a whole or in part."""
+    """A plugin of a third party that is skipped, completely or in part."""
 
     name: str
     distribution: str
@@ -60,7 +60,7 @@ class BrokenPlugin:
     advice: str
     """The remedy, a sentence."""
     kind: str = "plugin"
-    """plugin, or the slot of the part."""
+    """"plugin", or the slot of the part."""
 
     def __str__(self) -> str:
         package = f"{self.distribution} {self.version}".strip()
@@ -68,7 +68,7 @@ class BrokenPlugin:
 
 
 def other_version(distribution: str) -> str:
-    """The remedy where a package and gsfw do not fit together."""
+    """The remedy for a package and a gsfw that do not fit together."""
     return (
         f"This is {PROJECT} {metadata.version(PROJECT)}: install the version of {distribution} "
         f"that was made for it, or uninstall {distribution}."
@@ -76,7 +76,7 @@ def other_version(distribution: str) -> str:
 
 
 class Discovery:
-    """What is installed: for each hook, the specs that plugins registered."""
+    """Installed parts: for each hook, the specs that plugins registered."""
 
     def __init__(self) -> None:
         self.broken: list[BrokenPlugin] = []
@@ -114,7 +114,7 @@ class Discovery:
                 self._skip(source, f"{type(error).__name__}: {error}", advice)
 
     def add(self, plugin: ModuleType | object, source: PluginSource) -> None:
-        """Register one plugin; hooks that do not exist are ignored, and named in ``broken``."""
+        """Register one plugin; unknown hooks are ignored, and named in ``broken``."""
         self._manager.register(plugin, _key(source))
         self._sources[_key(source)] = source
         for name in dir(plugin):
@@ -125,15 +125,15 @@ class Discovery:
                 self._skip(source, f"its hook {name!r} does not exist{hint}, the others are used")
 
     def skip(self, broken: BrokenPlugin) -> None:
-        """Remember, once, that a plugin or a part of one is left out."""
+        """Record, once, that a plugin or a part of one is skipped."""
         if broken not in self.broken:
             self.broken.append(broken)
 
     def _skip(self, source: PluginSource, reason: str, advice: str = "") -> None:
-        """Leave a plugin of a third party out.
+        """Skip a plugin of a third party.
 
         Raises:
-            TypeError: it is gsfw's own; that is a bug.
+            TypeError: the plugin is gsfw's own; that is a bug.
         """
         if source.distribution == PROJECT:
             raise TypeError(f"{source.name}: {reason}")
@@ -142,16 +142,16 @@ class Discovery:
         self.skip(BrokenPlugin(source.name, name, version, reason, advice))
 
     def remove(self, name: str) -> None:
-        """Forget the plugins of this name, if there are any."""
+        """Remove all plugins of this name."""
         for key, source in list(self._sources.items()):
             if source.name == name:
                 del self._sources[key]
                 self._manager.unregister(name=key)
 
     def specs(self, hook: str) -> Iterator[Spec]:
-        """Everything registered through ``hook``, built-in plugins first, then by distribution.
+        """All specs of ``hook``, built-in plugins first, then by distribution.
 
-        A plugin that fails to answer is skipped.
+        A plugin that raises is skipped.
         """
         implementations = {
             implementation.plugin_name: implementation
@@ -179,7 +179,7 @@ class Discovery:
         return sorted({str(source) for source in sources if source.distribution != PROJECT})
 
     def owner(self, module: str) -> PluginSource | None:
-        """The third-party plugin whose code a module is; ``None`` for any other module."""
+        """The third-party plugin that contains a module; ``None`` for any other module."""
         package = module.partition(".")[0]
         for source in self._sources.values():
             if source.distribution != PROJECT and package in self._packages(source):
@@ -198,7 +198,7 @@ class Discovery:
 
 
 def _key(source: PluginSource) -> str:
-    """Unique: two distributions may have entry points of the same name."""
+    """Unique key: two distributions may have entry points of the same name."""
     return f"{source.distribution}:{source.name}"
 
 
@@ -210,7 +210,7 @@ def _raised(error: BaseException) -> str:
 
 
 def _problem(found: object) -> str:
-    """What is wrong with the answer of a hook; nothing if it is a list of specs."""
+    """The fault of a hook's result; empty if it is a list of specs."""
     if not isinstance(found, list | tuple):
         return f"returned {type(found).__name__}, expected a list of Spec"
     for item in found:

@@ -54,8 +54,8 @@ def gsfw_metrics() -> list[Spec]:  # type: ignore[empty-body]
 def gsfw_callbacks() -> list[Spec]:  # type: ignore[empty-body]
     """Watchers of a run; the target derives from ``gsfw.core.config.CallbackConfig``.
 
-    A ``gsfw.core.callback.Callback`` that is made without arguments will do where there are no
-    settings.
+    A ``gsfw.core.callback.Callback`` that is constructed without arguments is also accepted: it
+    has no settings.
     """
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_type_hints
 
 SLOT_KEYS = ("strategy", "rasterizer", "datamanager", "sampler")
-"""Fields of a method's configuration that are chosen by name among what is registered."""
+"""Fields of a method's configuration that are chosen by registered name."""
 
 
 @dataclass(frozen=True)
@@ -19,21 +19,21 @@ class Key:
     """One setting."""
 
     name: str
-    """Dotted, as it is typed."""
+    """Dotted name, as on the command line."""
     kind: Any
-    """Its annotation."""
+    """Type annotation."""
     value: Any
     owner: type[Any]
-    """The dataclass that declares it."""
+    """The dataclass that declares the setting."""
 
     @property
     def help(self) -> str:
-        """What it means, in a sentence; empty when its author gave none."""
+        """Explanation in a sentence; empty if there is none."""
         return field_help(self.owner).get(self.name.rpartition(".")[2], "")
 
 
 def keys(config: object, prefix: str = "") -> Iterator[Key]:
-    """Every setting of a configuration, except the choices of slots that are still open."""
+    """All settings of a configuration, except the choices of slots that are still open."""
     kind: type[Any] = type(config)
     hints = get_type_hints(kind)
     nested: list[tuple[str, object]] = []
@@ -48,10 +48,10 @@ def keys(config: object, prefix: str = "") -> Iterator[Key]:
 
 
 def renamed_keys(config: object, prefix: str = "") -> dict[str, str]:
-    """Old names of settings and groups of a configuration, dotted, and the names they have now.
+    """Old dotted names of settings and groups of a configuration, and their current names.
 
-    Each configuration class declares them in ``renamed``; an empty name is of a setting that is
-    gone.
+    Each configuration class declares them in ``renamed``; an empty name marks a removed
+    setting.
     """
     declared: Mapping[str, str] = getattr(config, "renamed", {})
     found = {prefix + old: prefix + new if new else "" for old, new in declared.items()}
@@ -63,7 +63,7 @@ def renamed_keys(config: object, prefix: str = "") -> dict[str, str]:
 
 
 def current_key(key: str, renamed: Mapping[str, str]) -> str:
-    """The name that a setting has now; empty where it is gone."""
+    """The current name of a setting; empty if it is removed."""
     seen: set[str] = set()
     while key and key not in seen:
         seen.add(key)
@@ -102,9 +102,9 @@ def _own_field_help(kind: type) -> dict[str, str]:
 
 
 def suggest_key(given: str, known: Iterable[str]) -> str:
-    """A sentence that suggests the nearest key, with a leading space; or nothing.
+    """Suggest the nearest key in a sentence with a leading space; empty if there is none.
 
-    A key given without its group ("means_lr") suggests the whole one ("optim.means_lr").
+    A key without its group ("means_lr") suggests the full one ("optim.means_lr").
     """
     names = list(known)
     near = [name for name in names if name.rpartition(".")[2] == given.rpartition(".")[2]]

@@ -1,8 +1,8 @@
-"""Rebuild: a run becomes a stored model, and a stored model a composed run without its data set.
+"""Rebuild: converts a run to a stored model, and a stored model to a run without its data set.
 
-The model is built by its method's own ``build_model``, for a scene with a few points that stand in
-for the capture's; the state then brings its true rows. So whatever a method keeps in its
-``state_dict`` comes back, and a method needs no code for it.
+The model is built by its method's own ``build_model``, for a scene with a few substitute points;
+the stored state then replaces its rows. So the full ``state_dict`` of a method is restored, and a
+method needs no code for it.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from gsfw.plugins.settings import Layer, resolve
 from gsfw.plugins.stored_capture import StoredCapture
 
 LOCAL = (*PLACES, "out", "device", "callbacks")
-"""Settings and groups that mean something on one machine only; a stored model has none of them."""
+"""Settings and groups that are valid on one machine only; a stored model has none of them."""
 STAND_INS = 64
-"""Points that a model is built on: enough for methods that look for neighbours."""
+"""Number of substitute points: enough for methods that need neighbours."""
 SAME_FRAME = 1e-5
-"""How far two scene frames may differ, in extents, and still be called the same."""
+"""Largest difference of two equal scene frames, in extents."""
 OTHER_VERSION = "Use the version of gsfw, and of the method's package, that wrote it."
 
 
 def stored_model(restored: Restored) -> StoredModel:
-    """What has to be kept of a restored run to draw it anywhere.
+    """The state of a restored run that rendering needs.
 
     Raises:
         ValueError: the model has state that is no tensor; names it.
@@ -83,7 +83,7 @@ def _tensors(model: PrimitiveModel) -> Mapping[str, Tensor]:
 
 
 def _columns(model: PrimitiveModel) -> dict[str, tuple[str, Column]]:
-    """Columns by name, and where each lies among the model's modules."""
+    """Columns by name, and the path of each among the model's modules."""
     places = {id(module): place for place, module in model.named_modules()}
     return {name: (places[id(column)], column) for name, column in model.columns().items()}
 
@@ -91,15 +91,15 @@ def _columns(model: PrimitiveModel) -> dict[str, tuple[str, Column]]:
 def rebuild(
     stored: StoredModel, path: Path, registry: Registry, changed: Layer | None = None
 ) -> Restored:
-    """A composed run around a stored model.
+    """Compose a run around a stored model.
 
-    It draws what the run drew. It has pictures to be compared with if ``changed`` says where the
-    data set is; otherwise it has the capture's cameras alone.
+    It renders the same images as the run. It has images to compare with if ``changed`` names the
+    data set; otherwise it has the capture's cameras alone.
 
     Args:
         stored: the model.
-        path: of the file that it comes from.
-        registry: what is installed now.
+        path: the file of the model.
+        registry: the installed parts.
         changed: settings that replace the run's own.
 
     Raises:
@@ -142,7 +142,7 @@ def _check_installed(stored: StoredModel, path: Path, registry: Registry) -> Non
 
 
 def _with_points(scene: Scene) -> Scene:
-    """The scene with points to build a model on, so that nothing starts at random."""
+    """Add points to build a model on, so that nothing starts at random."""
     generator = torch.Generator().manual_seed(0)
     points = torch.rand(STAND_INS, 3, generator=generator) - 0.5
     colors = torch.full((STAND_INS, 3), 0.5)
@@ -150,10 +150,10 @@ def _with_points(scene: Scene) -> Scene:
 
 
 def _check_frame(scene: Scene, composition: Composition, path: Path) -> None:
-    """Refuse a data set whose scene frame is not the one the model lives in.
+    """Refuse a data set whose scene frame differs from that of the model.
 
     Raises:
-        DataError: it is another data set, or its cameras have been estimated anew.
+        DataError: it is another data set, or its cameras were estimated again.
     """
     now = composition.scene.world_from_scene
     probes = torch.cat([torch.zeros(1, 3), torch.eye(3)]).double() * scene.extent
@@ -168,10 +168,10 @@ def _check_frame(scene: Scene, composition: Composition, path: Path) -> None:
 
 
 def load_state(model: PrimitiveModel, stored: StoredModel, path: Path) -> None:
-    """Load a stored state into a model that its method has built, once it is known to fit.
+    """Check that a stored state fits a model of its method, then load it.
 
     Raises:
-        DataError: a tensor is missing, left over, or of another type or shape; names it.
+        DataError: a tensor is missing, unexpected, or of another type or shape; names it.
     """
     own = model.state_dict()
     for name in sorted(own.keys() - stored.state.keys()):
@@ -202,7 +202,7 @@ def load_state(model: PrimitiveModel, stored: StoredModel, path: Path) -> None:
 
 @torch.no_grad()
 def _try_out(model: PrimitiveModel) -> None:
-    """Ask for splats, so that parts of a state that contradict each other show now."""
+    """Compute splats, so that contradictions in a state raise an error now."""
     for time in (0.0, 1.0):
         device = next(iter(model.columns().values())).values.device
         model.splats(torch.tensor(time, device=device))
@@ -211,7 +211,7 @@ def _try_out(model: PrimitiveModel) -> None:
 def _count_rows(
     path: Path, name: str, layout: Layout, place: str, state: Mapping[str, Tensor]
 ) -> int:
-    """How many rows a column has.
+    """Count the rows of a stored column.
 
     Raises:
         DataError: it is ragged, and its offsets contradict its values.

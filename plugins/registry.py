@@ -1,4 +1,4 @@
-"""Registry: what can be chosen by name, slot by slot."""
+"""Registry: the parts that can be chosen by name, slot by slot."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ SLOTS = MappingProxyType(
         "command": "gsfw_commands",
     }
 )
-"""Slot name -> the hook that fills it."""
+"""Hook of each slot."""
 
 
 class PartError(ConfigError):
-    """A registered part cannot be used: it does not import, or breaks its contract."""
+    """A registered part cannot be used: its import fails, or it violates its contract."""
 
     def __init__(self, slot: str, spec: Spec, reason: str, advice: str) -> None:
         super().__init__(
@@ -41,18 +41,18 @@ class PartError(ConfigError):
 
 
 def package(spec: Spec) -> str:
-    """Who brings a part: "gsfw-dots 0.3"."""
+    """The package of a part: "gsfw-dots 0.3"."""
     return f"{spec.distribution} {spec.version}".strip()
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """A sentence that suggests the nearest known name, with a leading space; or nothing."""
+    """Suggest the nearest known name in a sentence with a leading space; empty if there is none."""
     near = difflib.get_close_matches(given, list(known), 1, cutoff=0.6)
     return f" Did you mean {near[0]!r}?" if near else ""
 
 
 def what_is_missing(path: Path) -> str:
-    """A sentence about a path that is not there: where it ends, and the nearest name there is."""
+    """Describe a missing path: its last existing folder, and the nearest name there."""
     missing, parent = path, path.parent
     while not parent.is_dir():
         missing, parent = parent, parent.parent
@@ -61,16 +61,16 @@ def what_is_missing(path: Path) -> str:
 
 
 class Registry:
-    """What can be chosen by name; specs only, nothing heavy is imported to list them."""
+    """The parts that can be chosen by name; specs only, listing them imports nothing heavy."""
 
     def __init__(self, discovery: Discovery) -> None:
         self._discovery = discovery
 
     def slot(self, slot: str) -> Mapping[str, Spec]:
-        """Everything that fits into a slot, by name.
+        """All parts of a slot, by name.
 
-        Of several with one name, the built-in one is taken, or that of the first distribution by
-        name; the others are left out, and named in ``broken``.
+        Among several with one name, the built-in one wins, then that of the first distribution by
+        name; the others are skipped, and named in ``broken``.
         """
         found: dict[str, Spec] = {}
         for spec in self._discovery.specs(SLOTS[slot]):
@@ -82,15 +82,15 @@ class Registry:
         return dict(sorted(found.items()))
 
     def find(self, slot: str, name: str, packages: Sequence[str] = ()) -> Spec:
-        """The spec with this name.
+        """Find the spec with this name.
 
         Args:
             slot: such as "method".
-            name: as it is typed, or as a run has it.
-            packages: that the plugins of this run came with, "gsfw-dots 0.3".
+            name: name on the command line, or in the settings of a run.
+            packages: packages of the run's plugins, such as "gsfw-dots 0.3".
 
         Raises:
-            ConfigError: there is none; suggests the nearest, and lists what is installed.
+            ConfigError: there is none; suggests the nearest name, and lists the installed ones.
         """
         specs = self.slot(slot)
         if name in specs:
@@ -111,14 +111,14 @@ class Registry:
 
     @property
     def broken(self) -> list[BrokenPlugin]:
-        """Plugins that were skipped, and why."""
+        """Skipped plugins, and the causes."""
         return self._discovery.broken
 
     def skip(self, slot: str, spec: Spec, error: Exception) -> None:
-        """Remember, once, that a part of a third party is left out because it failed.
+        """Record, once, that a failed part of a third party is skipped.
 
         Raises:
-            Exception: ``error`` itself, where the part is gsfw's own: that is a bug to be seen.
+            Exception: ``error`` itself, if the part is gsfw's own: that is a bug.
         """
         if spec.distribution == PROJECT:
             raise error
@@ -133,17 +133,17 @@ class Registry:
         self._discovery.skip(BrokenPlugin(spec.name, distribution, version, reason, advice, slot))
 
     def third_parties(self) -> list[str]:
-        """The packages that have brought plugins: "gsfw-dots 0.3"."""
+        """Packages of the plugins: "gsfw-dots 0.3"."""
         return self._discovery.third_parties()
 
     def owner(self, module: str) -> PluginSource | None:
-        """The third-party plugin whose code a module is; ``None`` for any other module."""
+        """The third-party plugin that contains a module; ``None`` for any other module."""
         return self._discovery.owner(module)
 
 
 @lru_cache(maxsize=1)
 def installed() -> Registry:
-    """Everything installed in this environment."""
+    """The registry of this environment."""
     discovery = Discovery()
     discovery.load_builtin()
     discovery.load_installed()

@@ -1,4 +1,4 @@
-"""Resolving: from layers of values to the settings of a run, part by part."""
+"""Resolving: turns layers of values into the settings of a run, part by part."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from gsfw.plugins.specs import Spec
 from gsfw.plugins.values import as_text, describe, parse
 
 DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
-"""What ``auto`` means where nothing has to be found out."""
+"""Values of ``auto`` that need no inspection."""
 
 
 class Resolving:
-    """Settings while they are being resolved."""
+    """Settings during their resolution."""
 
     def __init__(
         self, registry: Registry, method: Spec, config: MethodConfig, layers: Sequence[Layer]
@@ -66,7 +66,7 @@ class Resolving:
         )
 
     def _use_current_names(self) -> None:
-        """Let values have the names that the parts chosen so far declare for them."""
+        """Rename values as the parts chosen so far declare."""
         renamed = renamed_keys(self._config)
         for layer in self._layers:
             if layer.source == COMMAND_LINE:
@@ -91,7 +91,7 @@ class Resolving:
             self._layers.sort(key=lambda layer: layer.rank)
 
     def _has_other_data(self) -> bool:
-        """Whether the layer that names the data manager does so for data that was replaced."""
+        """True if the layer with the data manager is for data that was replaced."""
         with_data = [layer for layer in self._layers if "data" in layer.values]
         named = [layer for layer in self._layers if "datamanager" in layer.values]
         return bool(named) and named[-1] in with_data[:-1]
@@ -111,7 +111,7 @@ class Resolving:
         return part
 
     def apply_values(self, only: str = "") -> None:
-        """Set every given value, except those of the rasterizer, which is chosen by the others."""
+        """Set all given values, except those of the rasterizer, which depends on the others."""
         self._use_current_names()
         known = {key.name: key for key in keys(self._config)}
         for layer, key, value in self._given():
@@ -123,15 +123,15 @@ class Resolving:
                 raise self._unknown(key, layer.source, known)
 
     def _is_of_another_callback(self, key: str) -> bool:
-        """Whether a setting is one of a callback that is not installed; it changes no result."""
+        """True if a setting belongs to a callback that is not installed; it changes no result."""
         group, _, rest = key.partition(".")
         return group == "callbacks" and not hasattr(self._config.callbacks, rest.split(".")[0])
 
     def _given(self) -> Iterator[tuple[Layer, str, object]]:
-        """Every value, but for those of a choice that was then replaced by another.
+        """All values, except those of a choice that another one has replaced.
 
-        A preset's ``strategy.*`` is for the method's own strategy, a file's for the one the file
-        names; what names none is for the strategy that is used.
+        A preset's ``strategy.*`` is for the method's own strategy, a file's for the strategy in the
+        file; values without a strategy are for the chosen one.
         """
         final = {slot: spec.name for slot, spec in self._choices.items()}
         usual = {slot: name for slot, name in self._defaults.items() if name != AUTO}
@@ -184,7 +184,7 @@ class Resolving:
         )
 
     def choose_rasterizer(self) -> None:
-        """Choose device, rasterizer and profile by what the other parts need, then set its values.
+        """Choose device, rasterizer and profile by the needs of the other parts; set its values.
 
         Raises:
             ConfigError: as for every other value.
@@ -210,7 +210,7 @@ class Resolving:
         self.apply_values(only="rasterizer")
 
     def rescale(self, default_steps: int) -> None:
-        """Stretch every schedule that is still the method's or a preset's to the run's length."""
+        """Rescale every schedule with a default or preset value to the run's length."""
         config = self._config
         if not config.rescale or config.steps == default_steps:
             return
@@ -223,7 +223,7 @@ class Resolving:
                 self._sources[key] = f"{source} x {ratio:.3g} (steps={config.steps})"
 
     def settings(self) -> Settings:
-        """The result."""
+        """The resolved settings."""
         choices = {slot: self._choices[slot] for slot in SLOT_KEYS}
         sources = {
             key: self._sources.get(key, METHOD_DEFAULT)
@@ -239,19 +239,19 @@ class Resolving:
         return [layer for layer in self._layers if layer.rank is Rank.GIVEN]
 
     def _given_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
-        """Keys whose value someone chose, and the choices that these values are meant for."""
+        """Keys whose value the user chose, and the choices that these values belong to."""
         layers = {layer.source: layer for layer in self._given_layers}
         given = {
             key for key, source in sources.items() if source in layers and layers[source].gives(key)
         }
         given |= {key.partition(".")[0] for key in given} & {*SLOT_KEYS}
-        if "datamanager" in given:  # It was chosen for this data, and is not for any other.
+        if "datamanager" in given:  # The user chose it for this data only.
             given.add("data")
         return tuple(key for key in sources if key in given)
 
 
 def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:
-    """The preset named "default", if the method has it, and the chosen one: the same without."""
+    """The preset named "default", if there is one, and the chosen one."""
     name, source = last(layers, "preset")
     if name is not None and name not in config.presets:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Restore: a run folder becomes a composed run again, as its checkpoint left it."""
+"""Restore: composes the run of a run folder again, with the state of a checkpoint."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from gsfw.plugins.settings import Layer, Settings, resolve
 
 @dataclass(frozen=True)
 class Restored:
-    """A run as a checkpoint left it."""
+    """A run with the state of a checkpoint."""
 
     folder: RunFolder
     composition: Composition
-    """Its model has the checkpoint's parameters; the rest is as before the first step."""
+    """Its model has the checkpoint's parameters; the other parts are in their initial state."""
     state: dict[str, Any]
     """The whole checkpoint, for ``Trainer.load_state_dict``."""
 
     @property
     def step(self) -> int:
-        """Steps done."""
+        """Number of finished steps."""
         return int(self.state["step"])
 
     def changes(self) -> list[str]:
-        """What differs from the machine that wrote the checkpoint and may change bits."""
+        """Differences from the machine of the checkpoint that may change bits."""
         parts = self.composition.parts
         now = environment(parts.device, parts.rasterizer.capabilities().details)
         return differences(self.state["environment"], now)
@@ -49,9 +49,9 @@ def restore(
     """Compose a run again and load a checkpoint into it.
 
     Args:
-        folder: of the run.
-        registry: what is installed now.
-        checkpoint: which one; ``None`` for the last.
+        folder: folder of the run.
+        registry: the installed parts.
+        checkpoint: path of the checkpoint; ``None`` for the latest.
         changed: settings that replace the run's own.
 
     Raises:
@@ -70,12 +70,12 @@ def restore(
         )
     saved = read_config(folder.config, everything=True)
     if changed is not None and "steps" in changed.values:
-        # The schedules stay as they are, which does not follow from the new length.
+        # The schedules do not change with the new length.
         saved = replace(saved, given=None)
     layers = [saved] if changed is None else [saved, _with_rasterizer(changed, saved, registry)]
     settings = resolve(registry, layers)
     _check_data(settings, folder, changed)
-    # Into the memory of the host: what a GPU needs of it is copied there.
+    # Into host memory; only the required tensors are copied to a GPU.
     with stage("reading the checkpoint"):
         state = read_checkpoint(checkpoint)
     composition = replace(compose(settings, registry, restoring=True), settings=settings)
@@ -85,10 +85,10 @@ def restore(
 
 
 def _check_data(settings: Settings, folder: RunFolder, changed: Layer | None) -> None:
-    """Refuse to go on without the data set; a new place that was given speaks for itself.
+    """Refuse to continue without the data set, unless the user gave a new place.
 
     Raises:
-        DataError: it is not where it was in training.
+        DataError: the data set is not at its place of the training.
     """
     data = settings.config.data
     given = changed is not None and "data" in changed.values
@@ -104,7 +104,7 @@ def _check_data(settings: Settings, folder: RunFolder, changed: Layer | None) ->
 
 
 def _with_rasterizer(changed: Layer, saved: Layer, registry: Registry) -> Layer:
-    """Let a run that moves to a device on which its rasterizer does not run find another one."""
+    """Let a run choose another rasterizer if its own does not run on the new device."""
     if "device" not in changed.values or "rasterizer" in changed.values:
         return changed
     able = rasterizer_capabilities(registry).get(str(saved.values.get("rasterizer")))

@@ -56,7 +56,7 @@ def describe_run(folder: RunFolder) -> dict[str, Any]:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    """Figures of a result file, without how they were measured; empty when there is none."""
+    """Figures of a result file without the protocol; empty when there is none."""
     try:
         document: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError):
@@ -65,7 +65,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def _last_logged(folder: RunFolder) -> dict[str, Any]:
-    """The last figures of the log, and those of the last evaluation in it."""
+    """The last figures of the log, and those of its last evaluation."""
     try:
         lines = folder.metrics_log.read_text().splitlines()
     except OSError:

@@ -23,12 +23,12 @@ from gsfw.plugins.snapshot import Snapshot, snapshot
 
 
 def is_dynamic(composition: Composition) -> bool:
-    """True if the model may look different at another time."""
+    """True if the model may change with time."""
     return composition.scene.is_dynamic and "static" not in composition.settings.method.tags
 
 
 def data_times(composition: Composition) -> tuple[float, ...]:
-    """All different times of the data, in [0, 1], ascending."""
+    """All distinct times of the data, in [0, 1], ascending."""
     data = composition.parts.data
     return tuple(sorted({time for split in Split for time in data.views(split).times or ()}))
 
@@ -43,14 +43,14 @@ class RunSource(ExportSource):
     times: tuple[float, ...] = ()
     """Times of the tracks, in [0, 1]."""
     edit: Callable[[Splats], Splats] | None = None
-    """Change of the splats before they are written, in the scene frame; ``None`` for none."""
+    """Edit of the splats before the export, in the scene frame; ``None`` for none."""
 
     def at(self, time: float) -> RunSource:
         """The same run at another time."""
         return replace(self, time=time)
 
     def snapshot(self) -> Snapshot:
-        """The splats at one time, and the number of those that were left out."""
+        """The splats at one time, and the number of dropped ones."""
         parts, settings = self.restored.composition.parts, self.restored.composition.plan.settings
         instant = torch.tensor(self.time, device=parts.device)
         return snapshot(parts.model, parts.data.scene, settings.antialias, instant, self.edit)
@@ -93,7 +93,7 @@ class RunSource(ExportSource):
 
 
 def _first_colors(model: PrimitiveModel, times: Sequence[float]) -> Float[Tensor, "n 3"]:
-    """Colour of each row when it is present for the first time; black for rows that never are."""
+    """Colour of each row at its first presence; black for rows that are never present."""
     like = next(iter(model.columns().values())).values
     colors = torch.zeros(model.num_rows, 3, device=like.device)
     for time in reversed(times):
@@ -108,7 +108,7 @@ def _first_colors(model: PrimitiveModel, times: Sequence[float]) -> Float[Tensor
 
 
 def _constant(colors: Sh) -> Float[Tensor, "n 3"]:
-    """The coefficients that do not depend on the direction."""
+    """The coefficients of degree 0, which are independent of the direction."""
     if colors.offsets is not None:
         return colors.coefficients[colors.offsets[:-1]]
     return colors.coefficients[:, 0]

@@ -1,4 +1,4 @@
-"""Settings: every value of a run, where it came from, and what was chosen for each slot."""
+"""Settings: every value of a run, its source, and the choice of each slot."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ COMMAND_LINE = "command line"
 METHOD_DEFAULT = "method default"
 
 CHOICE_KEYS = ("method", "preset", *SLOT_KEYS)
-"""Keys that choose by name; all others are fields of a configuration."""
+"""Keys of choices by name; all others are fields of a configuration."""
 
 
 class Rank(IntEnum):
-    """The order in which layers win: later ones over earlier ones."""
+    """Precedence of layers: later ones win."""
 
     DEFAULT_PRESET = 0
     PRESET = 1
@@ -32,32 +32,32 @@ class Rank(IntEnum):
     STRATEGY = 3
     """Recommended by the strategy."""
     GIVEN = 4
-    """Files and the command line, in the order in which they were given."""
+    """Files and the command line, in the given order."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Values from one place; those of higher rank win, and of one rank the later ones."""
+    """Values of one source; those of higher rank win, and of one rank the later ones."""
 
     source: str
-    """Such as "command line", "preset fast", "config file a.yaml"."""
+    """Name of the source: "command line", "preset fast", "config file a.yaml"."""
     values: Mapping[str, Any]
-    """By dotted key: text as it is typed, or plain data."""
+    """Values by dotted key: text as on the command line, or plain data."""
     given: frozenset[str] | None = None
-    """Keys that someone chose, where the layer holds every value of a run; ``None`` for all."""
+    """Keys that the user chose, if the layer holds all values of a run; ``None`` for all."""
     rank: Rank = Rank.GIVEN
     packages: tuple[str, ...] = ()
-    """The packages whose plugins the values are for: "gsfw-dots 0.3"."""
+    """Packages of the plugins of these values: "gsfw-dots 0.3"."""
 
     def gives(self, key: str) -> bool:
-        """Whether someone chose the value of ``key``."""
+        """True if the user chose the value of ``key``."""
         return key in (self.values if self.given is None else self.given)
 
     def with_current_names(self, renamed: Mapping[str, str]) -> Layer:
-        """The layer with settings under the names that they have now.
+        """Rename settings to their current names.
 
         Raises:
-            ConfigError: a setting is there under its old and its new name.
+            ConfigError: a setting has values under its old and its new name.
         """
         names = {key: current_key(key, renamed) for key in self.values}
         if all(old == new for old, new in names.items()):
@@ -81,33 +81,33 @@ class Settings:
 
     method: Spec
     config: MethodConfig
-    """All slots are filled."""
+    """Configuration of the method, with all slots filled."""
     choices: Mapping[str, Spec]
-    """What was chosen for each slot: strategy, rasterizer, datamanager, sampler."""
+    """Choice of each slot: strategy, rasterizer, datamanager, sampler."""
     sources: Mapping[str, str]
-    """Where each value came from, by dotted key."""
+    """Source of each value, by dotted key."""
     given: tuple[str, ...] = ()
-    """Keys that someone chose: the others follow from these."""
+    """Keys that the user chose: the others follow from these."""
     preset: str = ""
-    """The preset that was chosen, if any."""
+    """The chosen preset, if any."""
     notes: tuple[str, ...] = ()
-    """Facts about the values that were given, for people: settings that have new names."""
+    """Notes on the given values for the user: renamed settings."""
 
     def flat(self) -> dict[str, Any]:
-        """Every setting as plain data by dotted key, the choices first."""
+        """All settings as plain data by dotted key, the choices first."""
         chosen = {slot: spec.name for slot, spec in self.choices.items()}
         values = {key.name: plain(key.value) for key in keys(self.config)}
         return {"method": self.method.name, **chosen, **values}
 
 
 def resolve(registry: Registry, layers: Sequence[Layer]) -> Settings:
-    """Settings from the method's defaults, a preset, what its parts recommend, and ``layers``.
+    """Resolve the method's defaults, a preset, the parts' recommendations, and ``layers``.
 
-    Every preset builds on the one named "default". That way what a method wants of a strategy holds
-    whenever this strategy is used, even where the preset is made for another one.
+    Every preset builds on the one named "default". So a method's settings for a strategy hold
+    for every use of this strategy, even if the preset is made for another one.
 
     Raises:
-        ConfigError: a key or name is unknown, or a value has the wrong type; says where.
+        ConfigError: a key or name is unknown, or a value has the wrong type; names the source.
         DataError: the data set is missing or of no known format.
     """
     name, _ = last(layers, "method")
@@ -141,7 +141,7 @@ def _check_names(registry: Registry, layers: Sequence[Layer]) -> None:
 
 
 def last(layers: Sequence[Layer], key: str) -> tuple[str | None, str]:
-    """The value of ``key`` that wins, as text, and its source."""
+    """The value of ``key`` with the highest precedence, as text, and its source."""
     for layer in reversed(layers):
         if key in layer.values:
             return as_text(layer.values[key]), layer.source
@@ -149,5 +149,5 @@ def last(layers: Sequence[Layer], key: str) -> tuple[str | None, str]:
 
 
 def where(source: str) -> str:
-    """The beginning of a message about a value; what was just typed needs no place."""
+    """Beginning of a message about a value; empty for the command line."""
     return "" if source == COMMAND_LINE else f"{source}: "

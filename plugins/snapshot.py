@@ -1,4 +1,4 @@
-"""Snapshot: a model at one time as a splat file holds it, in the world of the data."""
+"""Snapshot: the splats of a model at one time for a splat file, in the world of the data."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from gsfw.core.splats import Splats
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What an exporter is given, and what was left out of it."""
+    """The splats of an export, and the number of dropped rows."""
 
     content: SplatFile
     num_dropped: int
-    """Rows that were not finite."""
+    """Number of rows that were not finite."""
 
 
 @torch.no_grad()
@@ -35,14 +35,14 @@ def snapshot(
 ) -> Snapshot:
     """The model's splats at ``time``, moved back to the world of the data, float64 on the CPU.
 
-    Splats that a model gives by covariances get quaternions and scales.
+    Splats with covariances get quaternions and scales.
 
     Args:
-        model: whose splats are taken.
-        scene: that says where the world of the data is.
-        antialiased: whether the file shall say that it is to be drawn with antialiasing.
+        model: source of the splats.
+        scene: has the transform to the world of the data.
+        antialiased: true if the file shall request a render with antialiasing.
         time: in [0, 1]; a static model ignores it.
-        edit: what is done to the splats before, in the scene frame; ``None`` for nothing.
+        edit: edit of the splats before, in the scene frame; ``None`` for none.
     """
     splats = model.splats(time)
     splats = splats if edit is None else edit(splats)

@@ -1,4 +1,4 @@
-"""Spec records and hook markers: all that a plugin's registration needs. Imports nothing heavy."""
+"""Spec records and hook markers: the requirements of a plugin's registration. Light to import."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 
 @dataclass(frozen=True)
 class Spec:
-    """One thing that can be chosen by name."""
+    """A part that can be chosen by name."""
 
     name: str
-    """What the user types: ``method=NAME``."""
+    """Name on the command line: ``method=NAME``."""
     description: str
     """One line, for lists."""
     target: str
@@ -27,11 +27,11 @@ class Spec:
     paper: str = ""
     """Citation, for lists; empty when there is none."""
     tags: frozenset[str] = frozenset()
-    """Such as "static", "dynamic"."""
+    """Tags such as "static", "dynamic"."""
     distribution: str = PROJECT
-    """Who brings it; filled in by discovery."""
+    """Package of the part; set by discovery."""
     version: str = ""
-    """Of that distribution; filled in by discovery."""
+    """Version of that package; set by discovery."""
 
     def load(self) -> Any:  # noqa: ANN401 - whatever the slot holds
         """Import the target."""

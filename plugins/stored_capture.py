@@ -1,4 +1,4 @@
-"""StoredCapture: a capture of which only the cameras are left, as a model file keeps them."""
+"""StoredCapture: a capture with cameras only, from a model file."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from gsfw.core.scene import Scene
 
 
 class StoredCapture(DataManager):
-    """Cameras without pictures: enough to draw a model, not to compare it with anything."""
+    """Cameras without images: enough to render a model, not to compare it."""
 
     has_images = False
 
     def __init__(
         self, scene: Scene, views: Mapping[Split, Views], source: str, has_data: bool = True
     ) -> None:
-        """Take what a file holds.
+        """Store the content of a file.
 
         Args:
-            scene: of the capture.
-            views: of every split.
+            scene: scene of the capture.
+            views: views of every split.
             source: the file, for messages.
-            has_data: whether the pictures were those of a data set, which is somewhere; else the
-                run made them itself, as it does those of the built-in scene.
+            has_data: true if the images came from a data set; false if the run generated them, as
+                for the built-in scene.
         """
         self._scene, self._views, self._source = scene, views, source
         self._has_data = has_data
 
     @property
     def scene(self) -> Scene:
-        """As it was in training, without its points."""
+        """The scene of the training, without its points."""
         return self._scene
 
     def views(self, split: Split) -> Views:
-        """The cameras of a split, by the names of their pictures."""
+        """The cameras of a split, by image name."""
         return self._views[split]
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """There is nothing to decode.
+        """Raise an error: there are no images.
 
         Raises:
-            DataError: always; says what can be done without pictures.
+            DataError: always; names the alternatives.
         """
         where = "Add data=PATH with the data set it was trained on"
         if not self._has_data:

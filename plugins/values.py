@@ -1,4 +1,4 @@
-"""Values: text from the command line or a file becomes a setting's type, and plain data again."""
+"""Values: converts text from the command line or a file to a setting's type, and to plain data."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _whole_number(text: str) -> int:
     try:
         return int(text)
     except ValueError:
-        number = float(text)  # So that steps=3e4 may be written.
+        number = float(text)  # So that steps=3e4 is valid.
         if not number.is_integer():
             raise
         return int(number)
@@ -58,7 +58,7 @@ SCALARS: dict[Any, tuple[str, Callable[[str], Any]]] = {
     Path: ("a path", Path),
     type(None): ("none", _none),
 }
-"""What a value is called in messages, and how it is read; tyro builds all other types of these."""
+"""Name in messages, and parser, of each primitive type; tyro builds all other types from these."""
 
 _RULES = ConstructorRegistry()
 
@@ -82,7 +82,7 @@ def _scalar_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | Non
 
 
 def describe(kind: Any) -> str:  # noqa: ANN401 - any annotation
-    """What is expected of a value of this type, as a phrase: "a whole number"."""
+    """Describe the values of this type, as a phrase: "a whole number"."""
     parts = get_args(kind)
     origin = get_origin(kind)
     if kind in SCALARS:
@@ -106,7 +106,7 @@ def _constructor(kind: Any) -> PrimitiveConstructorSpec[Any]:  # noqa: ANN401 - 
 
 
 def parse(kind: Any, given: object) -> Any:  # noqa: ANN401 - any annotation, and its value
-    """Read a value of type ``kind`` from text, or from the plain data of a file or preset.
+    """Parse a value of type ``kind`` from text, or from the plain data of a file or preset.
 
     Raises:
         ValueError: ``given`` is no such value.
@@ -139,7 +139,7 @@ def _items(given: object) -> list[str]:
 
 
 def as_text(given: object) -> str:
-    """A value as one would type it."""
+    """A value as text of the command line."""
     if isinstance(given, bool):
         return "true" if given else "false"
     if given is None:
@@ -152,7 +152,7 @@ def as_text(given: object) -> str:
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - whatever the setting holds
-    """A setting's value as plain data, from which ``parse`` makes the same value again."""
+    """A setting's value as plain data, which ``parse`` turns into the same value."""
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):

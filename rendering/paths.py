@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.maths.camera_path import at_times, orbit
 from gsfw.plugins.registry import did_you_mean
 from gsfw.plugins.run_source import is_dynamic
@@ -97,7 +97,7 @@ def frames(
     for index in range(len(cameras)):
         camera = cameras.select([index])
         time = None if camera.time is None else camera.time[0]
-        output = draw(parts.model, parts.rasterizer, camera, settings, time)
+        output = render_model(parts.model, parts.rasterizer, camera, settings, time)
         image = output.color[0]
         if trails is not None:
             depth = None if output.depth is None else output.depth[0]

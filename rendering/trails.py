@@ -13,7 +13,7 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Feature
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.numerics import DEFAULT, NEAR
 from gsfw.core.rasterizer import Rasterizer
@@ -99,7 +99,7 @@ def make_trails(
     with_depth = surface_settings(rasterizer, settings)
     for moment in moments:
         camera = cameras.select([moment])
-        output = draw(model, rasterizer, camera, with_depth, camera.time[0])  # type: ignore[index]
+        output = render_model(model, rasterizer, camera, with_depth, camera.time[0])  # type: ignore[index]
         depth = None if output.depth is None else output.depth[0]
         opaque = tracks.opacities[moment] >= OPAQUE
         seen |= opaque & _on_surface(tracks.positions[moment], camera, depth)

@@ -1,4 +1,4 @@
-"""Samplers: which views come next."""
+"""Samplers: the order of the training views."""
 
 from __future__ import annotations
 

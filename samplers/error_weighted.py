@@ -1,13 +1,13 @@
-"""Sampler error-weighted: views with a large loss come more often.
+"""Sampler error-weighted: samples views with a large loss more often.
 
 A view's share of an epoch is its running mean loss over the sum of all, mixed with a uniform share
-so that no view starves. Losses stay on the device and are read once per epoch, so that no step
-waits for a GPU; the epoch's draws are fixed then. They are drawn by systematic sampling: a view
-that is due x times comes floor(x) or ceil(x) times, and equal losses give an ordinary epoch.
+so that every view is sampled. Losses stay on the device and are read once per epoch, so that no step
+waits for a GPU; the epoch's samples are fixed then. Systematic sampling: a view with the expected
+count x is sampled floor(x) or ceil(x) times, and equal losses give an ordinary epoch.
 
-Draws are not weighted back: what is minimised is the mean loss in which
-a view counts by how wrong it is, as in mining hard examples. Weights of 1 / probability would make
-it the plain mean again, of lower variance, and no view would be fitted any better for being drawn.
+Samples are not reweighted: the objective is the mean loss in which a view is weighted by its error,
+as in hard-example mining. Weights of 1 / probability would restore the plain mean, with a lower
+variance, and would improve the fit of no view.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class ErrorWeightedConfig(SamplerConfig):
     """Views drawn per step; their gradients are averaged, and those of one batch share its loss."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler."""
+        """Build the sampler."""
         return ErrorWeightedSampler(len(views), self, seed)
 
 
 class ErrorWeightedSampler(Sampler):
-    """Epochs of about as many draws as there are views, made of the losses known at their start."""
+    """Epochs of about as many samples as views, from the losses known at their start."""
 
     def __init__(self, num_views: int, config: ErrorWeightedConfig, seed: int) -> None:
         self._config = config
@@ -53,14 +53,14 @@ class ErrorWeightedSampler(Sampler):
         self._steps_per_epoch = -(-num_views // config.views_per_step)
         self._position = 0
         self._losses: Float[Tensor, " n"] | None = None
-        """Running means on the device; 0 for a view that has not been seen."""
+        """Running mean losses on the device; 0 for a view that was not seen."""
         self._shares = torch.full((num_views,), 1.0 / num_views, dtype=torch.float64)
-        """Of each view, in the current epoch; on the host."""
+        """Share of each view in the current epoch; on the host."""
         self._order: tuple[int, ...] = ()
-        """The current epoch's draws."""
+        """The samples of the current epoch."""
 
     def next(self) -> tuple[int, ...]:
-        """The next ``views_per_step`` views; each epoch begins by reading the losses."""
+        """The next ``views_per_step`` views; each epoch starts by reading the losses."""
         epoch, within = divmod(self._position, self._steps_per_epoch)
         if within == 0:
             self._shares = self._known_shares()
@@ -70,7 +70,7 @@ class ErrorWeightedSampler(Sampler):
         return self._order[start : start + self._config.views_per_step]
 
     def peek(self, count: int) -> tuple[int, ...]:
-        """The next views: exact within the epoch, and as if losses stayed as they are beyond."""
+        """The next views: exact within the epoch, and with unchanged losses beyond."""
         epoch, within = divmod(self._position, self._steps_per_epoch)
         found = self._order[within * self._config.views_per_step :] if within else ()
         epoch += within > 0
@@ -80,7 +80,7 @@ class ErrorWeightedSampler(Sampler):
         return found[:count]
 
     def observe(self, views: tuple[int, ...], losses: Float[Tensor, " c"]) -> None:
-        """Note losses on their device; a loss of 0 is that of a step that was not finite."""
+        """Record losses on their device; a loss of 0 is that of a step that was not finite."""
         if self._losses is None:
             self._losses = losses.new_zeros(self._num_views)
         for view, loss in zip(views, losses, strict=True):
@@ -89,7 +89,7 @@ class ErrorWeightedSampler(Sampler):
             known.copy_(torch.where(loss > 0, mean, known))
 
     def _known_shares(self) -> Float[Tensor, " n"]:
-        """Each view's share of the draws; views not seen yet count as the mean of the others."""
+        """Each view's share of the samples; unseen views have the mean of the others."""
         uniform = torch.full((self._num_views,), 1.0 / self._num_views, dtype=torch.float64)
         if self._losses is None:
             return uniform
@@ -102,11 +102,11 @@ class ErrorWeightedSampler(Sampler):
         return share * uniform + (1.0 - share) * losses / losses.sum()
 
     def _draws(self, epoch: int) -> tuple[int, ...]:
-        """An epoch's views in random order, from the shares as they are; changes nothing."""
+        """An epoch's views in random order, from the current shares; changes nothing."""
         generator = epoch_generator(self._seed, epoch)
         number = self._steps_per_epoch * self._config.views_per_step
-        # Views stand in random order on a line, each as long as its share; the points that pick
-        # them are evenly spaced, so that who is rounded up is chance.
+        # Views lie in random order on a line, each as long as its share; the points that select
+        # them are evenly spaced, so that rounding up is random.
         line = torch.randperm(self._num_views, generator=generator)
         ends = self._shares[line].cumsum(0)
         offset = torch.rand((), generator=generator, dtype=torch.float64)
@@ -115,11 +115,11 @@ class ErrorWeightedSampler(Sampler):
         return tuple(line[picked][torch.randperm(number, generator=generator)].tolist())
 
     def state_dict(self) -> dict[str, Any]:
-        """Steps consumed, losses, and what the current epoch was drawn from."""
+        """Number of finished steps, losses, and the inputs of the current epoch."""
         return {"position": self._position, "losses": self._losses, "shares": self._shares}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue in the middle of an epoch, with the losses known then."""
+        """Continue in the middle of an epoch, with its original losses."""
         self._position = state["position"]
         losses = state["losses"]
         self._losses = None if losses is None else losses.clone()

@@ -1,8 +1,8 @@
-"""Sampler progressive: a window of times that grows until all are in (Lee et al. 2024, Ex4DGS).
+"""Sampler progressive: a growing window of times, up to all times (Lee et al. 2024, Ex4DGS).
 
-Motion is learned where little of it is in view first, and followed from there. The paper starts
-with 10 of 300 frames and adds 10 more every 400 of 40,000 steps, so that all are in after 30 % of
-the run; so do we, in fewer and larger stages.
+Motion is learned within a short window first, and tracked from there. The paper starts with 10 of
+300 frames and adds 10 more every 400 of 40,000 steps, so that all are included after 30 % of the
+run; so do we, in fewer and larger stages.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ class ProgressiveConfig(SamplerConfig):
     """Views drawn per step; their gradients are averaged."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler.
+        """Build the sampler.
 
         Raises:
-            ConfigError: the views have no times, or the run ends before all times are in.
+            ConfigError: the views have no times, or the run ends before all times are included.
         """
         times = list(views_by_time(views, "progressive").values())
         sizes = window_sizes(len(times), self.window, self.growth)
@@ -54,7 +54,7 @@ class ProgressiveConfig(SamplerConfig):
 
 
 def window_sizes(times: int, window: float, growth: float) -> list[int]:
-    """How many times are in, stage by stage, until all are; each stage has more than the last."""
+    """Number of included times of each stage, up to all; each stage has more than the last."""
     stages = math.ceil((1.0 - window) / growth - 1e-9) + 1
     shares = (min(window + stage * growth, 1.0) for stage in range(stages))
     return sorted({max(math.floor(share * times + 1e-6), 1) for share in shares} | {times})
@@ -83,7 +83,7 @@ class ProgressiveSampler(StepwiseSampler):
         return tuple(self._drawn(stage, first + more) for more in range(self._views_per_step))
 
     def _drawn(self, stage: int, position: int) -> int:
-        """The view that is drawn at a position of a stage's own epochs."""
+        """The view at a position of a stage's own epochs."""
         views = self._stages[stage]
         epoch, within = divmod(position, len(views))
         return views[epoch_order(len(views), self._seed, epoch, part=stage)[within]]

@@ -23,7 +23,7 @@ class SameTimeConfig(SamplerConfig):
     """Views drawn per step, fewer where a time has no more left in this epoch."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler.
+        """Build the sampler.
 
         Raises:
             ConfigError: the views have no times, or no two share one.

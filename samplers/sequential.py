@@ -1,7 +1,7 @@
-"""Sampler sequential: one time after the other, as an online method sees them (Luiten et al. 2024).
+"""Sampler sequential: one time after the other, as in an online method (Luiten et al. 2024).
 
-The first time gets ``first_steps`` steps, in which the scene is built; the rest of the run is
-shared evenly between the other times, which only follow it. The paper gives 10,000 and 2,000 each.
+The first time gets ``first_steps`` steps, for the reconstruction of the scene; the rest of the run
+is shared evenly between the other times, for tracking. The paper gives 10,000 and 2,000 each.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gsfw.samplers.view_times import views_by_time
 
 @dataclass
 class SequentialConfig(SamplerConfig):
-    """Times in order, each for a while, and never again."""
+    """Times in order, each for some steps, and never again."""
 
     first_steps: int = steps_field(10_000, at_least=1, floor=1)
     """Steps on the first time; the other times share the rest of the run evenly."""
@@ -30,7 +30,7 @@ class SequentialConfig(SamplerConfig):
     """Views of the current time drawn per step, no more than the time has."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler.
+        """Build the sampler.
 
         Raises:
             ConfigError: the views have no times, or some time would get no step.
@@ -41,7 +41,7 @@ class SequentialConfig(SamplerConfig):
 
 
 def time_starts(times: int, first_steps: int, steps: int) -> tuple[int, ...]:
-    """The step each time starts at, counted from 0; later times get what does not divide evenly.
+    """First step of each time, counted from 0; later times get the remainder of the division.
 
     Raises:
         ConfigError: ``steps`` are too few to give every time at least one.
@@ -85,7 +85,7 @@ class SequentialSampler(StepwiseSampler):
         return tuple(self._drawn(time, first + more) for more in range(number))
 
     def _drawn(self, time: int, position: int) -> int:
-        """The view that is drawn at a position of a time's own epochs."""
+        """The view at a position of a time's own epochs."""
         views = self._times[time]
         epoch, within = divmod(position, len(views))
         return views[epoch_order(len(views), self._seed, epoch, part=1 + time)[within]]

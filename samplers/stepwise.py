@@ -1,4 +1,4 @@
-"""StepwiseSampler: what samplers share whose steps follow from their number alone."""
+"""StepwiseSampler: base class of samplers whose steps are functions of their number."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from gsfw.core.sampler import Sampler
 
 
 class StepwiseSampler(Sampler):
-    """Its state is the number of steps consumed; looking ahead is exact."""
+    """Its state is the number of finished steps; previews are exact."""
 
     def __init__(self) -> None:
         self._position = 0
 
     @abstractmethod
     def step(self, position: int) -> tuple[int, ...]:
-        """The views of a step, at least one, counted from 0."""
+        """The views of a step (counted from 0), at least one."""
 
     def next(self) -> tuple[int, ...]:
         """The views of the next step."""
@@ -35,9 +35,9 @@ class StepwiseSampler(Sampler):
         return tuple(found[:count])
 
     def state_dict(self) -> dict[str, Any]:
-        """Steps consumed."""
+        """Number of finished steps."""
         return {"position": self._position}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue after the steps consumed."""
+        """Continue after the finished steps."""
         self._position = state["position"]

@@ -21,7 +21,7 @@ class UniformConfig(SamplerConfig):
     """Views drawn per step; their gradients are averaged."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
-        """The sampler."""
+        """Build the sampler."""
         return UniformSampler(len(views), self.views_per_step, seed)
 
 
@@ -49,9 +49,9 @@ class UniformSampler(Sampler):
         return epoch_order(self._num_views, self._seed, epoch)[within]
 
     def state_dict(self) -> dict[str, Any]:
-        """Views consumed."""
+        """Number of sampled views."""
         return {"position": self._position}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue after the views consumed."""
+        """Continue after the sampled views."""
         self._position = state["position"]

@@ -1,4 +1,4 @@
-"""What samplers that care about time share: which views were taken when."""
+"""The views of each time, for samplers that order views by time."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from gsfw.core.errors import ConfigError
 
 
 def views_by_time(views: Views, sampler: str) -> dict[float, list[int]]:
-    """The views of every time, in the order of time.
+    """Group views by time, in the order of time.
 
     Args:
-        views: of the training split.
-        sampler: the name under which it was chosen, for messages.
+        views: the training split.
+        sampler: its name in the settings, for messages.
 
     Raises:
         ConfigError: the views have no times.

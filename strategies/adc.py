@@ -1,24 +1,23 @@
 """Adaptive density control: clone, split and prune (Kerbl et al. 2023, section 5.2).
 
 A row grows when the mean gradient of its screen position exceeds a threshold: small rows are
-cloned, large ones split in two. Transparent rows are pruned, and after the first opacity reset
-those that are large in the scene. ``absgrad`` sums each pixel's absolute gradient instead, which
+cloned, large ones split in two. Transparent rows are pruned; after the first opacity reset, rows
+that are large in the scene too. ``absgrad`` sums each pixel's absolute gradient instead, which
 does not cancel within a splat (Ye et al. 2024, AbsGS).
 
-Rows that come and go in time can also grow where the mean gradient of their temporal centre is
-large: those that are there for long are then split, whatever their size, and the others cloned
-(Duan et al. 2024, 4D-Rotor). They can be pruned when they are there too shortly, and growth can end
-after a number of rounds (Li et al. 2024, Spacetime Gaussians). All three are off by default, and so
-is guided sampling, which adds rows where none are near (see ``guided_sampling``).
+Temporary rows can also grow where the mean gradient of their temporal centre is large: those with
+a long lifetime are then split, whatever their size, and the others cloned (Duan et al. 2024,
+4D-Rotor). Rows with a short lifetime can be pruned, and growth can end after a number of rounds (Li
+et al. 2024, Spacetime Gaussians). All three are off by default, and so is guided sampling, which
+adds rows in empty regions (see ``guided_sampling``).
 
-Where we differ from the released code: pruning by size on the screen is off by default, because
-there the radii are zeroed before they are compared, so that it never happens; opacities are not
-reset a further time for white backgrounds; and the number of rows has a limit.
+Differences from the released code: pruning by size on the screen is off by default, because there
+the radii are zeroed before the comparison, so that it never happens; opacities are not reset a
+further time for white backgrounds; and the number of rows has a limit.
 
-Rows are not pruned by what they contribute times how long they are there (4DGS-1K, Yuan et al.
-2025): on the built-in moving scene, leaving out the 30 % with the lowest score cost 3.1 dB by that,
-2.5 dB at random, 0.7 dB by the contribution alone and 0.6 dB by the opacity. What is there shortly
-is what moves.
+Rows are not pruned by contribution times lifetime (4DGS-1K, Yuan et al. 2025): on the built-in
+moving scene, removing the 30 % with the lowest score cost 3.1 dB by that, 2.5 dB at random, 0.7 dB
+by the contribution alone and 0.6 dB by the opacity. Rows with a short lifetime show the motion.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ from gsfw.strategies.opacity_reset import OpacityReset
 from gsfw.strategies.rounds import RefinementRounds
 
 COPIES = 2
-"""Children of a split row (Kerbl et al. 2023, section 5.2)."""
+"""Number of children of a split row (Kerbl et al. 2023, section 5.2)."""
 
 
 @dataclass
@@ -92,14 +91,14 @@ class AdcConfig(StrategyConfig):
     guided: GuidedSamplingConfig = field(default_factory=GuidedSamplingConfig)
 
     def needs(self) -> Needs:
-        """The gradient that rows grow by, the depth of guided sampling, and rows to split."""
+        """The gradient for growth, the depth of guided sampling, and rows that can be split."""
         features = {Feature.ABSGRAD if self.absgrad else Feature.SCREEN_GRADIENT}
         if self.guided.rounds > 0:
             features.add(Feature.DEPTH)
         return Needs(features=frozenset(features), densifiable=True)
 
     def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
-        """Growth and pruning; guided sampling and opacity resets where they are on."""
+        """Growth and pruning; guided sampling and opacity resets if enabled."""
         rounds = RefinementRounds(self.refine_start, self.refine_every, self.refine_stop)
         found: list[Refiner] = [AdaptiveDensityControl(self, scene, rounds)]
         if self.guided.rounds > 0:
@@ -122,7 +121,7 @@ class AdaptiveDensityControl(Refiner):
         self._may_grow = True
 
     def statistics(self, step: int) -> frozenset[Statistic]:
-        """The screen gradient, as long as refinements to come need it or the radii."""
+        """The screen gradient, while later refinements need it or the radii."""
         needed = self._grows(step + 1) or self._config.prune_radius > 0
         if step + 1 >= self._config.refine_stop or not needed:
             return frozenset()
@@ -154,11 +153,11 @@ class AdaptiveDensityControl(Refiner):
         return self._config.refine_stop
 
     def rows_edited(self) -> None:
-        """Drop the statistics of rows that are no more."""
+        """Drop the statistics after a change of rows."""
         self._seen = None
 
     def refine(self, context: RefineContext) -> Refinement:
-        """Grow and prune every ``refine_every`` steps, but not in a step that others prune in."""
+        """Grow and prune every ``refine_every`` steps, unless another refiner prunes that step."""
         self._may_grow = context.limits.may_grow
         if context.done >= self._config.refine_stop:
             self._seen = None
@@ -189,7 +188,7 @@ class AdaptiveDensityControl(Refiner):
         return {"cloned": len(cloned), "split": len(split), "pruned": pruned}
 
     def _grows(self, done: int) -> bool:
-        """Whether rows may grow in the next refinement, which is after ``done`` steps or later."""
+        """True if rows may grow in the next refinement, after ``done`` steps or later."""
         config = self._config
         if not self._may_grow:
             return False
@@ -222,7 +221,7 @@ class AdaptiveDensityControl(Refiner):
     def _kept(
         self, model: DensifiableModel, radii: Float[Tensor, " n"], resets_done: bool
     ) -> Bool[Tensor, " n"]:
-        """Rows that stay. The most opaque one always does: something has to be there to train."""
+        """Rows to keep. They include the most opaque one: training needs at least one row."""
         config, opacities = self._config, model.opacities()
         kept = opacities >= config.prune_opacity
         lifetimes = model.lifetimes() if config.prune_lifetime > 0 else None
@@ -237,7 +236,7 @@ class AdaptiveDensityControl(Refiner):
         return kept
 
     def state_dict(self) -> dict[str, Any]:
-        """The sums since the last refinement, and whether growth goes on."""
+        """The sums since the last refinement, and the state of growth."""
         gathered = {} if self._seen is None else self._seen.state_dict()
         return {"gathered": gathered, "may_grow": self._may_grow}
 

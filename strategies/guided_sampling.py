@@ -1,16 +1,16 @@
-"""Guided sampling: new rows along the rays of what is drawn worst (Li et al. 2024, section 4.4).
+"""Guided sampling: new rows along the rays of the worst patches (Li et al. 2024, section 4.4).
 
-Rows grow from rows, so that where none is near, none will be: at something that nothing has yet
-drawn, or that is there for a moment. Of the training views with the largest error, as last drawn,
-the worst patches of 16 x 16 pixels get rows along the ray through their centre, with the colour
-the picture has there, at the view's time. Those in the wrong place stay faint and are pruned.
+Rows grow from rows, so no row grows in an empty region: at a surface without splats, or at one that
+is visible for a moment only. In the training views with the largest error at their last render, the
+worst patches of 16 x 16 pixels get rows along the ray through their centre, with the colour of the
+image there, at the view's time. Rows at a wrong position stay faint and are pruned.
 
-Where we differ from the released code: views and patches are ranked by their mean absolute error
+Differences from the released code: views and patches are ranked by their mean absolute error
 (there: views by SSIM, and patches are bad when 85 % of their pixels are above the quantile of 0.6);
-a view is not used again until it has been drawn again; a row is about as large as its patch, of
-which each gets a few (there: one per pixel); and depths are spread around the surface drawn there,
-or from the camera to the far side of a box around the scene where none is. There, they are 0.7 and
-7.5 times the largest depth drawn, which suits a far background that was never reconstructed.
+a view is not used again before its next render; a row is about as large as its patch, of which each
+gets a few (there: one per pixel); and depths are spread around the rendered surface, or from the
+camera to the far side of a box around the scene if there is none. There, they are 0.7 and 7.5 times
+the largest rendered depth, which suits a far background that was never reconstructed.
 
 Measured from 500 random points (built-in moving scene, 120 x 90, 800 steps, two seeds each), method
 spacetime without growth by time gradients: 22.1 dB without, and with rows within 5, 10, 20 and 40 %
@@ -41,60 +41,60 @@ from gsfw.core.scene import Scene
 from gsfw.strategies.rounds import RefinementRounds
 
 PATCH = 16
-"""Pixels of a patch's side, about: patches divide a picture evenly (section 4.4)."""
+"""Side of a patch in pixels, about: patches divide an image evenly (section 4.4)."""
 WORST_VIEWS = 2
-"""Views that a round takes patches from (the released code)."""
+"""Number of views of a round (the released code)."""
 DEPTHS = 4
-"""Rows along each ray: with two the gain was half as large."""
+"""Number of rows along each ray: with two the gain was half as large."""
 SPREAD = 0.1
-"""How far from the drawn surface rows are, relative to its depth."""
+"""Spread of rows around the rendered surface, relative to its depth."""
 SIZE = 0.3
 """Standard deviation of a new row, in widths of its patch there."""
 NEAREST = 0.05
-"""Where no surface is drawn, rows begin at this part of the way to the far side of the box."""
+"""Without a rendered surface, rows begin at this fraction of the way to the far side of the box."""
 OPAQUE = 0.5
-"""Where less than this is drawn there is no surface."""
+"""There is no surface where the rendered alpha is below this."""
 OUTLIERS = 0.01
-"""Share of the points on each side that may lie outside of the box."""
+"""Fraction of the points on each side that may lie outside of the box."""
 MIN_COSINE = 1e-3
-"""Rays are no longer than a thousand depths, as at the rim of a fisheye."""
+"""Least cosine to the optical axis: rays have at most a thousand depths, as at a fisheye's rim."""
 PARALLEL = 1e-9
 """Rays with a smaller direction along an axis never leave the box along it."""
 
 
 @dataclass
 class GuidedSamplingConfig:
-    """New rows where pictures are drawn worst; steps are those of a run of 30,000."""
+    """New rows at the worst rendered patches; steps are those of a run of 30,000."""
 
     rounds: int = number(0, at_least=0)
-    """How often rows are added where pictures are drawn worst (6 are enough); 0: never."""
+    """Rounds that add rows at the worst rendered patches (6 are enough); 0: none."""
     start: int = steps_field(1600)
     """The first round goes with the first refinement at this step or later."""
     every: int = steps_field(500, at_least=1, floor=50)
-    """Steps between rounds, in which views are drawn again."""
+    """Steps between rounds, in which views are rendered again."""
     share: float = number(0.1, above=0, at_most=1)
-    """Share of a picture's patches that get rows, the worst ones, in (0, 1]."""
+    """Fraction of an image's patches that get rows, the worst ones, in (0, 1]."""
 
 
 @dataclass(frozen=True)
 class SeenView:
-    """What is kept of a view's last picture: ``p`` rows of ``q`` patches, on the device."""
+    """Patches of a view's last render: ``p`` rows of ``q`` patches, on the device."""
 
     errors: Float[Tensor, "p q"]
-    """Mean absolute difference over what is valid and not background."""
+    """Mean absolute difference over the pixels that are valid and not background."""
     colors: Float[Tensor, "p q 3"]
-    """Mean colours, as they should be."""
+    """Mean colours of the true image."""
     depths: Float[Tensor, "p q"]
-    """View depth of the drawn surface, in scene units; 0 where there is none."""
+    """View depth of the rendered surface, in scene units; 0 where there is none."""
     rays: Float[Tensor, "p q 6"]
     """Origin and direction through the centre of each patch, in scene units."""
     forward: Float[Tensor, " 3"]
-    """Direction of the camera's axis."""
+    """Direction of the optical axis."""
     time: Float[Tensor, ""] | None
-    """In [0, 1]; ``None`` for a static capture."""
+    """Time of the view in [0, 1]; ``None`` for a static capture."""
 
     def state_dict(self) -> dict[str, Tensor | None]:
-        """Every field."""
+        """All fields by name."""
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
 
@@ -110,11 +110,11 @@ class GuidedSampling(Refiner):
         refinements: RefinementRounds,
         max_rows: int = 0,
     ) -> None:
-        """Start without images.
+        """Start without statistics.
 
         Args:
             config: schedule, and number of rows.
-            scene: has the box that new rows are put into where nothing is rendered.
+            scene: its bounding box limits new rows where there is no surface.
             refinements: the refinements of the strategy, with which rounds coincide.
             max_rows: no rows beyond this number; 0: no limit.
         """
@@ -124,11 +124,11 @@ class GuidedSampling(Refiner):
         self._seen: dict[int, SeenView] = {}
 
     def depth(self, step: int) -> Depth:
-        """Where surfaces are, while there are rounds to come soon."""
+        """Expected depth, if a round follows soon."""
         return Depth.EXPECTED if self._looks(step) else Depth.NONE
 
     def _looks(self, step: int) -> bool:
-        """Whether pictures of ``step`` are looked at: from one interval before the first round."""
+        """True if the renders of ``step`` are measured; starts one interval before round one."""
         config = self._config
         more = self._rounds < config.rounds and step + 1 < self._refinements.stop
         return more and step >= config.start - config.every
@@ -137,7 +137,7 @@ class GuidedSampling(Refiner):
     def observe(
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
-        """Keep how wrong each patch is; no synchronisation."""
+        """Keep the error of each patch; no synchronisation."""
         if not self._looks(context.step):
             return
         batch, rendered, target = context.batch, context.rendered, context.target
@@ -145,7 +145,7 @@ class GuidedSampling(Refiner):
         errors = (rendered.color - target).abs().mean(dim=-1, keepdim=True)
         if batch.valid is not None:
             errors = torch.where(batch.valid, errors, 0.0)
-        if batch.coverage is not None:  # What is too much in the background needs no new rows.
+        if batch.coverage is not None:  # Errors in the background need no new rows.
             errors = errors * batch.coverage
         surface = (rendered.alpha > OPAQUE).to(errors)
         maps = torch.cat([errors, target, rendered.depth * surface, surface], dim=-1)
@@ -183,7 +183,7 @@ class GuidedSampling(Refiner):
             number = max(round(config.share * seen.errors.numel()), 1)
             if max_rows > 0:
                 number = min(number, max(max_rows - len(table), 0) // DEPTHS)
-            # Patches without an error have none to correct, however few the others are.
+            # Patches without an error need no correction, however few the others are.
             chosen = seen.errors.flatten().argsort(descending=True, stable=True)[:number]
             chosen = chosen[seen.errors.flatten()[chosen] > 0]
             points, sizes = _along_rays(seen, chosen, self._box, context.generator)
@@ -195,11 +195,11 @@ class GuidedSampling(Refiner):
         return {"guided": len(table) - before}
 
     def forget(self) -> None:
-        """Let go of all pictures: there are no more rounds."""
+        """Delete all patches: there are no more rounds."""
         self._seen = {}
 
     def _worst_views(self) -> Sequence[int]:
-        """The views with the largest mean errors, of those drawn since they were last used."""
+        """The views with the largest mean errors, among those rendered since their last use."""
         if not self._seen:
             return ()
         errors = torch.stack([seen.errors.mean() for seen in self._seen.values()])
@@ -212,15 +212,15 @@ class GuidedSampling(Refiner):
         return {"rounds": self._rounds, "seen": seen}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from there."""
+        """Continue from ``state``."""
         self._rounds = state.get("rounds", 0)
         self._seen = {view: SeenView(**kept) for view, kept in state.get("seen", {}).items()}
 
 
 def bounding_box(scene: Scene) -> tuple[Float[Tensor, " 3"], Float[Tensor, " 3"]]:
-    """Opposite corners of a box that holds the cameras, and all points but a few outliers.
+    """Opposite corners of a box of the cameras and all points but a few outliers.
 
-    A scene without points is taken to reach an extent beyond its cameras.
+    A scene without points reaches an extent beyond its cameras.
     """
     low, high = scene.camera_centers.amin(dim=0), scene.camera_centers.amax(dim=0)
     points = scene.points[scene.points.isfinite().all(dim=1)].sort(dim=0).values
@@ -231,7 +231,7 @@ def bounding_box(scene: Scene) -> tuple[Float[Tensor, " 3"], Float[Tensor, " 3"]
 
 
 def _patches(pixels: int) -> int:
-    """Patches along a side: at least two, as their distance is their width."""
+    """Number of patches along a side: at least two, since their distance is their width."""
     return max(-(-pixels // PATCH), 2)
 
 
@@ -241,7 +241,7 @@ def _along_rays(
     box: tuple[Tensor, Tensor],
     generator: torch.Generator,
 ) -> tuple[Float[Tensor, "r 3"], Float[Tensor, " r"]]:
-    """``DEPTHS`` points on the ray of each chosen patch, and how large rows are there."""
+    """``DEPTHS`` points on the ray of each chosen patch, and the sizes of rows there."""
     rays = seen.rays.flatten(0, 1)[chosen]
     nearest, farthest = _stretch(rays, seen, chosen, box)
     shape = (DEPTHS, len(chosen))
@@ -263,7 +263,7 @@ def _stretch(
     chosen: Int[Tensor, " k"],
     box: tuple[Tensor, Tensor],
 ) -> tuple[Float[Tensor, " k"], Float[Tensor, " k"]]:
-    """Between which distances along each ray something may be missing."""
+    """Range of distances along each ray in which a surface may be missing."""
     origins, directions = rays[:, :3], rays[:, 3:]
     low, high = (corner.to(rays) for corner in box)
     exits = (torch.where(directions > 0, high, low) - origins) / directions

@@ -1,13 +1,12 @@
 """Density control as Markov chain Monte Carlo (Kheradmand et al. 2024).
 
 Rows move by noise shaped by their covariance (equation 8), dead rows are relocated to live ones
-drawn by opacity so that the picture stays as it is (equation 9), the number of rows grows to a
-fixed limit, and opacities and scales are pulled towards zero (section 3.4).
+sampled by opacity without a change of the image (equation 9), the number of rows grows to a
+fixed limit, and opacities and scales are regularised towards zero (section 3.4).
 
-Rows can be drawn by the mean gradient of their screen position besides (FreeTimeGS, Wang et al.
-2025), so that copies go where the picture is still wrong; this is off by default. There the two are
-added as they are; here each is divided by its sum first, so that neither depends on how many pixels
-a picture has.
+Rows can also be sampled by the mean gradient of their screen position (FreeTimeGS, Wang et al.
+2025), so that copies go to the regions with errors; this is off by default. The paper adds the two;
+here each is divided by its sum first, so that neither depends on the number of pixels of an image.
 """
 
 from __future__ import annotations
@@ -47,13 +46,13 @@ class McmcConfig(StrategyConfig):
     """As in the paper's released code."""
 
     cap_max: int = number(1_000_000, at_least=1)
-    """The number of splats it grows to; more at the start stay as many."""
+    """Limit of the growth; more splats at the start stay as many."""
     growth: float = number(0.05, at_least=0)
     """Splats added by each refinement, relative to those there are."""
     min_opacity: float = number(0.005, at_least=0)
     """Rows up to this opacity are dead, and are relocated."""
     gradient_share: float = number(0.0, at_least=0, at_most=1)
-    """Part of the copies drawn by screen gradient instead of opacity (FreeTimeGS: 0.5); 0: none."""
+    """Part of the copies sampled by screen gradient, not by opacity (FreeTimeGS: 0.5); 0: none."""
     noise_lr: float = number(5e5, at_least=0)
     """Strength of the noise, times the learning rate of positions."""
     opacity_reg: float = number(0.01, at_least=0)
@@ -68,7 +67,7 @@ class McmcConfig(StrategyConfig):
     """Steps between refinements; short runs refine, and so grow, in fewer rounds."""
 
     def needs(self) -> Needs:
-        """Rows to relocate, and the gradient that some of the copies are drawn by."""
+        """Rows that can be relocated, and the screen gradient for a part of the copies."""
         drawn_by = frozenset({Feature.SCREEN_GRADIENT} if self.gradient_share else ())
         return Needs(features=drawn_by, densifiable=True)
 
@@ -90,12 +89,12 @@ class MarkovChainMonteCarlo(Refiner):
         self._seen: RowStatistics | None = None
 
     def statistics(self, step: int) -> frozenset[Statistic]:
-        """The screen gradient where rows are drawn by it, as long as any are to be drawn."""
+        """The screen gradient if rows are sampled by it, while growth lasts."""
         gathers = self._config.gradient_share > 0 and step + 1 < self._config.refine_stop
         return frozenset({Statistic.SCREEN_GRADIENT} if gathers else ())
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """Mean opacity and mean scale of the splats drawn, weighted."""
+        """Mean opacity and mean scale of the rendered splats, weighted."""
         return {
             "opacity_reg": self._config.opacity_reg * context.splats.opacities.mean(),
             "scale_reg": self._config.scale_reg * _standard_deviations(context.splats).mean(),
@@ -104,7 +103,7 @@ class MarkovChainMonteCarlo(Refiner):
     def observe(
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
-        """Add up gradients by row where rows are drawn by them."""
+        """Add up gradients by row if rows are sampled by them."""
         gradient = statistics.screen_gradient
         if gradient is None or not self.statistics(context.step):
             return
@@ -122,7 +121,7 @@ class MarkovChainMonteCarlo(Refiner):
         return self._config.refine_stop
 
     def rows_edited(self) -> None:
-        """Drop the statistics of rows that are no more."""
+        """Drop the statistics after a change of rows."""
         self._seen = None
 
     def refine(self, context: RefineContext) -> Refinement:
@@ -145,7 +144,7 @@ class MarkovChainMonteCarlo(Refiner):
     def _relocate(
         self, table: SplatTable, model: DensifiableModel, generator: torch.Generator
     ) -> int:
-        """Let every dead row become a copy of a live one."""
+        """Replace every dead row by a copy of a live one."""
         opacities = model.opacities()
         alive = opacities > self._config.min_opacity
         num_dead = len(alive) - int(alive.sum())
@@ -161,7 +160,7 @@ class MarkovChainMonteCarlo(Refiner):
     def _grow(
         self, table: SplatTable, model: DensifiableModel, generator: torch.Generator, number: int
     ) -> int:
-        """Add copies of rows drawn by opacity."""
+        """Add copies of rows sampled by opacity."""
         opacities = model.opacities()
         if number <= 0 or not bool(opacities.sum() > 0):
             return 0
@@ -170,7 +169,7 @@ class MarkovChainMonteCarlo(Refiner):
         return number
 
     def _weights(self, opacities: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-        """How often rows are drawn, relative to each other; never where the opacity is zero."""
+        """Sampling weights of rows; zero where the opacity is zero."""
         share = self._config.gradient_share
         if self._seen is None or share == 0:
             return opacities
@@ -183,13 +182,13 @@ class MarkovChainMonteCarlo(Refiner):
     def _shared_out(
         chosen: Int[Tensor, " r"], table: SplatTable, model: DensifiableModel
     ) -> Children:
-        """Copies of ``chosen``, once these rows have been thinned to make up for their copies."""
+        """Thin the ``chosen`` rows to compensate for their copies, and return the copies."""
         sources, copies = chosen.unique(return_counts=True)
         table.replace(sources, model.relocated(sources, copies + 1))
         return model.clone_rows(chosen)
 
     def state_dict(self) -> dict[str, Any]:
-        """The gradients since the last refinement, where they are gathered."""
+        """The gradients since the last refinement, if they are gathered."""
         return {"gathered": {} if self._seen is None else self._seen.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -202,7 +201,7 @@ class MarkovChainMonteCarlo(Refiner):
 def draw_rows(
     weights: Float[Tensor, " n"], number: int, generator: torch.Generator
 ) -> Int[Tensor, " r"]:
-    """Rows drawn with replacement, in proportion to weights that are not all zero.
+    """Sample rows with replacement, in proportion to weights that are not all zero.
 
     By inversion of the cumulated weights: torch.multinomial has a limit of 2^24 rows.
     """

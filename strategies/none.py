@@ -1,4 +1,4 @@
-"""Strategy none: the rows stay as they are."""
+"""Strategy none: the rows do not change."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ class NoneConfig(StrategyConfig):
     """No density control; works with any model."""
 
     def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
-        """None."""
+        """No refiners."""
         return ()

@@ -1,6 +1,6 @@
-"""Opacity reset: all opacities are lowered now and then, so that useless rows stay faint.
+"""Opacity reset: lowers all opacities at intervals, so that useless rows stay faint.
 
-Kerbl et al. 2023, section 5.2: rows that images need recover within some hundred steps, floaters
+Kerbl et al. 2023, section 5.2: rows with a use recover within some hundred steps, floaters
 close to the cameras do not, and are pruned.
 """
 
@@ -11,7 +11,7 @@ from gsfw.core.refiner import RESET, RefineContext, Refinement, Refiner
 
 
 class OpacityReset(Refiner):
-    """Caps every opacity, every so many steps, as long as rows grow."""
+    """Caps every opacity at regular steps while rows grow."""
 
     name = "opacity-reset"
 
@@ -26,7 +26,7 @@ class OpacityReset(Refiner):
         self._every, self._opacity, self._stop = every, opacity, stop
 
     def refine(self, context: RefineContext) -> Refinement:
-        """Lower opacities if a reset is due; moments of Adam begin anew."""
+        """Lower opacities if a reset is due; moments of Adam restart at zero."""
         due = context.done < self._stop and context.done % self._every == 0
         if not due or not context.limits.may_grow or context.limits.hold:
             return {}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RefinementRounds:
-    """Every so many steps, after one step and before another."""
+    """Regular steps after one step and before another."""
 
     start: int
     """No round up to this step."""
@@ -17,5 +17,5 @@ class RefinementRounds:
     """No round from this step on."""
 
     def due(self, done: int) -> bool:
-        """Whether there is a round after ``done`` steps."""
+        """True if a round is due after ``done`` steps."""
         return self.start < done < self.stop and done % self.every == 0

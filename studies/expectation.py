@@ -21,7 +21,7 @@ from torch import Tensor
 from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, Control
 from gsfw.core.datamanager import DataManager, Split, Views
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.memory import added_memory_mb, peak_memory_mb
 from gsfw.core.loop.resolution import FULL_SIZE
 from gsfw.core.loop.run_folder import RunFolder
@@ -224,7 +224,9 @@ def _seconds_to_evaluate(composition: Composition) -> float:
     (batch,) = parts.data.load(Split.TRAIN, [len(parts.data.views(Split.TRAIN)) - 1], parts.device)
     assert settings.background is not None
     started = time.perf_counter()
-    image = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time).color[0]
+    image = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time).color[
+        0
+    ]
     for metric in parts.metrics.values():
         metric(image, batch.target(settings.background)[0], None)
     return time.perf_counter() - started

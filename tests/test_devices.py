@@ -12,7 +12,7 @@ from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import installed
@@ -87,7 +87,7 @@ def test_both_devices_draw_the_same_pictures(tmp_path):
         run = restored(tmp_path / "run", where).composition
         parts, settings = run.parts, run.plan.settings
         drawn = [
-            draw(parts.model, parts.rasterizer, camera.to(parts.device), settings)
+            render_model(parts.model, parts.rasterizer, camera.to(parts.device), settings)
             for camera in parts.data.views(Split.TRAIN).cameras
         ]
         pictures.append(torch.cat([output.color.cpu() for output in drawn]))

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from gsfw.plugins.settings import Layer
 
 FLAGS = ("help", "json", "debug", "dry_run")
-"""Keys that mean true where they stand as ``--key`` alone, for every verb."""
+"""Keys of flags for every verb: true as ``--key`` alone."""
 
 _PAIR = re.compile(r"(?:--)?([A-Za-z_][\w.\-]*)=(.*)", re.DOTALL)
 _OPTION = re.compile(r"--([A-Za-z_][\w.\-]*)")
 
 
 class HelpRequested(Exception):
-    """``--help`` was given; carries the text to show."""
+    """``--help`` was given; carries the help text."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Arguments:
 
     @property
     def values(self) -> Mapping[str, str]:
-        """Texts by key; of a key that was given twice, the last."""
+        """Texts by key; the last one of a repeated key."""
         return dict(self.pairs)
 
     def flag(self, name: str) -> bool:
@@ -52,7 +52,7 @@ class Arguments:
 
 
 def parse(tokens: Sequence[str]) -> Arguments:
-    """Tell keys, values and words apart.
+    """Separate keys, values and words.
 
     Raises:
         ConfigError: ``--key`` is not followed by a value.
@@ -83,12 +83,12 @@ def _key(text: str) -> str:
 
 
 def _expanded(text: str) -> str:
-    """``~/`` after a key is left alone by most shells."""
+    """Expand ``~/`` after a key, since most shells do not."""
     return str(Path(text).expanduser()) if text == "~" or text.startswith("~/") else text
 
 
 def layers(arguments: Arguments) -> list[Layer]:
-    """The settings that were given: each ``config=FILE``, then what was typed.
+    """Layers of the given settings: each ``config=FILE``, then the command line.
 
     Raises:
         ConfigError: a word is no ``key=value``, or a file cannot be read.
@@ -102,7 +102,7 @@ def layers(arguments: Arguments) -> list[Layer]:
 
 
 def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a dataclass field
-    """An option that is given as a bare word; required, unless it has a default."""
+    """An option as a bare word; required, unless it has a default."""
     metadata = {"word": name}
     if default is None:
         return field(metadata=metadata)
@@ -110,13 +110,13 @@ def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a data
 
 
 def words(name: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """An option that is given as one or more bare words, after all other words of its verb."""
+    """An option as one or more bare words, after all other words of its verb."""
     return field(default=(), metadata={"word": name, "many": True})
 
 
 @dataclass(kw_only=True)
 class Options:
-    """Options of a verb; the docstring's first line says what the verb does."""
+    """Options of a verb; the docstring's first line is the summary of the verb."""
 
     examples: ClassVar[tuple[str, ...]] = ()
     """Command lines for the help."""
@@ -131,7 +131,7 @@ VerbOptions = TypeVar("VerbOptions", bound=Options)
 
 
 def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptions:
-    """Options of a verb that has no settings of a method.
+    """Parse the options of a verb without settings of a method.
 
     Raises:
         HelpRequested: ``--help`` was given.
@@ -156,10 +156,10 @@ def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptio
 
 
 def _placed(verb: str, kind: type[Options], found: Sequence[Any]) -> dict[str, Any]:
-    """Bare words by the names of their options.
+    """Assign bare words to the names of their options.
 
     Raises:
-        ConfigError: there are too many.
+        ConfigError: there are too many words.
     """
     places = [item for item in fields(kind) if "word" in item.metadata]
     if places and places[-1].metadata.get("many") and len(found) >= len(places):

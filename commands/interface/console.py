@@ -11,23 +11,23 @@ from typing import Any
 from gsfw.core.files.json_text import json_text
 
 WIDTH_OF_FILES = 160
-"""Columns of a table that is not shown on a terminal."""
+"""Width of a table without a terminal, in columns."""
 
 
 class LoggedWarnings(logging.Handler):
-    """Shows warnings that any part of gsfw logs on the screen, without their tracebacks."""
+    """Prints the logged warnings of all parts of gsfw, without their tracebacks."""
 
     def __init__(self, console: Console) -> None:
         super().__init__(logging.WARNING)
         self._console = console
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Show one warning."""
+        """Print one warning."""
         self._console.warn(record.getMessage())
 
     @contextmanager
     def shown(self) -> Iterator[None]:
-        """Show them for the time of one verb."""
+        """Print warnings inside the context of one verb."""
         logger = logging.getLogger("gsfw")
         logger.addHandler(self)
         try:
@@ -43,22 +43,22 @@ class Console:
         self.json_only = json_only
 
     def say(self, text: str = "") -> None:
-        """A line for people; on standard error where standard output belongs to a program."""
+        """Print a line; on standard error if standard output belongs to a program."""
         stream = sys.stderr if self.json_only else sys.stdout
         stream.write(f"{text}\n")
         stream.flush()
 
     def warn(self, text: str) -> None:
-        """A line on standard error."""
+        """Print a line on standard error."""
         sys.stderr.write(f"warning: {text}\n")
 
     def table(self, columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
-        """A table for people; nothing with ``json=true``."""
+        """Print a table; nothing with ``json=true``."""
         if not self.json_only:
             self.say(render_table(columns, rows, title))
 
     def result(self, document: Mapping[str, Any] | Sequence[Any]) -> None:
-        """Print the document for programs with ``json=true``; call it once, at the end."""
+        """Print the document with ``json=true``; call it once, at the end."""
         if self.json_only:
             sys.stdout.write(json_text(document, indent=1) + "\n")
             sys.stdout.flush()
@@ -70,13 +70,13 @@ def render_table(
     title: str = "",
     widths: Sequence[int] = (),
 ) -> str:
-    """A table as text, as wide as the terminal; the last column wraps.
+    """Format a table as text, as wide as the terminal; the last column wraps.
 
     Args:
         columns: headings; all empty for none.
         rows: cells.
         title: a line above.
-        widths: of the first columns at least, so that several tables line up.
+        widths: least widths of the first columns, so that several tables align.
     """
     from rich.console import Console as Screen
     from rich.table import Table

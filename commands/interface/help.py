@@ -1,4 +1,4 @@
-"""Help: every verb and key, taken from the registry and from the configuration classes."""
+"""Help: all verbs and keys, from the registry and from the configuration classes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from gsfw.plugins.settings import Settings
 
 COMMON = ("json", "debug")
-"""Options of every verb, which come last in its help."""
+"""Options of every verb, at the end of its help."""
 
 
 def main_help(registry: Registry) -> str:
-    """The verbs, one line each, and two examples."""
+    """List the verbs, one line each, and two examples."""
     verbs = registry.slot("command")
     width = max(len(name) for name in verbs)
     return "\n".join(
@@ -65,7 +65,7 @@ def options_help(verb: str, kind: type[Options]) -> str:
 
 
 def settings_help(verb: str, settings: Settings, registry: Registry) -> str:
-    """Every key of a method with the parts that were chosen, in groups."""
+    """All keys of a method with the chosen parts, in groups."""
     from gsfw.plugins.keys import SLOT_KEYS, keys
 
     method = settings.method

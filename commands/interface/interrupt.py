@@ -1,7 +1,7 @@
-"""Interrupt: what signals do.
+"""Interrupt: effects of signals.
 
-Ctrl-C ends a run after its step, with a checkpoint; a second one ends it at once. Elsewhere a
-signal ends the program as an error does, so that it still removes what is temporary.
+Ctrl-C ends a run after its step, with a checkpoint; a second one ends it immediately. Elsewhere a
+signal ends the program like an error, so that temporary files are removed.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ ENDING = tuple(signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr
 
 @dataclass
 class Interrupt:
-    """True if a signal has asked the run to stop."""
+    """True if a signal has requested a stop of the run."""
 
     received: bool = False
 
 
 @contextmanager
 def stop_on_signal(control: Control) -> Iterator[Interrupt]:
-    """Let the first signal ask the run to stop, and the second raise ``KeyboardInterrupt``."""
+    """Request a stop of the run at the first signal; raise ``KeyboardInterrupt`` at the second."""
     interrupt = Interrupt()
 
     def stop(number: int, frame: FrameType | None) -> None:
@@ -54,9 +54,9 @@ def stop_on_signal(control: Control) -> Iterator[Interrupt]:
 
 @contextmanager
 def interrupted_once(text: str) -> Iterator[None]:
-    """Let the first Ctrl-C say a line and raise ``KeyboardInterrupt``, and further ones do nothing.
+    """Print a line and raise ``KeyboardInterrupt`` at the first Ctrl-C; ignore further ones.
 
-    This is for work that takes seconds to stop, which a second one could only spoil.
+    This is for work that takes seconds to stop, and that a second signal would corrupt.
     """
     interrupt = Interrupt()
 
@@ -78,18 +78,18 @@ def interrupted_once(text: str) -> Iterator[None]:
 
 @contextmanager
 def leave_on_signal() -> Iterator[None]:
-    """Let the signals that end a program raise ``SystemExit`` with 128 + their number.
+    """Raise ``SystemExit`` with 128 + its number at each signal that ends a program.
 
-    By itself Python ends on them at once, and what should have been removed at the end stays.
+    By default Python would end immediately, without removing temporary files.
     """
 
     def leave(number: int, frame: FrameType | None) -> None:
         raise SystemExit(128 + number)
 
     before = {}
-    if threading.current_thread() is threading.main_thread():  # Others cannot set handlers.
+    if threading.current_thread() is threading.main_thread():  # Other threads cannot set handlers.
         for number in ENDING:
-            if signal.getsignal(number) is signal.SIG_DFL:  # nohup has SIGHUP ignored.
+            if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP.
                 before[number] = signal.signal(number, leave)
     try:
         yield

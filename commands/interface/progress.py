@@ -17,25 +17,25 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bars
 
 PATIENCE = 0.7
-"""Seconds that a stage takes before it is shown: shorter waits need no explanation."""
+"""Seconds before a stage is displayed: shorter waits need no explanation."""
 FRAME = 0.1
 """Seconds between updates of a bar."""
 LINES = 10.0
-"""Seconds between lines where there is no terminal."""
+"""Seconds between lines without a terminal."""
 STAGE_LINES = 30.0
-"""The same for the stages of ``StageBars``, whose beginning and end have lines as well."""
+"""Seconds between lines of ``StageBars``, whose beginning and end have lines as well."""
 
 
 def load_torch() -> None:
-    """Import torch, which takes over a second, as a stage; verbs call it once they are checked."""
+    """Import torch, which takes over a second, as a stage; verbs call it after their checks."""
     with stage("loading torch"):
         import torch  # noqa: F401 - those who need it import it again, at once.
 
 
 class SlowStages:
-    """Shows each stage once it has taken ``PATIENCE`` seconds.
+    """Displays each stage that takes over ``PATIENCE`` seconds.
 
-    On a terminal these are bars, which vanish when the stage ends; elsewhere plain lines.
+    On a terminal these are bars, which are removed when the stage ends; elsewhere plain lines.
     """
 
     def __init__(self) -> None:
@@ -44,11 +44,11 @@ class SlowStages:
 
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Advance]:
-        """Show a stage (a ``ShowStage`` of ``core.progress``)."""
+        """Display a stage (a ``ShowStage`` of ``core.progress``)."""
         counter = _Counter(name, total)
         ended = Event()
         show = self._show_bar if sys.stderr.isatty() else self._show_lines
-        # A thread, since much of what takes long never returns to Python in between.
+        # A thread, since many long operations never return to Python in between.
         watcher = Thread(target=show, args=(counter, ended), name="gsfw-progress", daemon=True)
         watcher.start()
         try:
@@ -83,7 +83,7 @@ class SlowStages:
 
 
 class _Counter:
-    """A stage, and how far it is."""
+    """A stage and its progress."""
 
     def __init__(self, name: str, total: int) -> None:
         self.name, self.total, self.done = name, total, 0
@@ -111,18 +111,18 @@ def _new_bars() -> Bars:
 
 
 class StageBars(Progress):
-    """Bars with the time that is left, and a line for each stage that has ended."""
+    """Bars with the remaining time, and a line for each finished stage."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
 
     def say(self, text: str) -> None:
-        """A line."""
+        """Print a line."""
         self._console.say(text)
 
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Advance]:
-        """Show a bar, or a line now and then; a line with its time when the stage is done."""
+        """Display a bar, or regular lines; print the duration at the end of the stage."""
         start = time.perf_counter()
         counted = _Counted()
         with self._bar(name, total) if sys.stderr.isatty() else self._lines(name, total) as show:
@@ -171,6 +171,6 @@ class StageBars(Progress):
 
 
 class _Counted:
-    """The number of finished things."""
+    """Number of finished items."""
 
     done = 0

@@ -25,14 +25,14 @@ MODEL_SUFFIX = ".gsfw"
 
 @dataclass(frozen=True)
 class RunArgument:
-    """The run that was named."""
+    """The run of the argument RUN."""
 
     folder: RunFolder
-    """Where results go; that of a model file is the folder it lies in."""
+    """Folder of results; for a model file, its parent folder."""
     checkpoint: Path | None
-    """The checkpoint that was named; ``None`` for the last."""
+    """The given checkpoint; ``None`` for the latest."""
     model_file: Path | None = None
-    """The model file that was named in place of a run."""
+    """The given model file in place of a run."""
 
     @property
     def name(self) -> str:
@@ -41,7 +41,7 @@ class RunArgument:
 
 
 def find_run(text: str) -> RunArgument:
-    """The run that RUN means.
+    """Find the run of RUN.
 
     Raises:
         DataError: there is none; suggests the nearest name.
@@ -68,7 +68,7 @@ def list_runs(root: Path = RUNS) -> list[Path]:
 
 
 def _age(config: Path) -> tuple[float, str]:
-    """When a run was last written to; names are times, and decide where that is equal."""
+    """Sort key of a run: its last change, then its name, which is a time."""
     return max(item.stat().st_mtime for item in (config, config.parent)), str(config)
 
 
@@ -99,17 +99,17 @@ def _advice() -> str:
 def open_run(
     found: RunArgument, registry: Registry, changed: Layer | None = None, step: int | None = None
 ) -> Restored:
-    """The run as one of its checkpoints left it, or the model that a file holds.
+    """Open a run at one of its checkpoints, or a model file.
 
     Args:
-        found: what RUN names.
-        registry: what is installed.
+        found: the result of ``find_run``.
+        registry: the installed parts.
         changed: settings that replace the run's own.
-        step: which checkpoint; ``None`` for the one that RUN names, or else the last.
+        step: step of the checkpoint; ``None`` for that of RUN, or else the latest.
 
     Raises:
         DataError: there is no such checkpoint, or a file is damaged.
-        ConfigError: the settings no longer resolve, or a step is asked of a model file.
+        ConfigError: the settings no longer resolve, or a step is given for a model file.
     """
     from gsfw.core.progress import stage
 
@@ -137,10 +137,10 @@ def _open(
 
 
 def _checkpoint(folder: RunFolder, step: int) -> Path:
-    """The checkpoint after ``step`` steps.
+    """Path of the checkpoint after ``step`` steps.
 
     Raises:
-        DataError: there is none; lists those there are.
+        DataError: there is none; lists the existing ones.
     """
     path = folder.checkpoint(step)
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""Atomic writes: a file is there as it was or as it will be, never in between."""
+"""Atomic writes: a file has its old or its new content at every moment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NOT_WRITABLE = (
     errno.EEXIST,
     errno.ENAMETOOLONG,
 )
-"""System errors that mean: not here. (EEXIST: a file stands where a folder should.)"""
+"""System errors of an unusable place. (EEXIST: a file is in the place of a folder.)"""
 
 
 @contextmanager
@@ -28,7 +28,7 @@ def readable_write_errors(path: Path) -> Iterator[None]:
     """Turn the system's write errors into one clear message.
 
     Raises:
-        OutputError: the disk is full, or the place cannot be written to.
+        OutputError: the disk is full, or the place is not writable.
     """
     try:
         yield
@@ -47,7 +47,7 @@ def readable_write_errors(path: Path) -> Iterator[None]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that at every moment either the old or the whole new one is there.
+    """Write a file so that at every moment either the old or the complete new one exists.
 
     Raises:
         OutputError: it cannot be written; the old file, if any, is untouched.

@@ -1,4 +1,4 @@
-"""Folder lock: keeps a folder to one program at a time."""
+"""Folder lock: restricts a folder to one program at a time."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from gsfw.core.files.atomic import readable_write_errors
 fcntl: ModuleType | None
 try:
     import fcntl
-except ImportError:  # Windows: nothing keeps two programs from one folder there.
+except ImportError:  # Windows: nothing restricts a folder to one program there.
     fcntl = None
 
 LOCK = ".lock"
-"""The file that is locked; it stays, and tells whose folder it is in."""
+"""The locked file; it is kept, and names the purpose of its folder."""
 
 
 @contextmanager
 def only_one(folder: Path, others: str) -> Iterator[int | None]:
-    """Keep others from a folder; yields the open lock for processes to inherit.
+    """Lock a folder; yields the open lock for child processes.
 
     A process that inherits the lock and outlives its parent still holds it.
 
     Args:
-        folder: made where it is not there.
-        others: whom to keep out, for messages, such as "another study".
+        folder: created if it is missing.
+        others: description of the excluded programs for messages, such as "another study".
 
     Raises:
-        OutputError: one of them works there, or the folder cannot be written to or locked.
+        OutputError: another program has the lock, or the folder cannot be written to or locked.
     """
     with readable_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""JSON text that every reader takes: what is not a number is null."""
+"""JSON text that every reader accepts: NaN and infinities become null."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from gsfw.core.errors import DataError
 
 
 def json_text(document: object, indent: int | None = None) -> str:
-    """A document of plain data as JSON; NaN and infinities, which JSON does not have, as null."""
+    """A document of plain data as JSON; NaN and infinities, which JSON lacks, become null."""
     return json.dumps(_readable(document), indent=indent, allow_nan=False)
 
 
 def read_document(path: Path, schema: int, advice: str) -> Mapping[str, Any]:
-    """An object that a file holds as JSON, of a layout that is known.
+    """Read an object from a JSON file with a known layout.
 
     Args:
-        path: of the file.
-        schema: the number of the layout, as the object's ``schema`` has to say.
-        advice: what to do where it is something else.
+        path: path of the file.
+        schema: version of the layout, which the object's ``schema`` has to equal.
+        advice: remedy for another content.
 
     Raises:
-        DataError: it cannot be read, or is something else.
+        DataError: it cannot be read, or has another content.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))

@@ -12,7 +12,7 @@ from torch import Tensor
 from gsfw.core.batch import LEAST_KNOWN, Batch, Resampling, ViewMap
 
 WHOLE = 1 - 1e-4
-"""A mean of ones above this is 1 but for rounding."""
+"""Threshold of a full mean: a mean of ones is above this despite rounding."""
 
 
 def shrink_batch(batch: Batch, width: int, height: int) -> Batch:
@@ -51,7 +51,7 @@ def shrink_batch(batch: Batch, width: int, height: int) -> Batch:
 def _shrink_map(
     given: ViewMap, valid: Bool[Tensor, "c h2 w2 1"] | None, width: int, height: int
 ) -> ViewMap:
-    """A per-view map at a smaller size, by its rule."""
+    """Shrink a per-view map by its rule."""
     if given.rule is Resampling.NEAREST:
         rows, columns = given.values.shape[1:3]
         y, x = (
@@ -86,7 +86,7 @@ def _weighted_means(
 def area_means(
     values: Float[Tensor, "c h w d"], width: int, height: int
 ) -> Float[Tensor, "c h2 w2 d"]:
-    """Means over the areas that the pixels of a ``height`` x ``width`` image cover."""
+    """Means over the areas of the pixels of a ``height`` x ``width`` image."""
     count, rows, columns, channels = values.shape
     values = _shrink_rows(values.reshape(count, rows, columns * channels), height)
     values = values.view(count, height, columns, channels).transpose(1, 2)
@@ -95,7 +95,7 @@ def area_means(
 
 
 def _shrink_rows(values: Float[Tensor, "c r m"], smaller: int) -> Float[Tensor, "c s m"]:
-    """Means of neighbouring rows. A bag of embeddings is what torch calls such a weighted sum."""
+    """Means of neighbouring rows: a weighted sum, which torch calls a bag of embeddings."""
     count, rows, length = values.shape
     covered, shares = _cover(rows, smaller, values.dtype, values.device)
     first_rows = torch.arange(count, device=values.device)[:, None, None] * rows
@@ -112,9 +112,9 @@ def _shrink_rows(values: Float[Tensor, "c r m"], smaller: int) -> Float[Tensor, 
 def _cover(
     size: int, smaller: int, dtype: torch.dtype, device: torch.device
 ) -> tuple[Int[Tensor, "smaller taps"], Float[Tensor, "smaller taps"]]:
-    """Which pixels of a row each of ``smaller`` equal parts covers, and their shares of it.
+    """Source pixels of each of ``smaller`` equal parts of a row, and their shares of it.
 
-    Kept on the device: copying them there in every step would let the host wait for it.
+    Kept on the device: the host would wait for a copy in every step.
     """
     edges = torch.linspace(0, size, smaller + 1, dtype=torch.float64)
     first = edges[:-1].floor().long()

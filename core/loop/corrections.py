@@ -1,4 +1,4 @@
-"""CaptureCorrections: what is learnt of the capture itself, whatever the method."""
+"""CaptureCorrections: trained corrections of the capture itself, for any method."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from gsfw.core.render_output import RenderOutput
 
 
 class CaptureCorrections(nn.Module):
-    """Exposures of the pictures and poses of the cameras, each only where it was asked for.
+    """Exposures of the images and poses of the cameras, each only if requested.
 
-    Poses reach everyone through the data manager (``RefinedCapture``); exposures are applied in
-    training alone, because a held-out picture has none that is known.
+    All components read poses from the data manager (``RefinedCapture``); exposures are applied in
+    training alone, because those of held-out images are unknown.
     """
 
     def __init__(
@@ -29,26 +29,26 @@ class CaptureCorrections(nn.Module):
         self.poses = poses
 
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
-        """For the optimizer."""
+        """Parameter groups for the optimizer."""
         present = (part for part in (self.exposures, self.poses) if part is not None)
         return tuple(part.group() for part in present)
 
     def expose(
         self, rendered: RenderOutput, views: tuple[int, ...], background: Float[Tensor, " 3"]
     ) -> RenderOutput:
-        """What training pictures should look like, by their index within the training split."""
+        """Apply the exposures of training images, given their indices within the training split."""
         if self.exposures is None:
             return rendered
         return self.exposures.apply_to(rendered, views, background)
 
     def project_(self) -> None:
-        """After each optimizer step: keep what nothing could tell apart where it is. In place."""
+        """Remove unobservable common corrections after each optimizer step. In place."""
         for part in (self.exposures, self.poses):
             if part is not None:
                 part.project_()
 
     def summary(self) -> Mapping[str, float]:
-        """Figures for the run's summary; none where nothing is corrected."""
+        """Figures for the run's summary; empty if nothing is corrected."""
         figures: dict[str, float] = {}
         if self.exposures is not None:
             gains = self.exposures.matrices.diagonal(dim1=1, dim2=2).mean(dim=1)
@@ -58,7 +58,7 @@ class CaptureCorrections(nn.Module):
         return figures
 
     def protocol(self) -> Mapping[str, str]:
-        """What figures of held-out views have to say of it; nothing where nothing is corrected."""
+        """Notes on the corrections, for held-out figures; empty if nothing is corrected."""
         said: dict[str, str] = {}
         if self.exposures is not None:
             said["exposure"] = "learnt for training pictures, held-out ones are drawn without"
@@ -67,5 +67,5 @@ class CaptureCorrections(nn.Module):
         return said
 
     def load_state(self, checkpoint: Mapping[str, Any]) -> None:
-        """Continue from a checkpoint; those of earlier versions correct nothing."""
+        """Continue from a checkpoint; those of earlier versions have no corrections."""
         self.load_state_dict(checkpoint.get("corrections", {}))

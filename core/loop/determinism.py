@@ -12,13 +12,13 @@ import torch
 
 @contextmanager
 def deterministic(device: torch.device) -> Iterator[None]:
-    """Run torch with deterministic algorithms on the CPU, and with all of float32 on a GPU.
+    """Run torch with deterministic algorithms on the CPU, and with full float32 on a GPU.
 
-    Without the first, indexing backward with accumulation is not repeatable with two threads (seen
-    with more than 50,000 rows). Filling new memory is left off: it costs time and hides nothing
-    here. On a GPU the same mode would refuse operators that have no deterministic form, and is left
-    as it is; but convolutions would by default round their inputs to the 11 bits of TF32, of which
-    SSIM, that subtracts squares, would leave nothing.
+    Without the first, the backward pass of indexing with accumulation is not repeatable with two
+    threads (observed with more than 50,000 rows). torch's fill of new memory stays off: it costs
+    time and has no use here. On a GPU the same mode would refuse operators without a deterministic
+    form, so it stays unchanged; but convolutions would by default round their inputs to the 11 bits
+    of TF32, too few for SSIM, which subtracts squares.
     """
     with _deterministic_algorithms() if device.type == "cpu" else _full_float32():
         yield
@@ -26,7 +26,7 @@ def deterministic(device: torch.device) -> Iterator[None]:
 
 @contextmanager
 def _deterministic_algorithms() -> Iterator[None]:
-    # use_deterministic_algorithms would do the same and load torch's compiler, for over a second.
+    # use_deterministic_algorithms would also load torch's compiler, for over a second.
     before = torch.get_deterministic_debug_mode()
     fill = torch.utils.deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
     torch.set_deterministic_debug_mode("error")
@@ -41,7 +41,7 @@ def _deterministic_algorithms() -> Iterator[None]:
 @contextmanager
 def _full_float32() -> Iterator[None]:
     cudnn: Any = torch.backends.cudnn
-    # From torch 2.9 on the old switch refuses to be read where somebody has used the new one.
+    # From torch 2.9 on the old switch cannot be read after a use of the new one.
     switches, name, full = (
         (cudnn.conv, "fp32_precision", "ieee")
         if hasattr(cudnn, "conv")
@@ -56,10 +56,10 @@ def _full_float32() -> Iterator[None]:
 
 
 def environment(device: torch.device, backend: Mapping[str, str]) -> dict[str, str | int]:
-    """What bit-exact repetition depends on besides the seed; kept in every checkpoint.
+    """The conditions of bit-exact repetition besides the seed; kept in every checkpoint.
 
     Args:
-        device: that is trained on.
+        device: device of the training.
         backend: details of the rasterizer, such as its instruction set.
     """
     return {
@@ -73,7 +73,7 @@ def environment(device: torch.device, backend: Mapping[str, str]) -> dict[str, s
 
 
 def differences(recorded: dict[str, str | int], now: dict[str, str | int]) -> list[str]:
-    """What differs between two environments, as phrases."""
+    """Differences between two environments, as phrases."""
     return [
         f"{key} was {recorded[key]} and is {value}"
         for key, value in now.items()

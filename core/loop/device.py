@@ -1,4 +1,4 @@
-"""Device: waiting for it, and bringing a saved state to it."""
+"""Device: synchronisation, and moving a saved state to it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from torch import Tensor
 
 
 def wait_for(device: torch.device) -> None:
-    """Return when a GPU has done all that was asked of it; the CPU never lags behind."""
+    """Wait until a GPU has finished its work; the CPU needs no wait."""
     if device.type == "cuda":
         torch.cuda.synchronize(device)
 
 
 def moved(state: Any, device: torch.device) -> Any:  # noqa: ANN401 - whatever a state holds
-    """The same nested state with every tensor on ``device``."""
+    """Move every tensor of a nested state to ``device``."""
     if isinstance(state, Tensor):
         return state.to(device)
     if isinstance(state, Mapping):

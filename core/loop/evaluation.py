@@ -1,4 +1,4 @@
-"""Evaluation: the held-out views, drawn and compared under the stated protocol."""
+"""Evaluation: the held-out views, rendered and compared under the stated protocol."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Evaluation:
     views: tuple[str, ...]
     per_view: tuple[Mapping[str, float], ...]
     render_ms: float
-    """Median wall-clock time to draw one view, in milliseconds."""
+    """Median wall-clock time to render one view, in milliseconds."""
     means: Mapping[str, float] = field(default_factory=dict)
     """Mean of each metric over the views; empty when there are none."""
     over_time: tuple[Mapping[str, Any], ...] = ()
-    """The same at each time, in order of time; empty for a static capture."""
+    """Means of the figures at each time, in order of time; empty for a static capture."""
     notes: Mapping[str, str] = field(default_factory=dict)
-    """How figures over time came about, or why there are none; empty for a static capture."""
+    """Protocol of the figures over time, or the cause why there are none; empty if static."""
 
     def document(self) -> dict[str, Any]:
         """Plain data for result files."""
@@ -47,21 +47,21 @@ class Evaluation:
         return {**figures, "per_view": views}
 
     def time_document(self) -> dict[str, Any]:
-        """What data with times adds to result files; empty for a static capture."""
+        """Figures over time, for result files; empty for a static capture."""
         if not self.notes:
             return {}
         return {**self.notes, "over_time": [dict(point) for point in self.over_time]}
 
 
 @torch.no_grad()
-def draw(
+def render_model(
     model: PrimitiveModel,
     rasterizer: Rasterizer,
     cameras: Cameras,
     settings: RenderSettings,
     time: Float[Tensor, ""] | None = None,
 ) -> RenderOutput:
-    """Draw a model as it is at ``time``, without gradients."""
+    """Render a model at ``time``, without gradients."""
     output = rasterizer.render(model.splats(time, cameras), cameras, settings)
     return model.decode(output, cameras)
 
@@ -93,9 +93,9 @@ def evaluate(
     for place, index in enumerate(tracked(order, "evaluating held-out views", len(views))):
         data.prefetch(split, order[place + 1 : place + 3])
         (batch,) = data.load(split, [index], device)
-        wait_for(device)  # The clock is the host's, and a GPU works behind its back.
+        wait_for(device)  # The clock is the host's, and a GPU runs asynchronously.
         started = time.perf_counter()
-        output = draw(model, rasterizer, batch.cameras, settings, batch.time)
+        output = render_model(model, rasterizer, batch.cameras, settings, batch.time)
         wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
         image, target = output.color[0], batch.target(settings.background)[0]

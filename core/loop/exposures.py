@@ -1,8 +1,8 @@
-"""Exposures: how each training picture differs in colour from the scene, as an affine map.
+"""Exposures: the colour difference between each training image and the scene, as an affine map.
 
 As in the exposure compensation of Kerbl et al. 2024 (section "Exposure" of the hierarchical 3DGS).
-We differ in that only what splats show is changed, not the background behind them, and in that the
-mean of all maps is held at the identity: else a brighter scene and darker pictures are the same.
+Differences: only the splats' part of the colour changes, not the background behind them, and
+the mean of all maps is held at the identity: else a brighter scene and darker images are the same.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from gsfw.core.render_output import RenderOutput
 
 
 class Exposures(nn.Module):
-    """An affine map of colours for each training picture; the identity at the start."""
+    """An affine map of colours for each training image; the identity at the start."""
 
     def __init__(self, names: tuple[str, ...], learning_rate: LearningRate) -> None:
-        """Nothing is known yet.
+        """Start with the identity for each image.
 
         Args:
-            names: of the training pictures.
-            learning_rate: of every number of the maps.
+            names: names of the training images.
+            learning_rate: learning rate of every number of the maps.
         """
         super().__init__()
         self.names = names
@@ -36,20 +36,20 @@ class Exposures(nn.Module):
         """[v, 3, 4]: each map less the identity; gains of colours, then an offset."""
 
     def group(self) -> ParameterGroup:
-        """For the optimizer."""
+        """Parameter group for the optimizer."""
         return ParameterGroup("exposures", (self.changes,), self.learning_rate)
 
     @property
     def matrices(self) -> Float[Tensor, "v 3 4"]:
-        """The maps: a colour x of the scene is A x + b in the picture, [A | b] its matrix."""
+        """The maps: a colour x of the scene is A x + b in the image, [A | b] its matrix."""
         return self.changes.detach() + torch.eye(3, 4, device=self.changes.device)
 
     def apply_to(
         self, rendered: RenderOutput, views: tuple[int, ...], background: Float[Tensor, " 3"]
     ) -> RenderOutput:
-        """What these training pictures should look like.
+        """Apply the exposures of training images to rendered colours.
 
-        The background was put there by us, so it has no exposure.
+        The background has no exposure, because it is not part of the photo.
         """
         change = torch.stack([self.changes[view] for view in views])
         shown = rendered.color - (1.0 - rendered.alpha) * background

@@ -24,15 +24,15 @@ class RenderedBatch:
 
     context: StepContext
     losses: Mapping[str, Tensor]
-    """Every weighted term."""
+    """All weighted terms by name."""
     data_losses: tuple[str, ...]
     """Names of the terms that compare with the images."""
     total: Tensor
-    """The sum of all terms, times this batch's share of the step."""
+    """Sum of all terms, times this batch's share of the step."""
 
     @property
     def data_loss(self) -> Tensor:
-        """The sum of the terms that compare with the images."""
+        """Sum of the terms that compare with the images."""
         return torch.stack([self.losses[name] for name in self.data_losses]).sum()
 
 
@@ -45,7 +45,7 @@ class Forward:
     def load(self, views: tuple[int, ...], step: int) -> list[Batch]:
         """The batches of some training views, at the image size of the step."""
         parts, plan = self._parts, self._plan
-        # The views of this step come first: loaders work in the order of what is asked for.
+        # The views of this step come first: loaders work in the order of the requests.
         coming = (*views, *parts.sampler.peek(plan.prefetch_views))
         parts.data.prefetch(Split.TRAIN, coming)
         alone = parts.refiners.needs_view_gradients(step)
@@ -56,7 +56,7 @@ class Forward:
         return [plan.resolution.reduce(batch, step) for batch in batches]
 
     def render(self, batch: Batch, step: int, share: float) -> RenderedBatch:
-        """The forward pass of one batch, whose loss counts ``share`` of the step's."""
+        """Run the forward pass of one batch, whose loss has the weight ``share`` in the step."""
         parts = self._parts
         settings = self._settings(step)
         background = settings.background
@@ -99,7 +99,7 @@ class Forward:
         return RenderedBatch(context, losses, tuple(data_losses), total)
 
     def _settings(self, step: int) -> RenderSettings:
-        """The settings of the run, of the method and of the refiners at a step."""
+        """The render settings of a step: those of the run, changed by method and refiners."""
         parts = self._parts
         settings = parts.method.render_settings(self._plan.settings, step)
         depth = parts.refiners.depth(step)

@@ -10,13 +10,13 @@ from pathlib import Path
 import torch
 
 CLEAR_REFS, STATUS = Path("/proc/self/clear_refs"), Path("/proc/self/status")
-"""Where Linux takes orders about the memory of this process, and tells of it (proc(5))."""
+"""Linux resets and reports the memory of this process here (proc(5))."""
 
 
 def peak_memory_mb(device: torch.device) -> dict[str, float]:
     """Peak resident memory ("rss"), and peak allocations on a GPU ("cuda") where one is used.
 
-    In megabytes; where the system does not say (Windows), "rss" is left out.
+    In megabytes; "rss" is absent if the system does not report it (Windows).
     """
     peaks: dict[str, float] = {}
     if sys.platform != "win32":
@@ -30,18 +30,18 @@ def peak_memory_mb(device: torch.device) -> dict[str, float]:
 
 
 def added_memory_mb(work: Callable[[], object], device: torch.device) -> float | None:
-    """Do ``work``; how much memory it takes at most, beyond what is held before it.
+    """Run ``work``, and measure the most memory that it needs beyond the memory in use before it.
 
-    On a GPU what torch allocates there, on the CPU what of the process is resident. Peaks that are
-    asked for later, by ``peak_memory_mb`` too, count from here on.
+    On a GPU this is torch's allocations, on the CPU the resident memory of the process. Later
+    peaks, those of ``peak_memory_mb`` too, count from here on.
 
     Args:
-        work: is called once, whether its memory can be measured or not.
-        device: where it happens.
+        work: called once, even if its memory cannot be measured.
+        device: device of the work.
 
     Returns:
-        Megabytes (1e6 bytes); ``None`` where the system does not say: on the CPU that is all but
-        Linux, and on any other device than a CUDA one.
+        Megabytes (1e6 bytes); ``None`` if the system does not report them: on the CPU of systems
+        other than Linux, and on any other device than a CUDA one.
     """
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
@@ -56,10 +56,10 @@ def added_memory_mb(work: Callable[[], object], device: torch.device) -> float |
 
 
 def _forget_peak() -> bool:
-    """Let the peak of resident memory count anew; whether that is possible."""
+    """Reset the peak of resident memory; true if the system can."""
     if not CLEAR_REFS.exists():
         return False
-    # What glibc keeps of freed memory for later is resident, and its use would not be seen.
+    # glibc keeps freed memory resident; the use of that memory would not be measured.
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
@@ -71,13 +71,13 @@ def _forget_peak() -> bool:
 
 
 def _status_mb(name: str) -> float | None:
-    """A line of the process's status, in megabytes; ``None`` where there is no such line."""
+    """Read a line of the process's status, in megabytes; ``None`` if there is no such line."""
     lines = dict(line.split(":", 1) for line in STATUS.read_text().splitlines())
     return int(lines[name].split()[0]) * 1024 / 1e6 if name in lines else None
 
 
 def memory_summary(device: torch.device) -> dict[str, float]:
-    """The peaks as a run's summary has them, of the GPU only where one is used."""
+    """Memory peaks for a run's summary; those of the GPU only if one is used."""
     peaks = peak_memory_mb(device)
     summary = {"peak_memory_mb": round(peaks.get("rss", 0.0), 1)}
     if "cuda" in peaks:

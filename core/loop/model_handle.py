@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
@@ -16,7 +16,7 @@ from gsfw.core.splats import Splats
 
 
 class ModelHandle:
-    """Renders the model as it is now, or gives its splats; costs nothing until it is asked."""
+    """Renders the current model, or returns its splats; has no cost without a call."""
 
     def __init__(
         self, model: PrimitiveModel, rasterizer: Rasterizer, settings: RenderSettings
@@ -25,9 +25,9 @@ class ModelHandle:
 
     @torch.no_grad()
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
-        """The splats at ``time`` in [0, 1], in the scene frame; not to be changed in place."""
+        """The splats at ``time`` in [0, 1], in the scene frame; must not be changed in place."""
         return self._model.splats(time).map(Tensor.detach)
 
     def render(self, cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
         """Render from any cameras, with the settings and the background of the evaluation."""
-        return draw(self._model, self._rasterizer, cameras, self._settings, time)
+        return render_model(self._model, self._rasterizer, cameras, self._settings, time)

@@ -18,18 +18,18 @@ from gsfw.core.parameter_group import ParameterGroup
 
 @dataclass(frozen=True)
 class OptimizerSettings:
-    """How the optimizer treats rows that no view of a step has seen."""
+    """Constants of Adam, and the treatment of rows that no view of a step has seen."""
 
     adam: AdamSettings = AdamSettings()  # noqa: RUF009 - frozen
     sparse: bool = False
-    """False: plain Adam, in which rows that were not seen go on moving by their momentum.
+    """False: plain Adam, in which unseen rows still move by their momentum.
     True: such rows and their moments do not change at all (dense columns only)."""
 
 
 class Optimizer:
     """Adam over a model's columns and parameter groups.
 
-    Bands above the active SH degree have never had a gradient, so leaving them out changes nothing.
+    Bands above the active SH degree have never had a gradient, so skipping them changes nothing.
     """
 
     def __init__(
@@ -42,10 +42,10 @@ class Optimizer:
         """Start with fresh moments.
 
         Args:
-            model: whose columns and groups move.
-            operators: of the run's device.
-            settings: how.
-            others: groups that move too and are not the model's (corrections of the capture).
+            model: its columns and groups are optimized.
+            operators: operators of the run's device.
+            settings: constants of Adam, and the treatment of unseen rows.
+            others: further groups that are not the model's (corrections of the capture).
         """
         self._model = model
         self._others = tuple(others)
@@ -72,7 +72,7 @@ class Optimizer:
         return (*self._model.parameter_groups(), *self._others)
 
     def learning_rates(self, step: int) -> dict[str, float]:
-        """The rate of every column and group at ``step``; 0 where frozen."""
+        """Learning rate of every column and group at ``step``; 0 if frozen."""
         rates = {
             name: column.learning_rate
             for name, column in self._model.columns().items()
@@ -83,12 +83,12 @@ class Optimizer:
         }
 
     def gradients(self) -> list[Tensor]:
-        """Every gradient that exists now."""
+        """All current gradients."""
         tensors = (tensor for group in self._tensors().values() for tensor in group)
         return [tensor.grad for tensor in tensors if tensor.grad is not None]
 
     def zero_gradients(self) -> None:
-        """Forget all gradients."""
+        """Delete all gradients."""
         for tensors in self._tensors().values():
             for tensor in tensors:
                 tensor.grad = None
@@ -97,7 +97,7 @@ class Optimizer:
     def step(
         self, step: int, finite: Bool[Tensor, ""], visible: Bool[Tensor, " n"] | None = None
     ) -> None:
-        """Move every parameter that has a gradient.
+        """Update every parameter that has a gradient.
 
         Args:
             step: counted from 0; sets the learning rates.
@@ -105,7 +105,7 @@ class Optimizer:
             visible: rows that some view of this step saw; used when ``sparse`` is set.
         """
         rates = self.learning_rates(step)
-        # The host waits here for a GPU's count of these rows, in every step: the price of sparse.
+        # The host waits here for a GPU's count of these rows, in every step: the cost of sparse.
         rows = visible.nonzero()[:, 0] if self._settings.sparse and visible is not None else None
         for name, column in self._model.columns().items():
             if column.trained and name not in self._frozen:
@@ -149,11 +149,11 @@ class Optimizer:
         self._operators.adam_(values, gradient, moments, rate, adam, finite, rows)
 
     def moments(self, name: str) -> list[AdamMoments]:
-        """Adam's state for a column or group, as it is kept."""
+        """Adam's stored state of a column or group."""
         return self._moments[name]
 
     def replace_moments(self, name: str, moments: list[AdamMoments]) -> None:
-        """Adam's state after rows were edited; for ``SplatTable``."""
+        """Replace Adam's state after rows were edited; for ``SplatTable``."""
         self._moments[name] = moments
 
     def num_bytes(self) -> int:
@@ -169,7 +169,7 @@ class Optimizer:
                 self._moments[name] = [AdamMoments.zeros_like(tensor) for tensor in tensors[name]]
 
     def freeze(self, names: Iterable[str]) -> None:
-        """Stop moving these columns or groups."""
+        """Stop the optimization of these columns or groups."""
         self._frozen.update(names)
 
     def state_dict(self) -> dict[str, Any]:

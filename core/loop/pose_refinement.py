@@ -2,14 +2,14 @@
 
 A camera W, world to camera, takes a point x to exp(r) (W x - p) + p + t. As in BARF (Lin et al.
 2021), but with the rotation vector r and the translation t apart, so(3) x R^3, and with the pivot p
-on the optical axis at the depth of the scene. To turn about p hardly moves the picture, so that r
-and t do not undo each other, as they do about the camera's centre; CamP (Park et al. 2023) is on
-how much such coordinates matter. Measured on the built-in scene, 20 views of 96 x 72 that are a
-degree and 2 % of the extent wrong, 600 steps: 28.8 dB held out, and 23.0 dB about the centre.
+on the optical axis at the depth of the scene. A rotation about p hardly moves the image, so that r
+and t do not cancel each other, as they do about the camera's centre; CamP (Park et al. 2023)
+explains the importance of such coordinates. Measured on the built-in scene, 20 views of 96 x 72,
+errors of a degree and 2 % of the extent, 600 steps: 28.8 dB held out, 23.0 dB about the centre.
 
-To move all cameras at once as a similarity of the world would, changes no picture once the splats
-follow. To first order such common motions are the span of seven known directions; what lies in it
-is taken out after every step, so that the world stays where the data has it.
+A common motion of all cameras, equal to a similarity of the world, changes no image once the splats
+follow. To first order such motions are the span of seven known directions; every step projects them
+out, so that the world keeps the frame of the data.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.scene import Scene
 
 SMALLEST_DIRECTION = 1e-6
-"""Relative singular value of directions that cameras do not have (few, or all in one line)."""
+"""Relative singular value of directions that cameras do not have (few, or all on one line)."""
 
 
 class PoseRefinement(nn.Module):
-    """A rotation and a translation for every pose that a training view has; zero at the start.
+    """A rotation and a translation for each distinct pose of the training views; zero at first.
 
-    Views with one pose are of one camera that stands still, and share them.
+    Views with one pose belong to one static camera, and share them.
     """
 
     depths: Tensor
-    """[p]: of the pivots, in scene units."""
+    """[p]: depths of the pivots, in scene units."""
     common: Tensor
-    """[6 p, directions]: an orthonormal basis of what all cameras can do together."""
+    """[6 p, directions]: an orthonormal basis of the common motions of all cameras."""
 
     def __init__(self, data: DataManager, learning_rate: LearningRate) -> None:
-        """Find the different poses, and the directions in which all would move together.
+        """Find the distinct poses, and the directions of their common motions.
 
         Args:
-            data: the capture, as it was given.
-            learning_rate: of rotations in radians and of translations in extents.
+            data: the capture, with its original poses.
+            learning_rate: rate of rotations in radians and of translations in extents.
         """
         super().__init__()
         self.learning_rate = learning_rate
@@ -71,11 +71,11 @@ class PoseRefinement(nn.Module):
         self.register_buffer("common", common, persistent=False)
 
     def group(self) -> ParameterGroup:
-        """For the optimizer."""
+        """Parameter group for the optimizer."""
         return ParameterGroup("poses", (self.motions,), self.learning_rate)
 
     def refine(self, cameras: Cameras, split: Split, views: Sequence[int]) -> Cameras:
-        """The cameras of some views, moved; those of held-out poses stay as they are."""
+        """The refined cameras of some views; held-out poses do not change."""
         like = cameras.world_to_camera
         rows = [self._rows[split][view] for view in views]
         if all(row is None for row in rows):
@@ -89,7 +89,7 @@ class PoseRefinement(nn.Module):
 
     @torch.no_grad()
     def project_(self) -> None:
-        """Take out what all cameras do together, in place."""
+        """Project out the common motion of all cameras, in place."""
         flat = self.motions.view(-1)
         flat.sub_(self.common @ (self.common.T @ flat))
 
@@ -109,7 +109,7 @@ def _pose(camera: Cameras) -> object:
 
 
 def scene_depths(poses: Float[Tensor, "p 4 4"], scene: Scene) -> Float[Tensor, " p"]:
-    """Median depth of the points in front of each camera; the extent where there are none."""
+    """Median depth of the points in front of each camera; the extent if there are none."""
     depths = scene.points @ poses[:, 2, :3].T + poses[:, 2, 3]
     found = torch.where(depths > 0, depths, torch.nan).nanmedian(dim=0).values
     return found.nan_to_num(scene.extent) if len(depths) else torch.full_like(found, scene.extent)
@@ -118,7 +118,7 @@ def scene_depths(poses: Float[Tensor, "p 4 4"], scene: Scene) -> Float[Tensor, "
 def motion_matrices(
     motions: Float[Tensor, "c 6"], depths: Float[Tensor, " c"], extent: float
 ) -> Float[Tensor, "c 4 4"]:
-    """Rigid transforms within the cameras' axes: about pivots at ``depths``, then moved."""
+    """Rigid transforms in the cameras' axes: rotate about pivots at ``depths``, then translate."""
     rotation = rotation_vector_matrices(motions[:, :3])
     pivots = torch.stack([torch.zeros_like(depths), torch.zeros_like(depths), depths], dim=1)
     turned = (rotation @ pivots[:, :, None])[..., 0]
@@ -132,11 +132,11 @@ def motion_matrices(
 def common_motions(
     poses: Float64[Tensor, "p 4 4"], depths: Float64[Tensor, " p"], extent: float
 ) -> Float64[Tensor, "six_p directions"]:
-    """An orthonormal basis of the motions of all cameras that equal one of the world.
+    """An orthonormal basis of the camera motions that equal a motion of the world.
 
-    A world that turns by w, moves by m and grows by s takes a camera's centre c to
-    c + w x c + m + s c, and turns the camera by -R w, to first order. What a turn r about a pivot p
-    adds to the translation is p x r.
+    A world that rotates by w, translates by m and grows by s moves a camera's centre c to
+    c + w x c + m + s c, and rotates the camera by -R w, to first order. A rotation r about a
+    pivot p adds p x r to the translation.
     """
     rotations = poses[:, :3, :3]
     centers = -(rotations.mT @ poses[:, :3, 3:])[..., 0]

@@ -1,4 +1,4 @@
-"""RefinedCapture: a data manager whose cameras are being refined."""
+"""RefinedCapture: a data manager with refined camera poses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsfw.core.loop.pose_refinement import PoseRefinement
 class RefinedCapture(WrappedDataManager):
     """Another data manager with refined camera poses, for rendering, comparison and export.
 
-    The scene frame stays as it was given. ``given`` keeps the cameras of the data set.
+    The scene frame does not change. ``given`` keeps the cameras of the data set.
     """
 
     def __init__(self, given: DataManager, poses: PoseRefinement) -> None:
@@ -33,7 +33,7 @@ class RefinedCapture(WrappedDataManager):
         return replace(views, cameras=tuple(cameras))
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
-        """Batches; their cameras have a gradient where gradients are on."""
+        """Batches; their cameras have a gradient if gradients are enabled."""
         return [
             replace(batch, cameras=self._poses.refine(batch.cameras, split, batch.views))
             for batch in self.given.load(split, indices, device)

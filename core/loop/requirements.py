@@ -1,4 +1,4 @@
-"""Requirements: where the floats of a finished model went, what each bought, what was left out."""
+"""Requirements: the floats of a finished model, the PSNR gain of each group, and unused parts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 REQUIREMENTS_SCHEMA = 1
-"""Number of the layout of ``requirements.json``; raised when its readers would be misled."""
+"""Version of the layout of ``requirements.json``; raised if its readers would misread it."""
 
 
 @dataclass(frozen=True)
@@ -17,79 +17,79 @@ class FloatGroup:
     name: str
     floats: int
     bought_db: float | None
-    """PSNR that the finished model loses without them, in dB; ``None`` when not measured."""
+    """PSNR loss of the finished model without them, in dB; ``None`` when not measured."""
     how: str
-    """How that was measured, or why it was not: a sentence."""
+    """The measurement, or the cause why there is none: a sentence."""
 
 
 @dataclass(frozen=True)
 class LeastUseful:
-    """Those Gaussians that add the least to the training views."""
+    """The Gaussians with the smallest contributions to the training views."""
 
     part: float
-    """Of all Gaussians, in (0, 1)."""
+    """Fraction of all Gaussians, in (0, 1)."""
     contribution: float
-    """Their part of what all add: of the sum of alpha times transmittance, in [0, 1]."""
+    """Fraction of the sum of alpha times transmittance over all Gaussians, in [0, 1]."""
     bought_db: float
-    """PSNR that the finished model loses without them, in dB."""
+    """PSNR loss of the finished model without them, in dB."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What it is worth that a model changes with time."""
+    """PSNR gain of the model's change with time."""
 
     bought_db: float
-    """PSNR that the finished model loses when every view is drawn as at one time, in dB."""
+    """PSNR loss of the finished model when every view is rendered at one time, in dB."""
     time: float
     """That time, in [0, 1]."""
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """What a scene has required of a model; a float is a number of 4 bytes."""
+    """Requirements of a scene; a float is a number of 4 bytes."""
 
     headline: str
-    """The most telling of it in a line."""
+    """The most important result in one line."""
     step: int
     num_gaussians: int
     groups: tuple[FloatGroup, ...]
-    """All that it takes to draw the model."""
+    """All parameters that rendering needs."""
     sh_floats: int
-    """Those of spherical harmonics; 0 for colours of another kind."""
+    """Number of floats of spherical harmonics; 0 for colours of another kind."""
     sh_floats_full: int
-    """What the same Gaussians would have, each at the highest degree of the settings."""
+    """Number of such floats if each Gaussian had the highest degree of the settings."""
     rows_by_degree: tuple[int, ...]
-    """How many Gaussians have each SH degree, from 0 on; empty without spherical harmonics."""
+    """Number of Gaussians of each SH degree, from 0 on; empty without spherical harmonics."""
     training_floats: Mapping[str, int]
-    """Kept for training alone: the optimizer's moments, columns that no optimizer moves."""
+    """Floats of the training alone: the optimizer's moments, columns without an optimizer."""
     views: tuple[str, ...]
-    """Names of those that PSNR was measured on."""
+    """Names of the views with measured PSNR."""
     split: str
-    """Of these views: "eval" (held out), or "train" where none is held out."""
+    """Split of these views: "eval" (held out), or "train" if none is held out."""
     protocol: str
-    """How all this was measured, in a sentence or two."""
+    """Measurement protocol, in a sentence or two."""
     psnr: float
-    """Of the model as it is on these views, in dB."""
+    """PSNR of the unchanged model on these views, in dB."""
     least_useful: tuple[LeastUseful, ...] = ()
-    """Growing parts; empty where contributions cannot be measured."""
+    """Growing fractions; empty if contributions cannot be measured."""
     motion: Motion | None = None
-    """``None`` for what does not change with time."""
+    """``None`` for a static model."""
     left_out: tuple[str, ...] = ()
-    """What the model does not have, as sentences."""
+    """Parts that the model does not have, as sentences."""
     could_go: tuple[str, ...] = ()
-    """What it hardly needs, and which settings leave it out, as sentences."""
+    """Parts that the model hardly needs, and the settings that remove them, as sentences."""
     not_measured: tuple[str, ...] = ()
-    """What could not be measured here, and why, as sentences."""
+    """Missing measurements and their causes, as sentences."""
     strategy: Mapping[str, Any] = field(default_factory=dict)
-    """What the density strategy reports of itself."""
+    """The report of the density strategy."""
     method: Mapping[str, Any] = field(default_factory=dict)
-    """What the method reports of itself."""
+    """The report of the method."""
     seconds: float = 0.0
-    """That measuring took."""
+    """Duration of the measurement."""
 
     @property
     def total_floats(self) -> int:
-        """All that it takes to draw the model."""
+        """Number of floats that rendering needs."""
         return sum(group.floats for group in self.groups)
 
     def document(self) -> dict[str, Any]:

@@ -1,18 +1,18 @@
-"""Resolution schedule: training starts on small images, which grow as there is more to learn.
+"""Resolution schedule: training starts on small images, which grow with the detail to be learnt.
 
 The idea is that of Chen et al. 2025, "DashGaussian" (arXiv 2503.18402): a model learns low
-frequencies first, small images hold them, and the spectra of the training images say for how
-long they do. Let K(f) be the part of their detail that images smaller by a factor f keep, and S
-the step by which images are full. Step s is trained at the largest f with S K(f) > s: each size
-gets the share of the steps by which it adds detail to the size before.
+frequencies first, small images hold them, and the spectra of the training images set the duration.
+Let K(f) be the fraction of their detail that images smaller by a factor f keep, and S the first
+step with full images. Step s is trained at the largest f with S K(f) > s: each size gets the share
+of the steps by which it adds detail to the previous size.
 
-Where we differ: sizes are powers of the square root of 2 under an exact area filter, S is a
-setting, and the growth of the model is left to strategies. By default S is 60 % of the steps in
-which ADC adds rows: fine detail can only be added, and find its place, once images are full.
+Differences: sizes are powers of the square root of 2 under an exact area filter, S is a setting,
+and strategies control the growth of the model. By default S is 60 % of the steps in which ADC adds
+rows: fine detail can only be added and fitted once images are full.
 
 Gradients of screen positions are in NDC units, so that thresholds mean the same at every size.
-Radii in pixels do not. Without antialias each splat is drawn about half a pixel wider than it is,
-so that those fitted to small images look too thin in full ones until training has widened them.
+Radii in pixels do not. Without antialias each splat is rendered about half a pixel too wide, so
+that splats that fit small images are too thin in full ones until training has widened them.
 """
 
 from __future__ import annotations
@@ -33,32 +33,32 @@ from gsfw.core.loop.spectrum import detail_kept
 from gsfw.core.progress import tracked
 
 FACTORS = tuple(2 ** (i / 2) for i in range(1, 7))
-"""What sides are divided by, besides 1: each halves the pixels of the one before, down to 1/64."""
+"""Divisors of the sides, besides 1: each halves the pixels of the previous one, down to 1/64."""
 
 MIN_SIDE = 64
-"""Pixels that the short side keeps: a sixth of them is so near the border that the 11-pixel window
-of SSIM hangs over it, and with fewer the border would dominate."""
+"""Least pixels of the short side: within a sixth of them the 11-pixel window of SSIM crosses the
+border, and with fewer pixels the border would dominate."""
 
 MIN_STEPS = 300
-"""Shorter schedules do nothing: every view is hardly seen once before images are full."""
+"""Shorter schedules have no effect: images are full before every view is seen once."""
 
 START_DETAIL = 0.25
-"""Training starts at the smallest size that keeps this part of the detail."""
+"""Training starts at the smallest size that keeps this fraction of the detail."""
 
 MEASURED_VIEWS = 8
-"""Spectra of this many training views, spread evenly, are measured."""
+"""Number of training views, spread evenly, whose spectra are measured."""
 
 
 @dataclass(frozen=True)
 class ResolutionSchedule:
-    """How large the images of each step are: a pure function of the step."""
+    """Image size of each step, as a pure function of the step."""
 
     stages: tuple[tuple[int, float], ...] = ()
-    """First step (counted from 0) and factor that sides are divided by, the last one 1; empty
-    where images are full from the beginning."""
+    """First step (counted from 0) and divisor of the sides, the last one 1; empty if all images
+    are full."""
 
     def factor(self, step: int) -> float:
-        """What the sides of the images of ``step`` are divided by; at least 1."""
+        """Divisor of the sides of the images at ``step``; at least 1."""
         return next((factor for first, factor in reversed(self.stages) if step >= first), 1.0)
 
     @property
@@ -67,12 +67,12 @@ class ResolutionSchedule:
         return self.stages[-1][0] if self.stages else 0
 
     def reduce(self, batch: Batch, step: int) -> Batch:
-        """What ``step`` trains on; a full-size batch is returned as it is."""
+        """Shrink a batch for ``step``; a full-size batch is returned unchanged."""
         width, height = reduced_size(batch.cameras.width, batch.cameras.height, self.factor(step))
         return shrink_batch(batch, width, height)
 
     def note(self, steps: int) -> str:
-        """What the user should know of a schedule that was to be full after ``steps``."""
+        """Note for the user on a schedule that reaches full images after ``steps``."""
         if self.stages:
             return (
                 f"Images start at 1/{self.factor(0):.2g} of their size and reach full size after "
@@ -91,12 +91,12 @@ FULL_SIZE = ResolutionSchedule()
 
 
 def largest_factor(width: int, height: int) -> float:
-    """The most that an image may be reduced by: 1 for those that are small already."""
+    """The largest allowed divisor of an image; 1 for small images."""
     return max(1.0, min(width, height) / MIN_SIDE)
 
 
 def reduced_size(width: int, height: int, factor: float) -> tuple[int, int]:
-    """Width and height in pixels, divided by ``factor`` or by what is left of it for small ones."""
+    """Width and height in pixels, divided by ``factor`` or by the largest allowed divisor."""
     factor = min(factor, largest_factor(width, height))
     return round(width / factor), round(height / factor)
 
@@ -105,8 +105,8 @@ def planned(kept: Mapping[float, float], steps: int) -> ResolutionSchedule:
     """The schedule for images of known detail.
 
     Args:
-        kept: the part of their detail, from 0 to 1, that is left at each factor above 1.
-        steps: after which images are full, whatever their detail.
+        kept: fraction of their detail, from 0 to 1, at each factor above 1.
+        steps: upper bound of the steps before images are full.
     """
     stages: list[tuple[int, float]] = []
     done = 0
@@ -119,12 +119,12 @@ def planned(kept: Mapping[float, float], steps: int) -> ResolutionSchedule:
 
 
 def measured(data: DataManager, background: Float[Tensor, " 3"], steps: int) -> ResolutionSchedule:
-    """The schedule for the training views of a data set; the same whenever it is asked for.
+    """The schedule for the training views of a data set; the same at every call.
 
     Args:
-        data: whose images are looked at, some of them.
-        background: behind images that have alpha, in [0, 1].
-        steps: after which images are full.
+        data: some of its images are measured.
+        background: background of images with alpha, in [0, 1].
+        steps: steps before images are full.
     """
     cameras = data.views(Split.TRAIN).cameras
     limit = max(largest_factor(camera.width, camera.height) for camera in cameras)
@@ -140,14 +140,14 @@ def measured(data: DataManager, background: Float[Tensor, " 3"], steps: int) -> 
         ],
         0,
     )
-    # Rounding makes the steps the same on machines whose sums differ in their last bits.
+    # Rounding gives the same steps on machines with different last bits of sums.
     return planned(dict(zip(factors, parts.round(3).tolist(), strict=True)), steps)
 
 
 def _brightness(
     data: DataManager, view: int, background: Float[Tensor, " 3"]
 ) -> Float[np.ndarray, "h w"]:
-    """A training image in grey over the background; what its mask hides is of mean brightness."""
+    """A training image in grey over the background; masked pixels have the mean brightness."""
     (batch,) = data.load(Split.TRAIN, [view], torch.device("cpu"))
     grey = batch.target(background.cpu()).mean(-1)[0]
     if batch.valid is not None:

@@ -1,4 +1,4 @@
-"""RunFolder: where a run keeps its state, and how it is written without ever losing any."""
+"""RunFolder: the files of a run; a failed write loses no earlier state."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
 
 CHECKPOINT_SCHEMA = 2
-"""Number of the checkpoint layout; raised when an older gsfw could not read a newer file."""
+"""Version of the checkpoint layout; raised when an older gsfw could not read a newer file."""
 
 _STEP = re.compile(r"step_(\d+)\.pt$")
 
@@ -26,7 +26,7 @@ def check_finite(state: object, where: str = "") -> None:
     """Check every floating-point tensor of a nested state.
 
     Raises:
-        ValueError: naming the first tensor that holds a NaN or an infinity.
+        ValueError: a tensor holds a NaN or an infinity; names the first such tensor.
     """
     if isinstance(state, Tensor):
         if state.is_floating_point() and not bool(state.isfinite().all()):
@@ -62,17 +62,17 @@ class RunFolder:
 
     @property
     def requirements(self) -> Path:
-        """Where the floats of the final model went, and what each bought."""
+        """The floats of the final model, and the PSNR gain of each group."""
         return self.path / "requirements.json"
 
     @property
     def requirements_plot(self) -> Path:
-        """The same as a picture."""
+        """The same as an image."""
         return self.path / "requirements.png"
 
     @property
     def log(self) -> Path:
-        """What was said, and tracebacks."""
+        """Log messages and tracebacks."""
         return self.path / "log.txt"
 
     @property
@@ -92,30 +92,30 @@ class RunFolder:
 
     @property
     def checkpoints(self) -> Path:
-        """Folder of step_N.pt."""
+        """Folder of the checkpoints, step_N.pt."""
         return self.path / "checkpoints"
 
     def checkpoint(self, step: int) -> Path:
-        """File of the checkpoint after ``step`` steps."""
+        """Path of the checkpoint after ``step`` steps."""
         return self.checkpoints / f"step_{step:09d}.pt"
 
     def latest_checkpoint(self) -> Path | None:
-        """The one with most steps; ``None`` when there is none."""
+        """The checkpoint with the most steps; ``None`` when there is none."""
         return next(iter(self._all_checkpoints()[::-1]), None)
 
     def _all_checkpoints(self) -> list[Path]:
-        """Every checkpoint, by step."""
+        """All checkpoints, by step."""
         found = [p for p in self.checkpoints.glob("step_*.pt") if _STEP.fullmatch(p.name)]
         return sorted(found, key=lambda path: path.name)
 
     def write_json(self, path: Path, document: object) -> None:
-        """Write plain data, whole or not at all."""
+        """Write plain data atomically."""
         write_atomically(path, (json_text(document, indent=1) + "\n").encode())
 
     def write_checkpoint(self, step: int, state: Mapping[str, Any], keep: int = 2) -> Path:
-        """Write a checkpoint atomically; only the last ``keep`` stay.
+        """Write a checkpoint atomically; keep only the last ``keep``.
 
-        Later ones go: they are what became of a run that was then resumed from an earlier step.
+        Later ones are deleted: they belong to a run before its resume from an earlier step.
 
         Raises:
             ValueError: a tensor is not finite (nothing is written).
@@ -133,7 +133,7 @@ class RunFolder:
         return path
 
     def cut_metrics_log(self, step: int) -> None:
-        """Drop logged lines after ``step``, and a line that a crash cut short."""
+        """Drop logged lines after ``step``, and a line truncated by a crash."""
         if not self.metrics_log.exists():
             return
         kept: list[str] = []
@@ -152,7 +152,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
     """Read a checkpoint (tensors and plain data only).
 
     Raises:
-        DataError: it is missing, damaged, or of a layout this version does not know.
+        DataError: it is missing, damaged, or of an unknown layout.
     """
     try:
         state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
@@ -175,7 +175,7 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
 
 def _upgraded(state: Mapping[str, Any]) -> dict[str, Any]:
-    """A checkpoint of schema 1 (gsfw 0.1.0), in which the strategy had the state of all refiners.
+    """Convert a checkpoint of schema 1 (gsfw 0.1.0): its strategy state holds all refiners' states.
 
     Each refiner takes the state under its own name and ignores the others.
     """

@@ -17,7 +17,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what runs inside; on a GPU that is the time to launch it."""
+        """Time the work inside; on a GPU this is the time to launch it."""
         started = time.perf_counter()
         try:
             yield
@@ -25,11 +25,11 @@ class Stopwatch:
             self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - started
 
     def step_done(self) -> None:
-        """Count a step."""
+        """Count one step."""
         self._steps += 1
 
     def read(self) -> tuple[float, dict[str, float]]:
-        """Mean milliseconds per step since the last reading: in all, and by stage."""
+        """Mean milliseconds per step since the last reading: total, and by stage."""
         now = time.perf_counter()
         steps = max(self._steps, 1)
         stages = {name: 1e3 * seconds / steps for name, seconds in self._seconds.items()}
@@ -38,5 +38,5 @@ class Stopwatch:
         return total, stages
 
     def restart(self) -> None:
-        """Forget everything, for instance after an evaluation that is not part of a step."""
+        """Reset all sums, for instance after an evaluation, which is no part of a step."""
         self._seconds, self._steps, self._since = {}, 0, time.perf_counter()

@@ -56,11 +56,11 @@ class Trainer:
         self._handle = ModelHandle(parts.model, parts.rasterizer, plan.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
-        """Train until the plan's end or until a callback asks to stop; the run's summary.
+        """Train until the plan's end or until a callback requests a stop; return the summary.
 
         Args:
-            afterwards: is called when a run was completed and has written its figures, while
-                callbacks still listen.
+            afterwards: called when a run is completed and has written its figures, before the
+                callbacks are closed.
 
         Raises:
             TrainingError: too many steps in a row were not finite.
@@ -68,7 +68,7 @@ class Trainer:
         """
         with deterministic(self.parts.device):
             try:
-                if self._checkpointed != self.step:  # Also proves that the folder can hold one.
+                if self._checkpointed != self.step:  # Also checks that the folder is writable.
                     self._checkpoint()
                 self.callbacks.on_start(self.info, self.control)
                 self._stopwatch.restart()
@@ -82,7 +82,7 @@ class Trainer:
                 self.callbacks.close()
 
     def _one_step(self) -> None:
-        """One optimizer step, and the refinement, reports and checkpoints that follow it."""
+        """Run one optimizer step, then the refinement, reports and checkpoints."""
         started = time.perf_counter()
         parts, step, clock = self.parts, self.step, self._stopwatch
         forward = Forward(parts, self.plan)
@@ -116,7 +116,7 @@ class Trainer:
         self._follow_up(rendered)
 
     def _observe(self, item: RenderedBatch, finite: Tensor) -> None:
-        """Pass a batch to refiners and sampler; if it was not finite, with zeros."""
+        """Pass a batch to refiners and sampler; zeros if it was not finite."""
         parts, context = self.parts, item.context
         statistics = parts.reducer.statistics(context.rendered.statistics.where(finite))
         parts.refiners.observe(context, statistics, parts.model)
@@ -126,11 +126,11 @@ class Trainer:
             parts.sampler.observe(views, loss.expand(len(views)))
 
     def _time_of(self, view: int) -> float | None:
-        """When a training view was taken, in [0, 1]; known to the host."""
+        """Capture time of a training view, in [0, 1]; known to the host."""
         return None if self._times is None else self._times[view]
 
     def _reduce(self, totals: list[Tensor]) -> Tensor:
-        """Average gradients over processes; whether loss and gradients are finite."""
+        """Average gradients over processes; returns whether loss and gradients are finite."""
         gradients = self.parts.optimizer.gradients()
         self.parts.reducer.gradients_(gradients)
         sums = [self.parts.reducer.loss(total.detach()) for total in totals]
@@ -140,7 +140,7 @@ class Trainer:
         return finite
 
     def _visible(self, rendered: list[RenderedBatch]) -> Tensor:
-        """Model rows that any view of the step saw."""
+        """Model rows that are visible in any view of the step."""
         visible = torch.zeros(len(self.parts.table), dtype=torch.bool, device=self.parts.device)
         for item in rendered:
             seen = item.context.rendered.statistics.visible.any(0)
@@ -150,10 +150,10 @@ class Trainer:
             visible |= seen
         return self.parts.reducer.visible(visible)
 
-    # After a step. Here, and in refinements, the host reads what a GPU has computed, and waits.
+    # After a step. Here, and in refinements, the host reads GPU results, and waits for them.
 
     def _catch_up(self) -> None:
-        """Wait for the steps that a GPU has yet to run: their time is training time."""
+        """Wait for the steps that a GPU has not finished: their time is training time."""
         started = time.perf_counter()
         wait_for(self.parts.device)
         self.train_seconds += time.perf_counter() - started
@@ -204,11 +204,11 @@ class Trainer:
         self.callbacks.on_step(report, self.control)
 
     def _check_skipped(self) -> None:
-        """Stop when too many steps in a row were not finite; reads the flag late, now and then."""
+        """Stop after too many steps in a row that were not finite; reads the flag rarely."""
         self._catch_up()
         skipped_in_a_row = int(self._skipped_in_a_row)
         if skipped_in_a_row >= self.plan.max_skipped:
-            self._checkpoint()  # Skipped steps move no parameter by a gradient: it is finite.
+            self._checkpoint()  # Skipped steps change no parameter: the state is finite.
             raise TrainingError(
                 f"{skipped_in_a_row} steps in a row had a loss or gradient that is not finite; "
                 f"stopped at step {self.step}.",
@@ -269,7 +269,7 @@ class Trainer:
         self.callbacks.on_checkpoint(self.step, path)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that a step depends on: tensors and plain data."""
+        """All state of the training: tensors and plain data."""
         parts = self.parts
         return {
             "model": dict(parts.model.state_dict()),
@@ -286,7 +286,7 @@ class Trainer:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from a checkpoint, whatever device it was written on or read to."""
+        """Continue from a checkpoint of any device."""
         parts = self.parts
         parts.model.load_state_dict(state["model"])
         parts.corrections.load_state(state)

@@ -25,7 +25,7 @@ from gsfw.core.table import SplatTable
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """How long, and what happens when; intervals in steps, 0 meaning only at the end."""
+    """Length and schedule of a run; intervals in steps, 0: only at the end."""
 
     steps: int
     log_every: int
@@ -37,19 +37,19 @@ class TrainingPlan:
     max_skipped: int = 20
     prefetch_views: int = 4
     resolution: ResolutionSchedule = FULL_SIZE
-    """How large training pictures are; evaluation sees them in full."""
+    """Size of training images; evaluation has full images."""
 
 
 @dataclass(frozen=True)
 class TrainingParts:
-    """Everything a run is made of; built and checked by ``gsfw.plugins.compose``."""
+    """The parts of a run; built and checked by ``gsfw.plugins.compose``."""
 
     method: Method
     model: PrimitiveModel
     optimizer: Optimizer
     table: SplatTable
     refiners: Refiners
-    """Everything that edits rows, in order: budget, strategy, method."""
+    """All refiners, in order: budget, strategy, method."""
     sampler: Sampler
     data: DataManager
     rasterizer: Rasterizer
@@ -59,4 +59,4 @@ class TrainingParts:
     device: torch.device
     reducer: Reducer = field(default_factory=Reducer)
     corrections: CaptureCorrections = field(default_factory=CaptureCorrections)
-    """What is learnt of the capture itself, apart from the model; usually nothing."""
+    """Trained corrections of the capture itself, apart from the model; usually none."""

@@ -1,4 +1,4 @@
-"""Watchers: the callbacks of a run, of which one that fails cannot end it."""
+"""Watchers: the callbacks of a run; the failure of one does not end the run."""
 
 from __future__ import annotations
 
@@ -22,50 +22,50 @@ logger = logging.getLogger("gsfw.run")
 
 
 class Watchers(Callback):
-    """Tells every callback of a run; detaches one that raises, and logs that once.
+    """Forwards events to every callback of a run; detaches one that raises, and logs that once.
 
-    A ``UserError`` (the disk is full, for instance) is meant for the user: it ends the run.
+    A ``UserError`` (the disk is full, for instance) is for the user: it ends the run.
     """
 
     def __init__(self, callbacks: Sequence[Callback] = ()) -> None:
         self._callbacks = list(callbacks)
 
     def on_start(self, run: RunInfo, control: Control) -> None:
-        """Before the first step."""
+        """Forward the start of the run."""
         self._tell("on_start", lambda callback: callback.on_start(run, control))
 
     def on_step(self, report: StepReport, control: Control) -> None:
-        """After a step that is logged."""
+        """Forward a logged step."""
         self._tell("on_step", lambda callback: callback.on_step(report, control))
 
     def on_tick(self, step: int, control: Control) -> None:
-        """After every step."""
+        """Forward a step."""
         self._tell("on_tick", lambda callback: callback.on_tick(step, control))
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
-        """After each held-out image of an evaluation."""
+        """Forward a held-out image of an evaluation."""
         self._tell("on_view", lambda callback: callback.on_view(step, view))
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """After an evaluation."""
+        """Forward an evaluation."""
         self._tell(
             "on_evaluation", lambda callback: callback.on_evaluation(step, evaluation, control)
         )
 
     def on_checkpoint(self, step: int, path: Path) -> None:
-        """After a checkpoint is safely on disk."""
+        """Forward a checkpoint that is safely on disk."""
         self._tell("on_checkpoint", lambda callback: callback.on_checkpoint(step, path))
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """After the last step."""
+        """Forward the end of the run."""
         self._tell("on_end", lambda callback: callback.on_end(step, summary))
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
-        """After the requirements of a completed run were measured."""
+        """Forward the requirements of a completed run."""
         self._tell("on_requirements", lambda callback: callback.on_requirements(requirements, plot))
 
     def close(self) -> None:
-        """Close all, the first one last; an error of one keeps no other from being closed."""
+        """Close all callbacks, the first one last; an error of one does not keep others open."""
         with ExitStack() as stack:
             for callback in self._callbacks:
                 stack.callback(self._call, callback, "close", lambda closing: closing.close())

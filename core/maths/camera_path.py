@@ -1,4 +1,4 @@
-"""Camera paths: where to look from when no photo says so."""
+"""Camera paths: viewpoints that have no photo."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 
 CLOSED_GAP = math.pi / 2
-"""Cameras stand all around when no gap between neighbours is wider than this, in radians."""
+"""Cameras surround the scene if no gap between neighbours is wider than this, in radians."""
 
 MIN_SPREAD = 1e-3
-"""Least eigenvalue (per camera) below which viewing axes count as parallel: they meet nowhere."""
+"""Least eigenvalue (per camera) below which viewing axes count as parallel."""
 
 
 def viewing_center(cameras: Cameras) -> Float[Tensor, " 3"]:
     """The point nearest to all viewing axes, in the least-squares sense; float64, scene units.
 
-    Where the axes are nearly parallel: the point at distance 1 in front of the mean camera.
+    For nearly parallel axes: the point at distance 1 in front of the mean camera.
     """
     centers = cameras.centers.double()
     axes = cameras.world_to_camera[:, 2, :3].double()
@@ -62,7 +62,7 @@ def look_at(
 
 
 def covered_arc(angles: Float64[Tensor, " c"]) -> tuple[float, float]:
-    """Where the arc that ``angles`` stand on begins, and how far it goes, in radians.
+    """Start and length, in radians, of the arc that contains ``angles``.
 
     The largest gap between neighbours is left out; below ``CLOSED_GAP`` the arc is a full circle.
     """
@@ -75,10 +75,10 @@ def covered_arc(angles: Float64[Tensor, " c"]) -> tuple[float, float]:
 
 
 def orbit(cameras: Cameras, frames: int) -> Cameras:
-    """Around what ``cameras`` look at, at their mean height and distance, as far as they stood.
+    """Orbit around the viewing centre of ``cameras``, at their mean height, distance and arc.
 
-    A full circle where cameras stood all around; otherwise to and fro along the arc they stood on,
-    because nobody has seen what is behind. Lens and image size are those of the first camera.
+    A full circle if the cameras surround the scene; otherwise to and fro along their arc, since the
+    rest is unseen. Lens and image size are those of the first camera.
     """
     target, up = viewing_center(cameras), up_direction(cameras)
     offsets = cameras.centers.double() - target
@@ -103,7 +103,7 @@ def orbit(cameras: Cameras, frames: int) -> Cameras:
 
 
 def at_times(cameras: Cameras, times: Sequence[float]) -> Cameras:
-    """The cameras, each at its time in [0, 1]; a single camera stands still for all of them."""
+    """The cameras, each at its time in [0, 1]; a single camera is repeated for all of them."""
     count = len(times)
     if len(cameras) == 1:
         cameras = cameras.select([0] * count)

@@ -15,10 +15,10 @@ OBJECT_SIZE = 0.33
 """Half of the box of an object's random points, in distances of its cameras: NeRF-synthetic has
 cameras at 4.03 and, in the code of Kerbl et al. 2023, points within 1.3."""
 ROUNDNESS = 0.1
-"""Cameras are on a sphere when their distances from its centre differ by less, relatively, and look
-at one point when their axes pass it by less."""
+"""Cameras lie on a sphere if their distances from its centre differ by less, relatively, and look
+at one point if the distance of their axes from it is less."""
 MIN_AXES = 2
-"""One camera looks at no point in particular."""
+"""Least number of cameras with a common point."""
 
 
 def object_place(scene: Scene) -> tuple[Float[Tensor, " 3"], float] | None:

@@ -13,9 +13,9 @@ from gsfw.core.splats import Sh, Splats
 
 
 def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
-    """The same splats in the frame that ``similarity`` leads to; the result is float64.
+    """Transform splats to the frame that ``similarity`` leads to; the result is float64.
 
-    View-dependent colours turn with the frame.
+    View-dependent colours rotate with the frame.
     """
     rotation, scale = similarity.rotation, similarity.scale
     moved = Splats(
@@ -43,14 +43,14 @@ def transform_splats(splats: Splats, similarity: Similarity) -> Splats:
 
 @torch.no_grad()
 def with_axes(splats: Splats) -> Splats:
-    """The same splats by quaternions and scales, largest last; as they are if they have them.
+    """Convert splats to quaternions and scales, largest last; unchanged if they have them.
 
-    Eigenvalues are taken in float64; those that rounding made negative count as zero.
+    Eigenvalues are computed in float64; negative ones (by rounding) become zero.
     """
     if splats.covariances is None:
         return splats
     variances, axes = torch.linalg.eigh(splats.covariances.double())
-    # Axes have no sign: with the last one turned around, a reflection is a rotation.
+    # Axes have no sign: inverting the last one turns a reflection into a rotation.
     axes = torch.cat([axes[..., :2], axes[..., 2:] * axes.det().sign()[:, None, None]], dim=-1)
     return replace(
         splats,

@@ -1,4 +1,4 @@
-"""Rays: the origin and direction of what each pixel sees, in the scene frame."""
+"""Rays: the origin and direction of each pixel, in the scene frame."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from torch import Tensor
 from gsfw.core.cameras import CameraModel, Cameras
 
 TINY = 1e-12
-"""Angles below this are those of the optical axis."""
+"""Angles below this equal that of the optical axis."""
 
 
 def pixel_rays(cameras: Cameras) -> Float[Tensor, "c h w 6"]:
     """Origin in scene units, then direction of length 1, for the centre of each pixel.
 
-    Lens distortion is left out: what reads rays here only needs to tell directions apart.
+    Lens distortion is ignored: users of these rays only need to distinguish directions.
     """
     plane = _image_plane(cameras)
     axis = torch.ones_like(plane[..., :1])

@@ -14,7 +14,7 @@ from torch.nn.functional import normalize
 from gsfw.core.numerics import QUATERNION_MIN_NORM
 
 LEVELS = 32767
-"""Largest 16-bit integer; the angle of a stored rotation is off by 0.006 degrees at most."""
+"""Largest 16-bit integer; the angle error of a stored rotation is 0.006 degrees at most."""
 
 SMALLEST_ANGLE = 1e-4
 """In radians; below it sin(x) / x is 1 in float32, and 1 - 2e-9 in float64."""
@@ -23,7 +23,7 @@ SMALLEST_ANGLE = 1e-4
 def rotation_matrices(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3 3"]:
     """Matrices of quaternions of any norm; the identity, with gradient zero, for norms near 0."""
     with torch.no_grad():
-        # Dividing by the largest component first keeps the squares of 1e20 within float32.
+        # Division by the largest component first keeps the squares of 1e20 within float32.
         largest = quats.abs().amax(1, keepdim=True)
         safe = torch.where(largest > 0, largest, 1.0)
         none = largest * (quats / safe).norm(dim=1, keepdim=True) < QUATERNION_MIN_NORM
@@ -116,12 +116,12 @@ def same_half(quats: Float[Tensor, "n 4"], others: Float[Tensor, "n 4"]) -> Floa
 
 
 def to_integers(quats: Float[Tensor, "n 4"]) -> Int16[Tensor, "n 4"]:
-    """Quaternions of any norm in 8 bytes each."""
+    """Store quaternions of any norm in 8 bytes each."""
     return (normalize(quats, dim=-1) * LEVELS).round().to(torch.int16)
 
 
 def from_integers(integers: Int16[Tensor, "n 4"], like: Tensor) -> Float[Tensor, "n 4"]:
-    """Unit quaternions again, in the type of ``like``."""
+    """Unit quaternions of stored ones, in the type of ``like``."""
     return normalize(integers.to(like), dim=-1)
 
 

@@ -22,7 +22,7 @@ class Similarity:
     """y = scale * rotation @ x + translation, in float64.
 
     The scene frame is well conditioned (around the origin, of size about 1), so that float32 keeps
-    centimetres of a georeferenced capture; everything exported goes back through this transform.
+    centimetres of a georeferenced capture; every export applies the transform back.
     """
 
     scale: float = 1.0
@@ -34,14 +34,14 @@ class Similarity:
         return self.scale * (points.double() @ self.rotation.T) + self.translation
 
     def inverse(self) -> Similarity:
-        """The transform the other way."""
+        """The inverse transform."""
         rotation = self.rotation.T
         return Similarity(1.0 / self.scale, rotation, -(rotation @ self.translation) / self.scale)
 
     def camera(self, world_to_camera: Float[Tensor, "*b 4 4"]) -> Float[Tensor, "*b 4 4"]:
-        """Rigid camera transforms (float64) expressed in the frame this similarity leads to.
+        """Transform rigid camera transforms (float64) to the frame that this similarity leads to.
 
-        Depths scale with the frame, so that pictures stay the same.
+        Depths scale with the frame, so that images do not change.
         """
         pose = world_to_camera.double().clone()
         rotation = pose[..., :3, :3] @ self.rotation.T

@@ -17,15 +17,15 @@ MAX_DEGREE = 4
 
 
 def num_coefficients(degree: int) -> int:
-    """How many coefficients degrees 0 to ``degree`` have together."""
+    """Total number of coefficients of degrees 0 to ``degree``."""
     return (degree + 1) ** 2
 
 
 def degree_of(coefficients: int) -> int:
-    """The degree that has this many coefficients.
+    """The degree with this number of coefficients.
 
     Raises:
-        ValueError: no degree from 0 to 4 has that many.
+        ValueError: no degree from 0 to 4 has this number.
     """
     for degree in range(MAX_DEGREE + 1):
         if num_coefficients(degree) == coefficients:
@@ -34,12 +34,12 @@ def degree_of(coefficients: int) -> int:
 
 
 def rgb_to_dc(rgb: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
-    """The constant coefficient that draws this colour from every side."""
+    """The constant coefficient of a colour that is the same from every direction."""
     return (rgb - 0.5) / C0
 
 
 def dc_to_rgb(dc: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:
-    """The colour that a constant coefficient draws, before the clamp at 0."""
+    """The colour of a constant coefficient, before the clamp at 0."""
     return dc * C0 + 0.5
 
 
@@ -86,10 +86,10 @@ def sh_basis(degree: int, directions: Float[Tensor, "*b 3"]) -> Float[Tensor, "*
 def rotate_sh(
     coefficients: Float[Tensor, "n k 3"], rotation: Float[Tensor, "3 3"]
 ) -> Float[Tensor, "n k 3"]:
-    """The coefficients of the same colours after the world is turned by ``rotation``.
+    """The coefficients of the same colours after a rotation of the world.
 
-    A band turns into itself: f'(R d) = f(d) for all d. The matrix of each band is found from the
-    basis in more directions than it has functions, which is exact up to rounding.
+    A band is mapped to itself: f'(R d) = f(d) for all d. The matrix of each band is computed from
+    the basis in more directions than it has functions, which is exact up to rounding.
     """
     degree = degree_of(coefficients.shape[1])
     generator = torch.Generator().manual_seed(0)

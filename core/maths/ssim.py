@@ -1,4 +1,4 @@
-"""SSIM: the structural similarity of pictures, as loss and metric both have it.
+"""SSIM: the structural similarity of images, for the loss and the metric.
 
 Wang et al. 2004 with the window of 3DGS: 11 x 11 Gaussian, sigma 1.5, zero padding, data range 1.
 """
@@ -35,7 +35,7 @@ def _blur(maps: Float[Tensor, "b 1 h w"]) -> Float[Tensor, "b 1 h w"]:
 def ssim_map(
     rendered: Float[Tensor, "c h w d"], target: Float[Tensor, "c h w d"]
 ) -> Float[Tensor, "c h w d"]:
-    """The similarity around every pixel and channel, in [-1, 1]."""
+    """The similarity at every pixel and channel, in [-1, 1]."""
     c, h, w, d = rendered.shape
     x = rendered.permute(0, 3, 1, 2).reshape(c * d, 1, h, w)
     y = target.permute(0, 3, 1, 2).reshape(c * d, 1, h, w)
@@ -47,7 +47,7 @@ def ssim_map(
 
 
 def masked_mean(values: Float[Tensor, "c h w d"], valid: Bool[Tensor, "c h w 1"] | None) -> Tensor:
-    """Mean over the valid pixels; 0 when there are none."""
+    """Mean over the valid pixels; 0 if there are none."""
     if valid is None:
         return values.mean()
     weights = valid.to(values.dtype)
@@ -61,7 +61,7 @@ def ssim(
 ) -> Float[Tensor, ""]:
     """Mean similarity over the valid pixels.
 
-    Pixels that are not valid take the target's value first, so that they do not disturb the
+    Pixels that are not valid get the target's value first, so that they have no effect on the
     windows of their neighbours.
     """
     if valid is not None:

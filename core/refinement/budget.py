@@ -1,30 +1,29 @@
 """Budget: growth that stops when it no longer pays, then pruning by contribution.
 
 Under ``budget=auto`` the scene decides; under a number or megabytes the model may grow to twice as
-many rows, and keeps those that contribute most. ``contribution`` names the papers. Three rules:
+many rows, and keeps those with the largest contributions. ``contribution`` cites the papers. Rules:
 
-1. *Growth stops* half-way at the latest, or when for two points of the curve in a row a Gaussian
-   added brought less than leaving out one of the least useful would cost. The gain is what the
-   loss of the same views fell by since they were last drawn, in the time between two points, per
-   Gaussian added; it contains what training alone brings, so that growth stops late rather than
-   early. The cost is the mean contribution of the rows that pruning would take first, times
-   ``PRICE``. Growth does not begin again: later rounds have less time to pay. Under a number, only
-   the rows allowed and half the run end growth: there the user has said what pays.
-2. *Pruning* comes in ``ROUNDS`` rounds once growth has stopped, ``budget_every`` steps apart. A
-   round looks at every training view once, while rows stay as they are. Rows rank by the largest
-   part that they make up of any view, and the lowest go, which hold together less than
-   ``budget_share`` of the sum, but no more than ``LARGEST_ROUND``; or, under a number, as many as
-   lead there in equal ratios.
-3. No opacity is reset once growth has stopped: contributions would mean nothing.
+1. *Growth stops* half-way at the latest, or when for two points of the curve in a row an added
+   Gaussian gains less than the removal of one of the least useful would cost. The gain is the
+   decrease of the loss of the same views since their last render, between two points, per added
+   Gaussian; it includes the gain of training alone, so that growth stops late rather than early.
+   The cost is the mean contribution of the rows that pruning would remove first, times ``PRICE``.
+   Growth does not restart: later rounds have less time to pay. Under a number, only the allowed
+   rows and half the run end growth: there the user has set the price.
+2. *Pruning* has ``ROUNDS`` rounds once growth has stopped, ``budget_every`` steps apart. A round
+   renders every training view once, while rows do not change. Rows rank by their largest fraction
+   of any view. The lowest rows are removed whose sum is below ``budget_share`` of the total, but
+   at most ``LARGEST_ROUND``; or, under a number, as many as lead there in equal ratios.
+3. No opacity is reset once growth has stopped: contributions would be invalid.
 
 Measured on fox (180 x 320, 2000 steps, one seed; without a budget 106,403 rows and 31.32 dB). Half
 of the rows at once, after growth: by the sum of contributions over views -0.80 dB, by the mean over
-the views that saw a row -0.36 dB. The sum takes what few views see first, which leaves holes: one
-held-out view lost 3.5 dB of it. In four rounds: by the mean 56 % of the rows at -0.06 dB, by the
-largest 46 % at -0.11 dB, by ``budget_share`` of it, however many, 49 % at -0.05 dB, and as it is
-here 51 % at -0.03 dB. Rows that are pruned while they grow (five rounds that keep 75 %, by the sum)
-ended with 57 % at -0.95 dB, and growth that stops at 49 % with -0.56 dB. Measuring contributions
-adds 1 % to drawing and its backward pass.
+the views that saw a row -0.36 dB. The sum removes the rows of few views first, which leaves holes:
+one held-out view lost 3.5 dB. In four rounds: by the mean 56 % of the rows at -0.06 dB, by the
+largest 46 % at -0.11 dB, by ``budget_share`` of it, without a limit, 49 % at -0.05 dB, and as here
+51 % at -0.03 dB. Pruning during growth (five rounds that keep 75 %, by the sum) ended with 57 % at
+-0.95 dB, and growth that stops at 49 % with -0.56 dB. Measuring contributions adds 1 % to the time
+of rendering and its backward pass.
 """
 
 from __future__ import annotations
@@ -53,17 +52,17 @@ from gsfw.core.table import SplatTable
 
 MEGABYTE = 1_000_000
 HEADROOM = 2
-"""How often the rows that a number allows there may be while they grow."""
+"""Most rows during growth, relative to the budget's number."""
 ROUNDS = 4
-"""Rounds of pruning."""
+"""Number of rounds of pruning."""
 LARGEST_ROUND = 0.2
-"""Most of the rows that a round takes under ``auto``: what is left has to make up for it."""
+"""Largest fraction of the rows that a round removes under ``auto``: the rest has to compensate."""
 PASSES = 3
-"""Pictures that a round looks at, at most, per view: drawn at random, these show 95 % of them."""
+"""Most images of a round, per view: sampled at random, these include 95 % of the views."""
 PATIENCE = 2
-"""Points of the curve in a row that say that growth no longer pays: one may be chance."""
+"""Points of the curve in a row that end growth: a single one may be chance."""
 PRICE = 0.2
-"""Loss per part of the pictures left out (fox: about 0.011 at once for 5.2 % of them)."""
+"""Loss per removed fraction of the images (fox: about 0.011 at once for 5.2 % of them)."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class BudgetSize:
     """A parsed budget: rows, bytes, or as many as the scene requires."""
 
     text: str
-    """As it was given."""
+    """The text of the setting."""
     rows: int | None = None
     """Most rows."""
     num_bytes: float | None = None
@@ -79,15 +78,15 @@ class BudgetSize:
 
     @property
     def is_given(self) -> bool:
-        """Whether there is a budget at all."""
+        """True if there is a budget."""
         return self.text != NO_BUDGET
 
     @staticmethod
     def parse(config: StrategyConfig) -> BudgetSize:
-        """The budget of a strategy's settings.
+        """Parse the budget of a strategy's settings.
 
         Raises:
-            ConfigError: the text is none of the forms that a budget has.
+            ConfigError: the text has none of the forms of a budget.
         """
         text = str(config.budget)
         number, megabytes = re.fullmatch(r"\d+", text), re.fullmatch(r"(\d+(?:\.\d+)?)MB", text)
@@ -103,9 +102,9 @@ class BudgetSize:
         )
 
     def most_rows(self, model: PrimitiveModel) -> int | None:
-        """Rows that fit, at the mean size that they have now; ``None`` where the scene decides.
+        """Rows that fit, at their current mean size; ``None`` if the scene decides.
 
-        One row is always allowed: there has to be something to train.
+        At least one row is allowed: training needs one.
         """
         if self.num_bytes is None:
             return self.rows
@@ -124,9 +123,9 @@ class Budget(Refiner):
     ) -> None:
         """Start without statistics.
 
-        Args:
-            size: the parsed budget; not "none".
-            config: rounds of pruning.
+        size: the parsed budget; not "none".
+            config: settings of the rounds of pruning.
+            scene: its training views are rendered in a round of pruning.
             scene: has the training views that a round of pruning looks at.
             growth_ends: steps after which the strategy adds no more rows; ``None`` if never.
         """
@@ -142,28 +141,28 @@ class Budget(Refiner):
 
     @property
     def grows(self) -> bool:
-        """Whether rows may still be added, and opacities reset."""
+        """True if rows may still be added, and opacities reset."""
         return self._stopped is None
 
     def statistics(self, step: int) -> frozenset[Statistic]:
-        """Contributions, while growth has to pay or a round of pruning is due."""
+        """Contributions, for the price of growth or for a due round of pruning."""
         wanted = self._has_to_pay if self.grows else self._is_looking(step)
         return frozenset({Statistic.CONTRIBUTION} if wanted else ())
 
     @property
     def _has_to_pay(self) -> bool:
-        """Whether growth has to pay: that is what ``auto`` means."""
+        """True under ``auto``: growth has to pay."""
         return self._budget.rows is None and self._budget.num_bytes is None
 
     def _is_looking(self, step: int) -> bool:
-        """Whether a round of pruning looks at views, and rows shall stay as they are."""
+        """True during a round of pruning: views are measured, and rows must not change."""
         if self._stopped is None or self._rounds == ROUNDS:
             return False
         first = max(self._stopped, self._calm)
         return step >= first + self._rounds * self._config.budget_every
 
     def limits(self, step: int, model: PrimitiveModel) -> GrowthLimits:
-        """Twice the rows that a number allows while they grow; none may change during a round."""
+        """Twice the rows of a number during growth; no change of rows during a round."""
         most = self._budget.most_rows(model)
         max_rows = None if most is None else HEADROOM * most
         return GrowthLimits(self.grows, self._is_looking(step), max_rows)
@@ -188,7 +187,7 @@ class Budget(Refiner):
         return {"pruned": pruned} if pruned else {}
 
     def _advance(self, done: int, table: SplatTable, model: PrimitiveModel) -> int:
-        """End growth, or prune a round; the number of rows that were pruned."""
+        """End growth, or prune a round; return the number of pruned rows."""
         ended = self._growth_ends is not None and done >= self._growth_ends
         if self.grows and (ended or 0 < self._steps <= 2 * done):
             self._stop(done, "the strategy ends it" if ended else "half of the run is over")
@@ -200,14 +199,14 @@ class Budget(Refiner):
         return 0
 
     def _has_looked(self) -> bool:
-        """Whether every view was drawn, or so many pictures that a sampler leaves some out."""
+        """True if every view was rendered, or so many images that the sampler omits some views."""
         if self._seen is None:
             return False
         enough = self._seen.num_pictures >= PASSES * self._num_views
         return enough or self._seen.num_views >= self._num_views
 
     def _before_growth(self, done: int, num_rows: int) -> None:
-        """Judge whether the last rows that were added have paid."""
+        """Judge whether the latest added rows have paid."""
         if not self.grows:
             return
         if self._losses.num_compared >= self._num_views:
@@ -215,7 +214,7 @@ class Budget(Refiner):
         self._seen = None  # New rows have no contributions yet.
 
     def rows_edited(self) -> None:
-        """Drop contributions of rows that are no more."""
+        """Drop contributions after a change of rows."""
         self._seen = None
 
     def opacities_reset(self, step: int) -> None:
@@ -241,7 +240,7 @@ class Budget(Refiner):
             self._stop(done, "a Gaussian more brings less than the least useful ones cost")
 
     def _cost(self, seen: Contributions) -> float | None:
-        """What leaving out one of the least useful rows would cost."""
+        """Cost of the removal of one of the least useful rows."""
         least = least_useful(seen.largest, self._config.budget_share)
         return PRICE * float(seen.mean[least].mean()) if len(least) else None
 
@@ -262,9 +261,9 @@ class Budget(Refiner):
         return pruned
 
     def _scores(self, model: PrimitiveModel) -> Float[Tensor, " n"]:
-        """How useful rows are: the largest contribution, or the opacity if a view is missing.
+        """Usefulness of rows: the largest contribution, or the opacity if a view is missing.
 
-        That view may be the only one that shows a row.
+        The missing view may be the only one that shows a row.
         """
         if self._seen is not None and self._has_looked():
             return self._seen.largest
@@ -292,7 +291,7 @@ class Budget(Refiner):
         self._losses.clear()
 
     def report(self) -> dict[str, Any]:
-        """The curve, and when and why growth stopped."""
+        """The curve, and the step and cause of the end of growth."""
         stopped = {"stopped_growing_at": self._stopped, "why": self._why}
         return {"budget": self._budget.text, "curve": list(self._curve), **stopped}
 
@@ -308,7 +307,7 @@ class Budget(Refiner):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from ``state``; begin anew from a checkpoint without a budget."""
+        """Continue from ``state``; start anew from a checkpoint without a budget."""
         if not state:
             return
         self._curve, seen = list(state["curve"]), state["seen"]
@@ -319,17 +318,17 @@ class Budget(Refiner):
 
 
 def least_useful(scores: Float[Tensor, " n"], share: float) -> Int[Tensor, " r"]:
-    """Rows of the lowest scores, which hold together less than a share of the sum."""
+    """Rows of the lowest scores, whose sum is below a share of the total."""
     order = scores.argsort(stable=True)
     held = scores[order].double().cumsum(0)
     return order[: int((held < share * held[-1]).sum())] if len(held) else order
 
 
 def with_budget(strategy: StrategyConfig, scene: Scene) -> tuple[Refiner, ...]:
-    """The refiners of a strategy, after the budget that its settings give it, if any.
+    """The refiners of a strategy, after the budget of its settings, if any.
 
     Raises:
-        ConfigError: the budget is none of the forms that it can have.
+        ConfigError: the budget has none of its forms.
     """
     size, found = BudgetSize.parse(strategy), strategy.refiners(scene)
     if not size.is_given:

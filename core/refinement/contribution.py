@@ -1,9 +1,9 @@
-"""Contributions: what part of the training pictures every row makes up.
+"""Contributions: the fraction of the training images that each row contributes.
 
-The contribution of a splat to a picture is the sum over its pixels of alpha times transmittance.
+The contribution of a splat to an image is the sum over its pixels of alpha times transmittance.
 Papantonakis et al. 2024 ("Reducing the Memory Footprint of 3D Gaussian Splatting") and Fan et al.
-2024 (LightGaussian) prune by what is summed over views, Fang and Wang 2024 (Mini-Splatting) draw by
-it, and Niemeyer et al. 2024 (RadSplat) prune by the largest value at any pixel of any view.
+2024 (LightGaussian) prune by its sum over views, Fang and Wang 2024 (Mini-Splatting) sample by it,
+and Niemeyer et al. 2024 (RadSplat) prune by the largest value at any pixel of any view.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from gsfw.core.render_output import RenderStatistics
 
 
 class Contributions:
-    """Gathers over some steps, between which rows stay as they are.
+    """Gathers contributions over some steps, between which rows do not change.
 
-    Pictures count in parts of their pixels, so that it makes no difference how large they are.
+    Contributions are divided by the number of pixels, so that the image size has no effect.
     """
 
     def __init__(self, num_rows: int, device: torch.device) -> None:
@@ -32,7 +32,7 @@ class Contributions:
         self._views: set[int] = set()
 
     def add(self, context: StepContext, statistics: RenderStatistics) -> None:
-        """Take in a batch whose contributions were measured; no synchronisation."""
+        """Add a batch with measured contributions; no synchronisation."""
         assert statistics.contribution is not None
         cameras, rows = context.batch.cameras, context.splats.rows
         parts = statistics.contribution.to(self._total) / (cameras.width * cameras.height)
@@ -48,26 +48,26 @@ class Contributions:
 
     @property
     def num_views(self) -> int:
-        """Different views taken in."""
+        """Number of distinct views."""
         return len(self._views)
 
     @property
     def num_pictures(self) -> int:
-        """Pictures taken in, some of the same views."""
+        """Number of images, some of the same views."""
         return self._pictures
 
     @property
     def mean(self) -> Float[Tensor, " n"]:
-        """Mean over the pictures, each of which is 1 in all where it is opaque."""
+        """Mean over the images; the sum over all rows is 1 for an opaque image."""
         return self._total / max(self._pictures, 1)
 
     @property
     def largest(self) -> Float[Tensor, " n"]:
-        """The largest of any picture."""
+        """The largest contribution to any image."""
         return self._largest
 
     def state_dict(self) -> dict[str, Any]:
-        """Sums and maxima, and which views they are of."""
+        """Sums and maxima, and their views."""
         return {
             "largest": self._largest,
             "total": self._total,
@@ -77,7 +77,7 @@ class Contributions:
 
     @staticmethod
     def restored(state: Mapping[str, Any]) -> Contributions:
-        """What ``state_dict`` described, where its tensors are."""
+        """Restore the contributions that ``state_dict`` returned."""
         found = Contributions(0, state["total"].device)
         found._largest, found._total = state["largest"].clone(), state["total"].clone()
         found._pictures, found._views = state["pictures"], set(state["views"])

@@ -1,4 +1,4 @@
-"""Refiners: the ordered list of everything that edits the rows of a run."""
+"""Refiners: the ordered list of all refiners of a run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Refiners:
     """Calls every refiner in order, and passes limits and notices between them."""
 
     def __init__(self, refiners: Sequence[Refiner] = ()) -> None:
-        """Take the refiners in the order in which they edit rows.
+        """Store the refiners in the order in which they edit rows.
 
         Raises:
             ConfigError: two have the same name.
@@ -86,7 +86,7 @@ class Refiners:
     ) -> Refinement:
         """Let every refiner edit rows, in order; the sum of their edits, by verb.
 
-        Limits are asked for anew before each refiner, since the one before may have changed them.
+        Limits are read again before each refiner, since the previous one may have changed them.
         """
         edits: Counter[str] = Counter()
         growth_due = any(refiner.growth_due(step) for refiner in self)
@@ -117,6 +117,6 @@ class Refiners:
         return {refiner.name: refiner.state_dict() for refiner in self}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from ``state``; a refiner that it does not know begins anew."""
+        """Continue from ``state``; a refiner without a state starts anew."""
         for refiner in self:
             refiner.load_state_dict(state.get(refiner.name, {}))

@@ -13,7 +13,7 @@ from gsfw.core.render_output import RenderStatistics
 
 
 class RowStatistics:
-    """Sums over the views in which a row was visible; every view weighs the same."""
+    """Sums over the views in which a row was visible; every view has the same weight."""
 
     def __init__(self, num_rows: int, device: torch.device) -> None:
         self._gradient = torch.zeros(num_rows, device=device)
@@ -30,12 +30,12 @@ class RowStatistics:
         """Add the ``c`` views of a batch, which rendered ``m`` splats; no synchronisation.
 
         The loss of a step is the mean over its views. Each view counts with the gradient of its
-        own loss, as if it had been the only one of its step.
+        own loss, as if it were the only one of its step.
 
         Args:
-            context: of the batch.
-            statistics: of the batch, for visibility and radii.
-            gradient: of the step's loss, per view and splat.
+            context: context of the batch.
+            statistics: statistics of the batch, for visibility and radii.
+            gradient: gradient of the step's loss, per view and splat.
         """
         views_in_step = len(context.batch.views) / context.share
         self.add_views(
@@ -52,9 +52,9 @@ class RowStatistics:
         """Add ``c`` views of ``m`` splats; no synchronisation.
 
         Args:
-            gradient: of each view's own loss.
+            gradient: gradient of each view's own loss.
             radii: in pixels; 0 where invisible.
-            visible: the splats that each view has seen.
+            visible: visible splats of each view.
             rows: the row of each splat; ``None`` when splat i is row i.
         """
         seen = visible.to(self._views.dtype)
@@ -83,37 +83,37 @@ class RowStatistics:
         divides by the number of views that saw the row.
 
         Args:
-            gradient: of the step's loss, for every row of the model.
-            views: of the batch.
-            observed: false when nothing is to be added, as for a step that was not finite.
+            gradient: gradient of the step's loss, for every row of the model.
+            views: number of views of the batch.
+            observed: false to add zeros, as for a step that was not finite.
         """
         added = torch.where(observed, gradient * views, 0.0).to(self._gradient)
         self._time_gradient = added if self._time_gradient is None else self._time_gradient + added
 
     @property
     def mean_gradient(self) -> Float[Tensor, " n"]:
-        """Mean over the views that saw the row; 0 where none did."""
+        """Mean over the views that saw the row; 0 if none did."""
         return self._gradient / self._views.clamp_min(1.0)
 
     @property
     def mean_time_gradient(self) -> Float[Tensor, " n"] | None:
-        """Mean over the views that saw the row; ``None`` where none was gathered."""
+        """Mean over the views that saw the row; ``None`` if no gradient was added."""
         if self._time_gradient is None:
             return None
         return self._time_gradient / self._views.clamp_min(1.0)
 
     @property
     def largest_radius(self) -> Float[Tensor, " n"]:
-        """In pixels; 0 where no view saw the row."""
+        """Largest radius in pixels; 0 if no view saw the row."""
         return self._radius
 
     def taken(self, rows: Int[Tensor, " r"]) -> RowStatistics:
-        """The statistics of some rows, for a model whose rows are now copies of these."""
+        """The statistics of some rows, for a model whose rows are copies of these."""
         state = {name: values.index_select(0, rows) for name, values in self.state_dict().items()}
         return RowStatistics.restored(state, rows.device)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """The sums; that of time gradients only where there is one."""
+        """The sums; that of time gradients only if there is one."""
         sums = {"gradient": self._gradient, "views": self._views, "radius": self._radius}
         if self._time_gradient is not None:
             sums["time_gradient"] = self._time_gradient

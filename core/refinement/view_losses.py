@@ -1,4 +1,4 @@
-"""ViewLosses: how much better the views have become since each was last drawn."""
+"""ViewLosses: the decrease of the loss of each view since its last render."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from gsfw.core.maths.ssim import masked_mean
 
 @dataclass(frozen=True)
 class _Visit:
-    """The last time that a view was drawn."""
+    """The last render of a view."""
 
     step: int
     width: int
-    """In pixels: smaller pictures have less detail, and smaller losses."""
+    """Width in pixels: smaller images have less detail, and smaller losses."""
     loss: Tensor
 
 
 class ViewLosses:
-    """Compares every view with itself, so that easy and hard views do not blur the difference.
+    """Compares every view with itself, so that the difficulty of views cancels.
 
-    The loss is the mean absolute difference of valid pixels. Nothing is read where a GPU would have
-    to be waited for, but in ``mean_loss`` and ``gain_per_step``.
+    The loss is the mean absolute difference of valid pixels. Only ``mean_loss`` and
+    ``gain_per_step`` wait for a GPU.
     """
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class ViewLosses:
 
     @torch.no_grad()
     def add(self, context: StepContext) -> None:
-        """Take in a batch; of a loss that is not finite, that nothing has changed."""
+        """Add a batch; a loss that is not finite counts as no change."""
         width = context.batch.cameras.width
         errors = (context.rendered.color - context.target).abs()
         valid = context.batch.valid
@@ -57,26 +57,26 @@ class ViewLosses:
 
     @property
     def num_compared(self) -> int:
-        """Visits since the last ``clear`` that had one of the same view to compare with."""
+        """Number of visits since the last ``clear`` with an earlier visit of the same view."""
         return self._compared
 
     @property
     def mean_loss(self) -> float:
-        """Over all visits since the last ``clear``."""
+        """Mean over all visits since the last ``clear``."""
         return float(self._loss) / max(self._visits, 1)
 
     @property
     def gain_per_step(self) -> float:
-        """How much the loss of a view falls in a step, in the mean over what was compared."""
+        """Mean decrease of the loss of a view per step, over the compared visits."""
         return float(self._gain) / max(self._compared, 1)
 
     def clear(self) -> None:
-        """Begin new means; what comes is still compared with what was."""
+        """Restart the means; later visits are still compared with earlier ones."""
         self._loss = self._gain = 0.0
         self._visits = self._compared = 0
 
     def forget(self) -> None:
-        """Compare nothing with what was: the model was changed, and has to recover."""
+        """Forget all visits: the model was changed, and has to recover."""
         self._last = {}
 
     def state_dict(self) -> dict[str, Any]:
@@ -86,7 +86,7 @@ class ViewLosses:
         return {"last": last, **sums, "visits": self._visits, "compared": self._compared}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from there."""
+        """Continue from ``state``."""
         self._last = {view: _Visit(*visit) for view, visit in state["last"].items()}
         self._loss, self._gain = state["loss"], state["gain"]
         self._visits, self._compared = state["visits"], state["compared"]

@@ -1,4 +1,4 @@
-"""Flicker: change from frame to frame that the true pictures do not have."""
+"""Flicker: changes from frame to frame that the true images do not have."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from gsfw.core.maths.ssim import masked_mean
 
 @dataclass(frozen=True)
 class Still:
-    """One moment of a camera that stands still, drawn and true."""
+    """One moment of a static camera: the rendered and the true image."""
 
     camera: object
-    """Equal for the moments of one camera."""
+    """Key of the camera, equal for its moments."""
     time: float
     rendered: Float[Tensor, "h w 3"]
     target: Float[Tensor, "h w 3"]
     moving: Bool[Tensor, "h w 1"]
-    """True where something moves."""
+    """True where the scene moves."""
     valid: Bool[Tensor, "h w 1"] | None
-    """True where the true picture counts; ``None`` for everywhere."""
+    """True where the true image is valid; ``None`` if all pixels are."""
 
     def change_error(self, before: Still) -> Float[Tensor, "h w 3"]:
-        """How far the change since ``before`` is from the true change; colours in [0, 1]."""
+        """Error of the change since ``before``; colours in [0, 1]."""
         drawn = self.rendered.clamp(0, 1) - before.rendered.clamp(0, 1)
         true = self.target.clamp(0, 1) - before.target.clamp(0, 1)
         return (drawn - true).abs()
 
 
 class Flicker:
-    """Mean absolute error of the change between neighbouring times, over pairs of pictures.
+    """Mean absolute error of the change between neighbouring times, over pairs of images.
 
-    Static pixels are those that move in neither picture of a pair: there the true pictures hardly
-    change, so all that changes in the drawn ones is flicker. A model that is wrong in the same way
-    at all times does not flicker.
+    Static pixels move in neither image of a pair: the true images hardly change there, so all
+    changes of the rendered ones are flicker. A model with the same error at all times does not
+    flicker.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Flicker:
         self._steps: list[float] = []
 
     def add(self, still: Still) -> None:
-        """Take the next moment; those of one camera come one after the other, in order of time."""
+        """Add the next moment; moments of one camera are consecutive, in order of time."""
         before, self._before = self._before, still
         if before is None or before.camera != still.camera or before.time == still.time:
             return
@@ -62,7 +62,7 @@ class Flicker:
                 self._errors[name].append(float(masked_mean(error, region[None])))
 
     def figures(self) -> Mapping[str, float]:
-        """Means over the pairs; without those for which there is no pair."""
+        """Means over the pairs; absent if there is no pair."""
         return {
             f"flicker_{name}": sum(errors) / len(errors)
             for name, errors in self._errors.items()
@@ -70,7 +70,7 @@ class Flicker:
         }
 
     def note(self) -> str:
-        """What the figures are means of, for result files."""
+        """Definition of the means, for result files."""
         if not self._steps:
             return "not available: no held-out camera shows several times"
         step = sum(self._steps) / len(self._steps)

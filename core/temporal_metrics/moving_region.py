@@ -1,4 +1,4 @@
-"""MovingRegion: which pixels of a picture change over time."""
+"""MovingRegion: the pixels of an image that change over time."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
 
 MIN_DEVIATION = 0.02
-"""Least standard deviation over time of a pixel that moves, of colours in [0, 1]: 5 of 255 levels,
-well above the noise of rendered and of compressed pictures (measured: below 2 levels)."""
+"""Least standard deviation over time of a moving pixel, of colours in [0, 1]: 5 of 255 levels,
+well above the noise of rendered and of compressed images (measured: below 2 levels)."""
 
 FROM_MASKS = "masks of the data set"
 FROM_VARIANCE = "temporal variance of all pictures of the same fixed camera"
@@ -27,15 +27,15 @@ class MovingRegion:
     """The moving pixels of one view."""
 
     mask: Bool[Tensor, "h w 1"] | None
-    """True where something moves; ``None`` when that cannot be known."""
+    """True where the scene moves; ``None`` if unknown."""
     source: str
     """``FROM_MASKS``, ``FROM_VARIANCE`` or ``UNKNOWN``."""
 
 
 def camera_key(camera: Cameras) -> tuple[object, ...]:
-    """What views of one camera that stands still have in common: pose, lens and picture size.
+    """Key of the views of one static camera: pose, lens and image size.
 
-    Not the ``camera_index``: a camera in somebody's hand is one camera too.
+    It is not the ``camera_index``: a hand-held camera has one index too.
     """
     pose, lens = (
         tuple(matrix.flatten().tolist()) for matrix in (camera.world_to_camera, camera.intrinsics)
@@ -44,7 +44,7 @@ def camera_key(camera: Cameras) -> tuple[object, ...]:
 
 
 class MovingRegions:
-    """The moving region of every view of a split; found when first asked for."""
+    """The moving region of every view of a split; computed on first use."""
 
     def __init__(
         self,
@@ -53,13 +53,13 @@ class MovingRegions:
         background: Float[Tensor, " 3"],
         device: torch.device,
     ) -> None:
-        """Nothing is decoded yet.
+        """Store the arguments; decodes nothing.
 
         Args:
-            data: whose views have times.
-            split: the one to be evaluated.
-            background: behind pictures with alpha.
-            device: where the pictures are compared.
+            data: its views have times.
+            split: split to be evaluated.
+            background: background of images with alpha.
+            device: device of the comparison.
         """
         self._data, self._split = data, split
         self._background, self._device = background, device
@@ -72,7 +72,7 @@ class MovingRegions:
         self._shares: list[float] = []
 
     def find(self, index: int) -> MovingRegion:
-        """The region of a view: as the data set says, else by variance, else unknown."""
+        """The region of a view: from the data set's mask, else by variance, else unknown."""
         region = self._find(index)
         self._sources[region.source] += 1
         if region.mask is not None:
@@ -80,7 +80,7 @@ class MovingRegions:
         return region
 
     def sources(self) -> str:
-        """How the regions asked for so far were found, for result files."""
+        """Sources of the regions so far, for result files."""
         if len(self._sources) == 1:
             found = next(iter(self._sources))
         else:
@@ -100,9 +100,9 @@ class MovingRegions:
         return MovingRegion(varying, UNKNOWN if varying is None else FROM_VARIANCE)
 
     def _variance(self, members: Sequence[tuple[Split, int]]) -> Bool[Tensor, "h w 1"] | None:
-        """Where the pictures of one fixed camera vary; ``None`` when they show a single time.
+        """Pixels that vary over the images of one static camera; ``None`` for a single time.
 
-        Pictures that were trained on count too: they say what moves, not how well it was drawn.
+        Training images are included: they show the motion, not the quality of a render.
         """
         times = {self._time(part, index) for part, index in members}
         if len(times) < 2:
@@ -110,9 +110,9 @@ class MovingRegions:
         total, squares = None, None
         for part, index in members:
             (batch,) = self._data.load(part, [index], self._device)
-            picture = batch.target(self._background)[0].double()
-            total = picture if total is None else total + picture
-            squares = picture**2 if squares is None else squares + picture**2
+            image = batch.target(self._background)[0].double()
+            total = image if total is None else total + image
+            squares = image**2 if squares is None else squares + image**2
         assert total is not None
         assert squares is not None
         variance = squares / len(members) - (total / len(members)) ** 2

@@ -1,4 +1,4 @@
-"""OverTime: the figures that only data with times has."""
+"""OverTime: the figures of data with times."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gsfw.core.temporal_metrics.flicker import Flicker, Still
 from gsfw.core.temporal_metrics.moving_region import MIN_DEVIATION, MovingRegions, camera_key
 
 MOVING = "moving_"
-"""What the name of a metric begins with when it is taken over moving pixels only."""
+"""Prefix of the names of metrics over moving pixels only."""
 
 TIME_PROTOCOL = {
     "moving_region": "the data set's masks where it has some; else pixels whose standard deviation "
@@ -25,7 +25,7 @@ TIME_PROTOCOL = {
     "flicker": "mean absolute difference between drawn and true change from one held-out time of "
     "a fixed camera to its next, over pixels that move in neither (static) or in some (moving)",
 }
-"""How the figures are measured; written into every result file of data with times."""
+"""Measurement protocol; written into every result file of data with times."""
 
 
 class OverTime:
@@ -39,7 +39,7 @@ class OverTime:
         device: torch.device,
         metrics: Mapping[str, Metric],
     ) -> None:
-        """Nothing is decoded yet; the views of ``split`` have times."""
+        """Decodes nothing; the views of ``split`` have times."""
         self._views = data.views(split)
         self._times = self._views.times or ()
         self._range = data.scene.time_range or (0.0, 1.0)
@@ -48,7 +48,7 @@ class OverTime:
         self._flicker = Flicker()
 
     def order(self) -> list[int]:
-        """Views camera by camera, each in order of time; cameras as they first appear."""
+        """Views camera by camera, each in order of time; cameras in order of first appearance."""
         groups: dict[object, list[int]] = {}
         for index, camera in enumerate(self._views.cameras):
             groups.setdefault(camera_key(camera), []).append(index)
@@ -65,7 +65,7 @@ class OverTime:
         target: Float[Tensor, "h w 3"],
         valid: Bool[Tensor, "h w 1"] | None,
     ) -> dict[str, float]:
-        """Figures of one view's moving pixels; none where nothing moves, or it is not known."""
+        """Figures of one view's moving pixels; none if there are no such pixels, or if unknown."""
         moving = self._regions.find(index).mask
         if moving is None:
             return {}
@@ -80,11 +80,11 @@ class OverTime:
         }
 
     def figures(self) -> Mapping[str, float]:
-        """Temporal stability, where a held-out camera shows several times."""
+        """Temporal stability, if a held-out camera shows several times."""
         return self._flicker.figures()
 
     def notes(self) -> dict[str, str]:
-        """How the moving region was found, and what flicker is a mean of."""
+        """Source of the moving region, and the definition of the flicker means."""
         return {"moving_region": self._regions.sources(), "flicker": self._flicker.note()}
 
     def curve(self, per_view: Sequence[Mapping[str, float]]) -> tuple[dict[str, Any], ...]:

@@ -1,4 +1,4 @@
-"""Tracks: where every row of a model is at some times, and how far from the truth that is."""
+"""Tracks: positions of every row of a model at some times, and their error."""
 
 from __future__ import annotations
 
@@ -12,45 +12,45 @@ from torch import Tensor
 from gsfw.core.model import PrimitiveModel
 
 OPAQUE = 0.5
-"""A row of at least this opacity can be what a surface point is seen by."""
+"""A row of at least this opacity can represent a surface point."""
 CHUNK = 1024
-"""Points whose distances to all rows are worked out at once."""
+"""Number of points whose distances to all rows are computed at once."""
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """The paths of ``n`` rows over ``t`` times, in the frame that its maker says."""
+    """The paths of ``n`` rows over ``t`` times, in the frame of their source."""
 
     times: tuple[float, ...]
-    """In [0, 1]."""
+    """Times in [0, 1]."""
     positions: Float[Tensor, "t n 3"]
-    """NaN where a row is not there."""
+    """NaN where a row is not present."""
     opacities: Float[Tensor, "t n"]
-    """In [0, 1]; 0 where a row is not there."""
+    """Opacities in [0, 1]; 0 where a row is not present."""
 
     @property
     def present(self) -> Bool[Tensor, "t n"]:
-        """Whether a row is there."""
+        """True where a row is present."""
         return self.opacities > 0
 
 
 @dataclass(frozen=True)
 class TrackErrors:
-    """How far tracks are from the truth, of points that are always there; lengths as theirs.
+    """Errors of tracks against true points that are always present; lengths in their unit.
 
-    A point keeps its offset from its row, so that how finely a model is made of rows is left out.
+    A point keeps its offset from its row, so that the density of rows has no effect.
     """
 
     moving: float
-    """Median distance over all points that move and all later times; NaN when none moves."""
+    """Median distance over all moving points and all later times; NaN if none moves."""
     moved: float
-    """Median distance of the same points from where they were at the first time."""
+    """Median distance of the same points from their first position."""
     still: float
-    """Median distance over all points that do not move; NaN when all move."""
+    """Median distance over all static points; NaN if all move."""
 
     @property
     def relative(self) -> float:
-        """The error of what moves, as a part of how far it has moved."""
+        """Error of moving points, relative to their motion."""
         return self.moving / self.moved
 
 
@@ -77,13 +77,13 @@ def compare(
     present: Bool[Tensor, "t p"],
     still_below: float,
 ) -> TrackErrors:
-    """How well true surface points move with the rows they are nearest to at the first time.
+    """Error of true surface points that move with their nearest rows at the first time.
 
     Args:
-        tracks: of a model; a row that is not there all the time follows nothing.
+        tracks: tracks of a model; rows that are not always present are ignored.
         truth: the true paths of points, at the same times and in the same frame.
-        present: whether a point is there.
-        still_below: points that never move farther from where they were do not move.
+        present: true where a point is present.
+        still_below: points that never move farther from their first position are static.
     """
     truth = truth.to(tracks.positions)[:, present.all(0)]
     followed = tracks.positions[:, (tracks.opacities >= OPAQUE).all(0)]

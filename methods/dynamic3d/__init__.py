@@ -1,1 +1,1 @@
-"""Method dynamic3dgs: Gaussians that persist and are tracked from one time to the next."""
+"""Method dynamic3dgs: persistent Gaussians, tracked from one time to the next."""

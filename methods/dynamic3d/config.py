@@ -21,7 +21,7 @@ class TrackedGaussiansOptim(StaticGaussiansOptim):
     """Learning rates: those of method 3dgs for the first time, and those of tracking.
 
     The paper tracks with a constant 1.6e-4 for positions and 1e-3 for quaternions, for 2000 steps
-    at each time. Rates that begin higher and decay within each time need a tenth of the steps.
+    at each time. Higher initial rates with a decay within each time need a tenth of the steps.
     """
 
     means_lr_steps: int = steps_field(10_000)
@@ -65,16 +65,16 @@ class TrackedGaussiansConfig(GaussiansConfig):
     optim: TrackedGaussiansOptim = field(default_factory=TrackedGaussiansOptim)
 
     def build(self) -> Method:
-        """The method."""
+        """Build the method."""
         from gsfw.methods.dynamic3d.method import TrackedGaussiansMethod
 
         return TrackedGaussiansMethod(self)
 
     def check(self) -> None:
-        """Check the values every run has, and this method's own.
+        """Check the values of every run, and this method's own.
 
         Raises:
-            ConfigError: naming the key, what was expected, and what was given.
+            ConfigError: a value is wrong; names the key, the expected and the given value.
         """
         super().check()
         if self.sh == "adaptive":
@@ -90,10 +90,10 @@ class TrackedGaussiansConfig(GaussiansConfig):
         self._check_refinement()
 
     def _check_refinement(self) -> None:
-        """Refuse rows that come or go while they are tracked: they would have no past.
+        """Refuse changes of rows during tracking: new rows would have no past.
 
-        A sampler that does not say how long the first time is, is not this method's own; a strategy
-        that does not say when it stops does not refine.
+        A sampler without a length of the first time is not this method's own; a strategy without a
+        last step does not refine.
         """
         first = getattr(self.sampler, "first_steps", None)
         stop = getattr(self.strategy, "refine_stop", None)

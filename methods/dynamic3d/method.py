@@ -1,11 +1,11 @@
 """Method dynamic3dgs: Luiten et al. 2024, "Dynamic 3D Gaussians".
 
-Gaussians are built on the pictures of the first time; on those of each later time they only move
-and turn (and change their constant colour a little), with neighbours held together by rigidity.
+Gaussians are trained on the images of the first time; on those of each later time they only move
+and rotate (and change their constant colour a little), constrained to local rigidity.
 
-Where we differ from the released code: no masks are needed, as all rows take part in rigidity and
-there are neither background nor floor terms; colours have spherical harmonics; learning rates
-start anew at every time and decay within it, so that short runs reach as far as long ones.
+Differences from the released code: no masks are needed, as all rows take part in rigidity and there
+are neither background nor floor terms; colours have spherical harmonics; learning rates restart at
+every time and decay within it, so that short runs converge like long ones.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from gsfw.methods.dynamic3d.config import TrackedGaussiansConfig
 
 MOVING = ("means", "quats")
-"""Columns that begin with fresh moments at every time."""
+"""Columns whose moments are reset at every time."""
 
 
 class TrackedGaussiansMethod(MovingMethod):
-    """Builds the first time, then follows it through the others, in order."""
+    """Trains the first time, then tracks through the others, in order."""
 
     name = "dynamic3dgs"
 
@@ -53,7 +53,7 @@ class TrackedGaussiansMethod(MovingMethod):
         generator: torch.Generator,
         initial: Splats | None,
     ) -> TrackedGaussians:
-        """Gaussians at the splats of a file, at points of the first time, or at random."""
+        """Build Gaussians from a file's splats, from points of the first time, or at random."""
         config = self._config
         self._extent, self._num_times = scene.extent, scene.num_times
         canonical = self._static.build_model(first_points(scene), operators, generator, initial)
@@ -70,10 +70,10 @@ class TrackedGaussiansMethod(MovingMethod):
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
-        """Go on to the next time when the views do; let rates and the SH degree follow.
+        """Start the next time with its first view; set rates and the SH degree.
 
         Raises:
-            ConfigError: views come in another order than that of time.
+            ConfigError: the views are not in order of time.
         """
         assert isinstance(model, TrackedGaussians)
         assert time is not None
@@ -93,10 +93,10 @@ class TrackedGaussiansMethod(MovingMethod):
             self._set_rates(model)
 
     def _start(self, step: int, model: TrackedGaussians, optimizer: Optimizer) -> None:
-        """Begin to track a time.
+        """Start to track a time.
 
-        It is taken to be as long as the one before it, and the first of them to have an even share
-        of the run: how many times are trained on is not known, as some may be held out.
+        Its expected length is that of the previous time, for the first one an even share of the
+        run: the number of trained times is unknown, as some may be held out.
         """
         if self._first_step is None:
             self._planned_steps = max((self._config.steps - step) // (self._num_times - 1), 1)
@@ -108,7 +108,7 @@ class TrackedGaussiansMethod(MovingMethod):
         optimizer.freeze(model.columns().keys() - moving)
 
     def _set_rates(self, model: TrackedGaussians) -> None:
-        """Rates decay within a time, from where its views began."""
+        """Learning rates of a step; they decay within a time, from its first view."""
         assert self._first_step is not None
         optim = self._config.optim
         for column, rate in (
@@ -120,7 +120,7 @@ class TrackedGaussiansMethod(MovingMethod):
             )
 
     def state_dict(self) -> dict[str, Any]:
-        """That of method 3dgs, and when the current time began."""
+        """The state of method 3dgs, and the first step of the current time."""
         return {
             **super().state_dict(),
             "first_step": self._first_step,
@@ -128,16 +128,16 @@ class TrackedGaussiansMethod(MovingMethod):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on with it."""
+        """Continue from ``state``."""
         super().load_state_dict(state)
         self._first_step = state["first_step"]
         self._planned_steps = state["planned_steps"]
 
 
 def first_points(scene: Scene) -> Scene:
-    """The scene with the points of its first time only, where the data say when points were seen.
+    """The scene with the points of its first time only, if points have capture times.
 
-    The others need not be where they are at the first time, and nothing can move them there.
+    The others may be elsewhere at the first time, and the training could not move them.
     """
     times = scene.point_times
     if times is None or not bool(times.isfinite().any()):

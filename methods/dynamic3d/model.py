@@ -1,9 +1,8 @@
-"""Tracked Gaussians: static ones that are the same at every time, somewhere else and turned.
+"""Tracked Gaussians: static ones at every time, with a position and rotation of their own.
 
 Luiten et al. 2024, "Dynamic 3D Gaussians: Tracking by Persistent Dynamic View Synthesis". The
-canonical columns hold the time that is being worked on, and are what the optimizer moves; times
-that are finished lie in a trajectory. Scale, opacity and view-dependent colour are those of the
-first time.
+canonical columns hold the current time, and are optimized; finished times are in a trajectory.
+Scale, opacity and view-dependent colour are those of the first time.
 """
 
 from __future__ import annotations
@@ -29,25 +28,25 @@ from gsfw.methods.gaussians3d.model import StaticGaussians
 
 @dataclass(frozen=True)
 class Regularization:
-    """Weights of what is added to the loss from the second time on."""
+    """Weights of the regularizers from the second time on."""
 
     rigid: float
     rotation: float
     isometry: float
     color: float
     neighbors: int
-    """How many each row has."""
+    """Number of neighbours of each row."""
     neighbors_per_step: int
-    """How many of them a step looks at."""
+    """Number of them in the loss of a step."""
 
 
 class TrackedGaussians(DensifiableModel):
-    """Rows that persist: each is the same piece of surface at all times."""
+    """Persistent rows: each is the same piece of surface at all times."""
 
     def __init__(
         self, canonical: StaticGaussians, regularization: Regularization, moving_colors: bool
     ) -> None:
-        """Take static Gaussians as they are before the first time."""
+        """Start with static Gaussians, before the first time."""
         super().__init__()
         self.canonical = canonical
         self._regularization = regularization
@@ -56,29 +55,29 @@ class TrackedGaussians(DensifiableModel):
         self._neighborhood: Neighborhood | None = None
 
     def columns(self) -> Mapping[str, Column]:
-        """Those of static Gaussians now; past_means, past_quats, and past_colors if they change."""
+        """Current columns of static Gaussians; past_means, past_quats, and past_colors if they change."""
         return {**self.canonical.columns(), **self.trajectory.columns()}
 
     def temporal_columns(self) -> Mapping[str, Column]:
-        """The past ones: poses of the times that are finished."""
+        """The past columns: poses of the finished times."""
         return self.trajectory.columns()
 
     def _pose(self) -> Pose:
-        """The time that is being worked on."""
+        """The current time."""
         rows = self.canonical
         colors = rows.sh_dc.values if self._moving_colors else None
         return Pose(rows.means.values, rows.quats.values, colors)
 
     @property
     def tracking(self) -> bool:
-        """Whether the first time is finished."""
+        """True after the first time."""
         return self.trajectory.num_finished > 0
 
     @torch.no_grad()
     def advance_(self, time: float) -> None:
-        """Finish the current time, if there is one, and go on to ``time``.
+        """Finish the current time, if there is one, and start ``time``.
 
-        Positions and rotations begin where they would be if they moved on as they last did
+        Positions and rotations start with the extrapolated motion of the last step in time
         (forward initialisation, section 3.2).
         """
         if self.trajectory.current is not None:
@@ -87,9 +86,9 @@ class TrackedGaussians(DensifiableModel):
         self.trajectory.begin(time)
 
     def _move_on(self) -> None:
-        """Begin at x + (x - x_prev) and q + (q - q_prev), the latter normalised."""
+        """Start at x + (x - x_prev) and q + (q - q_prev), the latter normalised."""
         rows, count = self.canonical, self.trajectory.columns()["past_means"].values.shape[0]
-        # As it was stored: the rounding of the one before must not look like a turn.
+        # As it was stored: its rounding must not look like a rotation.
         now = self.trajectory.stored(count - 1, rows.means.values)
         before = self.trajectory.stored(max(count - 2, 0), rows.means.values)
         quats = 2 * now.quats - same_half(before.quats, now.quats)
@@ -99,9 +98,9 @@ class TrackedGaussians(DensifiableModel):
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The Gaussians at ``time``, between the times beside it; at the first one for ``None``.
+        """The Gaussians at ``time``, interpolated between times; at the first one for ``None``.
 
-        Times that are still to come look as the current one.
+        Future times equal the current one.
         """
         still, current = self.canonical.splats(), self._pose()
         time = torch.zeros((), device=current.means.device) if time is None else time
@@ -113,11 +112,11 @@ class TrackedGaussians(DensifiableModel):
         return replace(splats, colors=replace(still.colors, coefficients=pose.colors))
 
     def active_bands(self) -> int:
-        """Those of the canonical Gaussians."""
+        """Active bands of the canonical Gaussians."""
         return self.canonical.active_bands()
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """From the second time on: rigidity among neighbours, and how much colours change."""
+        """From the second time on: rigidity among neighbours, and changes of colours."""
         if not self.tracking:
             return {}
         weights, now = self._regularization, self._pose()
@@ -134,7 +133,7 @@ class TrackedGaussians(DensifiableModel):
         return terms
 
     def _neighbors(self, context: StepContext) -> Neighborhood:
-        """Who is near whom, found once when the first time is finished."""
+        """The neighbours of each row, found once when the first time is finished."""
         if self._neighborhood is None or not self._neighborhood.fits(self.num_rows):
             weights = self._regularization
             self._neighborhood = Neighborhood(
@@ -143,15 +142,15 @@ class TrackedGaussians(DensifiableModel):
         return self._neighborhood
 
     def project_(self) -> None:
-        """Keep scales in range."""
+        """Clamp scales to their range."""
         self.canonical.project_()
 
     def summary(self) -> Mapping[str, int | float]:
-        """Bytes of all that it takes to draw it, and of these what is kept of other times."""
+        """Bytes of all that a render needs, and of the poses of other times in it."""
         found, stored = super().summary(), self.trajectory.num_bytes()
         return {**found, "model_bytes": found["model_bytes"] + stored, "stored_bytes": stored}
 
-    # For density control, on the current time. What is stored goes with the rows.
+    # For density control, on the current time. Stored poses follow the rows.
 
     def opacities(self) -> Float[Tensor, " n"]:
         """Opacity of each row in [0, 1], the same at all times."""
@@ -177,7 +176,7 @@ class TrackedGaussians(DensifiableModel):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Round and faint rows, which were at ``points`` at all times that are finished."""
+        """Isotropic rows with low opacity, at ``points`` at all finished times."""
         fresh = self.canonical.rows_at(points, colors, sizes, time)
         constant = fresh["sh_dc"].values if self._moving_colors else None
         pose = Pose(fresh["means"].values, fresh["quats"].values, constant)
@@ -185,11 +184,11 @@ class TrackedGaussians(DensifiableModel):
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """``rows`` with the opacity and scale of which ``counts`` copies look as one did."""
+        """``rows`` with the opacity and scale with which ``counts`` copies render as one did."""
         return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
 
     def perturb_(self, rate: float, generator: torch.Generator) -> None:
-        """Add noise to positions at the first time, where opacity is near nothing."""
+        """Add noise to positions of rows with low opacity, at the first time."""
         if not self.tracking:
             self.canonical.perturb_(rate, generator)
 

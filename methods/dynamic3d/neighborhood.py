@@ -1,4 +1,4 @@
-"""Neighborhood: which rows move together, from where they were at the first time."""
+"""Neighborhood: rows that should move together, by their positions at the first time."""
 
 from __future__ import annotations
 
@@ -12,36 +12,35 @@ from gsfw.methods.dynamic3d.trajectory import Trajectory
 
 
 class Neighborhood:
-    """The nearest rows of each row at the first time, and how far away they were.
+    """The nearest rows of each row at the first time, and their distances.
 
-    All of it follows from the trajectory, so that it is no part of the state. Weights are
-    exp(-(d / m)^2) with m the row's own median distance: the paper's exp(-2000 d^2) is for
-    a capture in metres whose Gaussians are centimetres apart, and would untie those of a coarse
-    background.
+    It follows from the trajectory, so it is no part of the state. Weights are exp(-(d / m)^2)
+    with m the row's own median distance: the paper's exp(-2000 d^2) is for a capture in metres
+    whose Gaussians are centimetres apart, and would disconnect those of a coarse background.
     """
 
     def __init__(
         self, trajectory: Trajectory, count: int, per_step: int, operators: Operators
     ) -> None:
-        """Look for the ``count`` nearest rows of each row, of which steps see ``per_step``."""
+        """Find the ``count`` nearest rows of each row; a step uses ``per_step`` of them."""
         first = trajectory.stored(0, trajectory.columns()["past_means"].values).means
         self._rows = operators.neighbors(first, min(count, max(len(first) - 1, 1)))
         self._lengths = _offsets(first, self._rows).norm(dim=2)
         typical = self._lengths.median(dim=1, keepdim=True).values
         nearness = torch.exp(-((self._lengths / typical.clamp_min(1e-12)) ** 2))
-        # Where there are too few others a row is its own neighbour, which says nothing.
+        # With too few other rows a row is its own neighbour, which has no effect.
         own = torch.arange(len(first), device=first.device)[:, None]
         self._weights = torch.where(self._rows == own, 0.0, nearness)
-        # What steps look at in turn, at the time that is being worked on.
+        # Order of the neighbours in the steps of the current time.
         self._num_turns = -(-self._rows.shape[1] // per_step)
         self._finished, self._turns = 0, dict[int, Neighbors]()
 
     def fits(self, num_rows: int) -> bool:
-        """Whether this is of a model with so many rows."""
+        """True if this belongs to a model with so many rows."""
         return len(self._rows) == num_rows
 
     def some(self, step: int, trajectory: Trajectory, like: Tensor) -> Neighbors:
-        """Some neighbours of each row, others in every step until all have had their turn."""
+        """Some neighbours of each row; later steps use others until all were used."""
         if self._finished != trajectory.num_finished:
             self._finished = trajectory.num_finished
             self._turns.clear()

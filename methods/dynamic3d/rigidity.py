@@ -1,4 +1,4 @@
-"""Rigidity: what neighbours are expected to do together from one time to the next.
+"""Rigidity: losses of the relative motion of neighbours from one time to the next.
 
 Luiten et al. 2024, equations 5 to 8. For row i and its neighbour j, with the rotation
 q~_i = q_i,t conj(q_i,t-1) since the previous time and R_i its matrix:
@@ -7,7 +7,7 @@ q~_i = q_i,t conj(q_i,t-1) since the previous time and R_i its matrix:
     rotation  mean sqrt(w_ij |q~_j - q~_i|^2)
     isometry  mean sqrt(w_ij (|x_j - x_i| - |x_j,0 - x_i,0|)^2)
 
-The paper writes the first with R_i^T on the other side, which is the same length.
+The paper has R_i^T on the other side of the first, which is the same length.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ TINY = 1e-20
 
 @dataclass(frozen=True)
 class Neighbors:
-    """Some neighbours of every row, and what is known of them."""
+    """Some neighbours of every row, and their earlier poses."""
 
     rows: Int[Tensor, "n k"]
     weights: Float[Tensor, "n k"]
-    """In [0, 1]."""
+    """Weights in [0, 1]."""
     previous: Float[Tensor, "n k 3"]
-    """From each row to its neighbour at the previous time."""
+    """Vectors from each row to its neighbour at the previous time."""
     lengths: Float[Tensor, "n k"]
     """Distances at the first time."""
 
@@ -47,10 +47,10 @@ def rigidity(
     """The rigid, rotation and isometry terms; lengths in scene units.
 
     Args:
-        neighbors: of every row.
-        means: now.
-        quats: now, of any norm.
-        previous_quats: at the previous time, of norm 1.
+        neighbors: neighbours of every row.
+        means: current positions.
+        quats: current quaternions, of any norm.
+        previous_quats: quaternions at the previous time, of norm 1.
     """
     quats = normalize(quats, dim=1)
     turned = relative_quaternions(same_half(quats, previous_quats), previous_quats)
@@ -65,7 +65,7 @@ def rigidity(
 
 
 def _differences(values: Float[Tensor, "n d"], rows: Int[Tensor, "n k"]) -> Float[Tensor, "n k d"]:
-    """From each row's value to those of its neighbours."""
+    """Differences from each row's value to those of its neighbours."""
     return values.index_select(0, rows.flatten()).view(*rows.shape, -1) - values[:, None]
 
 

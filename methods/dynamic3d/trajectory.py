@@ -1,4 +1,4 @@
-"""Trajectory: where and how turned every row was at the times that are finished."""
+"""Trajectory: pose of every row at the finished times."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from gsfw.core.maths.rotations import from_integers, same_half, to_integers
 
 @dataclass(frozen=True)
 class Pose:
-    """What changes with time, of every row."""
+    """The parameters of every row that change with time."""
 
     means: Float[Tensor, "n 3"]
     quats: Float[Tensor, "n 4"]
-    """Of any norm; unit where they were stored."""
+    """Quaternions of any norm; unit if they were stored."""
     colors: Float[Tensor, "n 1 3"] | None
     """Constant SH coefficients; ``None`` when they do not change."""
 
 
 class Trajectory(nn.Module):
-    """The finished times in compact stacks, and the time that is being worked on.
+    """The finished times in compact stacks, and the current time.
 
     20 bytes for each row and time: positions in float32, quaternions in 16-bit integers; 6 more
-    where colours change, in float16 (the released code of Luiten et al. has 40).
+    if colours change, in float16 (the released code of Luiten et al. has 40).
     """
 
     times: Tensor
 
     def __init__(self, pose: Pose) -> None:
-        """Nothing is finished yet; ``pose`` says how many rows there are, and what changes."""
+        """Start without a finished time; ``pose`` has the rows and the changing parameters."""
         super().__init__()
         self._times: list[float] = []
         self.register_buffer("times", torch.zeros(0, dtype=torch.float64))
@@ -46,7 +46,7 @@ class Trajectory(nn.Module):
         self.stacks = nn.ModuleDict(stacks)
 
     def columns(self) -> Mapping[str, Column]:
-        """The stacks, as rows are edited; no optimizer moves them."""
+        """The stacks as columns, for edits of rows; no optimizer changes them."""
         return {name: self._stack(name) for name in self.stacks}
 
     def _stack(self, name: str) -> Column:
@@ -56,16 +56,16 @@ class Trajectory(nn.Module):
 
     @property
     def current(self) -> float | None:
-        """The time that is being worked on; ``None`` before the first."""
+        """The current time; ``None`` before the first."""
         return self._times[-1] if self._times else None
 
     @property
     def num_finished(self) -> int:
-        """How many times are stored."""
+        """Number of stored times."""
         return max(len(self._times) - 1, 0)
 
     def begin(self, time: float) -> None:
-        """Make ``time`` the one that is being worked on; it follows those before."""
+        """Make ``time`` the current one; it follows the earlier ones."""
         self._set_times([*self._times, time])
 
     def _set_times(self, times: list[float]) -> None:
@@ -78,13 +78,13 @@ class Trajectory(nn.Module):
 
     @torch.no_grad()
     def store(self, pose: Pose) -> None:
-        """Finish the current time: this is how it was left."""
+        """Finish the current time with its final pose."""
         for name, values in _stored(pose).items():
             stack = self._stack(name)
             stack.assign(Rows(torch.cat([stack.values, values[None].to(stack.values)])))
 
     def stored(self, index: int | Int[Tensor, ""], like: Tensor) -> Pose:
-        """A finished time, in the type of ``like``."""
+        """The pose of a finished time, in the type of ``like``."""
         columns = self.columns()
         chosen = {name: _at(column.values, index) for name, column in columns.items()}
         colors = chosen.get("past_colors")
@@ -95,7 +95,7 @@ class Trajectory(nn.Module):
         )
 
     def at_rest(self, pose: Pose) -> dict[str, Rows]:
-        """Rows of the stacks that have always been as ``pose``."""
+        """Rows for the stacks with the constant pose ``pose``."""
         count = self.num_finished
         return {
             name: Rows(values[None].repeat(count, *[1] * values.dim()))
@@ -105,15 +105,15 @@ class Trajectory(nn.Module):
     def at(self, time: Float[Tensor, ""], current: Pose) -> Pose:
         """The pose at ``time``, between the two times beside it; differentiable in ``current``.
 
-        Before the first time it is as then, after the current one as now. Quaternions are
-        interpolated linearly, on the same great circle as slerp; colours linearly. The host does
-        not wait for ``time``.
+        Times before the first and after the current one are clamped. Quaternions are interpolated
+        linearly, on the same great circle as slerp; colours linearly. The host does not wait for
+        ``time``.
         """
         last = len(self._times) - 1
         if last < 1:
             return current
         after = torch.searchsorted(self.times, time.to(self.times)).clamp(1, last)
-        # Not times[after]: to index by a single number, torch reads it.
+        # Not times[after]: torch would read the single index.
         first, second = self.times.index_select(0, torch.stack([after - 1, after])).unbind(0)
         share = ((time.to(self.times) - first) / (second - first)).clamp(0.0, 1.0)
         start = self.stored(after - 1, current.means)
@@ -134,7 +134,7 @@ class Trajectory(nn.Module):
         prefix: str,
         *args: Any,  # noqa: ANN401
     ) -> None:
-        """Accept any number of times: a checkpoint has as many as were reached."""
+        """Accept any number of times: a checkpoint keeps its own."""
         times = state_dict.get(prefix + "times")
         if times is not None:
             self._set_times(times.tolist())
@@ -142,7 +142,7 @@ class Trajectory(nn.Module):
 
 
 def _stored(pose: Pose) -> dict[str, Tensor]:
-    """A pose as it is kept, by the name of its column."""
+    """The stored form of a pose, by column name."""
     values = {
         "past_means": pose.means.detach().float(),
         "past_quats": to_integers(pose.quats.detach()),

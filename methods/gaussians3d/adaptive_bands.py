@@ -1,20 +1,17 @@
-"""AdaptiveBands: which Gaussians gain bands of spherical harmonics, and which lose theirs.
+"""AdaptiveBands: per-Gaussian number of spherical-harmonic bands, by evidence and by cost.
 
-A Gaussian begins with one colour for all directions. In the first rounds it gains another band
-where the gradients of the views say that its colour depends on the direction (see
-``band_evidence``). In the later ones bands are taken away again, from all those that have learnt
-little or that hardly any pixel sees, until the colours have the share of floats that was asked for:
-the degrees d_i minimise
-
+A Gaussian begins with one colour for all directions. In the first rounds it gains another band if
+the gradients of the views show a colour that depends on the direction (see ``band_evidence``). The
+later rounds remove bands, from all Gaussians with small coefficients or few visible pixels, until
+the colours have the requested share of floats: the degrees d_i minimise
     sum over i of   w_i * (sum of c^2 over the bands of i above d_i)   +   price * (floats at d_i),
 
-for the price at which the floats fit. The first term is the squared error of the pictures when
-these bands are missing, by Parseval's theorem on the sphere, with the weights w_i of the evidence.
+for the price at which the floats fit. The first term is the squared error of the images without
+these bands, by Parseval's theorem on the sphere, with the weights w_i of the evidence.
 
-To add bands only where the evidence is strongest, up to the share, costs more: on fox (90x160, 1000
-steps) 0.6 dB against 0.17 dB. How strongly a band is pulled at when it is not there yet says less
-about what it will be worth than what it has learnt, and what splits later multiplies what its
-parents were given.
+Adding bands only where the evidence is strongest, up to the share, costs more: on fox (90x160, 1000
+steps) 0.6 dB against 0.17 dB. The gradient of a missing band predicts its use worse than trained
+coefficients do, and later splits multiply the bands of their parents.
 """
 
 from __future__ import annotations
@@ -35,18 +32,18 @@ if TYPE_CHECKING:
     from gsfw.methods.gaussians3d.config import BandsConfig
 
 PRICE_STEPS = 40
-"""Halvings of the price's logarithm: they leave it uncertain by 1e-10 of its range."""
+"""Halvings of the price's logarithm: its remaining uncertainty is 1e-10 of its range."""
 LEAST_PRICE = 1e-16
-"""Of the highest price that can matter; what costs less than this is free."""
+"""Lower end of the range, relative to the highest price; anything cheaper is free."""
 
 
 class AdaptiveBands(Refiner):
-    """Rounds, before each of which the gradients of every view, or of ``every`` steps, are seen."""
+    """Rounds; the gradients of all views, or of ``every`` steps, are gathered before each."""
 
     name = "bands"
 
     def __init__(self, config: BandsConfig, gaussians: StaticGaussians, views: int) -> None:
-        """Take the Gaussians, whose degrees differ.
+        """Store the Gaussians, which have degrees of their own.
 
         Args:
             config: schedule, and number of bands.
@@ -66,7 +63,7 @@ class AdaptiveBands(Refiner):
         return min(self._views, self._config.every - 1)
 
     def needs_view_gradients(self, step: int) -> bool:
-        """In the steps before a round, whose gradients are evidence."""
+        """True in the steps before a round, whose gradients are evidence."""
         ahead = self._to_round(step + 1)
         return ahead is not None and ahead < self._window
 
@@ -77,7 +74,7 @@ class AdaptiveBands(Refiner):
             evidence.watch(context, self._gaussians.degrees())
 
     def refine(self, context: RefineContext) -> Refinement:
-        """Make room for evidence, or let rows gain or lose bands."""
+        """Allocate evidence, or add or remove bands."""
         config, gaussians, table = self._config, self._gaussians, context.table
         done, evidence = context.done, self._gaussians.evidence
         assert evidence is not None
@@ -103,7 +100,7 @@ class AdaptiveBands(Refiner):
     def _allowed(self, done: int, model: StaticGaussians) -> float:
         """Coefficients above the constant one that rows may have after this round.
 
-        The rounds that are left go to the share in equal ratios; to none, by halves.
+        The remaining rounds approach the share in equal ratios; a share of none, by halves.
         """
         left = (self._config.stop - done) // self._config.every + 1
         used = float(((model.degrees() + 1) ** 2 - 1).sum())
@@ -116,18 +113,18 @@ class AdaptiveBands(Refiner):
 
 
 def missing_band(model: StaticGaussians) -> Int[Tensor, " n"]:
-    """Coefficients of the band that each row would get next; 0 at the highest degree."""
+    """Number of coefficients of the next band of each row; 0 at the highest degree."""
     degrees = model.degrees()
     return torch.where(degrees < model.degree, 2 * degrees + 3, 0)
 
 
 @torch.no_grad()
 def thinned(model: StaticGaussians, allowed: float) -> Int[Tensor, " n"]:
-    """The degrees, none higher than now, that change pictures least.
+    """The degrees, none higher than now, that change images least.
 
     Args:
-        model: whose evidence has weights.
-        allowed: coefficients above the constant one that all rows may have together.
+        model: its evidence has weights.
+        allowed: total number of coefficients above the constant one.
     """
     degrees, losses = model.degrees(), _losses(model)
     sizes = (torch.arange(model.degree + 1, device=degrees.device) + 1) ** 2 - 1
@@ -148,7 +145,7 @@ def thinned(model: StaticGaussians, allowed: float) -> Int[Tensor, " n"]:
 
 
 def _losses(model: StaticGaussians) -> Float[Tensor, "n degrees"]:
-    """What it costs to cut each row at degree 0, 1, ... to the highest, at which it is 0."""
+    """Cost of a cut of each row at degree 0, 1, ... to the highest, where it is 0."""
     assert model.evidence is not None
     assert model.sh_rest is not None
     assert model.sh_rest.offsets is not None

@@ -1,22 +1,21 @@
-"""BandEvidence: which Gaussians' colours need bands of spherical harmonics, told by gradients.
+"""BandEvidence: gradients that show the need of Gaussians for spherical-harmonic bands.
 
-A Gaussian whose colour depends on the direction is pulled one way by the views from one side and
-another way by those from the other. With g_v the gradient of the loss of view v by the Gaussian's
-colour, and Y_k the functions of the band that it lacks, the coefficients it does not have would get
-the gradient
+The views of a Gaussian with a direction-dependent colour have different colour gradients. With g_v
+the gradient of the loss of view v with respect to the Gaussian's colour, and Y_k the functions of
+the band that it lacks, the missing coefficients would get the gradient
 
     T_k = sum over views of g_v Y_k(direction of v),
 
-for which no coefficient needs to be there: g_v is known from that of the constant one. Where g has
-nothing to do with the direction, the variance of T_k is the sum of (g_v Y_k)^2, so that
+which needs no such coefficient: g_v follows from the gradient of the constant one. If g is
+independent of the direction, the variance of T_k is the sum of (g_v Y_k)^2, so that
 
     sum over k of T_k^2  /  sum over k and v of (g_v Y_k)^2
 
-is 1 on average, whatever the scene, the loss and the number of views: what is beyond it is signal.
+is 1 on average, whatever the scene, the loss and the number of views: any excess is signal.
 
-How much a band that is there does for the picture follows from the same gradients: the loss is
-mostly an absolute difference, so that the sum of |g_v| is about proportional to the Gaussian's
-alpha times transmittance over all pixels, which is what an error of its colour counts there.
+The use of an existing band for the image follows from the same gradients: the loss is mostly an
+absolute difference, so the sum of |g_v| is about proportional to the Gaussian's alpha times
+transmittance over all pixels, which is the weight of an error of its colour.
 """
 
 from __future__ import annotations
@@ -32,16 +31,16 @@ from gsfw.core.maths.spherical_harmonics import C0, sh_basis
 from gsfw.core.splats import Sh, Splats
 
 LARGEST = 1e15
-"""Greater gradients count as this, whose squares can be summed in float32."""
+"""Upper bound of gradients; their squares can be summed in float32."""
 
 
 class BandEvidence(nn.Module):
-    """Two columns without learning rates, so that density control takes them along.
+    """Two columns without learning rates, which density control edits like any other.
 
-    ``band_evidence``, ragged: while it is gathered, rows that may get another band have one value
-    [2, 3] for each coefficient of it: by channel, the sum T_k, and that of the squares. At all
-    other times, and for rows of the highest degree, there are none.
-    ``band_weights``: the sum of |g_v| of each row over the views seen since the last round.
+    ``band_evidence``, ragged: while evidence is gathered, rows that may get another band have one
+    value [2, 3] for each of its coefficients: by channel, the sum T_k, and the sum of the squares.
+    At all other times, and for rows of the highest degree, there are none.
+    ``band_weights``: the sum of |g_v| of each row over the views since the last round.
     """
 
     def __init__(self, count: int) -> None:
@@ -51,11 +50,11 @@ class BandEvidence(nn.Module):
         self.weights = Column(torch.zeros(count))
 
     def columns(self) -> dict[str, Column]:
-        """Both, by name."""
+        """Both columns by name."""
         return {"band_evidence": self.sums, "band_weights": self.weights}
 
     def new_rows(self, count: int) -> dict[str, Rows]:
-        """The columns' values of rows that have just come, of which nothing is known."""
+        """Values of the columns for new rows, which have no evidence."""
         weights = self.weights.values.new_zeros(count)
         return {
             "band_evidence": Rows(self.sums.values[:0], weights.long()),
@@ -63,22 +62,22 @@ class BandEvidence(nn.Module):
         }
 
     def watch(self, context: StepContext, degrees: Int[Tensor, " n"]) -> None:
-        """Take note of the gradients of what a batch has drawn, once they are there.
+        """Record the gradients of a rendered batch in its backward pass.
 
-        Nothing is noted of splats without a graph.
+        Splats without a graph are ignored.
 
         Args:
-            context: of the batch.
-            degrees: of the model's rows.
+            context: context of the batch.
+            degrees: degrees of the model's rows.
         """
         colors = context.splats.colors
         if not isinstance(colors, Sh) or not colors.coefficients.requires_grad:
             return
 
         def note(gradient: Tensor) -> None:
-            handle.remove()  # A parameter that is drawn as it is would keep its hook.
+            handle.remove()  # A parameter that is rendered without a change would keep its hook.
             pull = gradient.detach()[:, 0] / C0
-            # Of a step that is not finite nothing is noted; the optimizer skips it as well.
+            # A step that is not finite adds nothing; the optimizer skips it as well.
             pull = torch.where(pull.isfinite().all(), pull, 0.0).clamp(-LARGEST, LARGEST)
             self._weigh(pull, context.splats)
             self._add(pull, context, degrees)
@@ -99,7 +98,7 @@ class BandEvidence(nn.Module):
     ) -> None:
         """Add to the sums of rows that exactly one camera of the batch has seen.
 
-        Of splats that several see, only the sum of their gradients is known.
+        If several cameras see a splat, only the sum of their gradients is known.
         """
         if len(self.sums.values) == 0:
             return
@@ -122,10 +121,10 @@ class BandEvidence(nn.Module):
             self.sums.values.index_add_(0, places.flatten(), both.flatten(0, 1))
 
     def needed(self, signal: float) -> Bool[Tensor, " n"]:
-        """Whether each row needs the band that it lacks; never where there is no evidence.
+        """True for rows that need their missing band; false without evidence.
 
         Args:
-            signal: the ratio above which it does; 1 is noise.
+            signal: the ratio above which a row needs the band; 1 is noise.
         """
         offsets = self.sums.offsets
         assert offsets is not None
@@ -138,5 +137,5 @@ class BandEvidence(nn.Module):
         return totals[0] > signal * totals[1]
 
     def forget_(self) -> None:
-        """Begin the weights anew."""
+        """Reset the weights."""
         self.weights.values.zero_()

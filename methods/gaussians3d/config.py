@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gsfw.core.method import Method
 
 MAX_SH_DEGREE = 4
-"""The highest that rasterizers draw."""
+"""Highest degree of the rasterizers."""
 
 
 @dataclass
@@ -42,7 +42,7 @@ class StaticGaussiansOptim(OptimConfig):
     """Rate of the view-dependent colour coefficients."""
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
-        """The rate of every column, by its name."""
+        """Learning rate of every column, by name."""
         means = LearningRate(
             self.means_lr * extent, self.means_lr_final * extent, self.means_lr_steps
         )
@@ -58,18 +58,18 @@ class StaticGaussiansOptim(OptimConfig):
 
 @dataclass
 class BandsConfig:
-    """When splats gain and lose bands of spherical harmonics, and how many (sh=adaptive)."""
+    """Schedule and number of adaptive bands of spherical harmonics (sh=adaptive)."""
 
     share: float = number(0.45, above=0, at_most=1)
-    """Part of the colour floats of sh_degree that splats end with, the constant ones included."""
+    """Fraction of the colour floats of sh_degree at the end, the constant ones included."""
     signal: float = number(2.0, at_least=1)
-    """A splat gains a band above this signal-to-noise ratio of what its gradients have to do with
-    the direction, which is 1 for one that needs none; higher: fewer bands."""
+    """A splat gains a band above this signal-to-noise ratio of the direction dependence of its
+    gradients, which is 1 for a splat that needs none; higher: fewer bands."""
     rate: float = number(4.0, above=0, below=math.inf)
-    """The rate of the bands begins at this many times optim.sh_rest_lr, where it ends: what is on
-    trial has little time to show its worth."""
+    """Initial rate of the bands, relative to optim.sh_rest_lr, their final rate: a band on trial
+    has little time to show its worth."""
     every: int = steps_field(1000, at_least=2, floor=50)
-    """Steps between looks at which splats gain or lose a band."""
+    """Steps between rounds in which splats gain or lose a band."""
     grow_stop: int = steps_field(5000)
     """Splats gain bands up to this step, and lose them after it."""
     stop: int = steps_field(15_000)
@@ -78,7 +78,7 @@ class BandsConfig:
 
 @dataclass
 class GaussiansConfig(MethodConfig):
-    """What every method that begins with 3D Gaussians sets: colours, loss, and how they start."""
+    """Settings of every method with canonical 3D Gaussians: colours, loss, and initialisation."""
 
     sh_degree: int = number(3, at_least=0, at_most=MAX_SH_DEGREE)
     """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""
@@ -91,26 +91,26 @@ class GaussiansConfig(MethodConfig):
     ssim_weight: float = number(0.2, at_least=0, at_most=1)
     """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
     init_opacity: float = number(0.1, above=0, below=1)
-    """Opacity of every splat at the start."""
+    """Initial opacity of every splat."""
     init_scale: float = number(1.0, above=0)
-    """Size at the start, times the mean distance to the three nearest points."""
+    """Initial size, times the mean distance to the three nearest points."""
     random_points: int = number(100_000, at_least=1)
-    """Splats to start from when they start at random."""
+    """Number of splats of a random initialisation."""
     random_region: Literal["auto", "object", "surroundings"] = "auto"
-    """Where those are: around what the cameras look at (object), or all around the cameras
-    (surroundings). auto: object where pictures have alpha."""
+    """Region of random splats: around the point that the cameras look at (object), or all around
+    the cameras (surroundings). auto: object if images have alpha."""
     optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
 
     def __post_init__(self) -> None:
-        """Let sh=2 be sh=same sh_degree=2, so that everything else reads one of them."""
+        """Expand sh=2 to sh=same sh_degree=2."""
         if self.sh.isdigit():
             self.sh, self.sh_degree = "same", int(self.sh)
 
     def check(self) -> None:
-        """Check the values every run has, and this method's own.
+        """Check the values of every run, and this method's own.
 
         Raises:
-            ConfigError: naming the key, what was expected, and what was given.
+            ConfigError: a value is wrong; names the key, the expected and the given value.
         """
         super().check()
         if self.bands.stop < self.bands.grow_stop:
@@ -120,12 +120,12 @@ class GaussiansConfig(MethodConfig):
             )
 
     def needs(self) -> Needs:
-        """Ragged colours where splats have degrees of their own."""
+        """Ragged colours if splats have degrees of their own."""
         ragged = frozenset({Feature.RAGGED_SH} if self.sh == "adaptive" else ())
         return super().needs() | Needs(features=ragged)
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
-        """The rate of every column, by its name."""
+        """Learning rate of every column, by name."""
         rates, rate = self.optim.learning_rates(extent), self.optim.sh_rest_lr
         if self.sh == "adaptive":
             rates["sh_rest"] = LearningRate(self.bands.rate * rate, rate, self.steps)
@@ -148,7 +148,7 @@ class StaticGaussiansConfig(GaussiansConfig):
     """Train on a capture of several times as if it were of one; what moves becomes blurred."""
 
     def build(self) -> Method:
-        """The method."""
+        """Build the method."""
         from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 
         return StaticGaussiansMethod(self, self.ignore_time)

@@ -1,4 +1,4 @@
-"""Where Gaussians start: at surface points, at random, or at the splats of a file.
+"""Initialisation of Gaussians: at surface points, at random, or from the splats of a file.
 
 Kerbl et al. 2023, section 5.1: isotropic, with the mean distance to the three nearest points.
 """
@@ -21,28 +21,28 @@ from gsfw.methods.gaussians3d.model import GaussianParameters
 
 NEIGHBORS = 3
 MIN_SPACING = 1e-7
-"""Distances below this, in extents, would be splats that nothing can see."""
+"""Least distance, in extents: smaller splats would be invisible."""
 LONE_SPACING = 1e-2
 """Size of a point that has no neighbour, in extents."""
 MIN_OPACITY, MAX_OPACITY = 1e-6, 1 - 1e-6
-"""Opacities of a file are moved in here: a saturated sigmoid has no gradient to come back by."""
+"""Bound of the opacities of a file: a saturated sigmoid has no gradient."""
 MIN_SCALE = 1e-10
 ROOM_SIZE = 3.0
-"""Half of the box of any other scene's random points, in extents: what lies behind the things that
-cameras stand around is part of it."""
+"""Half of the box of any other scene's random points, in extents: it includes the background behind
+the objects that the cameras surround."""
 CHUNK = 65_536
 
 
 def usable_points(
     scene: Scene,
 ) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"], dict[str, int]]:
-    """The scene's points to start from, their colours, and how many were left out, by reason."""
+    """The scene's points to start from, their colours, and the omitted points by cause."""
     rows, dropped = usable_rows(scene)
     return scene.points[rows], scene.point_colors[rows], dropped
 
 
 def usable_rows(scene: Scene) -> tuple[Int[Tensor, " p"], dict[str, int]]:
-    """Which of the scene's points to start from, and how many were left out, by reason."""
+    """Indices of the scene's points to start from, and the number of omitted points by cause."""
     rows = torch.arange(len(scene.points))
     dropped: dict[str, int] = {}
 
@@ -67,7 +67,7 @@ def _first_of_each(points: Float[Tensor, "p 3"]) -> Tensor:
 
 
 def _clear_of_cameras(points: Float[Tensor, "p 3"], scene: Scene) -> Tensor:
-    """Whether each point is far enough from every camera."""
+    """True for points that are far enough from every camera."""
     nearest = [
         torch.cdist(chunk, scene.camera_centers, compute_mode="donot_use_mm_for_euclid_dist").amin(
             dim=1
@@ -87,15 +87,15 @@ def from_points(
     sh_degree: int,
     operators: Operators,
 ) -> GaussianParameters:
-    """One round Gaussian at each point.
+    """Make one isotropic Gaussian at each point.
 
     Args:
-        points: at least one, all different, in the scene frame.
-        colors: in [0, 1].
-        extent: of the scene.
+        points: at least one, all distinct, in the scene frame.
+        colors: colours, in [0, 1].
+        extent: extent of the scene.
         scale: standard deviation, in mean distances to the three nearest points.
-        opacity: of all.
-        sh_degree: coefficients above the constant one begin at zero.
+        opacity: opacity of all Gaussians.
+        sh_degree: coefficients above the constant one start at zero.
         operators: for nearest neighbours.
     """
     count = len(points)
@@ -112,7 +112,7 @@ def from_points(
 
 
 def _spacing(distances: Float[Tensor, "p k"], extent: float) -> Float[Tensor, " p"]:
-    """Mean distance to the neighbours there are."""
+    """Mean distance to the existing neighbours."""
     there = distances.isfinite()
     count = there.sum(1)
     mean = torch.where(there, distances, 0.0).sum(1) / count.clamp_min(1)
@@ -123,18 +123,18 @@ def _spacing(distances: Float[Tensor, "p k"], extent: float) -> Float[Tensor, " 
 def random_points(
     scene: Scene, count: int, generator: torch.Generator, region: str = AUTO
 ) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:
-    """Uniform points and colours in a box that should hold what the cameras see."""
+    """Uniform points and colours in a box of the region that the cameras see."""
     center, half = random_box(scene, region)
     positions = 2.0 * torch.rand(count, 3, generator=generator) - 1.0
     return center + half * positions, torch.rand(count, 3, generator=generator)
 
 
 def random_box(scene: Scene, region: str = AUTO) -> tuple[Float[Tensor, " 3"], float]:
-    """Centre and half of the side.
+    """Centre and half of the side of the box of random points.
 
-    Pictures with alpha show an object. If their cameras stand around it on a sphere, the object is
-    at its centre; if they look at one point, it is there. Captures without alpha are taken to fill
-    the surroundings of their cameras, unless ``region`` is "object".
+    Images with alpha show an object. If their cameras surround it on a sphere, the object is at its
+    centre; if they look at one point, it is there. Captures without alpha fill the surroundings of
+    their cameras, unless ``region`` is "object".
     """
     center = scene.camera_centers.mean(dim=0)
     if region == "surroundings" or (region == AUTO and not scene.has_alpha):
@@ -144,10 +144,10 @@ def random_box(scene: Scene, region: str = AUTO) -> tuple[Float[Tensor, " 3"], f
 
 
 def from_splats(splats: Splats, sh_degree: int) -> GaussianParameters:
-    """The splats of a file, in the scene frame; colours are cut or padded to ``sh_degree``.
+    """Parameters from the splats of a file, in the scene frame; cuts or pads to ``sh_degree``.
 
     Raises:
-        DataError: the file holds none, or values that are not finite.
+        DataError: the file holds no splats, or values that are not finite.
     """
     assert isinstance(splats.colors, Sh)
     assert splats.quats is not None
@@ -173,7 +173,7 @@ def from_splats(splats: Splats, sh_degree: int) -> GaussianParameters:
 
 
 def degrees_of(sh: Float[Tensor, "n k 3"]) -> Int[Tensor, " n"]:
-    """The highest degree of which each row has a coefficient that is not zero."""
+    """Highest degree of each row with a coefficient that is not zero."""
     there = (sh != 0).any(dim=2)
     last = torch.where(there, torch.arange(sh.shape[1]), 0).amax(dim=1)
     return (last + 0.5).sqrt().long()

@@ -1,8 +1,8 @@
 """Method 3dgs: Kerbl et al. 2023, "3D Gaussian Splatting for Real-Time Radiance Field Rendering".
 
-Density control (section 5.2) is a strategy of its own. We differ in the initial size, which is the
-mean distance to three neighbours as the paper says (the released code has the root mean square),
-and in leaving out points that coincide or that lie at a camera.
+Density control (section 5.2) is a strategy of its own. Differences: the initial size is the mean
+distance to three neighbours, as in the paper (the released code has the root mean square), and
+points that coincide or lie at a camera are skipped.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ RANDOM_COST = (
 
 
 class StaticGaussiansMethod(Method):
-    """L1 and SSIM, a growing SH degree, and Gaussians that stay where they are in time.
+    """L1 and SSIM, a growing SH degree, and Gaussians that do not change with time.
 
     To extend it, derive from it: name another ``model_class``, add ``extra_columns``, override
     ``losses``. The config's ``build`` makes the derived method.
     """
 
     model_class: ClassVar[type[StaticGaussians]] = StaticGaussians
-    """The class of the model that is built."""
+    """Class of the model."""
 
     def __init__(self, config: GaussiansConfig, ignore_time: bool = False) -> None:
         self._config = config
@@ -61,10 +61,10 @@ class StaticGaussiansMethod(Method):
         self._first_degree = 0
 
     def check_scene(self, scene: Scene) -> None:
-        """Refuse captures that move, and init=points where there are none.
+        """Refuse captures of several times, and init=points without points.
 
         Raises:
-            ConfigError: saying what to do instead.
+            ConfigError: names the remedy.
         """
         if scene.is_dynamic and not self._ignore_time:
             raise ConfigError(
@@ -81,7 +81,7 @@ class StaticGaussiansMethod(Method):
             )
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
-        """How the start differs from what one may expect."""
+        """Notes on the initialisation: its points and its unusual conditions."""
         notes = self._notes_of_bands()
         if scene.is_dynamic:
             notes.append(f"ignore_time=true: {scene.num_times} times are treated as one.")
@@ -103,7 +103,7 @@ class StaticGaussiansMethod(Method):
         return tuple(notes)
 
     def _notes_of_bands(self) -> list[str]:
-        """That splats will have no bands, or keep them all, as the run is too short."""
+        """Note on a run that is too short to add or to remove bands."""
         bands, every = self._config.bands, self._config.bands.every
         if self._config.sh != "adaptive":
             return []
@@ -121,7 +121,7 @@ class StaticGaussiansMethod(Method):
         return []
 
     def starts_at_random(self, points: Tensor) -> bool:
-        """Whether these usable points are not what a start without a file is made of."""
+        """True if the initialisation without a file is random, given the usable points."""
         return self._config.init == "random" or len(points) == 0
 
     def build_model(
@@ -131,7 +131,7 @@ class StaticGaussiansMethod(Method):
         generator: torch.Generator,
         initial: Splats | None,
     ) -> StaticGaussians:
-        """Gaussians at the splats of a file, at the scene's points, or at random."""
+        """Build Gaussians from the splats of a file, from the scene's points, or at random."""
         config = self._config
         if initial is not None:
             assert isinstance(initial.colors, Sh)
@@ -175,7 +175,7 @@ class StaticGaussiansMethod(Method):
         )
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
-        """(1 - w) L1 + w (1 - SSIM): equation 7, with D-SSIM as the released code has it."""
+        """(1 - w) L1 + w (1 - SSIM): equation 7, with D-SSIM as in the released code."""
         weight = self._config.ssim_weight
         l1, dssim = context.operators.l1_dssim(
             context.rendered.color, context.target, context.batch.valid
@@ -183,19 +183,19 @@ class StaticGaussiansMethod(Method):
         return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
 
     def state_dict(self) -> dict[str, Any]:
-        """The degree that splats of a file came with: a resumed run does not read that file."""
+        """The SH degree of a file's splats: a resumed run does not read that file."""
         return {"first_degree": self._first_degree}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on with that degree."""
+        """Continue with that degree."""
         self._first_degree = state["first_degree"]
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
-        """Let the SH degree follow the step; splats of a file keep the degree they came with.
+        """Set the SH degree of the step; splats of a file keep their degree.
 
-        Where each splat has a degree of its own, that is the schedule.
+        If each splat has a degree of its own, that is the schedule.
         """
         assert isinstance(model, StaticGaussians)
         if model.evidence is not None:

@@ -1,7 +1,7 @@
 """Static Gaussians: position, rotation, scale, opacity and spherical-harmonic colour of each.
 
 Kerbl et al. 2023, section 4: covariance R S S^T R^T (equation 6), scales through exp and opacities
-through a sigmoid. Quaternions are left at any norm, as there: rasterizers normalise them.
+through a sigmoid. Quaternions may have any norm, as there: rasterizers normalise them.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from gsfw.methods.gaussians3d.band_evidence import BandEvidence
 from gsfw.methods.gaussians3d.relocation import coincident_copies
 
 MIN_LOG_SCALE, MAX_LOG_SCALE = math.log(1e-10), math.log(1e6)
-"""In scene units, whose cameras span about 1: beyond them exp would soon leave float32."""
+"""Largest log scale in scene units (cameras span about 1); beyond it exp would overflow float32."""
 NEW_OPACITY = 0.1
-"""Of rows that are tried where the picture lacks something, as at the start (Kerbl et al. 2023)."""
+"""Initial opacity of rows at rendering errors, as at the start (Kerbl et al. 2023)."""
 SPLIT_SHRINK = 0.8
 """Children of a split are smaller by 1 / (0.8 * copies): 1.6 for two (Kerbl et al. 2023, 5.2)."""
 NOISE_SHARPNESS, NOISE_OPACITY = 100.0, 0.005
-"""Where noise fades out: sigmoid(-100 (o - 0.005)). The text of Kheradmand et al. 2024 has
-t = 1 - 0.005 in equation 8; the released code has 0.005, the pruning threshold, and so have we."""
+"""Opacity at which noise fades out: sigmoid(-100 (o - 0.005)). The text of Kheradmand et al. 2024
+has t = 1 - 0.005 in equation 8; the released code and ours have 0.005, the pruning threshold."""
 
 
 @dataclass(frozen=True)
 class GaussianParameters:
-    """Gaussians as they are trained, before activation."""
+    """Trained parameters of Gaussians, before activation."""
 
     means: Float[Tensor, "n 3"]
     quats: Float[Tensor, "n 4"]
@@ -50,10 +50,10 @@ class StaticGaussians(DensifiableModel):
     """Gaussians that do not change with time.
 
     ``active_degree`` is the SH degree that is rendered and trained now. It follows from the step,
-    which is why it is not part of the state; until a method lowers it, all bands are rendered.
+    so it is not part of the state; until a method lowers it, all bands are rendered.
 
     To extend them, give ``extra`` columns (``StaticGaussiansMethod.extra_columns``): density
-    control, optimizer, checkpoints and model files take them along. Override ``splats`` to render
+    control, optimizer, checkpoints and model files include them. Override ``splats`` to render
     them, ``regularizers`` to add losses, ``extra_rows`` for their values in new rows.
     """
 
@@ -64,13 +64,13 @@ class StaticGaussians(DensifiableModel):
         degrees: Int[Tensor, " n"] | None = None,
         extra: Mapping[str, Column] | None = None,
     ) -> None:
-        """Take parameters over.
+        """Make columns from initial parameters.
 
         Args:
-            start: values.
-            rates: of each column.
-            degrees: SH degree of each row, which may change then; ``None``: the same for all.
-            extra: further columns, by name, of as many rows.
+            start: initial values.
+            rates: learning rate of each column.
+            degrees: SH degree of each row, which may change later; ``None``: the same for all.
+            extra: further columns, by name, with the same number of rows.
         """
         super().__init__()
         self.degree = degree_of(start.sh.shape[1])
@@ -94,7 +94,7 @@ class StaticGaussians(DensifiableModel):
     def columns(self) -> Mapping[str, Column]:
         """Means, quats, log_scales, opacity_logits, sh_dc, sh_rest above degree 0, and extra ones.
 
-        Rows of different degrees have evidence of the bands that they need, besides.
+        Rows of different degrees also have columns of evidence for their bands.
         """
         always = {
             "means": self.means,
@@ -119,7 +119,7 @@ class StaticGaussians(DensifiableModel):
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The activated Gaussians, the same at every time."""
+        """The activated Gaussians; the same at every time."""
         return Splats(
             means=self.means.values,
             opacities=self.opacity_logits.values.sigmoid(),
@@ -135,18 +135,18 @@ class StaticGaussians(DensifiableModel):
         return Sh(self.sh_dc.values, self.active_degree, self.sh_rest.values, self.sh_rest.offsets)
 
     def degrees(self) -> Int[Tensor, " n"]:
-        """SH degree of each row, as far as it has coefficients."""
+        """SH degree of each row, by its number of coefficients."""
         if self.sh_rest is None or self.sh_rest.offsets is None:
             return torch.full((self.num_rows,), self.degree, device=self.means.values.device)
         return ((self.sh_rest.offsets.diff() + 1).double().sqrt().round() - 1).long()
 
     def active_bands(self) -> int:
-        """Coefficients above the constant one that are drawn and trained now."""
+        """Number of coefficients above the constant one that are rendered and trained now."""
         return num_coefficients(self.active_degree) - 1
 
     @torch.no_grad()
     def project_(self) -> None:
-        """Keep scales where exp neither overflows nor vanishes, at any learning rate."""
+        """Clamp scales so that exp neither overflows nor vanishes, at any learning rate."""
         self.log_scales.values.clamp_(MIN_LOG_SCALE, MAX_LOG_SCALE)
 
     # For density control.
@@ -165,7 +165,7 @@ class StaticGaussians(DensifiableModel):
     def split_rows(
         self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
     ) -> Children:
-        """Smaller children at points drawn from each row's own Gaussian (section 5.2)."""
+        """Smaller children at points sampled from each row's own Gaussian (section 5.2)."""
         children = dict(self.clone_rows(rows.repeat(copies)))
         means, log_scales = children["means"].values, children["log_scales"].values
         noise = torch.randn(means.shape, generator=generator, device=means.device)
@@ -183,7 +183,7 @@ class StaticGaussians(DensifiableModel):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Round and faint rows, of one colour from everywhere."""
+        """Isotropic rows with low opacity, and one colour for all directions."""
         count, means = len(points), self.means.values
         log_scales = sizes.to(means).log().clamp(MIN_LOG_SCALE, MAX_LOG_SCALE)
         identity = torch.eye(1, 4, dtype=means.dtype, device=means.device)
@@ -209,7 +209,7 @@ class StaticGaussians(DensifiableModel):
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """``rows`` with the opacity and scale of which ``counts`` copies look as one did."""
+        """``rows`` with the opacity and scale with which ``counts`` copies render as one did."""
         children = dict(self.clone_rows(rows))
         logits, log_scales = children["opacity_logits"].values, children["log_scales"].values
         new_logits, factors = coincident_copies(logits, counts)
@@ -219,7 +219,7 @@ class StaticGaussians(DensifiableModel):
 
     @torch.no_grad()
     def perturb_(self, rate: float, generator: torch.Generator) -> None:
-        """Add noise of covariance Sigma^2 to positions, where opacity is near nothing (eq. 8)."""
+        """Add noise of covariance Sigma^2 to positions of rows with low opacity (eq. 8)."""
         means, quats = self.means.values, self.quats.values
         noise = torch.randn(means.shape, generator=generator, device=means.device).to(means)
         strength = torch.sigmoid(NOISE_SHARPNESS * (NOISE_OPACITY - self.opacities()))
@@ -231,7 +231,7 @@ class StaticGaussians(DensifiableModel):
 
     @torch.no_grad()
     def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
-        """Change opacities by a function; logits of those that it leaves alone keep their bits."""
+        """Change opacities by a function; logits of unchanged opacities keep their bits."""
         logits = self.opacity_logits.values
         before = logits.double().sigmoid()
         after = function(before)

@@ -1,4 +1,4 @@
-"""What coincident copies of a Gaussian must be, so that together they look as one did.
+"""Relocation: opacity and scale of coincident copies that render together as one Gaussian did.
 
 Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo", equation 9. Its double
 sum has alternating binomial coefficients and loses every digit for many copies of an opaque
@@ -6,9 +6,9 @@ Gaussian. With 1 / sqrt(k + 1) written as a Gaussian integral the sum collapses 
 
     2 / sqrt(pi) * integral over u >= 0 of 1 - (1 - o' exp(-u^2))^N,
 
-which is what N copies of opacity o' show along a line through their centre, and has only positive
-terms. The trapezoidal rule gives it to machine precision, for any N (the released code stops at
-51 copies). Unlike the released code we do not lift the new opacity to the pruning threshold.
+the accumulated alpha of N copies of opacity o' along a line through their centre, which has only
+positive terms. The trapezoidal rule evaluates it to machine precision, for any N (the released code
+stops at 51 copies). Unlike the released code we do not lift the opacity to the pruning threshold.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from torch import Tensor
 from torch.nn.functional import logsigmoid
 
 NODE_SPACING = 0.125
-"""Of the trapezoidal rule, whose error falls like exp(-2 pi a / spacing): below 1e-14 here."""
+"""Spacing of the trapezoidal rule, whose error falls like exp(-2 pi a / spacing): below 1e-14."""
 NUM_NODES = 60
-"""The last node is at 7.4, where exp(-u^2) is 2e-24: nothing is left for up to 1e6 copies."""
+"""The last node is at 7.4, where exp(-u^2) is 2e-24: negligible for up to 1e6 copies."""
 MAX_LOGIT = 40.0
-"""Opacity 1 - 4e-18; beyond it more logit shows in no picture."""
+"""Opacity 1 - 4e-18; a larger logit changes no image."""
 
 
 def coincident_copies(
@@ -34,8 +34,8 @@ def coincident_copies(
     """New opacity logits, and factors for the scales, both float64.
 
     Args:
-        logits: of the opacity of each row.
-        counts: copies there will be, the row itself included; at least 1.
+        logits: logit of the opacity of each row.
+        counts: number of copies, the row itself included; at least 1.
     """
     logits = logits.double().clamp(-MAX_LOGIT, MAX_LOGIT)
     # Opacity o of one is 1 - (1 - o') ** count of all: exact in the logarithm of 1 - o.

@@ -1,1 +1,1 @@
-"""Method 4dgs: canonical Gaussians that a field of space and time deforms."""
+"""Method 4dgs: canonical Gaussians, deformed by a field of space and time."""

@@ -1,9 +1,9 @@
-"""SpaceBox: where grids have their cells, and how all of space finds room in them.
+"""SpaceBox: the box of the grids' cells, and the contraction of space into it.
 
-Wu et al. 2024 take the bounding box of the initial points and give everything outside the features
-of its border. One stray point makes that box huge, and whatever leaves it moves as one. Here the
-box holds nearly all points, and what lies beyond is contracted, axis by axis, into a thin shell, in
-the way of Barron et al. 2022 ("Mip-NeRF 360", equation 10): smoothly, and no two points to one.
+Wu et al. 2024 use the bounding box of the initial points and give everything outside the features
+of its border. One stray point makes that box huge, and everything outside moves as one. Here the
+box holds nearly all points, and space beyond it is contracted, axis by axis, into a thin shell, as
+in Barron et al. 2022 ("Mip-NeRF 360", equation 10): smoothly and injectively.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 SHELL = 0.1
-"""Thickness of the shell that holds all of space beyond the box, in halves of the box."""
+"""Thickness of the shell of all space beyond the box, in halves of the box."""
 STRAY = 0.01
-"""Part of the points that may lie beyond the box at either end of an axis, before the margin."""
+"""Fraction of the points that may lie beyond the box at either end of an axis (no margin)."""
 MARGIN = 0.1
-"""Added on every side, in halves of the box: things move."""
+"""Margin on every side, in halves of the box, for motion."""
 FLATTEST = 0.1
-"""No side is shorter than this part of the longest: points of a wall have no depth of their own."""
+"""Least side, relative to the longest: points of a wall have no depth of their own."""
 
 
 class SpaceBox(nn.Module):
@@ -30,7 +30,7 @@ class SpaceBox(nn.Module):
     reach: Tensor
 
     def __init__(self, points: Float[Tensor, "n 3"], extent: float) -> None:
-        """Hold nearly all of ``points``; without any, a cube of half side ``extent`` at 0."""
+        """Enclose nearly all of ``points``; without any, a cube of half side ``extent`` at 0."""
         super().__init__()
         low, high = np.full(3, -extent), np.full(3, extent)
         if len(points):
@@ -42,11 +42,11 @@ class SpaceBox(nn.Module):
 
     @property
     def size(self) -> Float[Tensor, ""]:
-        """Half of its longest side, in scene units."""
+        """Half of the longest side, in scene units."""
         return self.reach.amax()
 
     def forward(self, points: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-        """Coordinates in [-1, 1]: proportional to position within the box, contracted beyond it.
+        """Coordinates in [-1, 1]: proportional to the position inside, contracted beyond the box.
 
         Value and first derivative are continuous everywhere.
         """

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from gsfw.core.method import Method
 
 MAX_LOG2_ROWS = 24
-"""Rows of a hash table are counted by 32-bit numbers; Mueller et al. 2022 go up to 2^24."""
+"""Largest logarithm of the rows of a hash table, which has 32-bit indices; Mueller et al.: 24."""
 
 
 @dataclass
 class DeformationOptim(StaticGaussiansOptim):
     """Learning rates of the canonical Gaussians and of the field.
 
-    Those of the field do not follow the scene's extent, because the field does not: the paper's
-    are multiplied by the extent, which is about 5 for its synthetic scenes, and so are these. They
-    fall to a tenth, as the paper's do for captured scenes, and not to a hundredth: short runs lose
+    The rates of the field are independent of the scene's extent, because the field is: the paper's
+    rates are multiplied by the extent, about 5 for its synthetic scenes, and so are these. They
+    decay to a tenth, as the paper's do for captured scenes, not to a hundredth: short runs lose
     3 dB by that.
     """
 
@@ -43,7 +43,7 @@ class DeformationOptim(StaticGaussiansOptim):
     """Fine steps over which the rates of planes, tables and networks decay."""
 
     def field_rates(self, start: int) -> dict[str, LearningRate]:
-        """The rates of the field, zero before the step ``start``."""
+        """Learning rates of the field; zero before the step ``start``."""
         steps = self.field_lr_steps
         return {
             "grid": LearningRate(self.grid_lr, self.grid_lr_final, steps, start),
@@ -137,11 +137,11 @@ class DeformationConfig(MovingConfig):
     encoder: Literal["hexplane", "mlp", "hash"] = "hexplane"
     """What the field is made of: planes, a network alone, or hash tables."""
     coarse_steps: int = steps_field(3000)
-    """Steps for which Gaussians are trained as if nothing moved, before the field comes in."""
+    """Steps of the training of static Gaussians, before the field is used."""
     deform_opacity: bool = False
-    """Whether opacities change with time (for things that appear and vanish)."""
+    """Change opacities with time (for things that appear and vanish)."""
     deform_sh: bool = False
-    """Whether colours change with time."""
+    """Change colours with time."""
     ssim_weight: float = 0.0
     """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
     hexplane: HexPlaneConfig = field(default_factory=HexPlaneConfig)
@@ -150,16 +150,16 @@ class DeformationConfig(MovingConfig):
     optim: DeformationOptim = field(default_factory=DeformationOptim)
 
     def build(self) -> Method:
-        """The method."""
+        """Build the method."""
         from gsfw.methods.gaussians4d.method import DeformationMethod
 
         return DeformationMethod(self)
 
     def check(self) -> None:
-        """Check the values every run has, and this method's own.
+        """Check the values of every run, and this method's own.
 
         Raises:
-            ConfigError: naming the key, what was expected, and what was given.
+            ConfigError: a value is wrong; names the key, the expected and the given value.
         """
         super().check()
         if self.coarse_steps >= self.steps:

@@ -1,4 +1,4 @@
-"""Decoder: from the features of a place and a time to how a Gaussian there changes."""
+"""Decoder: maps the features of a place and a time to the changes of a Gaussian."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from gsfw.methods.gaussians4d.layers import linear, zero_linear
 
 
 class Decoder(nn.Module):
-    """Linear layers that all quantities share, a hidden layer for each, and one output for each.
+    """Shared linear layers, and a hidden layer and an output layer for each quantity.
 
-    Outputs begin at exactly zero, unlike those of the released code of Wu et al. 2024.
+    Outputs start at exactly zero, unlike those of the released code of Wu et al. 2024.
     """
 
     def __init__(
@@ -26,14 +26,14 @@ class Decoder(nn.Module):
         outputs: Mapping[str, int],
         generator: torch.Generator,
     ) -> None:
-        """Draw the layers.
+        """Initialise the layers at random.
 
         Args:
-            features: that are given.
-            width: of all hidden layers.
-            depth: shared layers; 0 for none, and then outputs are linear in the features.
-            outputs: quantities by name, and how many numbers each has.
-            generator: on the CPU.
+            features: number of input features.
+            width: width of all hidden layers.
+            depth: number of shared layers; with 0 outputs are linear in the features.
+            outputs: number of values of each quantity, by name.
+            generator: generator on the CPU.
         """
         super().__init__()
         counts = [features, *[width] * depth]
@@ -45,7 +45,7 @@ class Decoder(nn.Module):
         )
 
     def forward(self, features: Float[Tensor, "n f"]) -> dict[str, Float[Tensor, "n _"]]:
-        """The numbers of each quantity."""
+        """Values of each quantity."""
         for position, layer in enumerate(self.shared):
             features = layer(relu(features) if position > 0 else features)
         given = [features] * len(self.outputs)

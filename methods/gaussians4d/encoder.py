@@ -1,4 +1,4 @@
-"""Encoder: what a place and a time look like to the network that deforms Gaussians."""
+"""Encoder: features of places and times for the network that deforms Gaussians."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Encoder(nn.Module, ABC):
     """Features of places at a time."""
 
     detached: ClassVar[bool]
-    """Whether places are taken as they are: no gradient of the features moves a Gaussian."""
+    """True if places are detached: no gradient of the features moves a Gaussian."""
     features: int
     """Number of features of a place."""
 
@@ -25,7 +25,7 @@ class Encoder(nn.Module, ABC):
         """Features of places in [-1, 1] at one time in [0, 1]."""
 
     def grids(self) -> tuple[nn.Parameter, ...]:
-        """Parameters that have their cells in space and time, and a learning rate of their own."""
+        """Parameters with cells in space and time, which have a learning rate of their own."""
         return ()
 
     def regularizers(self) -> Mapping[str, Tensor]:

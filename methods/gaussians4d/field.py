@@ -1,4 +1,4 @@
-"""DeformationField: how Gaussians differ at a time from what they are in the canonical space."""
+"""DeformationField: the differences of Gaussians at a time from the canonical space."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from gsfw.methods.gaussians4d.encoder import Encoder
 
 @dataclass(frozen=True)
 class Deformation:
-    """What is added to parameters before their activation."""
+    """Changes of parameters before their activation."""
 
     means: Float[Tensor, "n 3"]
-    """In scene units."""
+    """Change of positions in scene units."""
     log_scales: Float[Tensor, "n 3"]
     quats: Float[Tensor, "n 4"]
     opacity_logits: Float[Tensor, " n"] | None
@@ -35,17 +35,17 @@ class DeformationField(nn.Module):
         self.box, self.encoder, self.decoder = box, encoder, decoder
 
     def forward(self, means: Float[Tensor, "n 3"], time: Float[Tensor, ""]) -> Deformation:
-        """The changes of Gaussians whose canonical centres are ``means``.
+        """Changes of Gaussians with the canonical centres ``means``.
 
         Args:
-            means: in scene units.
-            time: in [0, 1]; what is earlier or later counts as the first or the last instant.
+            means: centres in scene units.
+            time: in [0, 1]; earlier or later times are clamped.
         """
         places = self.box(means.detach() if self.encoder.detached else means)
         changes = self.decoder(self.encoder(places, time.clamp(0, 1)))
         opacities, sh = changes.get("opacity_logits"), changes.get("sh")
         return Deformation(
-            # The network moves things in units of the box: the scene's unit is nothing to it.
+            # The network's outputs are in units of the box, independent of the scene's unit.
             means=changes["means"] * self.box.size,
             log_scales=changes["log_scales"],
             quats=changes["quats"],
@@ -58,7 +58,7 @@ class DeformationField(nn.Module):
         return self.encoder.grids()
 
     def networks(self) -> tuple[nn.Parameter, ...]:
-        """All others."""
+        """All other parameters."""
         grids = {id(parameter) for parameter in self.grids()}
         return tuple(p for p in self.parameters() if id(p) not in grids)
 

@@ -2,9 +2,9 @@
 
 Yang et al. 2024, "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene
 Reconstruction", section 3.2: positional encoding (equation 4), time through a small network of its
-own, 8 layers of 256 with the input joined again in the middle; positions are detached at its input.
-Frequencies are 1, 2, 4, ... as in the released code; equation 4 has pi times them. Where we differ:
-places are those of the box, in [-1, 1], so that frequencies do not depend on the scene's unit.
+own, 8 layers of 256 with the input concatenated again in the middle; positions are detached at its
+input. Frequencies are 1, 2, 4, ... as in the released code; equation 4 has pi times them. Unlike
+there, places are box coordinates in [-1, 1], so that frequencies do not depend on the scene's unit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gsfw.methods.gaussians4d.config import MlpConfig
 
 TIME_FEATURES = 30
-"""What the network of time gives to that of place (Yang et al. 2024, released code)."""
+"""Outputs of the network of time (Yang et al. 2024, released code)."""
 
 
 class FrequencyMlp(Encoder):
@@ -32,7 +32,7 @@ class FrequencyMlp(Encoder):
     detached = True
 
     def __init__(self, config: MlpConfig, generator: torch.Generator) -> None:
-        """Draw the layers."""
+        """Initialise the layers at random."""
         super().__init__()
         self._config = config
         self.features = width = config.width

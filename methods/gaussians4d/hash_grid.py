@@ -1,10 +1,10 @@
 """Encoder hash: a multi-resolution hash grid in place and time, in plain torch.
 
 Mueller et al. 2022, "Instant Neural Graphics Primitives with a Multiresolution Hash Encoding",
-section 3, in four dimensions: resolutions grow geometrically (equations 2 and 3), cells' corners
+section 3, in four dimensions: resolutions grow geometrically (equations 2 and 3), corners of cells
 share the rows of a table by a hash (equation 4) unless there is a row for each, and rows are
-interpolated linearly. Time has cells of its own: no more of them than times were captured, so that
-what is between two captured times is interpolated. Positions are detached, as in Yang et al. 2024.
+interpolated linearly. Time has cells of its own: no more than captured times, so that the field
+interpolates between two captured times. Positions are detached, as in Yang et al. 2024.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 PRIMES = (1, 2_654_435_761, 805_459_861, 3_674_653_429)
 """Factors of the hash: those of equation 4 for x, y and z, and a fourth of the released code."""
 START = 1e-4
-"""Rows begin with numbers between minus and plus this (section 4 of the paper)."""
+"""Rows are initialised between minus and plus this (section 4 of the paper)."""
 
 
 class HashGrid(Encoder):
@@ -35,12 +35,12 @@ class HashGrid(Encoder):
     detached = True
 
     def __init__(self, config: HashConfig, times: int, generator: torch.Generator) -> None:
-        """Draw the tables.
+        """Initialise the tables at random.
 
         Args:
             config: sizes.
-            times: most cells' corners along time, the first at time 0 and the last at time 1.
-            generator: on the CPU.
+            times: most corners of cells along time, the first at time 0 and the last at time 1.
+            generator: generator on the CPU.
         """
         super().__init__()
         self.features = config.levels * config.features

@@ -1,13 +1,13 @@
 """Encoder hexplane: six planes of features for the pairs of x, y, z and t, at several resolutions.
 
 Wu et al. 2024, "4D Gaussian Splatting for Real-Time Dynamic Scene Rendering", section 4.2: features
-are read from the planes by bilinear interpolation, multiplied over the planes, and joined over the
-resolutions. Regularisers are those of Fridovich-Keil et al. 2023 ("K-Planes", section 3.2).
+are read from the planes by bilinear interpolation, multiplied over the planes, and concatenated
+over the resolutions. Regularisers are from Fridovich-Keil et al. 2023 ("K-Planes", section 3.2).
 
-Where we differ from the released code: time spans the whole of its planes (there it fills one half
-of them), features begin around 1 (see UNIT), and total variation is that of the paper (there, a
-second difference along one axis). As all Gaussians are drawn at one time, time planes are first
-read at that time, which leaves lines.
+Differences from the released code: time spans all of its planes (there it fills one half of them),
+features start around 1 (see UNIT), and total variation is that of the paper (there, a second
+difference along one axis). As all Gaussians are rendered at one time, time planes are first read at
+that time, which leaves lines.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from gsfw.methods.gaussians4d.config import HexPlaneConfig
 
 SPACE_START = (0.1, 0.5)
-"""Space planes begin with numbers between these, and time planes at 1, so that the product does not
-depend on time (K-Planes, and the released code)."""
+"""Initial range of space planes; time planes start at 1, so that the product is independent of
+time (K-Planes, and the released code)."""
 UNIT = (sum(SPACE_START) / 2) ** -3
-"""Makes the product begin around 1. It is 0.03 in the paper, and the network sees hardly any of its
-changes: 22.6 instead of 25.0 dB (built-in moving scene, 96 x 72, 1500 splats, 600 steps)."""
+"""Scale that makes the product start around 1. It is 0.03 in the paper, too small for the network:
+22.6 instead of 25.0 dB (built-in moving scene, 96 x 72, 1500 splats, 600 steps)."""
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Axes of the space planes: xy, xz, yz. Time planes are xt, yt, zt."""
 
@@ -43,12 +43,12 @@ class HexPlane(Encoder):
     detached = False
 
     def __init__(self, config: HexPlaneConfig, times: int, generator: torch.Generator) -> None:
-        """Draw the planes.
+        """Initialise the planes at random.
 
         Args:
             config: sizes and weights.
-            times: cells' corners along time, the first at time 0 and the last at time 1.
-            generator: on the CPU.
+            times: corners of cells along time, the first at time 0 and the last at time 1.
+            generator: generator on the CPU.
         """
         super().__init__()
         self._config = config
@@ -100,7 +100,7 @@ class HexPlane(Encoder):
 
 
 def _at(planes: Float[Tensor, "t g r d"], time: Float[Tensor, ""]) -> Float[Tensor, "g r d"]:
-    """Read time planes at one time: a sum over rows with a hat of weights, two of them above 0."""
+    """Read time planes at one time: a sum over rows with hat weights, two of them above 0."""
     rows = torch.arange(len(planes), device=planes.device)
     hat = (1 - (time.clamp(0, 1) * (len(planes) - 1) - rows).abs()).clamp_min(0)
     return (hat.to(planes) @ planes.flatten(1)).view(planes.shape[1:])

@@ -1,4 +1,4 @@
-"""Layers that are drawn from a generator, so that the same seed gives the same network."""
+"""Layers with weights from a generator, so that the same seed gives the same network."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch.nn.utils import skip_init
 
 
 def linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
-    """A linear layer with the weights of Glorot and Bengio 2010, and biases as torch draws them."""
+    """A linear layer with weights as in Glorot and Bengio 2010, and biases as in torch."""
     layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)
     _fill(layer.weight, math.sqrt(6 / (inputs + outputs)), generator)
     _fill(layer.bias, 1 / math.sqrt(inputs), generator)
@@ -18,7 +18,7 @@ def linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
 
 
 def zero_linear(inputs: int, outputs: int) -> nn.Linear:
-    """A linear layer whose output is zero until it has been trained."""
+    """A linear layer with an output of zero before training."""
     layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)
     nn.init.zeros_(layer.weight)
     nn.init.zeros_(layer.bias)
@@ -31,5 +31,5 @@ def _fill(tensor: Tensor, bound: float, generator: torch.Generator) -> None:
 
 
 def uniform(shape: tuple[int, ...], low: float, high: float, generator: torch.Generator) -> Tensor:
-    """Numbers between ``low`` and ``high``."""
+    """Uniform random numbers between ``low`` and ``high``."""
     return low + (high - low) * torch.rand(shape, generator=generator)

@@ -2,11 +2,11 @@
 
 Wu et al. 2024, "4D Gaussian Splatting for Real-Time Dynamic Scene Rendering"; Yang et al. 2024,
 "Deformable 3D Gaussians for High-Fidelity Monocular Dynamic Scene Reconstruction" (encoder mlp);
-Mueller et al. 2022 (encoder hash). A coarse phase trains static Gaussians, a fine one the field
-with them (section 5 of Wu et al.).
+Mueller et al. 2022 (encoder hash). A coarse phase trains static Gaussians; a fine one trains them
+with the field (section 5 of Wu et al.).
 
-Where we differ from the released code of Wu et al.: the field begins as the identity; learning
-rates of Gaussians and optimizer state go on through the change of phase; opacities are not reset.
+Differences from the released code of Wu et al.: the field starts as the identity; learning rates
+of Gaussians and optimizer state continue through the change of phase; opacities are not reset.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from gsfw.methods.gaussians4d.config import DeformationConfig
 
 MAX_TIMES = 100
-"""Most cells along time when they follow from the capture (Wu et al. 2024 have 25 to 150)."""
+"""Most cells along time if they follow from the capture (Wu et al. 2024 have 25 to 150)."""
 
 
 class DeformationMethod(MovingMethod):
-    """Static Gaussians for the coarse steps; then these and the field, together."""
+    """Trains static Gaussians in the coarse steps; then these and the field together."""
 
     name = "4dgs"
 
@@ -55,7 +55,7 @@ class DeformationMethod(MovingMethod):
         generator: torch.Generator,
         initial: Splats | None,
     ) -> DeformedGaussians:
-        """Canonical Gaussians as method 3dgs begins with, and a field around them."""
+        """Canonical Gaussians as in method 3dgs, and a field."""
         config = self._config
         canonical = self._static.build_model(scene, operators, generator, initial)
         box = SpaceBox(canonical.means.values.detach(), scene.extent)
@@ -65,21 +65,21 @@ class DeformationMethod(MovingMethod):
             canonical,
             field,
             config.optim.field_rates(config.coarse_steps),
-            # Canonical rows have no time of their own, even where points know theirs.
+            # Canonical rows have no time of their own, even if points have one.
             self.still_rows(replace(scene, point_times=None), canonical.num_rows, initial),
         )
 
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
-        """Let the field and the SH degree follow the step."""
+        """Set the phase and the SH degree of the step."""
         assert isinstance(model, DeformedGaussians)
         model.deforming = step >= self._config.coarse_steps
         super().prepare(step, model, optimizer, time)
 
 
 def _encoder(config: DeformationConfig, num_times: int, generator: torch.Generator) -> Encoder:
-    """The chosen encoder, drawn."""
+    """The chosen encoder, initialised at random."""
     captured = min(max(num_times, 2), MAX_TIMES)
     if config.encoder == "hexplane":
         return HexPlane(config.hexplane, config.hexplane.times or captured, generator)
@@ -94,7 +94,7 @@ def _decoder(
     canonical: StaticGaussians,
     generator: torch.Generator,
 ) -> Decoder:
-    """What decodes the features of that encoder."""
+    """The decoder of that encoder's features."""
     outputs = {"means": 3, "log_scales": 3, "quats": 4}
     if config.deform_opacity:
         outputs["opacity_logits"] = 1

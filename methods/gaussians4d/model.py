@@ -1,4 +1,4 @@
-"""Deformed Gaussians: canonical Gaussians, and a field that says how they differ at each time.
+"""Deformed Gaussians: canonical Gaussians, and a field of their differences at each time.
 
 Wu et al. 2024, section 4: positions, rotations and scales at a time are those of the canonical
 space plus what the field decodes there (equations 7 and 8); opacity and colour on request. All is
@@ -27,16 +27,16 @@ from gsfw.methods.moving.gaussians import MovingGaussians
 from gsfw.methods.moving.still_rows import StillRows
 
 INSTANTS = 9
-"""Times over which what the field does to a place is averaged."""
+"""Number of times over which the changes of the field are averaged."""
 FIXED_POINT_STEPS = 5
-"""Of x = point - field(x), which finds what the field moves to a point; the field is smooth."""
+"""Iterations of x = point - field(x), which invert the motion of the field; the field is smooth."""
 
 
 class DeformedGaussians(MovingGaussians):
-    """Rows are canonical Gaussians, on which density control acts as on static ones.
+    """Rows are canonical Gaussians; density control treats them as static ones.
 
-    ``deforming`` is false in the coarse phase, which leaves the field out. It follows from the
-    step, which is why it is not part of the state; until the field is trained it changes nothing.
+    ``deforming`` is false in the coarse phase, which skips the field. It follows from the step, so
+    it is not part of the state; until the field is trained it changes nothing.
     """
 
     def __init__(
@@ -46,13 +46,13 @@ class DeformedGaussians(MovingGaussians):
         rates: Mapping[str, LearningRate],
         still: StillRows | None = None,
     ) -> None:
-        """Join both.
+        """Combine Gaussians and field.
 
         Args:
             canonical: the Gaussians.
-            field: what deforms them.
+            field: deformation field of the Gaussians.
             rates: learning rates of the field's "grid" and "network".
-            still: which rows the field leaves alone; ``None``: none of them.
+            still: mask of static rows; ``None``: no row can be static.
         """
         super().__init__(canonical, still)
         self.field = field
@@ -60,11 +60,11 @@ class DeformedGaussians(MovingGaussians):
         self.deforming = True
 
     def temporal_columns(self) -> Mapping[str, Column]:
-        """None: the field is all there is."""
+        """None: all motion is in the field."""
         return {}
 
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
-        """Grid (where the encoder has one) and network."""
+        """Parameter groups of grid (if the encoder has one) and network."""
         groups = {"grid": self.field.grids(), "network": self.field.networks()}
         return tuple(
             ParameterGroup(name, parameters, self._rates[name])
@@ -75,7 +75,7 @@ class DeformedGaussians(MovingGaussians):
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The Gaussians as they are at ``time``; without one, as they are in canonical space."""
+        """The Gaussians at ``time``; without one, in canonical space."""
         still = self.canonical.splats()
         if time is None or not self.deforming:
             return still
@@ -95,22 +95,22 @@ class DeformedGaussians(MovingGaussians):
         )
 
     def _shifted(self, colors: Sh, change: Float[Tensor, "m k 3"]) -> Sh:
-        """Colours with something added to each coefficient that is drawn."""
+        """Add changes to the rendered coefficients of colours."""
         rest = None if colors.rest is None else self.moved(colors.rest, change[:, 1:])
         coefficients = self.moved(colors.coefficients, change[:, :1])
         return replace(colors, coefficients=coefficients, rest=rest)
 
     @property
     def changing(self) -> bool:
-        """Whether the field is there yet."""
+        """True in the fine phase, with the field."""
         return self.deforming
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """Those of the field, while it is trained."""
+        """Regularizers of the field, while it is trained."""
         return self.field.regularizers() if self.deforming else {}
 
     def project_(self) -> None:
-        """Keep the canonical Gaussians in range."""
+        """Clamp the canonical Gaussians to their range."""
         self.canonical.project_()
 
     # For density control, on the canonical Gaussians.
@@ -126,7 +126,7 @@ class DeformedGaussians(MovingGaussians):
     def split_rows(
         self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
     ) -> Children:
-        """Smaller children at points of the row's own Gaussian; the field moves them along."""
+        """Smaller children at points of the row's own Gaussian, moved by the field like the row."""
         smaller = self.canonical.split_rows(rows, copies, generator)
         return {**self.clone_rows(rows.repeat(copies)), **smaller}
 
@@ -138,7 +138,7 @@ class DeformedGaussians(MovingGaussians):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Round and faint canonical rows, which the field moves to ``points`` at ``time``."""
+        """Isotropic canonical rows of low opacity; the field moves them to ``points`` at ``time``."""
         still = points.to(self.canonical.means.values)
         if time is not None and self.deforming:
             for _ in range(FIXED_POINT_STEPS):
@@ -147,15 +147,15 @@ class DeformedGaussians(MovingGaussians):
         return {**fresh, **self.temporal_rows({}, len(points))}
 
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """``rows`` with the opacity and scale of which ``counts`` copies look as one did."""
+        """``rows`` with the opacity and scale with which ``counts`` copies render as one did."""
         return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
 
     def perturb_(self, rate: float, generator: torch.Generator) -> None:
-        """Add noise to canonical positions, where opacity is near nothing."""
+        """Add noise to canonical positions of rows with low opacity."""
         self.canonical.perturb_(rate, generator)
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
-        """Canonical values that the field turns, on average, into what the rows are now."""
+        """Canonical values that the field turns, on average, into the rows' current values."""
         if not self.deforming:
             return
         canonical = self.canonical
@@ -172,7 +172,7 @@ class DeformedGaussians(MovingGaussians):
         self._recolor_(rows, change, sign=-1.0)
 
     def end_(self, rows: Int[Tensor, " r"]) -> None:
-        """Colours as they are on average."""
+        """Mean colours over the sequence."""
         if self.deforming:
             self._recolor_(rows, self._average(self.canonical.means.values[rows]), sign=1.0)
 
@@ -183,7 +183,7 @@ class DeformedGaussians(MovingGaussians):
                 self.canonical.sh_rest.values[rows] += sign * change.sh[:, 1:]
 
     def _average(self, means: Float[Tensor, "r 3"]) -> Deformation:
-        """What the field does, on average over the sequence, to Gaussians at ``means``."""
+        """Mean changes by the field, over the sequence, of Gaussians at ``means``."""
         times = torch.linspace(0, 1, INSTANTS, device=means.device).to(means)
         changes = [self.field(means, time) for time in times]
 

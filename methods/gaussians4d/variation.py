@@ -1,7 +1,7 @@
-"""Variation: mean squared differences between neighbouring cells, with a gradient of few passes.
+"""Variation: mean squared differences between neighbouring cells, with a fast gradient.
 
-Autograd makes a whole new grid for every slice of it. With the transposed difference written out,
-the total variation of planes of 128 x 128 cells takes 4.7 ms forward and backward instead of 14.6.
+Autograd allocates a new grid for every slice. With the transposed difference written explicitly,
+the total variation of planes of 128 x 128 cells needs 4.7 ms forward and backward instead of 14.6.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def mean_squared_difference(
 
 
 class _MeanSquaredDifference(torch.autograd.Function):
-    """With D the difference: mean of (D g)^2, whose gradient is 2 D^T D g over the number."""
+    """Mean of (D g)^2 with the difference D; its gradient is 2 D^T D g over the number."""
 
     @staticmethod
     def forward(ctx: Any, grid: Tensor, axis: int, order: int) -> Tensor:  # noqa: ANN401
@@ -46,7 +46,7 @@ class _MeanSquaredDifference(torch.autograd.Function):
 
 
 def _transposed_difference(differences: Tensor, axis: int) -> Tensor:
-    """Each difference taken from its first cell and given to its second."""
+    """Transposed difference: subtract from the first cell, add to the second."""
     count = differences.shape[axis]
     shape = [*differences.shape]
     shape[axis] = count + 1

@@ -1,1 +1,1 @@
-"""What methods for moving scenes share."""
+"""Shared parts of the methods for moving scenes."""

@@ -1,4 +1,4 @@
-"""How strongly a step pulls at temporal centres, for strategies that grow rows by it."""
+"""Gradients of temporal centres, for strategies that grow rows by them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from gsfw.core.column import Column
 
 
 def center_gradients(centers: Column) -> Float[Tensor, " n"] | None:
-    """|dL / d centre| of each row: 0 where it has none; ``None`` before any step.
+    """|dL / d centre| of each row: 0 for rows without a centre; ``None`` before any step.
 
     Args:
-        centers: temporal centres, one for each row, or ragged with at most one.
+        centers: temporal centres, one per row, or ragged with at most one.
     """
     if centers.values.grad is None:
         return None
     gradients = centers.values.grad.abs()
     if centers.offsets is None:
         return gradients
-    # One more value, so that there is something to read for the last rows when they have none.
+    # One more value, so that an index of trailing rows without values is valid.
     padded = torch.cat([gradients, gradients.new_zeros(1)])
     return torch.where(centers.offsets.diff() > 0, padded[centers.offsets[:-1]], 0.0)

@@ -1,4 +1,4 @@
-"""Settings that all methods for scenes that move share."""
+"""Settings of all methods for moving scenes."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ class MovingConfig(GaussiansConfig):
     """3D Gaussians, all or some of which change with time."""
 
     static: Literal["none", "auto"] = "none"
-    """none: every splat may change with time; auto: only those that need to, the others have no
-    parameters of time, cost nothing of it, and can come back."""
+    """none: every splat may change with time; auto: only those that need to; the others have no
+    temporal parameters and no temporal cost, and can start to move again."""
     static_start: int = steps_field(1000)
-    """Steps before any splat changes whether it stands still (static=auto)."""
+    """Steps before any splat becomes static or moving (static=auto)."""
     static_every: int = steps_field(100, at_least=1, floor=50)
-    """Steps between looks at which splats are to stand still, and which are to move again."""
+    """Steps between rounds in which splats become static, or move again."""
     static_tolerance: float = number(0.1, above=0, below=1)
-    """A splat is to stand still if, over the sequence, it moves by less than this part of its
+    """A splat becomes static if, over the sequence, it moves by less than this part of its
     size, and its opacity, shape and colour change by less than this part."""
     static_signal: float = number(1.5, above=1)
-    """A splat is to move again above this signal-to-noise ratio of what its gradients have to do
-    with time, which is 1 for one that needs none; higher: fewer splats move."""
+    """A static splat moves again above this signal-to-noise ratio of the time dependence of its
+    gradients, which is 1 for a splat that needs none; higher: fewer splats move."""

@@ -1,4 +1,4 @@
-"""Covariances of Gaussians that are given by quaternions and scales."""
+"""Covariances of Gaussians from quaternions and scales."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def covariances(
 ) -> Float[Tensor, "n 3 3"]:
     """R S S^T R^T (Kerbl et al. 2023, equation 6), symmetric to the bit; quaternions of any norm.
 
-    Entry by entry, each for all rows: several times faster than by products of small matrices.
+    Entry by entry for all rows: several times faster than products of small matrices.
     """
     x, y, z = ((row * scales.T).unbind(0) for row in matrices_rows_last(quats).unbind(0))
     xy, xz, yz = _dot(x, y), _dot(x, z), _dot(y, z)

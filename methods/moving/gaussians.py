@@ -19,11 +19,11 @@ from gsfw.methods.moving.still_rows import StillRows
 
 
 class MovingGaussians(DensifiableModel):
-    """Static Gaussians, ``canonical``, and what changes them with time.
+    """Static Gaussians, ``canonical``, and their changes with time.
 
-    With ``still`` only some rows change, which are those that have values in the temporal columns,
-    ragged then, one each and in order; the others are drawn as they are in canonical space. Without
-    it all rows change, and temporal columns are dense.
+    With ``still`` only some rows change. These have values in the temporal columns, which are then
+    ragged, one each and in order; the others are rendered in canonical space. Without it all rows
+    change, and temporal columns are dense.
     """
 
     def __init__(self, canonical: StaticGaussians, still: StillRows | None) -> None:
@@ -32,33 +32,33 @@ class MovingGaussians(DensifiableModel):
 
     @abstractmethod
     def temporal_columns(self) -> Mapping[str, Column]:
-        """What rows that change have besides, by name."""
+        """Temporal columns of the rows that change, by name."""
 
     @abstractmethod
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
-        """Give rows that stood still until now a path that goes nowhere, always there.
+        """Start rows that were static until now: with a constant path, always present.
 
-        In place, and so that the picture stays as it is; their temporal values are zero before.
+        In place, without a change of the image; their temporal values are zero before.
 
         Args:
-            rows: some of those that change now, in order.
-            times: when each is needed the most.
+            rows: some of the rows that change now, in order.
+            times: time at which each row is needed the most.
         """
 
     def end_(self, rows: Int[Tensor, " r"]) -> None:
-        """Average what else of rows that change is about to stand still: their colours. In place.
+        """Average other temporal parameters, such as colours, of rows that become static. In place.
 
         Args:
             rows: some of those that change, in order.
         """
 
     def columns(self) -> Mapping[str, Column]:
-        """Those of static Gaussians, temporal ones, and those that say which rows stand still."""
+        """Columns of static Gaussians, temporal columns, and the columns of ``still``."""
         still = {} if self.still is None else self.still.columns()
         return {**self.canonical.columns(), **self.temporal_columns(), **still}
 
     def temporal_column(self, values: Float[Tensor, "n ..."], rate: LearningRate) -> Column:
-        """A column of what rows that change have: of all of them, or of none so far."""
+        """A temporal column with values of all rows, or of none if all are static."""
         if self.still is None:
             return Column(values, rate)
         moves = ~self.still.mask()
@@ -67,11 +67,11 @@ class MovingGaussians(DensifiableModel):
 
     @property
     def changing(self) -> bool:
-        """Whether anything changes with time at this step; false in a phase without it."""
+        """True if any row changes with time at this step; false in a phase without motion."""
         return True
 
     def active_bands(self) -> int:
-        """Those of the canonical Gaussians."""
+        """Active bands of the canonical Gaussians."""
         return self.canonical.active_bands()
 
     # Which rows change.
@@ -81,12 +81,12 @@ class MovingGaussians(DensifiableModel):
         return None if self.still is None else self.still.moving()
 
     def taken(self, values: Float[Tensor, "n ..."]) -> Float[Tensor, "m ..."]:
-        """The values of the rows that change, of those of all."""
+        """Select the values of the rows that change."""
         rows = self.moving()
         return values if rows is None else values.index_select(0, rows)
 
     def everywhere(self, values: Float[Tensor, " m"], otherwise: float) -> Float[Tensor, " n"]:
-        """Values of the rows that change, and another for all that do not."""
+        """Expand values of the rows that change to all rows; static rows get ``otherwise``."""
         rows = self.moving()
         if rows is None:
             return values
@@ -95,13 +95,13 @@ class MovingGaussians(DensifiableModel):
     def moved(
         self, values: Float[Tensor, "n ..."], change: Float[Tensor, "m ..."]
     ) -> Float[Tensor, "n ..."]:
-        """Values of all rows with something added to those that change."""
+        """Add something to the values of the rows that change."""
         rows = self.moving()
         return values + change if rows is None else values.index_add(0, rows, change)
 
     @torch.no_grad()
     def stop_(self, table: SplatTable, rows: Int[Tensor, " r"], at_rest: Splats) -> None:
-        """Let rows stand still from now on, and look as the splats of ``at_rest`` do."""
+        """Make rows static from now on, with the parameters of ``at_rest``."""
         self.end_(rows)
         canonical, scales = self.canonical, at_rest.scales
         assert scales is not None
@@ -116,7 +116,7 @@ class MovingGaussians(DensifiableModel):
     def start_(
         self, table: SplatTable, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]
     ) -> None:
-        """Let rows that stand still change from now on; at first they do not."""
+        """Let static rows change from now on; at first they keep their values."""
         assert self.still is not None
         self._resize(table, rows, moves=True)
         self.still.extend_(rows)
@@ -138,7 +138,7 @@ class MovingGaussians(DensifiableModel):
     # New rows.
 
     def temporal_rows(self, values: Mapping[str, Tensor], count: int) -> Children:
-        """Temporal values of ``count`` new rows, all of which change; with what goes with them."""
+        """Temporal values of ``count`` new moving rows, and their values of ``still``."""
         if self.still is None:
             return {name: Rows(rows) for name, rows in values.items()}
         lengths = torch.ones(count, dtype=torch.int64, device=self.canonical.means.values.device)
@@ -148,7 +148,7 @@ class MovingGaussians(DensifiableModel):
     # What is the same for all.
 
     def summary(self) -> Mapping[str, int | float]:
-        """Sizes, and how many rows stand still."""
+        """Sizes, and the number of static rows."""
         if self.still is None:
             return super().summary()
         static = len(self.still.rows())
@@ -162,12 +162,12 @@ class MovingGaussians(DensifiableModel):
 
 
 def moving_children(children: Children) -> Int[Tensor, " m"] | None:
-    """Which of some new rows change with time; ``None`` for all."""
+    """Rows among new rows that change with time; ``None`` for all."""
     lengths = children["time_centers"].lengths
     return None if lengths is None else lengths.nonzero()[:, 0]
 
 
 def added(children: Children, name: str, change: Float[Tensor, "m d"]) -> Float[Tensor, "r d"]:
-    """A canonical value of new rows, with something added to those that change with time."""
+    """A canonical value of new rows, with ``change`` added to those that change with time."""
     values, rows = children[name].values, moving_children(children)
     return values + change if rows is None else values.index_add(0, rows, change)

@@ -1,4 +1,4 @@
-"""MovingMethod: what every method for scenes that move takes over from method 3dgs."""
+"""MovingMethod: the parts of method 3dgs in every method for moving scenes."""
 
 from __future__ import annotations
 
@@ -27,45 +27,45 @@ from gsfw.methods.moving.still_rows import StillRows
 
 
 class MovingMethod(Method):
-    """Losses, the SH degree and where Gaussians start are those of method 3dgs.
+    """Losses, the SH degree and the initialisation are those of method 3dgs.
 
-    It holds an instance of that method, ``_static``, for the canonical Gaussians. How they change
-    with time is up to each method.
+    It holds an instance of that method, ``_static``, for the canonical Gaussians. Each method
+    defines their changes with time.
     """
 
     name: ClassVar[str]
-    """As ``method=NAME`` has it."""
+    """Name of the method, as in ``method=NAME``."""
 
     def __init__(self, canonical: GaussiansConfig, settling: MovingConfig | None = None) -> None:
-        """Take the settings of the canonical Gaussians, and of which of them stand still.
+        """Store the settings of the canonical Gaussians, and of static rows.
 
-        Without the latter none do, and the model need not be one of ``MovingGaussians``.
+        Without the latter no rows are static, and the model need not be ``MovingGaussians``.
         """
         self._static = StaticGaussiansMethod(canonical)
         self._settling = settling
 
     def check_scene(self, scene: Scene) -> None:
-        """Refuse captures of a single time, and init=points where there are none.
+        """Refuse captures of a single time, and init=points without points.
 
         Raises:
-            ConfigError: saying what to do instead.
+            ConfigError: names the remedy.
         """
         check_times(scene, self.name)
         self._static.check_scene(as_static(scene))
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
-        """How the start differs from what one may expect."""
+        """Notes on the initialisation."""
         return self._static.notes(as_static(scene))
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
-        """L1 and SSIM, by the weight that SSIM is given."""
+        """L1 and SSIM, weighted by ssim_weight."""
         return self._static.losses(context)
 
     def still_rows(self, scene: Scene, count: int, initial: Splats | None) -> StillRows | None:
-        """Which rows stand still: all, until something says that they move; ``None``: none can.
+        """Mask of the initially static rows: all rows at first; ``None`` if no row can be static.
 
-        Points that know when they were seen begin as things that come and go, where a model's rows
-        have a time of their own.
+        Points with a capture time start as temporary rows, if rows of the model have a time of
+        their own.
         """
         if self._settling is None or self._settling.static == "none":
             return None
@@ -75,14 +75,14 @@ class MovingMethod(Method):
     def start_times(
         self, scene: Scene, count: int, generator: torch.Generator
     ) -> Float[Tensor, " n"]:
-        """When the points that a model starts from were seen; else spread over the sequence."""
+        """Capture times of the initial points; else spread over the sequence."""
         times = self._point_times(scene)
         if times is not None and len(times) == count:
             return times
         return torch.rand(count, generator=generator)
 
     def _point_times(self, scene: Scene) -> Float[Tensor, " p"] | None:
-        """When each point that a model starts from was seen; ``None``: not known, or no points."""
+        """Capture time of each initial point; ``None`` if unknown, or without points."""
         if scene.point_times is None:
             return None
         rows = usable_rows(scene)[0]
@@ -91,23 +91,23 @@ class MovingMethod(Method):
     def prepare(
         self, step: int, model: PrimitiveModel, optimizer: Optimizer, time: float | None
     ) -> None:
-        """Let the SH degree follow the step."""
+        """Set the SH degree of the step."""
         assert isinstance(model, MovingGaussians)
         self._static.prepare(step, model.canonical, optimizer, time)
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
         """Adaptive bands under sh=adaptive, settling under static=auto."""
         if not isinstance(model, MovingGaussians):
-            return ()  # Tracked rows are what they are from the first time on.
+            return ()  # Tracked rows do not change their kind after the first time.
         bands, config = self._static.refiners(scene, model.canonical), self._settling
         if config is None or model.still is None:
             return bands
         return (*bands, Settling(config, model))
 
     def state_dict(self) -> dict[str, Any]:
-        """That of method 3dgs."""
+        """The state of method 3dgs."""
         return self._static.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on with it."""
+        """Continue from ``state``."""
         self._static.load_state_dict(state)

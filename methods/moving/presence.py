@@ -1,4 +1,4 @@
-"""Presence: when a Gaussian in time is there, of what can be seen of it in [0, 1]."""
+"""Presence: temporal weights of Gaussians, within the visible times [0, 1]."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Presence:
         return torch.exp(-0.5 * outside.square() / self.variances)
 
     def means(self) -> Float[Tensor, " n"]:
-        """The mean weight over [0, 1]: 1 for what is always there."""
+        """The mean weight over [0, 1]: 1 for rows that are always present."""
         low, high, width = self._ends()
         area = torch.special.erf(high) - torch.special.erf(low)
         return (0.5 * math.sqrt(math.pi) * width * area).to(self.centers)
 
     def draw(self, generator: torch.Generator) -> Float[Tensor, " n"]:
-        """A time in [0, 1] for each, drawn in proportion to its weight there.
+        """Sample a time in [0, 1] for each row, in proportion to its weight there.
 
-        It is the nearest end for what is never there.
+        It is the nearest end for rows that are never present.
         """
         low, high, width = self._ends()
         low, high = torch.special.erf(low), torch.special.erf(high)
@@ -43,6 +43,6 @@ class Presence:
     def _ends(
         self,
     ) -> tuple[Float64[Tensor, " n"], Float64[Tensor, " n"], Float64[Tensor, " n"]]:
-        """0 and 1 as seen from each centre, in widths, which are sqrt(2) deviations."""
+        """Distances of 0 and 1 from each centre, in widths, which are sqrt(2) deviations."""
         centers, width = self.centers.double(), (2.0 * self.variances.double()).sqrt()
         return -centers / width, (1.0 - centers) / width, width

@@ -1,4 +1,4 @@
-"""What methods for scenes that move ask of a capture, and what their static part sees of it."""
+"""Requirements of moving methods on a capture, and the view of their static part."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def check_times(scene: Scene, method: str) -> None:
     """Refuse captures of a single time.
 
     Raises:
-        ConfigError: saying what to do instead.
+        ConfigError: names the remedy.
     """
     if not scene.is_dynamic:
         raise ConfigError(
@@ -23,5 +23,5 @@ def check_times(scene: Scene, method: str) -> None:
 
 
 def as_static(scene: Scene) -> Scene:
-    """The scene as method 3dgs expects it: of one time."""
+    """The scene with a single time, for method 3dgs."""
     return replace(scene, num_times=0, time_range=None)

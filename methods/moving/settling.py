@@ -1,12 +1,12 @@
-"""Settling: rows that do not need time come to a stand, and those that do begin to move again.
+"""Settling: rows that do not need time become static, and static rows that need it move again.
 
-A row that moves is looked at over the whole sequence. Where neither its place, nor its shape, nor
-its opacity, nor its colour change by more than a tolerance, in terms of its own size, it becomes
-what it is on average. A row that stands still begins to move when its gradients have to do with
-time (see ``still_rows``). What is drawn at a time is all that this needs to know of a model.
+A moving row is compared over the whole sequence. If its position, shape, opacity and colour change
+by less than a tolerance, relative to its own size, it becomes its mean. A static row begins to move
+when its gradients depend on time (see ``still_rows``). The splats at a time are the only input from
+a model.
 
-3D-4DGS (2025) turns Gaussians that are there for long into static ones by a duration in seconds,
-for good; Ex4DGS (2024) turns the few static ones that drift the most into dynamic ones.
+3D-4DGS (2025) turns Gaussians with a long duration, in seconds, into static ones for good; Ex4DGS
+(2024) turns the few static ones with the largest drift into dynamic ones.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ if TYPE_CHECKING:
     from gsfw.methods.moving.config import MovingConfig
 
 INSTANTS = 9
-"""Times at which rows are looked at: eighths of the sequence. Fields and polynomials bend less."""
+"""Times at which rows are compared: eighths of the sequence. Fields and polynomials bend less."""
 MIN_OPACITY, MAX_OPACITY = 1e-6, 1 - 1e-6
-"""A saturated sigmoid has no gradient to come back by."""
+"""Largest opacity: a saturated sigmoid has no gradient."""
 FLATTEST = 1e-4
-"""Thinnest to thickest axis: rounding leaves less of a flat Gaussian's covariance undefined."""
+"""Least ratio of axes: with flatter Gaussians rounding leaves more of a covariance undefined."""
 
 
 class Settling(Refiner):
-    """Compares rows at several times every so many steps; lets them stop, or start to move."""
+    """Compares rows at several times in regular rounds; makes them static, or lets them move."""
 
     name = "settling"
 
     def __init__(self, config: MovingConfig, model: MovingGaussians) -> None:
-        """Take a model of which some rows may stand still.
+        """Store a model with rows that may be static.
 
         Args:
             config: schedule, tolerance and signal.
@@ -54,13 +54,13 @@ class Settling(Refiner):
         self._config, self._model = config, model
 
     def before_backward(self, context: StepContext, model: PrimitiveModel) -> None:
-        """Watch the gradients of rows that stand still."""
+        """Watch the gradients of static rows."""
         still, time = self._model.still, context.batch.time
         if still is not None and time is not None:
             still.watch(context.splats, time)
 
     def refine(self, context: RefineContext) -> Refinement:
-        """Let rows stop and start, every ``static_every`` steps after ``static_start``."""
+        """Stop and start rows, every ``static_every`` steps after ``static_start``."""
         config, done = self._config, context.done
         due = done > config.static_start and done % config.static_every == 0
         if not due or not self._model.changing:
@@ -75,26 +75,26 @@ class Settling(Refiner):
 
 @dataclass
 class _Range:
-    """Least, greatest and mean of something over the instants looked at."""
+    """Minimum, maximum and mean of values over the compared instants."""
 
     least: Float[Tensor, "m d"]
     greatest: Float[Tensor, "m d"]
     total: Float[Tensor, "m d"]
 
     def add(self, values: Float[Tensor, "m d"]) -> None:
-        """Take in one more instant."""
+        """Add one more instant."""
         self.least = torch.minimum(self.least, values)
         self.greatest = torch.maximum(self.greatest, values)
         self.total = self.total + values
 
     @property
     def mean(self) -> Float[Tensor, "m d"]:
-        """Over the instants."""
+        """Mean over the instants."""
         return self.total / INSTANTS
 
     @property
     def reach(self) -> Float[Tensor, " m"]:
-        """Half of the way from one extreme to the other."""
+        """Half of the distance between the extremes."""
         return (self.greatest - self.least).norm(dim=1) / 2
 
 
@@ -102,12 +102,12 @@ class _Range:
 def settle(
     model: MovingGaussians, table: SplatTable, *, tolerance: float, signal: float
 ) -> Refinement:
-    """One look at all rows of a model of which some may stand still.
+    """Run one round over all rows of a model with static rows.
 
     Args:
-        model: with ``still``.
-        table: of its rows.
-        tolerance: what counts as standing still, relative to size, shape and opacity.
+        model: model with ``still``.
+        table: table of its rows.
+        tolerance: largest change of a static row, relative to size, shape and opacity.
         signal: the ratio above which rows begin to move.
     """
     still = model.still
@@ -126,7 +126,7 @@ def settle(
 def _resting(
     model: MovingGaussians, rows: Int[Tensor, " m"], tolerance: float
 ) -> tuple[Int[Tensor, " r"], Splats]:
-    """Those of ``rows`` that hardly change over the sequence, and what they are on average."""
+    """Select the ``rows`` that hardly change over the sequence, and compute their mean splats."""
     times = torch.linspace(0.0, 1.0, INSTANTS, device=rows.device)
     ranges = tuple(_Range(found, found, found) for found in _look(model.splats(times[0]), rows))
     for time in times[1:]:
@@ -148,7 +148,7 @@ def _resting(
 
 
 def _look(splats: Splats, rows: Int[Tensor, " m"]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Places, shapes, opacities and colours of some rows, each [m, d]; shapes in float64."""
+    """Positions, shapes, opacities and colours of some rows, each [m, d]; shapes in float64."""
     assert splats.rows is None
     shapes = splats.covariances
     if shapes is None:
@@ -164,7 +164,7 @@ def _look(splats: Splats, rows: Int[Tensor, " m"]) -> tuple[Tensor, Tensor, Tens
 
 
 def _with_thick_axes(splats: Splats) -> Splats:
-    """By quaternions and scales, none of them much smaller than the row's largest."""
+    """Splats by quaternions and scales, none of them much smaller than the row's largest."""
     splats = with_axes(splats)
     assert splats.scales is not None
     thinnest = FLATTEST * splats.scales.amax(dim=1, keepdim=True)

@@ -1,1 +1,1 @@
-"""Method 4d-rotor: Gaussians of space and time, of which every instant shows a slice."""
+"""Method 4d-rotor: Gaussians of space and time; each instant is a slice of them."""

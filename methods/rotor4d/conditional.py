@@ -1,4 +1,4 @@
-"""Conditional: what a Gaussian of space and time is at one instant.
+"""Conditional: the slice of a Gaussian of space and time at one instant.
 
 Duan et al. 2024 and Yang et al. 2024: with M = R S, whose last row is m and whose others are M3,
 the covariance of space and time is M M^T, and given the time t
@@ -6,14 +6,14 @@ the covariance of space and time is M M^T, and given the time t
     variance = |m|^2,  velocity = M3 m / |m|^2,  mean(t) = x + velocity (t - center),
     covariance = P P^T  with  P = M3 - (M3 m) m^T / |m|^2,
 
-which is positive semi-definite by construction; the difference of two large matrices, as released
-codes have it, is not (in float32, with scales of 1e-4 in space and 10 in time, in 98% of draws).
+which is positive semi-definite by construction; the difference of two large matrices, as in
+released codes, is not (in float32, with scales of 1e-4 in space and 10 in time, in 98% of samples).
 We expand P further, with r for the last row of R and s for the scales:
 
     P_ij = s_j / |m|^2 * sum over k of (R_ij r_k - R_ik r_j) s_k^2 r_k.
 
-Nothing of different size is subtracted any more: in float32 the relative error stays below 1e-6
-where that of P as first written is 0.02 (scales of 1e-4 and 100) or above 1 (1e-4 and 1e4).
+This subtracts no numbers of different size: in float32 the relative error stays below 1e-6, while
+that of the first form of P is 0.02 (scales of 1e-4 and 100) or above 1 (1e-4 and 1e4).
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from torch import Tensor
 from gsfw.methods.rotor4d.dot import dot
 
 MIN_VARIANCE = 1e-30
-"""Smaller ones count as this, whose inverse float32 can hold; models keep far above it."""
+"""Least variance, whose inverse float32 can hold; models keep far above it."""
 
 AXES = range(4)
-"""x, y, z and t before the rotation."""
+"""Axes before the rotation: x, y, z and t."""
 
 
 @dataclass(frozen=True)
 class Conditional:
-    """Of ``n`` Gaussians, given a time; only their means and weights depend on which."""
+    """Slices of ``n`` Gaussians; only their means and weights depend on the time."""
 
     factors: Float[Tensor, "3 4 n"]
-    """P, of which P P^T is the covariance; times a unit normal, it draws from the Gaussian."""
+    """Factor P of the covariance P P^T; times a unit normal, it samples from the Gaussian."""
     velocities: Float[Tensor, "n 3"]
-    """In scene units per sequence."""
+    """Velocity in scene units per sequence."""
     variances: Float[Tensor, " n"]
-    """Of the time, in sequences squared."""
+    """Variance of the time, in sequences squared."""
 
     @property
     def covariances(self) -> Float[Tensor, "n 3 3"]:
-        """Symmetric to the bit, in scene units squared."""
+        """Covariances, symmetric to the bit, in scene units squared."""
         x, y, z = (row.unbind(0) for row in self.factors.unbind(0))
         xy, xz, yz = dot(x, y), dot(x, z), dot(y, z)
         entries = [dot(x, x), xy, xz, xy, dot(y, y), yz, xz, yz, dot(z, z)]
@@ -58,7 +58,7 @@ class Conditional:
 def conditional(rotations: Float[Tensor, "4 4 n"], scales: Float[Tensor, "n 4"]) -> Conditional:
     """The conditional Gaussians of rotation matrices (of x, y, z, t) and scales along their axes.
 
-    Entry by entry, each for all rows: several times faster than by products of small matrices.
+    Entry by entry for all rows: several times faster than products of small matrices.
 
     Args:
         rotations: rows last.
@@ -92,5 +92,5 @@ def time_variances(time: Float[Tensor, "4 n"], scales: Float[Tensor, "n 4"]) -> 
 
 
 def weights(elapsed: Float[Tensor, " n"], variances: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """exp(-elapsed^2 / (2 variance)): what opacity is left some time away from the centre."""
+    """Opacity factor exp(-elapsed^2 / (2 variance)) at some time from the centre."""
     return torch.exp(-0.5 * elapsed.square() / variances)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gsfw.core.method import Method
 
 MAX_INIT_DURATION = 10.0
-"""The longest that a model keeps."""
+"""Longest duration of a model."""
 
 
 @dataclass
@@ -35,7 +35,7 @@ class SlicedGaussiansOptim(StaticGaussiansOptim):
     """Rate of the logarithms of the scales along the fourth axis."""
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
-        """The rate of every column, by its name."""
+        """Learning rate of every column, by name."""
         decay = self.means_lr_final / self.means_lr if self.means_lr > 0 else 1.0
         centers = LearningRate(
             self.time_centers_lr, self.time_centers_lr * decay, self.means_lr_steps
@@ -77,11 +77,11 @@ class SlicedGaussiansConfig(MovingConfig):
     optim: SlicedGaussiansOptim = field(default_factory=SlicedGaussiansOptim)
 
     def build(self) -> Method:
-        """The method."""
+        """Build the method."""
         from gsfw.methods.rotor4d.method import SlicedGaussiansMethod
 
         return SlicedGaussiansMethod(self)
 
     def needs(self) -> Needs:
-        """Splats given by covariances."""
+        """Splats with covariances."""
         return super().needs() | Needs(features=frozenset({Feature.COVARIANCES}))

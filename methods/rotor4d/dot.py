@@ -1,4 +1,4 @@
-"""Dot products of vectors whose members are tensors: one entry, of all rows, after the other."""
+"""Dot products of vectors whose members are tensors: entry by entry, for all rows."""
 
 from __future__ import annotations
 

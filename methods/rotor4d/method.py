@@ -1,7 +1,7 @@
 """Method 4d-rotor: Duan et al. 2024, "4D-Rotor Gaussian Splatting".
 
-Losses, the SH degree and where Gaussians start are those of method 3dgs, of which this one holds
-an instance. Density control looks at the gradient of temporal centres too, as the paper's does.
+Losses, the SH degree and the initialisation are those of method 3dgs; this method holds an instance
+of it. Density control uses the gradient of temporal centres too, as in the paper.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROTATIONS: Mapping[str, type[Rotation]] = {"rotor": Rotor, "two-quaternions": Tw
 
 
 class SlicedGaussiansMethod(MovingMethod):
-    """Static Gaussians at first, each with a time at which it is there."""
+    """Static Gaussians at first, each with a temporal centre."""
 
     name = "4d-rotor"
 
@@ -42,7 +42,7 @@ class SlicedGaussiansMethod(MovingMethod):
         generator: torch.Generator,
         initial: Splats | None,
     ) -> SlicedGaussians:
-        """Gaussians at rest at the splats of a file, at the scene's points, or at random."""
+        """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
         config = self._config
         canonical = self._static.build_model(scene, operators, generator, initial)
         if initial is None:
@@ -65,5 +65,5 @@ class SlicedGaussiansMethod(MovingMethod):
 
 
 def min_duration(scene: Scene) -> float:
-    """Shortest standard deviation in time, in sequences: half of the time between two pictures."""
+    """Shortest standard deviation in time, in sequences: half of the time between two images."""
     return 0.5 / max(scene.num_times - 1, 1)

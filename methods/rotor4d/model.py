@@ -1,13 +1,13 @@
-"""Sliced Gaussians: ellipsoids of space and time, of which an instant shows the slice.
+"""Sliced Gaussians: ellipsoids of space and time; an instant renders their slices.
 
 Duan et al. 2024, "4D-Rotor Gaussian Splatting: Towards Efficient Novel View Synthesis for Dynamic
-Scenes"; with rotation=two-quaternions Yang et al. 2024, without its 4D spherical harmonics. How a
-slice looks is in ``conditional``: a Gaussian that moves along a straight line and fades.
+Scenes"; with rotation=two-quaternions Yang et al. 2024, without its 4D spherical harmonics.
+``conditional`` defines a slice: a Gaussian that moves along a straight line and fades.
 
-Where we differ from the released codes: rotations are projected, which 4D-Rotor's are not; slices
-are worked out without cancellation; what no pixel can show is left out, not what is several
-deviations away; no row lives shorter than half the time between two pictures; children of a split
-are drawn from what their parent shows of the sequence, so that none is born outside of it.
+Differences from the released codes: rotations are projected, unlike 4D-Rotor's; slices are computed
+without cancellation; rows that are invisible at every pixel are skipped, not those at several
+deviations; no row lives shorter than half the time between two images; children of a split are
+sampled from their parent within the sequence, so that none starts outside of it.
 """
 
 from __future__ import annotations
@@ -51,34 +51,34 @@ from gsfw.methods.rotor4d.rotation import Rotation
 MAX_DURATION = 10.0
 """Longest scale in time, in sequences: the opacity then changes by 0.5 % at most."""
 NEW_DURATION = 0.2
-"""Standard deviation in time of rows that are tried where the picture lacks something."""
+"""Standard deviation in time of new rows at rendering errors."""
 UNSEEN_SHARE = 0.01
-"""Weight of the entropy of rows that a step does not see, relative to that of the others."""
+"""Weight of the entropy of rows that a step does not render, relative to that of the others."""
 MIN_ENTROPY_OPACITY = 1e-3
-"""Opacities this close to 0 or 1 count as decided: the entropy does not push them further."""
+"""Opacities this close to 0 or 1 are decided: the entropy has no effect on them."""
 NEIGHBORS = 8
-"""Rows whose mean velocity a row's is compared with, as in the paper."""
+"""Number of neighbours in the comparison of velocities, as in the paper."""
 SEQUENCE_LENGTH = 1.0
-"""How far apart the ends of the sequence are when neighbours are looked for, in extents. The paper
-has 5 in the units of D-NeRF, whose cameras stand 4 away from the origin."""
+"""Distance of the ends of the sequence in the search of neighbours, in extents. The paper has 5 in
+the units of D-NeRF, whose cameras stand 4 away from the origin."""
 
 
 @dataclass(frozen=True)
 class Regularization:
-    """Weights of what is added to the loss."""
+    """Weights of the regularizers."""
 
     entropy: float
     velocity: float
     refresh_every: int
-    """Steps after which neighbours are looked for again."""
+    """Steps between searches of neighbours."""
 
 
 class SlicedGaussians(MovingGaussians):
     """Static Gaussians with a fourth axis each.
 
-    ``canonical`` holds what a static Gaussian has. Its quaternion is the first of a rotation's
-    two; ``time_quats`` has the second, ``log_durations`` the scale along the fourth axis. Rows that
-    stand still have neither: they are static Gaussians, of that first quaternion.
+    ``canonical`` holds the columns of static Gaussians. Its quaternion is the first of a rotation's
+    two; ``time_quats`` has the second, ``log_durations`` the scale along the fourth axis.
+    Static rows have neither: they are static Gaussians, with that first quaternion.
     """
 
     def __init__(
@@ -93,17 +93,17 @@ class SlicedGaussians(MovingGaussians):
         regularization: Regularization,
         still: StillRows | None = None,
     ) -> None:
-        """Gaussians at rest.
+        """Start with Gaussians without motion.
 
         Args:
-            canonical: what they look like.
-            time_centers: when they are the most opaque.
-            rates: of every column.
-            rotation: the form in which rotations are trained.
-            duration: standard deviation in time at the start, in sequences.
-            min_duration: the shortest.
-            regularization: what is added to the loss.
-            still: which rows have no fourth axis; ``None``: none of them.
+            canonical: initial static Gaussians.
+            time_centers: times of their largest opacity.
+            rates: learning rate of every column.
+            rotation: trained form of rotations.
+            duration: initial standard deviation in time, in sequences.
+            min_duration: the shortest standard deviation.
+            regularization: weights of the regularizers.
+            still: mask of rows without a fourth axis; ``None``: no row can be static.
         """
         super().__init__(canonical, still)
         self._rotation, self._regularization = rotation, regularization
@@ -119,21 +119,21 @@ class SlicedGaussians(MovingGaussians):
         self.project_()
 
     def temporal_columns(self) -> Mapping[str, Column]:
-        """Those of time_quats, time_centers and log_durations."""
+        """The columns time_quats, time_centers and log_durations."""
         return {
             "time_quats": self.time_quats,
             "time_centers": self.time_centers,
             "log_durations": self.log_durations,
         }
 
-    # Drawing.
+    # Rendering.
 
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The slices that can be seen at ``time``; at 0, where a file begins, for ``None``.
+        """The visible slices at ``time``; at 0, where a file begins, for ``None``.
 
-        A GPU is waited for, as it decides how many there are.
+        The host waits for a GPU, which computes their number.
         """
         centers = self.time_centers.values
         time = centers.new_zeros(()) if time is None else time.to(centers)
@@ -152,20 +152,20 @@ class SlicedGaussians(MovingGaussians):
 
     @torch.no_grad()
     def _visible(self, time: Float[Tensor, ""]) -> Int[Tensor, " m"] | None:
-        """Rows that are opaque enough for any pixel to show them; ``None`` when all are."""
+        """Rows that are opaque enough to be visible at a pixel; ``None`` when all are."""
         faded = weights(time - self.time_centers.values, self._variances())
         rows = (self.canonical.opacities() * faded >= DEFAULT.alpha_min).nonzero()[:, 0]
         return None if len(rows) == len(faded) else rows
 
     def _still(self, rows: Int[Tensor, " m"] | None = None) -> Splats:
-        """What ``rows``, or all, are like without their fourth axis."""
+        """The static Gaussians of ``rows``, or of all rows, without their fourth axis."""
         still = self.canonical.splats()
         if rows is None:
             return still
         return replace(still.take(rows), rows=rows)
 
     def _sliced(self, rows: Int[Tensor, " r"] | None = None) -> Conditional:
-        """How rows that change are sliced, at any time; with ``rows``, where all change, these."""
+        """Slices of moving rows, at any time; of ``rows``, for a model in which all rows move."""
         columns = self.canonical.columns()
         values = (
             self.taken(_taken(columns[name].values, rows)) for name in ("quats", "log_scales")
@@ -184,7 +184,7 @@ class SlicedGaussians(MovingGaussians):
         return conditional(self._rotation.matrices(quats, time_quats), scales)
 
     def _with_standing(self, changing: Float[Tensor, "m 3 3"]) -> Float[Tensor, "n 3 3"]:
-        """Covariances of rows that change, together with those of rows that stand still."""
+        """Covariances of all rows, moving and static."""
         moving = self.moving()
         if self.still is None or moving is None:
             return changing
@@ -200,7 +200,7 @@ class SlicedGaussians(MovingGaussians):
     # Training.
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """Entropy of the opacities, and how much velocities differ from those nearby."""
+        """Entropy of the opacities, and differences of velocities from those of neighbours."""
         weight, rows = self._regularization, context.splats.rows
         terms: dict[str, Tensor] = {}
         if weight.entropy > 0:
@@ -221,7 +221,7 @@ class SlicedGaussians(MovingGaussians):
         return (SEQUENCE_LENGTH * extent) * self.time_centers.values[:, None]
 
     def _entropy(self, seen: Bool[Tensor, " n"]) -> Float[Tensor, ""]:
-        """Mean of -o log o over rows that are seen, and a little of that over all others."""
+        """Mean of -o log o over rendered rows, and, with a small weight, over all others."""
         logits = self.canonical.opacity_logits.values
         opacities = logits.sigmoid().clamp(MIN_ENTROPY_OPACITY, 1.0 - MIN_ENTROPY_OPACITY)
         entropies = -opacities * opacities.log()
@@ -229,9 +229,9 @@ class SlicedGaussians(MovingGaussians):
         return means[0] + UNSEEN_SHARE * means[1]
 
     def _disagreement(self, rows: Int[Tensor, " m"] | None) -> Float[Tensor, ""]:
-        """Mean of |velocity - mean velocity of the neighbours| (L1) over the rows drawn.
+        """Mean of |velocity - mean velocity of the neighbours| (L1) over the rendered rows.
 
-        Neighbours are among the rows that change: what stands still must not hold them back.
+        Neighbours are among the moving rows: static ones must not slow them down.
         """
         velocities = self._sliced().velocities
         if rows is None:
@@ -241,7 +241,7 @@ class SlicedGaussians(MovingGaussians):
 
     @torch.no_grad()
     def project_(self) -> None:
-        """Keep rotations rotations, scales where exp can hold them, and lives long enough."""
+        """Project rotations, clamp scales to the range of exp, and enforce the least duration."""
         quats, rows = self.taken(self.canonical.quats.values), self.moving()
         self._rotation.project_(quats, self.time_quats.values)
         if rows is not None:
@@ -251,7 +251,7 @@ class SlicedGaussians(MovingGaussians):
         self._lengthen_()
 
     def _lengthen_(self) -> None:
-        """Stretch what lives too short, along the axis that is nearest to time."""
+        """Stretch rows with a short duration, along the axis that is nearest to time."""
         time, scales = self._time_rows(), self._scales()
         missing = self._min_variance - time_variances(time, scales)
         share, axis = time.abs().max(dim=0)
@@ -287,7 +287,7 @@ class SlicedGaussians(MovingGaussians):
         return Presence(self.time_centers.values.detach(), self._variances())
 
     def opacities(self) -> Float[Tensor, " n"]:
-        """Opacity of each row when it is the most opaque in [0, 1]."""
+        """Largest opacity of each row in [0, 1]."""
         return self.canonical.opacities() * self.everywhere(self._presence().peaks(), 1.0)
 
     @torch.no_grad()
@@ -298,18 +298,18 @@ class SlicedGaussians(MovingGaussians):
         return sizes if rows is None else self.canonical.sizes().index_copy(0, rows, sizes)
 
     def lifetimes(self) -> Float[Tensor, " n"]:
-        """Mean temporal weight of each row over the sequence: 1 for what is always there."""
+        """Mean temporal weight of each row over the sequence: 1 for always present rows."""
         return self.everywhere(self._presence().means(), otherwise=1.0)
 
     def time_gradients(self) -> Float[Tensor, " n"] | None:
-        """|dL / d temporal centre| of each row, through its opacity and where it is."""
+        """|dL / d temporal centre| of each row, through its opacity and its position."""
         return center_gradients(self.time_centers)
 
     @torch.no_grad()
     def split_rows(
         self, rows: Int[Tensor, " r"], copies: int, generator: torch.Generator
     ) -> Children:
-        """Children drawn from each row's Gaussian, smaller in space and in time."""
+        """Children sampled from each row's Gaussian, smaller in space and in time."""
         children = dict(self.clone_rows(rows.repeat(copies)))
         means, moving = children["means"].values, moving_children(children)
         quats, log_scales = (
@@ -336,7 +336,7 @@ class SlicedGaussians(MovingGaussians):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Round and faint rows at rest, there for a fifth of the sequence to either side."""
+        """Isotropic rows at rest with low opacity, present for a fifth of the sequence each way."""
         children = dict(self.canonical.rows_at(points, colors, sizes, time))
         first, second = self._rotation.of_space(children["quats"].values)
         centers = second.new_full((len(points),), 0.5 if time is None else time)
@@ -352,10 +352,10 @@ class SlicedGaussians(MovingGaussians):
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """As static Gaussians; what shrinks does so along its fourth axis too.
+        """Relocation as for static Gaussians; scales along the fourth axis shrink too.
 
         Equation 9 of Kheradmand et al. 2024 preserves the opacity along any line through the
-        centre, and so it does in time.
+        centre, so it does in time.
         """
         children = dict(self.clone_rows(rows))
         still = self.canonical.relocated(rows, counts)
@@ -373,7 +373,7 @@ class SlicedGaussians(MovingGaussians):
         means.add_(shaped * (rate * strength)[:, None])
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
-        """Rows at rest, turned in space alone, that are there for as long as rows can be."""
+        """Rows without motion, rotated in space alone, with the longest duration."""
         quats = self.canonical.quats.values
         first, second = self._rotation.of_space(quats[rows])
         quats[rows] = first

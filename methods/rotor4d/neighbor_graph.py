@@ -1,4 +1,4 @@
-"""NeighborGraph: which rows lie nearest to each row, worked out anew now and then."""
+"""NeighborGraph: the nearest rows of each row, recomputed at intervals."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gsfw.core.operators import Operators
 class NeighborGraph(nn.Module):
     """The ``count`` nearest rows of each row.
 
-    It is part of the state, since a resumed run must go on with the same neighbours. After rows
-    were replaced by as many others it is out of date until it is refreshed, which does no harm.
+    It is part of the state, since a resumed run must continue with the same neighbours. After an
+    equal number of rows were replaced it is stale until its next refresh, which is harmless.
     """
 
     rows: Tensor
@@ -27,7 +27,7 @@ class NeighborGraph(nn.Module):
         self.register_buffer("rows", torch.zeros(0, count, dtype=torch.int64))
 
     def refresh_(self, step: int, points: Float[Tensor, "n d"], operators: Operators) -> None:
-        """Work it out anew if it is time to, or if the number of rows has changed."""
+        """Recompute the graph if it is due, or if the number of rows has changed."""
         if len(self.rows) != len(points) or step % self._refresh_every == 0:
             self.rows = operators.neighbors(points, self._count)
 
@@ -43,7 +43,7 @@ class NeighborGraph(nn.Module):
         prefix: str,
         *args: Any,  # noqa: ANN401
     ) -> None:
-        """Accept any number of rows: a checkpoint has the count it was written with."""
+        """Accept any number of rows: a checkpoint keeps its own row count."""
         rows = state_dict.get(prefix + "rows")
         if rows is not None:
             self.rows = rows.to(self.rows.device).clone()

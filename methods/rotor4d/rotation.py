@@ -1,9 +1,9 @@
-"""Rotation: how eight trained numbers stand for a rotation of space and time.
+"""Rotation: maps eight trained numbers to a rotation of space and time.
 
 Every rotation of four dimensions is x -> l x conj(r), with points as quaternions x (time is their
-real part) and two unit quaternions, l and r: left and right. Forms differ in how these two are read
-from the numbers. What keeps the matrix a rotation is the same for all: left and right are
-normalised, with gradient, wherever they are used, and for good after every optimizer step.
+real part) and two unit quaternions, l and r: left and right. Forms differ in the map from the
+numbers to these two. All forms keep the matrix a rotation in the same way: left and right are
+normalised, with gradient, at every use, and permanently after every optimizer step.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from gsfw.methods.rotor4d.dot import dot
 
 
 class Rotation(ABC):
-    """A form of the eight numbers, which are kept as two quaternions (wxyz): first and second."""
+    """A form of the eight numbers, which are stored as two quaternions (wxyz): first and second."""
 
     @abstractmethod
     def sides(
         self, first: Float[Tensor, "n 4"], second: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """Left and right, of any norm; linear."""
+        """Left and right quaternion, of any norm; linear."""
 
     @abstractmethod
     def numbers(
         self, left: Float[Tensor, "n 4"], right: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """First and second: the inverse of ``sides``."""
+        """First and second quaternion: the inverse of ``sides``."""
 
     def of_space(
         self, quats: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """The numbers of rotations, by quaternions of any norm, that leave time as it is."""
+        """The numbers of rotations, by quaternions of any norm, that keep time unchanged."""
         unit = normalised(quats)
         return self.numbers(unit, unit)
 
@@ -51,7 +51,7 @@ class Rotation(ABC):
     def time_rows(
         self, first: Float[Tensor, "n 4"], second: Float[Tensor, "n 4"]
     ) -> Float[Tensor, "4 n"]:
-        """The last rows of ``matrices``: how much time lies along each axis."""
+        """The last rows of ``matrices``: the components of each axis along time."""
         left, right = map(normalised, self.sides(first, second))
         return torch.stack([dot(_left_rows(left)[3], column) for column in _right_columns(right)])
 
@@ -64,10 +64,10 @@ class Rotation(ABC):
 
 
 def normalised(quats: Float[Tensor, "n 4"]) -> Float[Tensor, "n 4"]:
-    """Quaternions of norm 1; those near nothing count as the identity, with gradient zero."""
+    """Quaternions of norm 1; those of norm near 0 become the identity, with gradient zero."""
     size = quats.detach().abs().amax(dim=1, keepdim=True)
     identity = torch.eye(1, 4, dtype=quats.dtype, device=quats.device)
-    # Divided by their size, quaternions of any norm have squares that float32 can hold.
+    # Division by the largest component first keeps squares within float32.
     scaled = quats / size.clamp_min(QUATERNION_MIN_NORM)
     scaled = torch.where(size > QUATERNION_MIN_NORM, scaled, identity)
     return scaled / scaled.norm(dim=1, keepdim=True)

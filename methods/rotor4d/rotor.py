@@ -20,16 +20,16 @@ from gsfw.methods.rotor4d.rotation import Rotation
 
 
 class Rotor(Rotation):
-    """What turns space first, as the quaternion of it; then what mixes space with time."""
+    """A rotor: the quaternion of a rotation of space, then the part that mixes space with time."""
 
     def sides(
         self, first: Float[Tensor, "n 4"], second: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """Its self-dual and its anti-self-dual part."""
+        """Self-dual and anti-self-dual part."""
         return first + second, first - second
 
     def numbers(
         self, left: Float[Tensor, "n 4"], right: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """Half of the sum, and half of the difference, which is zero where time stays as it is."""
+        """Half of the sum, and half of the difference, which is zero for rotations of space."""
         return (left + right) / 2, (left - right) / 2

@@ -1,4 +1,4 @@
-"""TwoQuaternions: the left and the right quaternion themselves.
+"""TwoQuaternions: the left and the right quaternion as trained numbers.
 
 Yang et al. 2024, "Real-time Photorealistic Dynamic Scene Representation and Rendering with 4D
 Gaussian Splatting". Our axes are x, y, z, t; those of the released code are z, y, x, t.
@@ -18,11 +18,11 @@ class TwoQuaternions(Rotation):
     def sides(
         self, first: Float[Tensor, "n 4"], second: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """As they are."""
+        """Return both unchanged."""
         return first, second
 
     def numbers(
         self, left: Float[Tensor, "n 4"], right: Float[Tensor, "n 4"]
     ) -> tuple[Float[Tensor, "n 4"], Float[Tensor, "n 4"]]:
-        """As they are."""
+        """Return both unchanged."""
         return left, right

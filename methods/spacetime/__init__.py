@@ -1,1 +1,1 @@
-"""Method spacetime: Gaussians that move along polynomials, and come and go in time."""
+"""Method spacetime: Gaussians on polynomial paths, with a temporal opacity."""

@@ -1,4 +1,4 @@
-"""Spacetime Gaussians of which each has only the parameters of time that it needs."""
+"""Spacetime Gaussians, each with only the temporal parameters that it needs."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from gsfw.methods.spacetime.places import Places
 from gsfw.methods.spacetime.polynomial import displacement, recentered
 
 MIDDLE = 0.5
-"""From here on time is counted for rows that are there always, and have no centre."""
+"""Origin of time for permanent rows, which have no centre."""
 
 
 class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
-    """Every temporal column is ragged, each in its own way.
+    """Spacetime Gaussians whose temporal columns are all ragged, independently of each other.
 
-    ``motion`` has one value [3] for each power of a row's polynomial, of which there are at most
-    ``order``; all other columns one or none. ``time_centers`` and ``log_durations`` have values for
-    the same rows: those that come and go.
+    ``motion`` has one value [3] for each power of a row's polynomial, at most ``order``; all other
+    columns have one or none. ``time_centers`` and ``log_durations`` have values for the same rows:
+    the temporary ones.
     """
 
     def temporal_column(self, values: Float[Tensor, "n ..."], rate: LearningRate) -> Column:
-        """A column in which all rows that do not stand still have everything."""
+        """A column with full values for all moving rows."""
         flat, each = (values.flatten(0, 1), values.shape[1]) if values.dim() == 3 else (values, 1)
         moves = torch.ones(len(values), dtype=torch.bool)
         if self.still is not None:
@@ -41,13 +41,13 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         offsets = torch.cat([lengths.new_zeros(1), lengths.cumsum(0)])
         return Column(flat[moves.repeat_interleave(each)], rate, Layout.RAGGED, offsets)
 
-    # Which rows have what.
+    # Columns of each row.
 
     def places(self, name: str) -> Places:
-        """Where the values of a temporal column belong."""
+        """Rows of the values of a temporal column."""
         offsets = self._column(name).offsets
         assert offsets is not None
-        # Offsets are replaced, never changed: only then does a GPU count anew, and is waited for.
+        # Offsets are replaced, never changed: only then does a GPU count again, and the host wait.
         known = self._known_places.get(name)
         if known is None or known[0] is not offsets:
             known = self._known_places[name] = (offsets, Places.of(offsets.diff()))
@@ -55,22 +55,22 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
 
     @property
     def _known_places(self) -> dict[str, tuple[Tensor, Places]]:
-        """Places by column, and the offsets that they were found by; no part of the state."""
+        """Places by column, and the offsets of their computation; no part of the state."""
         known: dict[str, tuple[Tensor, Places]] = self.__dict__.setdefault("_places_by_name", {})
         return known
 
     def lengths(self, name: str) -> Int[Tensor, " n"]:
-        """How many values each row has in a temporal column: of ``motion``, its order."""
+        """Number of values of each row in a temporal column; for ``motion``, its order."""
         offsets = self._column(name).offsets
         assert offsets is not None
         return offsets.diff()
 
     def whole(self, name: str) -> int:
-        """How many values a row has at most in a temporal column."""
+        """Largest number of values of a row in a temporal column."""
         return self.order if name == "motion" else 1
 
     def everywhere(self, values: Float[Tensor, " m"], otherwise: float) -> Float[Tensor, " n"]:
-        """Values of the rows that come and go, and another for all that are there always."""
+        """Expand values of the temporary rows to all rows; permanent rows get another value."""
         count = len(self.canonical.means.values)
         if len(values) == count:
             return values
@@ -78,20 +78,20 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         return everywhere.index_copy(0, self.places("time_centers").rows, values)
 
     def centers(self) -> Float[Tensor, " n"]:
-        """From when on time is counted for each row; without gradient."""
+        """Origin of time of each row; without gradient."""
         return self.everywhere(self._column("time_centers").values.detach(), MIDDLE)
 
     def paths(self) -> Float[Tensor, "n k 3"]:
-        """Coefficients of every row's motion, which are zero above its order."""
+        """Motion coefficients of all rows, zero above the order of each."""
         motion = self._column("motion").values.detach()
         return self.places("motion").padded(motion, self.num_rows, self.order)
 
     def turning(self) -> dict[str, Tensor]:
-        """What changes at a rate, by the name of the column that has the rate: trained values."""
+        """Trained values that change at a rate, by the name of the column with the rate."""
         found = {"spins": self.canonical.quats.values} if "spins" in self.temporal else {}
         return found if self.features is None else {**found, "feature_rates": self.features.values}
 
-    # Drawing.
+    # Rendering.
 
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
@@ -118,9 +118,9 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         )
 
     def _moved(self, means: Float[Tensor, "n 3"], elapsed: Float[Tensor, " n"]) -> Tensor:
-        """Positions some time after the centres: each value counts by itself."""
+        """Positions at some time from the centres, added up value by value."""
         values, places = self._column("motion").values, self.places("motion")
-        if len(values) == len(means) * self.order:  # As it is until rows lose something: quicker.
+        if len(values) == len(means) * self.order:  # As long as no row has lost a value: faster.
             return means + displacement(values.view(-1, self.order, 3), elapsed)
         elapsed = elapsed.index_select(0, places.rows)
         powers = elapsed
@@ -131,7 +131,7 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
     def _turned(
         self, values: Float[Tensor, "n d"], name: str, elapsed: Float[Tensor, " n"]
     ) -> Float[Tensor, "n d"]:
-        """Values of all rows, with those that change by a rate changed by it."""
+        """Values of all rows; add the change of rows with a rate."""
         rates, rows = self._column(name).values, self.places(name).rows
         if len(rates) == len(values):
             return values + rates * elapsed[:, None]
@@ -140,7 +140,7 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
     # Rows.
 
     def spread(self, children: Children, generator: torch.Generator) -> Children:
-        """Children on the same paths; those that come and go are centred at times of their own."""
+        """Children on the same paths; temporary ones get temporal centres of their own."""
         changed, (shifts, centers) = dict(children), _new_centers(children, generator)
         places, motion = _places(children["motion"]), children["motion"].values
         paths = places.padded(motion, len(shifts), self.order)
@@ -155,7 +155,7 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         return changed
 
     def temporal_rows(self, values: Mapping[str, Tensor], count: int) -> Children:
-        """Temporal values of ``count`` new rows, which have all that rows can have."""
+        """Temporal values of ``count`` new rows, with all optional parameters."""
         ones = torch.ones(count, dtype=torch.int64, device=self.canonical.means.values.device)
         rows = {
             name: Rows(new.repeat_interleave(self.whole(name), dim=0), self.whole(name) * ones)
@@ -175,7 +175,7 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         table.reset_rows(rows)
 
     def census(self) -> dict[str, int]:
-        """How many rows have what of time, and the floats that takes, and would if all had all."""
+        """Number of rows with each temporal parameter, their floats, and the floats of full rows."""
         columns = self.temporal_columns()
         orders = self.lengths("motion").bincount(minlength=self.order + 1).tolist()
         found = {f"rows_of_order_{order}": count for order, count in enumerate(orders)}
@@ -190,7 +190,7 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         return found
 
     def summary(self) -> Mapping[str, int | float]:
-        """Sizes, how many rows stand still, and how many have what of time."""
+        """Sizes, the number of static rows, and the number of rows with each temporal parameter."""
         return {**super().summary(), **self.census()}
 
 
@@ -202,7 +202,7 @@ def _places(rows: Rows) -> Places:
 def _new_centers(
     children: Children, generator: torch.Generator
 ) -> tuple[Float[Tensor, " r"], Float[Tensor, " m"]]:
-    """How much later new rows are centred, zero for those without a centre; and the centres."""
+    """Shift of the temporal centres of new rows, zero for those without one; and the centres."""
     old = children["time_centers"]
     new = presence(old.values, children["log_durations"].values).draw(generator)
     shifts = new.new_zeros(len(children["means"].values))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gsfw.core.method import Method
 
 MAX_ORDER = 5
-"""Higher powers of a time within [-1, 1] are too much alike to be told apart."""
+"""Largest degree: higher powers of a time within [-1, 1] are too similar."""
 
 
 @dataclass
@@ -42,7 +42,7 @@ class SpacetimeOptim(StaticGaussiansOptim):
     """Rate of the network that decodes features (colors=features)."""
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
-        """The rate of every column and of the decoder, by name."""
+        """Learning rate of every column and of the decoder, by name."""
         rates = super().learning_rates(extent)
         decay = self.means_lr_final / self.means_lr if self.means_lr > 0 else 1.0
         motion = LearningRate(
@@ -91,7 +91,7 @@ class SpacetimeConfig(MovingConfig):
     motion_order: int = number(3, at_least=1, at_most=MAX_ORDER)
     """Degree of the polynomials along which splats move, 1 to 5."""
     spin: bool = True
-    """Whether splats rotate too, by quaternions that are linear in time."""
+    """Rotate splats too, by quaternions that are linear in time."""
     motion: Literal["full", "adaptive"] = "full"
     """full: every splat that moves has a path of motion_order, a rotation and a temporal opacity;
     adaptive: all begin so, and lose those of which, in terms of its size, it makes no use."""
@@ -112,13 +112,13 @@ class SpacetimeConfig(MovingConfig):
     optim: SpacetimeOptim = field(default_factory=SpacetimeOptim)
 
     def build(self) -> Method:
-        """The method."""
+        """Build the method."""
         from gsfw.methods.spacetime.method import SpacetimeMethod
 
         return SpacetimeMethod(self)
 
     def needs(self) -> Needs:
-        """Six channels besides the colours where features are drawn."""
+        """Six channels besides the colours if features are rendered."""
         needs = super().needs()
         if self.colors == "sh":
             return needs

@@ -1,11 +1,10 @@
-"""FeatureDecoder: from what feature channels look like on the screen to colours.
+"""FeatureDecoder: maps rendered feature channels to colours.
 
-Li et al. 2024, splatted feature rendering: six channels besides the base colour are
-splatted, and a small network turns them and the ray of the pixel into what is added to that colour.
-We differ in two ways.
-What is added is multiplied by the coverage, and there is no sigmoid around the sum (as in the
-released code's variant without it), so that any background stays exactly what it is. The last
-layer begins at zero, so that training begins with the base colours.
+Li et al. 2024, splatted feature rendering: six channels besides the base colour are splatted, and a
+small network maps them and the ray of the pixel to a change of that colour. Two differences: the
+change is multiplied by the coverage, and there is no sigmoid around the sum (as in the released
+code's variant without it), so that any background keeps its exact colour. The last layer starts at
+zero, so that training starts with the base colours.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.render_output import RenderOutput
 
 CHANNELS = 6
-"""Three for what depends on the direction, and three for what changes with time."""
+"""Number of features: three for the direction, and three for the change with time."""
 RAY = 6
-"""Origin and direction."""
+"""Number of ray channels: origin and direction."""
 HIDDEN = 6
 """Width of the hidden layer, as in the released code."""
 
@@ -42,12 +41,12 @@ class FeatureDecoder(nn.Module):
     def correction(
         self, features: Float[Tensor, "c h w e"], rays: Float[Tensor, "c h w 6"]
     ) -> Float[Tensor, "c h w 3"]:
-        """What is added to the base colour where a pixel is covered."""
+        """Change of the base colour; zero without coverage."""
         inputs = torch.cat([features, rays], dim=-1)
         return (inputs @ self.first.T).relu() @ self.second.T
 
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
-        """The picture with decoded colours; features are in ``output.extra``."""
+        """The image with decoded colours; features are in ``output.extra``."""
         assert output.extra is not None
         added = self.correction(output.extra, pixel_rays(cameras).to(output.extra))
         return replace(output, color=output.color + output.alpha * added)

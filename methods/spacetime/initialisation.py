@@ -1,4 +1,4 @@
-"""Where and when moving Gaussians start: at rest, and there for most of the sequence."""
+"""Initialisation of moving Gaussians: at rest, and present for most of the sequence."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.spacetime.model import MAX_DURATION, TemporalParameters
 
 FRAMES_PER_DURATION = 4
-"""A duration is at least a quarter of the interval between two times: shorter ones learn single
-pictures by heart, and nothing holds them between."""
+"""Least durations per interval between two times: shorter durations overfit single images, and
+nothing constrains them between."""
 
 
 def min_duration(scene: Scene) -> float:
@@ -30,15 +30,15 @@ def at_rest(
     spin: bool,
     features: bool,
 ) -> TemporalParameters:
-    """Neither motion nor rotation yet; features begin as the colour, as in the released code.
+    """Initial parameters without motion or rotation; features start as the colour (released code).
 
     Args:
         canonical: the Gaussians at their temporal centres.
-        centers: in [0, 1].
+        centers: temporal centres, in [0, 1].
         duration: standard deviation in time, in sequences.
-        order: of the polynomials.
-        spin: whether quaternions are to change.
-        features: whether there are features to decode.
+        order: order of the polynomials.
+        spin: true if quaternions change.
+        features: true if there are features to decode.
     """
     count = canonical.num_rows
     colors = dc_to_rgb(canonical.sh_dc.values.detach()[:, 0])

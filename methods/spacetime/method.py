@@ -1,11 +1,10 @@
 """Method spacetime: Li et al. 2024, "Spacetime Gaussian Feature Splatting".
 
-Losses, the SH degree and where Gaussians start are those of method 3dgs, of which this one holds
-an instance. The paper's guided sampling is strategy.guided.rounds=6, and off by default: from few
-random points it was worth 0.7 dB, from surface points nothing (see ``strategies.guided_sampling``).
-The paper draws two views of one time per step, which sampler=same-time does; the default is one
-view, as that was 1.9 dB better on the built-in scene for the same number of views (2000, 240 x 180,
-seed 0).
+Losses, the SH degree and the initialisation are those of method 3dgs; this method holds an instance
+of it. The paper's guided sampling is strategy.guided.rounds=6, and off by default: from few random
+points it gained 0.7 dB, from surface points nothing (see ``strategies.guided_sampling``). The paper
+renders two views of one time per step, as sampler=same-time does; the default is one view, which
+was 1.9 dB better on the built-in scene for the same number of views (2000, 240 x 180, seed 0).
 """
 
 from __future__ import annotations
@@ -33,12 +32,12 @@ if TYPE_CHECKING:
 
 
 class SpacetimeMethod(MovingMethod):
-    """Static Gaussians, each with a path and a time of its own."""
+    """Static Gaussians, each with a path and a temporal centre."""
 
     name = "spacetime"
 
     def __init__(self, config: SpacetimeConfig) -> None:
-        # The decoder adds what depends on the direction, so that base colours need no bands.
+        # The decoder adds view dependence, so base colours need no bands.
         canonical = config if config.colors == "sh" else replace(config, sh_degree=0)
         super().__init__(canonical, config)
         self._config = config
@@ -51,7 +50,7 @@ class SpacetimeMethod(MovingMethod):
         generator: torch.Generator,
         initial: Splats | None,
     ) -> SpacetimeGaussians:
-        """Gaussians at rest at the splats of a file, at the scene's points, or at random."""
+        """Build Gaussians at rest from a file's splats, from the scene's points, or at random."""
         config = self._config
         canonical = self._static.build_model(scene, operators, generator, initial)
         count = canonical.num_rows
@@ -81,14 +80,14 @@ class SpacetimeMethod(MovingMethod):
         return self._model
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
-        """Those of all moving methods, and simplification under motion=adaptive."""
+        """The refiners of all moving methods, and simplification under motion=adaptive."""
         found = super().refiners(scene, model)
         if not isinstance(model, AdaptiveSpacetimeGaussians):
             return found
         return (*found, Simplification(self._config, model))
 
     def report(self) -> Mapping[str, Any]:
-        """With motion=adaptive, how many rows have what of time, and what was left out."""
+        """Number of rows with each temporal parameter, and of removals, with motion=adaptive."""
         if not isinstance(self._model, AdaptiveSpacetimeGaussians):
             return super().report()
         motion = self._model.census()

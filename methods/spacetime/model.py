@@ -1,4 +1,4 @@
-"""Spacetime Gaussians: a canonical Gaussian, and how it moves, turns, comes and goes.
+"""Spacetime Gaussians: canonical Gaussians with motion, rotation and temporal opacity.
 
 Li et al. 2024, "Spacetime Gaussian Feature Splatting for Real-Time Dynamic View Synthesis":
 opacity o exp(-(t - mu)^2 / (2 sigma^2)) (the temporal radial basis), position a polynomial of
@@ -6,12 +6,12 @@ t - mu, quaternion linear in t - mu, scales constant. The temporal centre mu has
 through the opacity, as there. FreeTimeGS (Wang et al. 2025) is the same with straight paths
 and no rotation, besides its regulariser.
 
-Where we differ from the released code: the width in time is a standard deviation (there it is
-sqrt(2) times that) and kept in bounds; centres stay within the sequence, as one outside would fade
-away for good; children take the path they come from along to their new centres, drawn from the
-part of the sequence in which their parent is seen (there centres are uniform and paths are copied,
-which throws children off the path: 1.1 dB and 24 % more rows on the built-in scene, 2000 steps at
-240 x 180, seed 0); no constant depends on the units of the scene.
+Differences from the released code: the width in time is a standard deviation (there it is sqrt(2)
+times that) and bounded; centres stay within the sequence, as one outside would fade for good;
+children keep their parent's path at their new centres, which are sampled from the visible times of
+the parent (there centres are uniform and paths are copied, which moves children off the path:
+1.1 dB and 24 % more rows on the built-in scene, 2000 steps at 240 x 180, seed 0); no constant
+depends on the units of the scene.
 """
 
 from __future__ import annotations
@@ -44,27 +44,27 @@ from gsfw.methods.spacetime.polynomial import displacement, recentered
 MAX_DURATION = 10.0
 """Longest standard deviation in time, in sequences: the opacity then changes by 0.5 % at most."""
 NEW_DURATION = 0.2
-"""Standard deviation in time of rows that are tried where the picture lacks something."""
+"""Standard deviation in time of new rows at rendering errors."""
 
 
 @dataclass(frozen=True)
 class TemporalParameters:
-    """What Gaussians have besides their shape and colour at the temporal centre."""
+    """Parameters of Gaussians besides shape and colour at the temporal centre."""
 
     centers: Float[Tensor, " n"]
-    """In [0, 1]."""
+    """Temporal centres, in [0, 1]."""
     log_durations: Float[Tensor, " n"]
     """Logarithms of standard deviations in time, in sequences."""
     motion: Float[Tensor, "n k 3"]
     """Coefficients of the powers 1 to k of the time since the centre, in scene units."""
     spins: Float[Tensor, "n 4"] | None
-    """Change of the quaternion in a sequence; ``None`` when splats do not turn."""
+    """Change of the quaternion per sequence; ``None`` without rotation."""
     features: Float[Tensor, "n 3"] | None
-    """Features to decode; ``None`` when colours are drawn as they are."""
+    """Features to decode; ``None`` when colours are rendered without a decoder."""
 
 
 class SpacetimeGaussians(MovingGaussians):
-    """Canonical Gaussians, which are static ones, with a path and a duration each."""
+    """Canonical (static) Gaussians with a path and a duration each."""
 
     def __init__(
         self,
@@ -77,16 +77,16 @@ class SpacetimeGaussians(MovingGaussians):
         decoder: FeatureDecoder | None,
         still: StillRows | None = None,
     ) -> None:
-        """Take the parameters as they are.
+        """Make columns from initial parameters.
 
         Args:
             canonical: shape and colour at the temporal centre.
-            start: everything else.
-            rates: of every column, and of the decoder.
+            start: temporal parameters.
+            rates: learning rate of every column, and of the decoder.
             min_duration: shortest standard deviation in time, in sequences.
             lifetime_reg: weight of the mean opacity at the time of a step.
             decoder: given exactly when ``start`` has features.
-            still: which rows have no path and are always there; ``None``: none of them.
+            still: mask of static rows, always present; ``None``: no row can be static.
         """
         super().__init__(canonical, still)
         self.order = start.motion.shape[1]
@@ -112,12 +112,12 @@ class SpacetimeGaussians(MovingGaussians):
         self.project_()
 
     def columns(self) -> Mapping[str, Column]:
-        """Those of canonical Gaussians and of their paths; features to decode."""
+        """Columns of canonical Gaussians, of their paths, and of features to decode."""
         features = {} if self.features is None else {"features": self.features}
         return {**super().columns(), **features}
 
     def temporal_columns(self) -> Mapping[str, Column]:
-        """Those of time_centers, log_durations and motion; spins and feature_rates."""
+        """The columns time_centers, log_durations and motion; spins and feature_rates."""
         return {name: self._column(name) for name in self.temporal}
 
     def _column(self, name: str) -> Column:
@@ -126,18 +126,18 @@ class SpacetimeGaussians(MovingGaussians):
         return column
 
     def parameter_groups(self) -> tuple[ParameterGroup, ...]:
-        """The decoder's weights, where there is one."""
+        """The decoder's weights, if there is a decoder."""
         if self.decoder is None:
             return ()
         weights = tuple(self.decoder.parameters())
         return (ParameterGroup("decoder", weights, self._decoder_rate),)
 
-    # Drawing.
+    # Rendering.
 
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
-        """The Gaussians that can be seen at ``time``; at 0, where a file begins, for ``None``."""
+        """The visible Gaussians at ``time``; at 0, where a file begins, for ``None``."""
         centers = self._column("time_centers").values
         time = centers.new_zeros(()) if time is None else time.to(centers)
         still = self.canonical.splats()
@@ -160,15 +160,15 @@ class SpacetimeGaussians(MovingGaussians):
         return replace(splats, means=means, quats=quats, extra=extra)
 
     def _weights(self, time: Float[Tensor, ""]) -> Float[Tensor, " m"]:
-        """What opacities of rows that change are multiplied by at ``time``."""
+        """Factors of the opacities of moving rows at ``time``."""
         durations = self._column("log_durations").values.exp()
         return torch.exp(-0.5 * ((time - self._column("time_centers").values) / durations) ** 2)
 
     @torch.no_grad()
     def _visible(self, opacities: Float[Tensor, " n"]) -> Int[Tensor, " m"] | None:
-        """Rows that are opaque enough for any pixel to show them; ``None`` when all are.
+        """Rows that are opaque enough to be visible at a pixel; ``None`` when all are.
 
-        Where some rows stand still, all are drawn: leaving the others out would copy those.
+        With static rows, all are rendered: a selection would copy the static ones.
         """
         if self.still is not None:
             return None
@@ -179,7 +179,7 @@ class SpacetimeGaussians(MovingGaussians):
         return _taken(self._column(name).values, rows)
 
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
-        """Colours of the features that were drawn, where there are features."""
+        """Decode the colours of rendered features, if there are any."""
         return output if self.decoder is None else self.decoder.decode(output, cameras)
 
     # Training.
@@ -187,7 +187,7 @@ class SpacetimeGaussians(MovingGaussians):
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
         """Mean opacity of all rows at this time; durations have no gradient from it.
 
-        FreeTimeGS: opaque splats pay for being there, and fading in time must not be a way out.
+        FreeTimeGS: opaque splats have a cost when present, and fading in time must not avoid it.
         """
         time = context.batch.time
         if self._lifetime_reg == 0 or time is None:
@@ -216,13 +216,13 @@ class SpacetimeGaussians(MovingGaussians):
 
     @torch.no_grad()
     def lifetimes(self) -> Float[Tensor, " n"]:
-        """Mean temporal weight of each row over the sequence: 1 for what is always there."""
+        """Mean temporal weight of each row over the sequence: 1 for always present rows."""
         columns = self.temporal_columns()
         there = presence(columns["time_centers"].values, columns["log_durations"].values)
         return self.everywhere(there.means(), otherwise=1.0)
 
     def time_gradients(self) -> Float[Tensor, " n"] | None:
-        """|dL / d temporal centre| of each row, which is that through its opacity."""
+        """|dL / d temporal centre| of each row, through its opacity."""
         return center_gradients(self._column("time_centers"))
 
     @torch.no_grad()
@@ -243,7 +243,7 @@ class SpacetimeGaussians(MovingGaussians):
         return self.spread({**children, **smaller}, generator)
 
     def spread(self, children: Children, generator: torch.Generator) -> Children:
-        """Children on the same paths, centred at times drawn from the parents' weights."""
+        """Children on the same paths, with centres sampled from the parents' weights."""
         return _spread_in_time(children, generator)
 
     @torch.no_grad()
@@ -254,7 +254,7 @@ class SpacetimeGaussians(MovingGaussians):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Round and faint rows at rest, there for a fifth of the sequence to either side."""
+        """Isotropic rows at rest with low opacity, present for a fifth of the sequence each way."""
         count, fresh = len(points), self.canonical.rows_at(points, colors, sizes, time)
         values = {
             name: column.values.new_zeros(count, *column.values.shape[1:])
@@ -267,7 +267,7 @@ class SpacetimeGaussians(MovingGaussians):
 
     @torch.no_grad()
     def relocated(self, rows: Int[Tensor, " r"], counts: Int[Tensor, " r"]) -> Children:
-        """As static Gaussians; coincident copies share their path and their time too."""
+        """Relocation as for static Gaussians; coincident copies also share path and time."""
         return {**super().clone_rows(rows), **self.canonical.relocated(rows, counts)}
 
     def perturb_(self, rate: float, generator: torch.Generator) -> None:
@@ -275,7 +275,7 @@ class SpacetimeGaussians(MovingGaussians):
         self.canonical.perturb_(rate, generator)
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
-        """Rows at rest that are there for as long as rows can be."""
+        """Rows at rest with the longest duration."""
         self.write_temporal_("time_centers", rows, times)
         self.write_temporal_("log_durations", rows, torch.full_like(times, self._log_limits[1]))
 
@@ -285,12 +285,12 @@ def _taken(values: Tensor, rows: Int[Tensor, " m"] | None) -> Tensor:
 
 
 def presence(centers: Float[Tensor, " m"], log_durations: Float[Tensor, " m"]) -> Presence:
-    """When rows that come and go are there."""
+    """Temporal weights of the temporary rows."""
     return Presence(centers, log_durations.exp().square())
 
 
 def _spread_in_time(children: Children, generator: torch.Generator) -> Children:
-    """Children on the same paths, centred at times drawn from the parents' weights."""
+    """Children on the same paths, with centres sampled from the parents' weights."""
     centers, motion = children["time_centers"].values, children["motion"].values
     times = presence(centers, children["log_durations"].values).draw(generator)
     shifts = times - centers

@@ -1,4 +1,4 @@
-"""Polynomial motion: where something is some time after its temporal centre.
+"""Polynomial motion: displacement at some time from the temporal centre.
 
 Li et al. 2024, polynomial motion, without the constant term: the position at the centre.
 """

@@ -1,20 +1,19 @@
-"""Simplification: rows lose the parameters of time of which they make no use.
+"""Simplification: removes the temporal parameters that rows do not use.
 
-A row is looked at while it is there: at nine times within three deviations of its centre, each
-weighted by how much of it is there. It loses, in this order,
+A row is evaluated while it is present: at nine times within three deviations of its centre, each
+weighted by its presence. It loses, in this order,
 
-- its temporal opacity, if that is nearly the same over the whole sequence: the row is then there
-  always, with its mean opacity, on the same path;
-- the highest powers of its path, if the polynomial of a lower degree that is the closest to it in
-  the least squares stays within a tolerance of it, in terms of the row's size. That polynomial
-  becomes its path;
+- its temporal opacity, if that is nearly the same over the whole sequence: the row is then always
+  present, with its mean opacity, on the same path;
+- the highest powers of its path, if the closest polynomial of a lower degree, by least squares,
+  stays within a tolerance of it, relative to the row's size. That polynomial becomes its path;
 - its rotation, if its covariance hardly changes, and the change of its features, likewise.
 
-So pictures stay what they are, to within the tolerance. Nothing is given back here: where things
-stand still (static=auto) rows begin anew with everything when they begin to move.
+So images stay the same within the tolerance. Nothing is added back here: static rows
+(static=auto) start with all parameters when they begin to move.
 
-All rows begin with everything, as what a parameter would be worth is known best from what it has
-learnt: see ``gaussians3d.adaptive_bands``, where the same was measured for colours.
+All rows start with all parameters, as trained values predict the use of a parameter best: see
+``gaussians3d.adaptive_bands``, with the same measurement for colours.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ if TYPE_CHECKING:
     from gsfw.methods.spacetime.config import SpacetimeConfig
 
 INSTANTS = 9
-"""Times at which each row is looked at; polynomials bend less often."""
+"""Number of times at which each row is evaluated; polynomials bend less often."""
 REACH = 3.0
-"""Deviations from its centre up to which a row is looked at: 1 % of its opacity is left there."""
+"""Deviations from its centre up to which a row is evaluated: 1 % of its opacity is left there."""
 
 
 class Simplification(Refiner):
@@ -48,11 +47,11 @@ class Simplification(Refiner):
     name = "motion"
 
     def __init__(self, config: SpacetimeConfig, model: AdaptiveSpacetimeGaussians) -> None:
-        """Take the model whose rows lose parameters."""
+        """Store the model whose rows lose parameters."""
         self._config, self._model = config, model
 
     def refine(self, context: RefineContext) -> Refinement:
-        """Look at all rows when it is time."""
+        """Simplify all rows if a round is due."""
         config, since = self._config, context.done - self._config.motion_start
         if since < 0 or since % config.motion_every:
             return {}
@@ -61,15 +60,15 @@ class Simplification(Refiner):
 
 @torch.no_grad()
 def simplify(model: AdaptiveSpacetimeGaussians, table: SplatTable, tolerance: float) -> Refinement:
-    """One look at all rows; how many lost what.
+    """Run one round over all rows; return the number of removals by parameter.
 
     Args:
-        model: whose rows are in ``table``.
-        table: of its rows.
-        tolerance: what counts as no change, relative to size, shape and opacity.
+        model: model whose rows are in ``table``.
+        table: table of its rows.
+        tolerance: largest change, relative to size, shape and opacity.
     """
     patient = torch.ones(len(table), dtype=torch.bool, device=table.device)
-    if model.still is not None:  # Rows that have just begun to move are yet to use what they have.
+    if model.still is not None:  # Rows that just began to move have not used their parameters yet.
         patient = model.still.terms.values[:, 0] == 0
     always = _always_there(model, patient, tolerance)
     _forget_time_(model, table, always)
@@ -101,7 +100,7 @@ def _always_there(
 def _forget_time_(
     model: AdaptiveSpacetimeGaussians, table: SplatTable, rows: Int[Tensor, " r"]
 ) -> None:
-    """Let rows be there always, as opaque as they are on average, on the paths they are on."""
+    """Make rows permanent, with their mean opacity, on the same paths."""
     canonical, columns = model.canonical, model.temporal_columns()
     opacities = canonical.opacities()[rows] * model.lifetimes()[rows]
     canonical.opacity_logits.values[rows] = opacities.clamp(MIN_OPACITY, MAX_OPACITY).logit()
@@ -118,26 +117,26 @@ def _forget_time_(
         table.resize(name, lengths)
 
 
-# What rows do while they are there.
+# Motion of rows while they are present.
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """When all rows are looked at."""
+    """Times at which all rows are evaluated."""
 
     centers: Float64[Tensor, " n"]
     middles: Float64[Tensor, " n"]
-    """Of the interval in which a row is there."""
+    """Centre of the interval in which a row is present."""
     halves: Float64[Tensor, " n"]
     """Half of the length of that interval."""
     weights: Float64[Tensor, "n i"]
-    """How much of the row is there, at equal steps through the interval."""
+    """Presence of the row at equal steps through the interval."""
     sizes: Float64[Tensor, " n"]
     """Root mean square of the standard deviations, in scene units."""
 
     @staticmethod
     def of(model: AdaptiveSpacetimeGaussians) -> _Seen:
-        """Now."""
+        """The current times."""
         columns, centers = model.temporal_columns(), model.centers().double()
         durations = columns["log_durations"].values.exp()
         durations = model.everywhere(durations, otherwise=torch.inf).double()
@@ -150,12 +149,12 @@ class _Seen:
         return _Seen(centers, middles, halves, weights, variances.mean(1).sqrt())
 
     def take(self, rows: Int[Tensor, " r"]) -> _Seen:
-        """Of some rows."""
+        """Select rows."""
         values = (self.centers, self.middles, self.halves, self.weights, self.sizes)
         return _Seen(*(value[rows] for value in values))
 
     def balance(self) -> Float64[Tensor, " n"]:
-        """The time at which a straight line has its mean over the weighted times."""
+        """Time at which a straight line has its mean over the weighted times."""
         squares = self.weights.square()
         return self.middles + self.halves * (squares @ _steps(squares)) / squares.sum(1)
 
@@ -173,9 +172,9 @@ def _straighten_(
     patient: Bool[Tensor, " n"],
     tolerance: float,
 ) -> Int[Tensor, " n"]:
-    """Put rows on the simplest paths that do; the orders that are left to them.
+    """Put rows on the simplest paths within the tolerance; return their new orders.
 
-    The values of the column are written, and not yet cut.
+    The values of the column are written, but not yet cut.
     """
     orders = model.lengths("motion").clone()
     paths, means = model.paths(), model.canonical.means.values
@@ -199,14 +198,14 @@ class _Simpler:
     path: Float64[Tensor, "r k 3"]
     """Coefficients about the centres."""
     shift: Float64[Tensor, "r 3"]
-    """What is added to the positions at the centres."""
+    """Shift of the positions at the centres."""
     errors: Float64[Tensor, " r"]
-    """Furthest way from the old path to the new one, weighted by how much of the row is there."""
+    """Largest distance of the old and the new path, weighted by the presence of the row."""
 
 
 def _closest(paths: Float64[Tensor, "r k 3"], order: int, seen: _Seen) -> _Simpler:
-    """The polynomials of a degree that are the closest to some paths, in the least squares."""
-    # In terms of the interval, [-1, 1], nothing depends on how long rows are there.
+    """The closest polynomials of a degree to some paths, by least squares."""
+    # Relative to the interval, [-1, 1], nothing depends on the durations of rows.
     shifts, steps = seen.middles - seen.centers, _steps(seen.centers)
     powers = seen.halves[:, None] ** torch.arange(1, paths.shape[1] + 1, device=paths.device)
     inside = recentered(paths, shifts) * powers[:, :, None]
@@ -238,7 +237,7 @@ def _fix_(
     patient: Bool[Tensor, " n"],
     tolerance: float,
 ) -> int:
-    """Let what a column changes at a rate be as it is on average, where that does; how many."""
+    """Replace changes at a rate by their mean within the tolerance; return their number."""
     rows, rates = model.places(name).rows, model.temporal_columns()[name].values.detach()
     some, values = seen.take(rows), model.turning()[name]
     since = some.balance() - some.centers
@@ -263,7 +262,7 @@ def _difference(
     now: Float[Tensor, "r d"],
     average: Float[Tensor, "r d"],
 ) -> Float64[Tensor, " r"]:
-    """Of shapes, relative to them; of features, as they are."""
+    """Change of shapes, relative to them; change of features, absolute."""
     if name != "spins":
         return (now - average).double().norm(dim=1)
     scales = model.canonical.log_scales.values[rows].double().exp()

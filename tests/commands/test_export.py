@@ -11,7 +11,7 @@ from gsfw.commands.export import _notes
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
 from gsfw.core.exchange import SplatFile
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.splats import Sh, Splats
 from gsfw.formats.ply import PlyImporter
@@ -65,7 +65,7 @@ def test_an_exported_run_draws_the_same_held_out_pictures_in_the_world_of_the_da
     settings = restored.composition.plan.settings
     assert content.up == "z"
     camera = parts.data.views(Split.EVAL).cameras[0]
-    before = draw(parts.model, parts.rasterizer, camera, settings).color
+    before = render_model(parts.model, parts.rasterizer, camera, settings).color
     moved = replace(
         camera.to(dtype=torch.float64), world_to_camera=world.camera(camera.world_to_camera)
     )

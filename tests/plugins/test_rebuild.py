@@ -11,7 +11,7 @@ from support.states import assert_same_bits
 from gsfw.core.column import Layout
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.formats.model_file import ModelFileExporter, read_model_file
 from gsfw.plugins.compose import compose
@@ -87,7 +87,7 @@ def picture(run):
     """What a held-out camera sees, decoded."""
     parts, settings = run.composition.parts, run.composition.plan.settings
     camera = parts.data.views(Split.EVAL).cameras[1]
-    return draw(parts.model, parts.rasterizer, camera, settings, camera.time[0]).color
+    return render_model(parts.model, parts.rasterizer, camera, settings, camera.time[0]).color
 
 
 def bits(splats):

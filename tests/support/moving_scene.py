@@ -9,7 +9,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Rows
 from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.learning_rate import LearningRate
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.methods.gaussians3d.config import GaussiansConfig, StaticGaussiansOptim
@@ -113,7 +113,9 @@ class MovingPictures(DataManager):
         truth, rasterizer = two_balls(), ReferenceRasterizer()
         self.pictures = {
             split: [
-                draw(truth, rasterizer, c, WHITE, None if c.time is None else c.time[0]).color
+                render_model(
+                    truth, rasterizer, c, WHITE, None if c.time is None else c.time[0]
+                ).color
                 for c in views.cameras
             ]
             for split, views in self.split.items()

@@ -8,7 +8,7 @@ from statistics import mean, median, quantiles
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.determinism import deterministic
-from gsfw.core.loop.evaluation import draw, evaluate
+from gsfw.core.loop.evaluation import evaluate, render_model
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored, restore
 from gsfw.plugins.settings import Layer
@@ -112,7 +112,9 @@ class RunJudge:
         with deterministic(parts.device):
             for place in evenly(len(parts.data.views(Split.EVAL)), MOST_VIEWS):
                 (batch,) = parts.data.load(Split.EVAL, [place], parts.device)
-                shown = draw(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
+                shown = render_model(
+                    parts.model, parts.rasterizer, batch.cameras, settings, batch.time
+                )
                 valid = None if batch.valid is None else batch.valid[0]
                 found.append(flip(shown.color[0], batch.target(settings.background)[0], valid))
         parts.data.close()

@@ -4,7 +4,7 @@ import torch
 from support.moving_splats import at, seeded, spacetime
 from support.scenes import turned_camera
 
-from gsfw.core.loop.evaluation import draw
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.maths.rays import pixel_rays
 from gsfw.core.render_settings import RenderSettings
 from gsfw.methods.spacetime.decoder import FeatureDecoder
@@ -17,7 +17,7 @@ def test_pictures_are_decoded_pixel_by_pixel_as_the_paper_says():
     model, camera = spacetime(colors="features"), turned_camera()
     splats = model.splats(at(0.4))
     drawn = ReferenceRasterizer().render(splats, camera, BACKGROUND)
-    decoded = draw(model, ReferenceRasterizer(), camera, BACKGROUND, at(0.4))
+    decoded = render_model(model, ReferenceRasterizer(), camera, BACKGROUND, at(0.4))
     assert model.decoder is not None
     assert drawn.extra is not None
     first, second = model.decoder.first.detach(), model.decoder.second.detach()
@@ -32,7 +32,7 @@ def test_pictures_are_decoded_pixel_by_pixel_as_the_paper_says():
 
 def test_what_is_empty_stays_the_background_exactly():
     model, camera = spacetime(n=2, colors="features"), turned_camera()
-    decoded = draw(model, ReferenceRasterizer(), camera, BACKGROUND, at(0.4))
+    decoded = render_model(model, ReferenceRasterizer(), camera, BACKGROUND, at(0.4))
     empty = decoded.alpha[..., 0] == 0
     assert bool(empty.any())
     assert BACKGROUND.background is not None
