@@ -16,7 +16,8 @@ class Neighborhood:
 
     It follows from the trajectory, so it is no part of the state. Weights are exp(-(d / m)^2)
     with m the row's own median distance: the paper's exp(-2000 d^2) is for a capture in metres
-    whose Gaussians are centimetres apart, and would disconnect those of a coarse background."""
+    whose Gaussians are centimetres apart, and would disconnect those of a coarse background.
+    """
 
     def __init__(
         self, trajectory: Trajectory, count: int, per_step: int, operators: Operators
