@@ -4,7 +4,8 @@ Losses, the SH degree and the initialisation are those of method 3dgs; this meth
 of it. The paper's guided sampling is strategy.guided.rounds=6, and off by default: from few random
 points it gained 0.7 dB, from surface points nothing (see ``strategies.guided_sampling``). The paper
 renders two views of one time per step, as sampler=same-time does; the default is one view, which
-was 1.9 dB better on the built-in scene for the same number of views (2000, 240 x 180, seed 0)."""
+was 1.9 dB better on the built-in scene for the same number of views (2000, 240 x 180, seed 0).
+"""
 
 from __future__ import annotations
 
