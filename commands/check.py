@@ -42,7 +42,7 @@ class CheckOptions(Options):
     images: str = ""
     """Number of images to decode, or all. Empty: 50, or 16 of videos."""
     out: str = "check.png"
-    """Where the contact sheet goes; none: nowhere."""
+    """File of the contact sheet; none: no sheet."""
 
 
 def run(tokens: list[str]) -> int:

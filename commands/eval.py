@@ -28,7 +28,7 @@ class EvalOptions(RunOptions):
     )
 
     split: Literal["eval", "train"] = "eval"
-    """Which images: eval (held out) or train."""
+    """Split of the images: eval (held out) or train."""
 
 
 def run(arguments: list[str]) -> int:

@@ -44,9 +44,9 @@ class ExportOptions(RunOptions):
     """File to write, or a folder for it. Empty: splats.ply or model.gsfw in the run; the folder
     splats in it for a sequence."""
     step: int | None = None
-    """Which checkpoint, by its step. none: the last."""
+    """Step of the checkpoint. none: the last."""
     time: float = 0.0
-    """When a model that moves is written, in [0, 1]; a static one ignores it."""
+    """Time of a moving model, in [0, 1]; a static one ignores it."""
     keep: float = 1.0
     """Part of the Gaussians that is written, in (0, 1]: those that add most to the training views.
     What that costs: gsfw tradeoff RUN."""

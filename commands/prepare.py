@@ -54,7 +54,7 @@ class PrepareOptions(Options):
     poses: Literal["auto", "compute", "keep"] = "auto"
     """Compute cameras, keep those of a data set that has them, or auto: keep them if it has."""
     cameras: Literal["auto", "one", "per-folder", "per-image"] = "auto"
-    """Which images share a camera: auto goes by EXIF, size and folder."""
+    """Images that share a camera: auto goes by EXIF, size and folder."""
     camera_model: str = "auto"
     """COLMAP's camera model, such as SIMPLE_RADIAL, OPENCV or OPENCV_FISHEYE."""
     focal: float | None = None
@@ -64,7 +64,7 @@ class PrepareOptions(Options):
     features: int | None = None
     """Most features of an image; none: by the machine and the number of images."""
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
-    """Which images are compared: all with all, neighbours in time, or those that look alike."""
+    """Pairs of images to match: all with all, neighbours in time, or similar images."""
     exhaustive_up_to: int = 200
     """Photos up to which auto compares all with all."""
     overlap: int = 10

@@ -46,7 +46,7 @@ class StudyOptions(Options):
     file: str = word("FILE")
     """A .yaml file with rows, scenes and settings."""
     root: str = "."
-    """Where the relative data paths of the file begin."""
+    """Base folder of the relative data paths in the file."""
     out: str = ""
     """Folder of the study. Empty: runs/studies/NAME."""
     only: tuple[str, ...] = ()

@@ -53,7 +53,7 @@ class Needs:
     extra_channels: int = 0
     """Channels of ``Splats.extra`` that this component adds."""
     densifiable: bool = False
-    """Whether the model has to be a ``DensifiableModel``; checked when it is built."""
+    """True if the model has to be a ``DensifiableModel``; checked when it is built."""
 
     def __or__(self, other: Needs) -> Needs:
         """Both needs at once: the larger number of colour channels, the sum of the extra ones."""

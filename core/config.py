@@ -261,13 +261,13 @@ class MethodConfig(ABC):
     steps: int = number(30_000, at_least=1)
     """Training steps. Schedules follow in proportion, unless rescale=false."""
     rescale: bool = True
-    """Whether steps=N rescales every schedule that was not given itself."""
+    """Rescale every schedule without a value of its own by steps=N."""
     seed: int = number(42, at_least=0, at_most=MAX_SEED)
     """Seed of every generator; on the CPU the same seed gives the same bits."""
     device: str = AUTO
-    """Where to train: auto, cpu, cuda or cuda:N."""
+    """Device of the training: auto, cpu, cuda or cuda:N."""
     init: str = AUTO
-    """Where splats start: points, random, or a splat file. auto: points where the data has any."""
+    """Initial splats: points, random, or a splat file. auto: points if the data has any."""
     downscale: float = number(1.0, at_least=1, below=math.inf)
     """Shrink images by this factor (area filter); 2 halves the width and the height."""
     background: str = AUTO
@@ -300,9 +300,9 @@ class MethodConfig(ABC):
     antialias: bool = False
     """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
     profile: str = AUTO
-    """Constants and cut-offs to draw with: default, or gsplat-1.5. auto: the rasterizer's own."""
+    """Constants and cut-offs of renders: default, or gsplat-1.5. auto: the rasterizer's own."""
     validation: str = "cheap"
-    """How rasterizer inputs are checked in the loop: cheap or full."""
+    """Checks of rasterizer inputs in the loop: cheap or full."""
     max_skipped: int = number(20, at_least=1)
     """Steps in a row that may be skipped because they were not finite before the run stops."""
     optim: OptimConfig = field(default_factory=OptimConfig)

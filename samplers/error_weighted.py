@@ -1,9 +1,9 @@
 """Sampler error-weighted: samples views with a large loss more often.
 
 A view's share of an epoch is its running mean loss over the sum of all, mixed with a uniform share
-so that every view is sampled. Losses stay on the device and are read once per epoch, so that no step
-waits for a GPU; the epoch's samples are fixed then. Systematic sampling: a view with the expected
-count x is sampled floor(x) or ceil(x) times, and equal losses give an ordinary epoch.
+so that every view is sampled. Losses stay on the device and are read once per epoch, so that no
+step waits for a GPU; the epoch's samples are fixed then. Systematic sampling: a view with the
+expected count x is sampled floor(x) or ceil(x) times, and equal losses give an ordinary epoch.
 
 Samples are not reweighted: the objective is the mean loss in which a view is weighted by its error,
 as in hard-example mining. Weights of 1 / probability would restore the plain mean, with a lower
@@ -32,11 +32,11 @@ class ErrorWeightedConfig(SamplerConfig):
     """Views in proportion to their loss."""
 
     uniform_share: float = number(0.3, at_least=0, at_most=1)
-    """Part of the draws that is shared evenly among all views, in [0, 1]; 1: uniform sampling."""
+    """Fraction of the samples that is shared evenly among all views, in [0, 1]; 1: uniform."""
     memory: float = number(0.7, at_least=0, below=1)
-    """How much of a view's mean loss stays when it is seen again, in [0, 1)."""
+    """Weight of a view's earlier mean loss when it is seen again, in [0, 1)."""
     views_per_step: int = number(1, at_least=1)
-    """Views drawn per step; their gradients are averaged, and those of one batch share its loss."""
+    """Views per step; their gradients are averaged, and those of one batch share its loss."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """Build the sampler."""

@@ -32,7 +32,7 @@ class ProgressiveConfig(SamplerConfig):
     grow_every: int = steps_field(1000, at_least=1, floor=1)
     """Steps between two growths of the window."""
     views_per_step: int = number(1, at_least=1)
-    """Views drawn per step; their gradients are averaged."""
+    """Views per step; their gradients are averaged."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """Build the sampler.

@@ -20,7 +20,7 @@ class SameTimeConfig(SamplerConfig):
     """Views of one time together, times in random order."""
 
     views_per_step: int = number(2, at_least=1)
-    """Views drawn per step, fewer where a time has no more left in this epoch."""
+    """Views per step, fewer if a time has no more left in this epoch."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """Build the sampler.

@@ -27,7 +27,7 @@ class SequentialConfig(SamplerConfig):
     first_steps: int = steps_field(10_000, at_least=1, floor=1)
     """Steps on the first time; the other times share the rest of the run evenly."""
     views_per_step: int = number(1, at_least=1)
-    """Views of the current time drawn per step, no more than the time has."""
+    """Views of the current time per step, at most all views of the time."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """Build the sampler.

@@ -18,7 +18,7 @@ class UniformConfig(SamplerConfig):
     """Every view once per epoch."""
 
     views_per_step: int = number(1, at_least=1)
-    """Views drawn per step; their gradients are averaged."""
+    """Views per step; their gradients are averaged."""
 
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
         """Build the sampler."""

@@ -56,7 +56,7 @@ class AdcConfig(StrategyConfig):
     grow_gradient: float = number(2e-4, at_least=0)
     """Rows grow above this mean gradient of the screen position (NDC units)."""
     absgrad: bool = False
-    """Whether to sum each pixel's absolute gradient instead (fewer, better placed splats)."""
+    """Sum each pixel's absolute gradient instead (fewer, better placed splats)."""
     grow_absgrad: float = number(8e-4, at_least=0)
     """The threshold that takes the place of grow_gradient when absgrad is set."""
     grow_time_gradient: float = number(0.0, at_least=0)

@@ -43,7 +43,7 @@ class McmcConfig(StrategyConfig):
     """Settings of MCMC density control; steps are those of a run of 30,000."""
 
     recommended: ClassVar[Mapping[str, Any]] = {"init_opacity": 0.5, "init_scale": 0.1}
-    """As in the paper's released code."""
+    """Values of the paper's released code."""
 
     cap_max: int = number(1_000_000, at_least=1)
     """Limit of the growth; more splats at the start stay as many."""

@@ -206,9 +206,9 @@ class RunOptions(Options):
     run: str = word("RUN")
     """A run folder, a checkpoint, a model file (.gsfw), or latest."""
     data: str = ""
-    """Where the data set is now. Empty: where it was in training; a model file needs none."""
+    """Place of the data set. Empty: its place in training; a model file needs none."""
     device: str = ""
-    """Where to render: auto, cpu, cuda or cuda:N. Empty: where it was trained; auto for a file."""
+    """Device: auto, cpu, cuda or cuda:N. Empty: that of the training; auto for a file."""
 
     def changed(self) -> Layer | None:
         """Settings that differ from the run's own; ``None`` for none."""

@@ -41,7 +41,7 @@ class Motion:
     bought_db: float
     """PSNR loss of the finished model when every view is rendered at one time, in dB."""
     time: float
-    """That time, in [0, 1]."""
+    """The time of these renders, in [0, 1]."""
 
 
 @dataclass(frozen=True)

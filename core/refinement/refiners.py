@@ -57,7 +57,7 @@ class Refiners:
         return wanted.pop() if wanted else Depth.NONE
 
     def needs_view_gradients(self, step: int) -> bool:
-        """Whether any refiner needs the gradients of single views at ``step``."""
+        """True if any refiner needs the gradients of single views at ``step``."""
         return any(refiner.needs_view_gradients(step) for refiner in self)
 
     def regularizers(self, context: StepContext) -> dict[str, Tensor]:

@@ -31,7 +31,7 @@ class TrackedGaussiansOptim(StaticGaussiansOptim):
     tracked_quats_lr: float = number(1e-2, at_least=0, below=math.inf)
     """Rate of the quaternions at the first step of every later time."""
     tracked_decay: float = number(0.1, above=0, at_most=1)
-    """What both have decayed to at the last step of a time, relative to its first."""
+    """Final rates of both at the last step of a time, relative to its first."""
 
 
 @dataclass
@@ -48,7 +48,7 @@ class TrackedGaussiansConfig(GaussiansConfig):
     """Times in order, Gaussians added and removed at the first one only, and no opacity resets."""
 
     colors: Literal["soft", "fixed"] = "soft"
-    """Whether constant colours may change with time, at a price (color_change)."""
+    """Change constant colours with time, at a cost (color_change)."""
     rigid: float = number(4.0, at_least=0, below=math.inf)
     """Weight of how far neighbours stray from where a row's own motion would take them, in
     extents."""
@@ -61,7 +61,7 @@ class TrackedGaussiansConfig(GaussiansConfig):
     neighbors: int = number(20, at_least=1)
     """Neighbours of each row, found once, when the first time is finished."""
     neighbors_per_step: int = number(5, at_least=1)
-    """How many of them a step looks at, in turn; the cost is in proportion."""
+    """Number of neighbours in the loss of a step, in turn; the time is in proportion."""
     optim: TrackedGaussiansOptim = field(default_factory=TrackedGaussiansOptim)
 
     def build(self) -> Method:

@@ -55,7 +55,7 @@ class TrackedGaussians(DensifiableModel):
         self._neighborhood: Neighborhood | None = None
 
     def columns(self) -> Mapping[str, Column]:
-        """Current columns of static Gaussians; past_means, past_quats, and past_colors if they change."""
+        """Columns of static Gaussians; past_means, past_quats, and past_colors if they change."""
         return {**self.canonical.columns(), **self.trajectory.columns()}
 
     def temporal_columns(self) -> Mapping[str, Column]:

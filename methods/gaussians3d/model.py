@@ -25,7 +25,7 @@ from gsfw.methods.gaussians3d.band_evidence import BandEvidence
 from gsfw.methods.gaussians3d.relocation import coincident_copies
 
 MIN_LOG_SCALE, MAX_LOG_SCALE = math.log(1e-10), math.log(1e6)
-"""Largest log scale in scene units (cameras span about 1); beyond it exp would overflow float32."""
+"""Range of log scales in scene units (cameras span about 1), in which exp stays in float32."""
 NEW_OPACITY = 0.1
 """Initial opacity of rows at rendering errors, as at the start (Kerbl et al. 2023)."""
 SPLIT_SHRINK = 0.8

@@ -135,7 +135,7 @@ class DeformationConfig(MovingConfig):
     steps: int = 23_000
     """Training steps. Schedules follow in proportion, unless rescale=false."""
     encoder: Literal["hexplane", "mlp", "hash"] = "hexplane"
-    """What the field is made of: planes, a network alone, or hash tables."""
+    """Encoder of the field: planes, a network alone, or hash tables."""
     coarse_steps: int = steps_field(3000)
     """Steps of the training of static Gaussians, before the field is used."""
     deform_opacity: bool = False

@@ -138,7 +138,7 @@ class DeformedGaussians(MovingGaussians):
         sizes: Float[Tensor, " r"],
         time: float | None,
     ) -> Children:
-        """Isotropic canonical rows of low opacity; the field moves them to ``points`` at ``time``."""
+        """Isotropic canonical rows of low opacity, which the field moves to ``points``."""
         still = points.to(self.canonical.means.values)
         if time is not None and self.deforming:
             for _ in range(FIXED_POINT_STEPS):

@@ -175,7 +175,7 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         table.reset_rows(rows)
 
     def census(self) -> dict[str, int]:
-        """Number of rows with each temporal parameter, their floats, and the floats of full rows."""
+        """Number of rows with each temporal parameter, their floats, and the full number."""
         columns = self.temporal_columns()
         orders = self.lengths("motion").bincount(minlength=self.order + 1).tolist()
         found = {f"rows_of_order_{order}": count for order, count in enumerate(orders)}

@@ -98,7 +98,7 @@ class SpacetimeConfig(MovingConfig):
     motion_start: int = steps_field(15_000)
     """Steps before any splat loses parameters of time (motion=adaptive)."""
     motion_every: int = steps_field(4000, at_least=1, floor=50)
-    """Steps between looks at which parameters of time splats need (motion=adaptive)."""
+    """Steps between rounds that remove temporal parameters (motion=adaptive)."""
     motion_tolerance: float = number(0.1, above=0, below=1)
     """How far a splat may be from where it was without a parameter, as part of its size, and how
     much its opacity, shape and colour may differ (motion=adaptive)."""
