@@ -46,7 +46,7 @@ class PrepareOptions(Options):
     )
 
     inputs: tuple[str, ...] = words("INPUT...")
-    """Folders of images, images, videos; or one data set that has cameras already."""
+    """Folders of images, videos; or one data set that has cameras already."""
     out: str = ""
     """The folder of the result: new, or one of an earlier gsfw prepare. Empty: prepared/INPUT."""
     frames: int = 150
