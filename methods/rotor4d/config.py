@@ -71,9 +71,9 @@ class SlicedGaussiansConfig(MovingConfig):
     entropy_reg: float = number(1e-3, at_least=0)
     """Weight of the opacities' entropy, which makes splats opaque or vanish."""
     velocity_reg: float = number(0.05, at_least=0)
-    """Weight of how much velocities, in extents per sequence, differ from those nearby."""
+    """Weight of the difference of velocities, in extents per sequence, from neighbours'."""
     neighbors_every: int = steps_field(100, at_least=1, floor=50)
-    """Steps after which each splat's neighbours are looked for again."""
+    """Steps between searches of each splat's neighbours."""
     optim: SlicedGaussiansOptim = field(default_factory=SlicedGaussiansOptim)
 
     def build(self) -> Method:
