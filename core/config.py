@@ -105,7 +105,7 @@ class StrategyConfig(SlotConfig, ABC):
     budget: str = NO_BUDGET
     """Final number of Gaussians: none, auto (by the scene), a number, or megabytes as in 20MB."""
     budget_share: float = number(0.025, above=0, below=1)
-    """Under budget=auto, each round prunes rows that sum to less than this part of all contributions."""
+    """Under budget=auto, each round prunes rows that sum to less than this part of the total."""
     budget_every: int = steps_field(1500, at_least=1, floor=50)
     """Under a budget, steps between rounds of pruning, in which the remaining rows compensate."""
 
