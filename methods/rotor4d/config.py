@@ -59,7 +59,7 @@ class SlicedGaussiansConfig(MovingConfig):
         },
     }
     """Two views of any times in a step, growth by the gradient of temporal centres too, and no
-    opacity resets, which hurt what moves. On the built-in moving scene (120 x 90, 500 steps, seed
+    opacity resets, which harm motion. On the built-in moving scene (120 x 90, 500 steps, seed
     42) that growth gives 0.15 dB, 0.30 dB where things move, and 17 % more rows."""
 
     steps: int = 20_000

@@ -76,7 +76,7 @@ class SpacetimeConfig(MovingConfig):
         },
     }
     """default: cubic paths, spherical harmonics, growth by the gradient of temporal centres too,
-    and no opacity resets, which hurt what moves; features: the paper's full model, whose colours a
+    and no opacity resets, which harm motion; features: the paper's full model, whose colours a
     network decodes; freetime: straight paths, relocation to where gradients are, and opacities
     paid for by the time they are seen (FreeTimeGS, Wang et al. 2025).
 
