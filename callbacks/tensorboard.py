@@ -33,7 +33,7 @@ class TensorBoard(Callback):
         self._images = images
         self._writer: SummaryWriter | None = None
         self._run: RunInfo | None = None
-        self._pictures = 0
+        self._images_written = 0
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Open the events; steps of an interrupted run after its checkpoint are purged."""
@@ -73,9 +73,9 @@ class TensorBoard(Callback):
     def on_view(self, step: int, view: EvaluatedView) -> None:
         """Write the images of the first few held-out views."""
         assert self._writer is not None
-        if self._pictures >= self._images:
+        if self._images_written >= self._images:
             return
-        self._pictures += 1
+        self._images_written += 1
         rendered, target = view.rendered.clamp(0, 1), view.target.clamp(0, 1)
         error = ((rendered - target).abs() * ERROR_GAIN).clamp(0, 1)
         row = torch.cat([target, rendered, error], dim=1)
@@ -87,7 +87,7 @@ class TensorBoard(Callback):
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Write the curves of the means; the count of images restarts."""
         assert self._writer is not None
-        self._pictures = 0
+        self._images_written = 0
         self._add(step, {f"eval/{name}": value for name, value in evaluation.means.items()})
         self._writer.flush()
 

@@ -27,7 +27,7 @@ LIBRARIES = ("matplotlib", "numpy", "PIL", "plyfile", "pycolmap", "scipy", "tens
 
 @dataclass(kw_only=True)
 class DoctorOptions(Options):
-    """Check what works on this machine, and say why the rest does not.
+    """Check the parts of this machine, and explain each fault.
 
     The exit code is 1 where something is missing without which nothing can be trained.
     """

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class InfoOptions(Options):
-    """Say what a splat file, a model file, a run or a data set is."""
+    """Describe a splat file, a model file, a run or a data set."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw info latest",
@@ -29,7 +29,7 @@ class InfoOptions(Options):
     what: str = word("FILE|RUN|DATA", default="")
     """A splat file, a model file, a run (a folder, a checkpoint, or latest), or a data set."""
     data: str = ""
-    """A data set, when it shall not be taken for anything else."""
+    """A data set, if it must not be taken for anything else."""
     format: str = AUTO
     """Format of the data set: auto, or the name of a datamanager that gsfw plugins lists."""
     downscale: float = 1.0

@@ -15,7 +15,7 @@ from gsfw.plugins.specs import Spec
 
 @dataclass(kw_only=True)
 class PluginsOptions(Options):
-    """List what is installed, slot by slot, and which plugins are broken and skipped."""
+    """List the installed parts, slot by slot, and the broken plugins, which are skipped."""
 
     examples: ClassVar[tuple[str, ...]] = ("gsfw plugins", "gsfw plugins slot=strategy")
 

@@ -80,13 +80,13 @@ class PrepareOptions(Options):
     lens: Literal["pinhole", "keep"] = "pinhole"
     """Undistort images to PINHOLE cameras, or keep files and lenses."""
     jpeg_quality: int = 95
-    """Quality of JPEG files that are encoded anew."""
+    """Quality of JPEG files that are encoded again."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
     """Layout of a converted data set: colmap, transforms, or auto (transforms with times)."""
     jobs: int = 0
     """Cores to use; 0: all. With 1 the same images give the same bits, with more nearly so."""
     again: bool = False
-    """Begin anew, and forget what an earlier run of the command has finished."""
+    """Start again, and ignore finished stages of an earlier run of the command."""
 
 
 def run(tokens: list[str]) -> int:

@@ -30,12 +30,12 @@ class Budget:
     """Bounds of a study."""
 
     minutes: float | None = None
-    """Start no further run after so many minutes; the same command goes on another time."""
+    """Start no further run after so many minutes; the same command continues another time."""
 
 
 @dataclass(kw_only=True)
 class StudyOptions(Options):
-    """Train a table of runs, keep what is finished, and compare: study.md, .csv, .png."""
+    """Train a table of runs, keep finished ones, and compare: study.md, .csv, .png."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw study benchmarks/studies/dynamic.yaml root=DATA dry=true",

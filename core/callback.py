@@ -106,7 +106,7 @@ class EvaluatedView:
 class Callback:
     """Watches a run; every method is optional. No callback may change the training.
 
-    A callback that raises is detached with a warning, and the run goes on without it.
+    A callback that raises is detached with a warning, and the run continues without it.
     """
 
     origin: str = ""

@@ -143,7 +143,7 @@ def check_fit(
     """Check that rasterizer ``name`` meets every component's needs on ``device``.
 
     Raises:
-        ConfigError: it does not; the message names who needs what, and who fits.
+        ConfigError: it does not; names the component, its unmet needs, and fitting rasterizers.
     """
     able = capabilities[name]
     others = fitting(needs_by, capabilities, device)

@@ -56,7 +56,7 @@ class Column(nn.Module):
         offsets: Int[Tensor, " n_plus_1"] | None = None,
         bands: bool = False,
     ) -> None:
-        """Store ``values`` without a copy.
+        """Store ``values`` without a change.
 
         Args:
             values: the rows, in the layout ``layout``.

@@ -103,12 +103,11 @@ class StrategyConfig(SlotConfig, ABC):
     """Settings of a density strategy, and of its budget."""
 
     budget: str = NO_BUDGET
-    """Gaussians to end with: none, auto (as the scene needs), a number, or megabytes as in 20MB."""
+    """Final number of Gaussians: none, auto (by the scene), a number, or megabytes as in 20MB."""
     budget_share: float = number(0.025, above=0, below=1)
-    """Under budget=auto, each round of pruning removes what holds less than this of all there is.
-    """
+    """Under budget=auto, each round prunes rows that sum to less than this part of the total."""
     budget_every: int = steps_field(1500, at_least=1, floor=50)
-    """Under a budget, steps between rounds of pruning, in which what is left makes up for it."""
+    """Under a budget, steps between rounds of pruning, in which the remaining rows compensate."""
 
     @abstractmethod
     def refiners(self, scene: Scene) -> tuple[Refiner, ...]:
@@ -298,7 +297,7 @@ class MethodConfig(ABC):
     refine_poses: bool = False
     """Learn small motions of the training cameras, for poses that are not quite right."""
     antialias: bool = False
-    """Mip-Splatting's 2D filter: opacity follows how much a splat is widened."""
+    """Mip-Splatting's 2D filter: opacity decreases with the dilation of a splat."""
     profile: str = AUTO
     """Constants and cut-offs of renders: default, or gsplat-1.5. auto: the rasterizer's own."""
     validation: str = "cheap"

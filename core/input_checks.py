@@ -11,14 +11,14 @@ from gsfw.core.render_settings import RenderSettings, Statistic
 from gsfw.core.splats import Sh, Splats
 
 ANY = -1
-"""A size in an expected shape that may be any number."""
+"""Any size, in an expected shape."""
 
 
 def check_form(splats: Splats, cameras: Cameras, settings: RenderSettings) -> None:
     """Check shapes, dtypes and devices, but no values.
 
     Raises:
-        ValueError: naming the field, what was expected and what was found.
+        ValueError: an input is wrong; names the field, the expected and the found value.
     """
     has_axes = splats.quats is not None and splats.scales is not None
     if has_axes == (splats.covariances is not None) or (splats.quats is None) != (
@@ -126,7 +126,7 @@ def check_values(splats: Splats, cameras: Cameras, settings: RenderSettings) -> 
     """Check that every value is finite and in its range.
 
     Raises:
-        ValueError: naming the field, how many rows are wrong, and the first of them.
+        ValueError: a value is wrong; names the field, the number of wrong rows, and the first one.
     """
     named = {f"splats.{name}": tensor for name, tensor in splats.tensors().items()}
     named["cameras.world_to_camera"] = cameras.world_to_camera

@@ -66,7 +66,7 @@ class Method(ABC):
             model: as built; a resumed state is not loaded yet.
 
         Raises:
-            ConfigError: the views lack what this method needs.
+            ConfigError: the views have no data that this method needs; names it.
         """
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:

@@ -85,6 +85,6 @@ class Ssim(Metric):
 
     def __call__(self, rendered: Tensor, target: Tensor, valid: Tensor | None) -> float:
         """Compare one image."""
-        picture = rendered.clamp(0, 1)[None]
+        image = rendered.clamp(0, 1)[None]
         mask = None if valid is None else valid[None]
-        return 1.0 - float(self.operators.l1_dssim(picture, target[None], mask)[1])
+        return 1.0 - float(self.operators.l1_dssim(image, target[None], mask)[1])

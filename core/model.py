@@ -122,7 +122,7 @@ class DensifiableModel(PrimitiveModel):
     ) -> Children:
         """Copies of ``rows``; with a ``generator`` their random parts may differ.
 
-        A copy beside its original has no use at the same time: a moving model may sample a new
+        A copy at the place and time of its original is redundant: a moving model may sample a new
         temporal centre for each.
         """
         return {name: column.take(rows) for name, column in self.columns().items()}

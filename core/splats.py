@@ -30,7 +30,7 @@ class Sh:
 
     @property
     def width(self) -> int:
-        """Number of coefficients of the widest row, k; for ragged rows, of the highest degree."""
+        """Number of coefficients of the widest row, k; counted over all rows if ragged."""
         if self.rest is None:
             return self.coefficients.shape[1]
         if self.offsets is None:

@@ -3,10 +3,10 @@
 ``numpy.load("tracks.npz")`` gives, for t times and n Gaussians:
 
     positions   float32 [t, n, 3]  from ``origin``, in the world of the data; NaN when not there
-    origin      float64 [3]        add it to positions (coordinates of maps need float64)
+    origin      float64 [3]        offset of the positions (map coordinates need float64)
     opacities   float32 [t, n]     in [0, 1]; 0 when not there
-    present     bool    [t, n]     whether a Gaussian is there
-    colors      uint8   [n, 3]     what it looks like when it is there for the first time
+    present     bool    [t, n]     true where a Gaussian is present
+    colors      uint8   [n, 3]     colour at its first presence
     times       float64 [t]        in [0, 1]
     data_times  float64 [t]        the same in the data's own unit
 

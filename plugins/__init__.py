@@ -1,1 +1,1 @@
-"""Finding plugins, choosing among what they register, and composing a run."""
+"""Discovery of plugins, choice among their parts, and composition of a run."""

@@ -60,7 +60,7 @@ class BrokenPlugin:
     advice: str
     """The remedy, a sentence."""
     kind: str = "plugin"
-    """"plugin", or the slot of the part."""
+    """Kind of the failed object: plugin, or the slot of the part."""
 
     def __str__(self) -> str:
         package = f"{self.distribution} {self.version}".strip()

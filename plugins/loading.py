@@ -1,4 +1,4 @@
-"""Loading: from a registered name to its class, checked, with the package at fault named."""
+"""Loading: imports and checks the class of a registered name; errors name the package at fault."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Answer = TypeVar("Answer")
 
 
 def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot holds
-    """Import what a spec names, and check that it is what the slot holds.
+    """Import the target of a spec, and check it against the contract of the slot.
 
     Raises:
         PartError: the import fails, or the target breaks the slot's contract; names the package.
@@ -43,7 +43,7 @@ def load(slot: str, spec: Spec) -> Any:  # noqa: ANN401 - whatever the slot hold
 
 
 def load_all(slot: str, registry: Registry) -> dict[str, Any]:
-    """Import everything of a slot, by name; what a third party broke is skipped, and remembered.
+    """Import all parts of a slot, by name; broken parts of third parties are skipped and recorded.
 
     Raises:
         ConfigError: a part of gsfw itself cannot be imported.
@@ -52,9 +52,9 @@ def load_all(slot: str, registry: Registry) -> dict[str, Any]:
 
 
 def ask_all(slot: str, registry: Registry, question: Callable[[Any], Answer]) -> dict[str, Answer]:
-    """The answers of all parts of a slot, by name.
+    """The results of ``question`` for all parts of a slot, by name.
 
-    A part of a third party that cannot be loaded, or fails to answer, is skipped and remembered.
+    A part of a third party that cannot be loaded, or that raises, is skipped and recorded.
 
     Raises:
         Exception: a part of gsfw itself fails.
@@ -78,7 +78,7 @@ def callback_configs(registry: Registry) -> CallbackConfigs:
 
 
 def make_callbacks(configs: CallbackConfigs, registry: Registry) -> list[Callback]:
-    """Every callback that is enabled; one of a third party that cannot be built is skipped."""
+    """Build every enabled callback; broken ones of third parties are skipped."""
     made: list[Callback] = []
     for name, spec in registry.slot("callback").items():
         config = getattr(configs, field_name(name), None)
@@ -96,12 +96,12 @@ def make_callbacks(configs: CallbackConfigs, registry: Registry) -> list[Callbac
 
 
 def field_name(name: str) -> str:
-    """The name of a callback as a part of keys: letters, digits and underscores."""
+    """The name of a callback in keys: letters, digits and underscores."""
     word = re.sub(r"\W", "_", name)
     return word if word.isidentifier() and not iskeyword(word) else f"callback_{word}"
 
 
-@lru_cache  # So that equal settings are of one class.
+@lru_cache  # So that equal settings have one class.
 def _configs_class(kinds: tuple[tuple[str, type[CallbackConfig]], ...]) -> type[CallbackConfigs]:
     members = [(name, kind, field(default_factory=kind)) for name, kind in kinds]
     return make_dataclass("Callbacks", members, bases=(CallbackConfigs,))
@@ -118,7 +118,7 @@ def _without_settings(kind: type[Callback]) -> type[CallbackConfig]:
 
 
 def load_third_parties(registry: Registry) -> None:
-    """Load everything that third parties bring, so that ``registry.broken`` names all faults."""
+    """Load all parts of third parties, so that ``registry.broken`` names all faults."""
     for slot in SLOTS:
         for spec in registry.slot(slot).values():
             if spec.distribution != PROJECT:
@@ -129,10 +129,10 @@ def load_third_parties(registry: Registry) -> None:
 
 
 def check_built(slot: str, spec: Spec, part: object) -> None:
-    """Check that what the configuration of a third party has built takes the calls of gsfw.
+    """Check that a third party's part accepts the calls of gsfw.
 
     Raises:
-        PartError: it is abstract, or a method takes other arguments.
+        PartError: it is abstract, or a method has other parameters.
     """
     if spec.distribution != PROJECT:
         problem = signature_problem(type(part))
@@ -141,7 +141,7 @@ def check_built(slot: str, spec: Spec, part: object) -> None:
 
 
 def make_metrics(registry: Registry, operators: Operators) -> dict[str, Metric]:
-    """Every metric by name; those of third parties are NaN where they fail."""
+    """Every metric by name; those of third parties are NaN if they fail."""
     from gsfw.core.metrics import CautiousMetric
 
     specs = registry.slot("metric")

@@ -74,7 +74,7 @@ class AdcConfig(StrategyConfig):
     prune_radius: float = number(0.0, at_least=0)
     """Rows above this radius in pixels are removed after the first reset (papers: 20); 0: none."""
     refine_start: int = steps_field(500, floor=100)
-    """No refinement up to this step; before, most gradients only say that nothing has settled."""
+    """No refinement up to this step; before, most gradients are those of unsettled rows."""
     refine_stop: int = steps_field(15_000)
     """No refinement and no reset from this step on."""
     refine_every: int = steps_field(100, at_least=1, floor=50)

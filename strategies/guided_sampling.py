@@ -69,7 +69,7 @@ class GuidedSamplingConfig:
     rounds: int = number(0, at_least=0)
     """Rounds that add rows at the worst rendered patches (6 are enough); 0: none."""
     start: int = steps_field(1600)
-    """The first round goes with the first refinement at this step or later."""
+    """The first round coincides with the first refinement at this step or later."""
     every: int = steps_field(500, at_least=1, floor=50)
     """Steps between rounds, in which views are rendered again."""
     share: float = number(0.1, above=0, at_most=1)

@@ -18,7 +18,7 @@ except ImportError:  # Windows: nothing restricts a folder to one program there.
     fcntl = None
 
 LOCK = ".lock"
-"""The locked file; it is kept, and names the purpose of its folder."""
+"""Name of the locked file; it is kept, and marks the folder as gsfw's."""
 
 
 @contextmanager

@@ -25,8 +25,8 @@ def shrink_batch(batch: Batch, width: int, height: int) -> Batch:
 
     Args:
         batch: ``c`` images of [h, w].
-        width: of the result, in pixels; at most ``w``.
-        height: of the result, in pixels; at most ``h``.
+        width: width of the result, in pixels; at most ``w``.
+        height: height of the result, in pixels; at most ``h``.
     """
     if batch.images.shape[1:3] == (height, width):
         return batch
@@ -75,8 +75,8 @@ def _weighted_means(
 
     Args:
         weighted: values times weights, then the weights as the last channel (e = d + 1).
-        width: of the result.
-        height: of the result.
+        width: width of the result.
+        height: height of the result.
     """
     means = area_means(weighted, width, height)
     values, weights = means[..., :-1], means[..., -1:]

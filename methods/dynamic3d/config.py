@@ -50,14 +50,14 @@ class TrackedGaussiansConfig(GaussiansConfig):
     colors: Literal["soft", "fixed"] = "soft"
     """Change constant colours with time, at a cost (color_change)."""
     rigid: float = number(4.0, at_least=0, below=math.inf)
-    """Weight of how far neighbours stray from where a row's own motion would take them, in
+    """Weight of the distance of neighbours from their positions under a row's own motion, in
     extents."""
     rotation: float = number(4.0, at_least=0, below=math.inf)
-    """Weight of how differently neighbours turn, as a difference of quaternions."""
+    """Weight of the difference of neighbours' rotations, as a difference of quaternions."""
     isometry: float = number(2.0, at_least=0, below=math.inf)
-    """Weight of how much distances to neighbours change from the first time on, in extents."""
+    """Weight of the change of distances to neighbours since the first time, in extents."""
     color_change: float = number(0.01, at_least=0, below=math.inf)
-    """Weight of how much colours differ from those at the time before (colors=soft)."""
+    """Weight of the change of colours since the previous time (colors=soft)."""
     neighbors: int = number(20, at_least=1)
     """Neighbours of each row, found once, when the first time is finished."""
     neighbors_per_step: int = number(5, at_least=1)

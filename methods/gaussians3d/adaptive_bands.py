@@ -4,6 +4,7 @@ A Gaussian begins with one colour for all directions. In the first rounds it gai
 the gradients of the views show a colour that depends on the direction (see ``band_evidence``). The
 later rounds remove bands, from all Gaussians with small coefficients or few visible pixels, until
 the colours have the requested share of floats: the degrees d_i minimise
+
     sum over i of   w_i * (sum of c^2 over the bands of i above d_i)   +   price * (floats at d_i),
 
 for the price at which the floats fit. The first term is the squared error of the images without

@@ -145,7 +145,7 @@ class StaticGaussiansConfig(GaussiansConfig):
     coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
 
     ignore_time: bool = False
-    """Train on a capture of several times as if it were of one; what moves becomes blurred."""
+    """Train on a capture of several times as if it had one; moving objects become blurred."""
 
     def build(self) -> Method:
         """Build the method."""

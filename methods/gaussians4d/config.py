@@ -82,7 +82,7 @@ class MlpConfig:
     width: int = number(256, at_least=1)
     """Width of the layers."""
     depth: int = number(8, at_least=1)
-    """Number of layers; the input is joined again in the middle."""
+    """Number of layers; the input is concatenated again in the middle."""
     frequencies: int = number(10, at_least=0)
     """Frequencies of each coordinate, each twice the one before."""
     time_frequencies: int = number(6, at_least=0)
@@ -96,7 +96,7 @@ class HashConfig:
     levels: int = number(8, at_least=1)
     """Number of resolutions."""
     features: int = number(4, at_least=1)
-    """Features per row of a table; their product with levels is what the network is given."""
+    """Features per row of a table; the network has levels times as many inputs."""
     log2_rows: int = number(15, at_least=1, at_most=MAX_LOG2_ROWS)
     """Logarithm to base 2 of the largest number of rows of a table."""
     coarsest: int = number(8, at_least=1)

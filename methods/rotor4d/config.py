@@ -59,7 +59,7 @@ class SlicedGaussiansConfig(MovingConfig):
         },
     }
     """Two views of any times in a step, growth by the gradient of temporal centres too, and no
-    opacity resets, which hurt what moves. On the built-in moving scene (120 x 90, 500 steps, seed
+    opacity resets, which harm motion. On the built-in moving scene (120 x 90, 500 steps, seed
     42) that growth gives 0.15 dB, 0.30 dB where things move, and 17 % more rows."""
 
     steps: int = 20_000
@@ -71,9 +71,9 @@ class SlicedGaussiansConfig(MovingConfig):
     entropy_reg: float = number(1e-3, at_least=0)
     """Weight of the opacities' entropy, which makes splats opaque or vanish."""
     velocity_reg: float = number(0.05, at_least=0)
-    """Weight of how much velocities, in extents per sequence, differ from those nearby."""
+    """Weight of the difference of velocities, in extents per sequence, from neighbours'."""
     neighbors_every: int = steps_field(100, at_least=1, floor=50)
-    """Steps after which each splat's neighbours are looked for again."""
+    """Steps between searches of each splat's neighbours."""
     optim: SlicedGaussiansOptim = field(default_factory=SlicedGaussiansOptim)
 
     def build(self) -> Method:

@@ -76,7 +76,7 @@ class SpacetimeConfig(MovingConfig):
         },
     }
     """default: cubic paths, spherical harmonics, growth by the gradient of temporal centres too,
-    and no opacity resets, which hurt what moves; features: the paper's full model, whose colours a
+    and no opacity resets, which harm motion; features: the paper's full model, whose colours a
     network decodes; freetime: straight paths, relocation to where gradients are, and opacities
     paid for by the time they are seen (FreeTimeGS, Wang et al. 2025).
 
@@ -94,14 +94,14 @@ class SpacetimeConfig(MovingConfig):
     """Rotate splats too, by quaternions that are linear in time."""
     motion: Literal["full", "adaptive"] = "full"
     """full: every splat that moves has a path of motion_order, a rotation and a temporal opacity;
-    adaptive: all begin so, and lose those of which, in terms of its size, it makes no use."""
+    adaptive: all start so, and lose those that have, relative to its size, no effect."""
     motion_start: int = steps_field(15_000)
     """Steps before any splat loses parameters of time (motion=adaptive)."""
     motion_every: int = steps_field(4000, at_least=1, floor=50)
     """Steps between rounds that remove temporal parameters (motion=adaptive)."""
     motion_tolerance: float = number(0.1, above=0, below=1)
-    """How far a splat may be from where it was without a parameter, as part of its size, and how
-    much its opacity, shape and colour may differ (motion=adaptive)."""
+    """Tolerated motion of a splat by the removal of a parameter, as part of its size, and tolerated
+    change of its opacity, shape and colour (motion=adaptive)."""
     colors: Literal["sh", "features"] = "sh"
     """Spherical harmonics, or features that a network decodes on the screen (splat files then hold
     the base colours, which are the same from everywhere)."""
