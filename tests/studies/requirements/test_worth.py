@@ -123,7 +123,7 @@ def test_gaussians_that_nobody_sees_buy_nothing_and_the_others_do():
 class Sliding(StaticGaussians):
     """Moves to the side; late in the sequence only its second half is there, in other places."""
 
-    def splats(self, time=None):
+    def splats(self, time=None, cameras=None):
         splats = super().splats()
         if time is None:
             return splats
@@ -181,7 +181,7 @@ def test_ragged_colours_are_measured_up_to_the_highest_degree_that_any_has():
     colors = splats.colors.of_degrees(torch.tensor([0, 2, 0, 1, 0, 0]))
 
     class Ragged(StaticGaussians):
-        def splats(self, time=None):
+        def splats(self, time=None, cameras=None):
             return replace(super().splats(), colors=colors)
 
     model = gaussians(splats, kind=Ragged)

@@ -20,7 +20,7 @@ class StillModel:
     def __init__(self, splats):
         self._splats = splats
 
-    def splats(self, time=None):
+    def splats(self, time=None, cameras=None):
         return self._splats
 
     def cameras(self, cameras):
