@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -105,7 +106,7 @@ from gsfw.core.config import StrategyConfig
 class Plain(StrategyConfig):
     size: int = 1
 
-    def build(self, scene):
+    def refiners(self, scene):
         raise NotImplementedError
 """
 FAILING = """
@@ -129,7 +130,7 @@ from dataclasses import dataclass
 from gsfw.core.callback import Callback
 from gsfw.core.config import StrategyConfig
 from gsfw.core.metrics import Metric
-from gsfw.core.strategy import DensityStrategy
+from gsfw.core.refiner import Refiner
 
 class Watch(Callback):
     def on_step(self, report, control):
@@ -140,39 +141,39 @@ class Weights(Metric):
     def __call__(self, rendered, target, valid):
         raise OSError("no weights")
 
-class RaisingStrategy(DensityStrategy):
+class RaisingRefiner(Refiner):
+    name = "raising"
+
     def observe(self, context, statistics, model):
         if context.step == 12:
             raise KeyError("gradients")
 
-    def refine(self, step, table, model, generator):
+    def refine(self, context):
         return {}
 
-    def state_dict(self):
-        return {}
-
-    def load_state_dict(self, state):
-        pass
-
-class OldStrategy(RaisingStrategy):
+class OldRefiner(RaisingRefiner):
     def refine(self, step, table):
         return {}
 
 @dataclass
 class Old(StrategyConfig):
-    def build(self, scene):
-        return OldStrategy()
+    def refiners(self, scene):
+        return (OldRefiner(),)
 
 @dataclass
 class Raising(StrategyConfig):
-    def build(self, scene):
-        return RaisingStrategy()
+    def refiners(self, scene):
+        return (RaisingRefiner(),)
 """
 
 SMALL = (
     "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",
     "datamanager.height=24", "datamanager.points=150", "steps=20",
 )  # fmt: skip
+
+
+SLOW_STAGE = re.compile(r"^.*: \d+ s so far\n", re.MULTILINE)
+"""A line of progress, which a busy machine writes to standard error."""
 
 
 def package(folder: Path, name: str, **modules: str) -> Path:
@@ -215,10 +216,12 @@ def gsfw(site: Path, plugins: str, *arguments: str) -> subprocess.CompletedProce
         "GSFW_PLUGINS": plugins,
         "OMP_NUM_THREADS": "1",  # The scenes are tiny.
     }
-    return subprocess.run(
+    ended = subprocess.run(
         [sys.executable, "-m", "gsfw", *arguments],
         capture_output=True, text=True, check=False, env=environment,
     )  # fmt: skip
+    ended.stderr = re.sub(SLOW_STAGE, "", ended.stderr)
+    return ended
 
 
 @pytest.mark.slow
@@ -340,7 +343,7 @@ def test_a_strategy_for_another_gsfw_and_one_that_raises_are_named_with_their_pa
 ):
     old = gsfw(site, "failing_plugin", "train", "method=3dgs", "strategy=old", *SMALL)
     assert old.returncode == 2
-    assert "strategy 'old' (gsfw-failing 0.3) cannot be used: OldStrategy.refine(" in old.stderr
+    assert "strategy 'old' (gsfw-failing 0.3) cannot be used: OldRefiner.refine(" in old.stderr
     out = tmp_path / "run"
     raising = ("method=3dgs", "strategy=raising", *SMALL, f"out={out}")
     result = gsfw(site, "failing_plugin", "train", *raising)
