@@ -91,6 +91,7 @@ def test_labels_lie_within_the_axes_and_cover_no_dot_and_no_other_label(seed):
     assert all(axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 for box in boxes)
 
 
+@pytest.mark.slow
 def test_labels_without_room_are_drawn_all_the_same():
     dots = [CostDot(f"{n}", "a rather long label " * 3, "#111111", 5.0, 30.0) for n in range(12)]
     figure = front_figure([FrontPanel("MB", dots, [dot.name for dot in dots])], {}, "PSNR")

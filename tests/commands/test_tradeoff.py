@@ -108,6 +108,7 @@ def test_the_recommended_command_meets_the_budget_when_it_is_run(run, tmp_path, 
     assert " ".join(words[3:]) in {v["command"].removeprefix("export ") for v in within}
 
 
+@pytest.mark.slow
 def test_what_is_finished_is_kept_over_an_interruption(run, capsys, monkeypatch):
     whole = Runner.measure
 

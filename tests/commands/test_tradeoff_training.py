@@ -129,6 +129,7 @@ def test_a_plan_is_kept_for_the_same_command_only(tmp_path, capsys, quick):
     assert steps[1] < steps[0]
 
 
+@pytest.mark.slow
 def test_small_pictures_start_from_few_gaussians_where_nobody_says_how_many(
     tmp_path, capsys, quick
 ):

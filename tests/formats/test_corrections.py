@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import pytest
 import torch
 from support.resuming import resumes_to_the_same_bits
 
@@ -20,6 +21,7 @@ SMALL = (
 CORRECTED = ("exposure=true", "refine_poses=true", "optim.exposure_start=0", "optim.poses_start=0")
 
 
+@pytest.mark.slow
 def test_a_corrected_run_of_a_moving_scene_resumes_to_the_same_bits(tmp_path):
     typed = ("method=spacetime", *CORRECTED)
     summary = resumes_to_the_same_bits(tmp_path, *typed)

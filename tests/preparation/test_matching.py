@@ -175,6 +175,7 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
         match_pairs(path, PairPlan((), ""), 1, Silent())
 
 
+@pytest.mark.slow
 def test_all_photos_of_the_shared_capture_register(tmp_path):
     database, pictures, cameras = captured.database(tmp_path, n=6)
     (tmp_path / "models").mkdir()

@@ -27,6 +27,7 @@ def test_every_section_has_cases_and_names_are_words_that_can_be_typed():
     assert all(NAME.fullmatch(name) for name in NAMES)
 
 
+@pytest.mark.slow
 def test_cases_are_the_same_at_every_call():
     for case in CASES.values():
         if case.section is not Section.SIZE:

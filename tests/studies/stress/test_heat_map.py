@@ -1,5 +1,6 @@
 """The heat map of a stress test, with empty and broken cells."""
 
+import pytest
 import torch
 from PIL import Image, ImageColor
 
@@ -23,6 +24,7 @@ def colors(path) -> dict:
         return {color: count for count, color in image.convert("RGB").getcolors(1 << 22)}
 
 
+@pytest.mark.slow
 def test_planes_are_measured_and_drawn(tmp_path):
     backend = entrant_of("reference", installed())
     oracle = PlaneOracle(backend.rasterizer)

@@ -5,6 +5,8 @@ import io
 import shlex
 from dataclasses import replace
 
+import pytest
+
 from gsfw.studies.table import table_of_records
 from gsfw.studies.tradeoff.files import write_training_files
 from gsfw.studies.tradeoff.recommendation import Wish
@@ -140,6 +142,7 @@ def test_what_nothing_reaches_is_told_with_what_comes_nearest():
     )
 
 
+@pytest.mark.slow
 def test_the_files_are_written_and_the_plot_repeats(tmp_path):
     recommended = recommend(FOUND, Wish(psnr=28.5))
     for name in ("a", "b"):
