@@ -31,6 +31,9 @@ from gsfw.studies.bench import timing as bench_timing
 from gsfw.studies.bench import workload as bench_workload
 from gsfw.studies.bench.timing import GpuTimings
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 QUICK = ("rasterizer=reference", "repeats=1")
 
 

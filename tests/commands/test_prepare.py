@@ -83,6 +83,7 @@ def test_photos_become_a_data_set_with_a_verdict_a_report_and_a_sheet(prepared, 
     assert len(list(photos.iterdir())) == PHOTOS + 2, "what it is made from stays as it was"
 
 
+@pytest.mark.slow
 def test_the_same_command_has_nothing_left_to_do(prepared, photos, capsys):
     before = (prepared / "sparse/0/images.bin").read_bytes()
     assert main(["prepare", str(photos), f"out={prepared}", "json=true"]) == 0

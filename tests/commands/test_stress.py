@@ -17,6 +17,7 @@ def document(capsys, *arguments: str, code: int = 0) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_the_document_has_a_record_for_each_case(capsys):
     found = document(capsys, *FEW, "only=shape/discs,input/skew")
     assert len(found["cases"]) == 2 * 6 + 1

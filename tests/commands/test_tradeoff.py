@@ -15,6 +15,9 @@ from gsfw.core.loop.run_folder import RunFolder
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 FIGURES = {
     "axis": str,
     "name": str,

@@ -10,6 +10,9 @@ from gsfw.preparation.features import FeatureSettings, extract_features
 from gsfw.preparation.progress import Silent
 from gsfw.preparation.retrieval import build_vocabulary, check_vocabulary, look_alikes
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 COUNT = 10
 STEP = 14.0
 """Degrees: the first and the last image show little that is the same."""

@@ -14,6 +14,9 @@ from gsfw.preparation.frame_spacing import NEAREST
 from gsfw.preparation.progress import Silent
 from gsfw.preparation.video_frames import FrameChoice, choose_frames, write_frames
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 MOVING, STILL, PAN, HALF_BLURRED = range(40), range(40, 80), range(80, 90), range(90, 130)
 """The numbers of the frames of each part of the long video."""
 

@@ -85,6 +85,7 @@ def test_random_scenes_without_cut_offs_agree(backend, kind):
     check(backend, kind)
 
 
+@pytest.mark.slow
 @OFTEN
 @SCENES
 @given(kinds(model=CameraModel.ORTHOGRAPHIC))
@@ -92,6 +93,7 @@ def test_random_orthographic_scenes_agree(backend, kind):
     check(backend, kind)
 
 
+@pytest.mark.slow
 @OFTEN
 @SCENES
 @given(kinds(model=CameraModel.FISHEYE))

@@ -38,6 +38,7 @@ def test_a_gradient_that_is_the_same_at_all_times_is_no_signal():
     assert float(watched(lambda time: 3.0).signals().max()) < 1.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wave", [1, 2])
 def test_a_gradient_that_follows_time_is_a_signal_at_any_size(wave):
     signals = watched(lambda time: math.cos(wave * math.pi * time)).signals()
@@ -77,6 +78,7 @@ def test_a_parameter_that_is_drawn_as_it_is_is_watched_once():
     torch.testing.assert_close(still.stillness.values[:, 0, :, 0], torch.ones(2, 2))
 
 
+@pytest.mark.slow
 def test_the_time_at_which_opacity_is_wanted_is_where_its_gradient_is_most_negative():
     early = watched(lambda time: -3 * math.cos(math.pi * time))
     middle = watched(lambda time: 3 * math.cos(2 * math.pi * time))

@@ -42,6 +42,9 @@ from gsfw.preparation.pairs import MatchingRule, plan_pairs
 from gsfw.preparation.progress import Silent
 from gsfw.preparation.source import read_source
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 Pixels = np.ndarray
 
 

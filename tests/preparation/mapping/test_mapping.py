@@ -17,6 +17,9 @@ from gsfw.preparation.mapping.mapping import Mapping, continue_mapping, map_came
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.progress import Advance, Progress, Silent
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 RULE = MappingRule()
 SHARED_DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 

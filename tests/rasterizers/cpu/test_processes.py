@@ -10,6 +10,7 @@ import pytest
 from gsfw.kernels.cpu.native_module import NOT_BUILT, instruction_sets
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.skipif(not instruction_sets(), reason=NOT_BUILT),
     pytest.mark.skipif(sys.platform == "win32", reason="forks and signals are Unix's"),
 ]

@@ -17,6 +17,9 @@ from gsfw.core.render_settings import Depth, RenderSettings, Statistic
 from gsfw.core.splats import Splats
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 GRADIENTS = frozenset({Statistic.SCREEN_GRADIENT, Statistic.ABSGRAD})
 
 FAINT = 0.05

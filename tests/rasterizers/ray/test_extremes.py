@@ -27,7 +27,7 @@ SETTINGS = RenderSettings(
 )
 
 # What is drawn here is drawn with checks by the tests of its parts.
-pytestmark = pytest.mark.unchecked
+pytestmark = [pytest.mark.unchecked, pytest.mark.slow]
 CASES = [(mode, torch.float32) for mode in MODES]
 CASES += [("mean", torch.float64), ("volume, no dilation", torch.float64)]
 

@@ -52,6 +52,7 @@ def test_cases_are_chosen_by_name_section_or_pattern():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", dynamic_methods(installed()))
 def test_dynamic_methods_pass_the_cases_of_time(method):
     model = moving_model(method, installed())

@@ -25,6 +25,9 @@ from gsfw.studies.stress.moving_case import MOVING_CASES, moving_model
 from gsfw.studies.stress.moving_measure import measure_moving
 from gsfw.studies.stress.result import CaseResult
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 TILE = 16
 
 Draw = Callable[[Drawing], RenderOutput]

@@ -22,6 +22,9 @@ from gsfw.studies.tradeoff.record import RecordStore
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES
 
+# Seconds each; .ci/run runs them.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def model(finished_run):
