@@ -58,13 +58,14 @@ class Forward:
     def render(self, batch: Batch, step: int, share: float) -> RenderedBatch:
         """Run the forward pass of one batch, whose loss has the weight ``share`` in the step."""
         parts = self._parts
-        settings = self._settings(step)
+        base = self._base_settings(step)
+        settings = self._with_refiners(base, step)
         background = settings.background
         assert background is not None
         splats = parts.model.splats(batch.time, batch.cameras)
         output = parts.rasterizer.render(splats, batch.cameras, settings)
         rendered = parts.model.decode(output, batch.cameras)
-        bare = replace(settings, statistics=frozenset(), depth=self._plan.settings.depth)
+        bare = replace(base, statistics=frozenset(), contribution_weights=None)
 
         def render_view(cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
             splats = parts.model.splats(time, cameras)
@@ -98,15 +99,18 @@ class Forward:
         total = torch.stack(list(losses.values())).sum() * share
         return RenderedBatch(context, losses, tuple(data_losses), total)
 
-    def _settings(self, step: int) -> RenderSettings:
-        """The render settings of a step: those of the run, changed by method and refiners."""
-        parts = self._parts
-        settings = parts.method.render_settings(self._plan.settings, step)
-        depth = parts.refiners.depth(step)
+    def _base_settings(self, step: int) -> RenderSettings:
+        """The render settings of the run, as the method changes them, with a background."""
+        settings = self._parts.method.render_settings(self._plan.settings, step)
+        return replace(settings, background=self._background(settings))
+
+    def _with_refiners(self, settings: RenderSettings, step: int) -> RenderSettings:
+        """The same settings with the statistics and the depth that refiners need."""
+        refiners = self._parts.refiners
+        depth = refiners.depth(step)
         return replace(
             settings,
-            background=self._background(settings),
-            statistics=settings.statistics | parts.refiners.statistics(step),
+            statistics=settings.statistics | refiners.statistics(step),
             depth=settings.depth if depth is Depth.NONE else depth,
         )
 

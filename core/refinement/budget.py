@@ -123,10 +123,10 @@ class Budget(Refiner):
     ) -> None:
         """Start without statistics.
 
-        size: the parsed budget; not "none".
+        Args:
+            size: the parsed budget; not "none".
             config: settings of the rounds of pruning.
             scene: its training views are rendered in a round of pruning.
-            scene: has the training views that a round of pruning looks at.
             growth_ends: steps after which the strategy adds no more rows; ``None`` if never.
         """
         self._config, self._budget, self._growth_ends = config, size, growth_ends

@@ -281,6 +281,7 @@ def test_a_method_may_change_render_settings_and_render_pseudo_views(tmp_path):
         def losses(self, context):
             cameras = context.batch.cameras.resized(8, 6)
             pseudo = context.render(cameras, None)
+            assert pseudo.depth is not None, "the settings of the method hold for pseudo views too"
             seen.add((context.rendered.depth is not None, *pseudo.color.shape[1:3]))
             assert pseudo.statistics.screen_gradient is None
             return {**super().losses(context), "pseudo": 0.1 * pseudo.color.mean()}
