@@ -43,7 +43,7 @@ from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
 from gsfw.strategies.guided_sampling import GuidedSampling, GuidedSamplingConfig
 from gsfw.strategies.opacity_reset import OpacityReset
-from gsfw.strategies.rounds import RefinementRounds
+from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
 
 COPIES = 2
 """Number of children of a split row (Kerbl et al. 2023, section 5.2)."""
@@ -108,16 +108,14 @@ class AdcConfig(StrategyConfig):
         return tuple(found)
 
 
-class AdaptiveDensityControl(Refiner):
+class AdaptiveDensityControl(DensityRefiner):
     """Clones, splits and prunes by the statistics of the views since the last refinement."""
 
     name = "adc"
 
     def __init__(self, config: AdcConfig, scene: Scene, rounds: RefinementRounds) -> None:
-        self._config, self._rounds = config, rounds
-        self._extent = scene.extent
-        self._num_times = scene.num_times
-        self._seen: RowStatistics | None = None
+        super().__init__(rounds)
+        self._config, self._extent, self._num_times = config, scene.extent, scene.num_times
         self._may_grow = True
 
     def statistics(self, step: int) -> frozenset[Statistic]:
@@ -142,19 +140,6 @@ class AdaptiveDensityControl(Refiner):
         if time_gradient is not None:
             observed = statistics.visible.any()
             self._seen.add_time_gradient(time_gradient, len(context.batch.views), observed)
-
-    def growth_due(self, step: int) -> bool:
-        """Every ``refine_every`` steps between start and stop."""
-        return self._rounds.due(step + 1)
-
-    @property
-    def growth_ends(self) -> int:
-        """``refine_stop``."""
-        return self._config.refine_stop
-
-    def rows_edited(self) -> None:
-        """Drop the statistics after a change of rows."""
-        self._seen = None
 
     def refine(self, context: RefineContext) -> Refinement:
         """Grow and prune every ``refine_every`` steps, unless another refiner prunes that step."""
@@ -236,13 +221,10 @@ class AdaptiveDensityControl(Refiner):
         return kept
 
     def state_dict(self) -> dict[str, Any]:
-        """The sums since the last refinement, and the state of growth."""
-        gathered = {} if self._seen is None else self._seen.state_dict()
-        return {"gathered": gathered, "may_grow": self._may_grow}
+        """The sums since the last change of rows, and the end of growth by others."""
+        return {**super().state_dict(), "may_grow": self._may_grow}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from ``state``."""
-        gathered = state.get("gathered", {})
-        device = gathered["views"].device if gathered else None
-        self._seen = None if device is None else RowStatistics.restored(gathered, device)
+        super().load_state_dict(state)
         self._may_grow = state.get("may_grow", True)

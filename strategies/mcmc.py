@@ -32,7 +32,7 @@ from gsfw.core.render_settings import Statistic
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
-from gsfw.strategies.rounds import RefinementRounds
+from gsfw.strategies.rounds import DensityRefiner, RefinementRounds
 
 POSITIONS = "means"
 """The column whose learning rate the noise follows."""
@@ -76,17 +76,16 @@ class McmcConfig(StrategyConfig):
         return (MarkovChainMonteCarlo(self),)
 
 
-class MarkovChainMonteCarlo(Refiner):
+class MarkovChainMonteCarlo(DensityRefiner):
     """Relocates, grows and perturbs."""
 
     name = "mcmc"
 
     def __init__(self, config: McmcConfig) -> None:
-        self._config = config
-        self._rounds = RefinementRounds(
-            config.refine_start, config.refine_every, config.refine_stop
+        super().__init__(
+            RefinementRounds(config.refine_start, config.refine_every, config.refine_stop)
         )
-        self._seen: RowStatistics | None = None
+        self._config = config
 
     def statistics(self, step: int) -> frozenset[Statistic]:
         """The screen gradient if rows are sampled by it, while growth lasts."""
@@ -110,19 +109,6 @@ class MarkovChainMonteCarlo(Refiner):
         if self._seen is None:
             self._seen = RowStatistics(context.num_rows, gradient.device)
         self._seen.add(context, statistics, gradient)
-
-    def growth_due(self, step: int) -> bool:
-        """Every ``refine_every`` steps between start and stop."""
-        return self._rounds.due(step + 1)
-
-    @property
-    def growth_ends(self) -> int:
-        """``refine_stop``."""
-        return self._config.refine_stop
-
-    def rows_edited(self) -> None:
-        """Drop the statistics after a change of rows."""
-        self._seen = None
 
     def refine(self, context: RefineContext) -> Refinement:
         """Relocate and grow every ``refine_every`` steps; add noise after every step."""
@@ -186,16 +172,6 @@ class MarkovChainMonteCarlo(Refiner):
         sources, copies = chosen.unique(return_counts=True)
         table.replace(sources, model.relocated(sources, copies + 1))
         return model.clone_rows(chosen)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The gradients since the last refinement, if they are gathered."""
-        return {"gathered": {} if self._seen is None else self._seen.state_dict()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from ``state``."""
-        gathered = state.get("gathered", {})
-        device = gathered["views"].device if gathered else None
-        self._seen = None if device is None else RowStatistics.restored(gathered, device)
 
 
 def draw_rows(

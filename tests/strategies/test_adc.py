@@ -54,7 +54,9 @@ def refined(adc, model, gradient, step=9, **measured):
 
 def test_small_rows_are_cloned_large_ones_split_and_transparent_ones_pruned():
     model = gaussians(6)
-    set_rows(model, [0.5, 0.5, 0.5, 0.5, 0.004, 0.006], [SMALL, LARGE, SMALL, LARGE, SMALL, SMALL])
+    set_rows(
+        model, [0.5, 0.5, 0.5, 0.5, 0.0049, 0.0051], [SMALL, LARGE, SMALL, LARGE, SMALL, SMALL]
+    )
     before = {name: column.values.detach().clone() for name, column in model.columns().items()}
     counts, optimizer = refined(strategy(), model, [HIGH, HIGH, LOW, LOW, LOW, HIGH])
     assert counts == {"cloned": 2, "split": 1, "pruned": 1}
