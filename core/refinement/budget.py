@@ -134,8 +134,7 @@ class Budget(Refiner):
         self._seen: Contributions | None = None
         self._losses = ViewLosses()
         self._curve: list[dict[str, Any]] = []
-        self._poor = self._rounds = self._steps = 0
-        self._calm = 0
+        self._poor = self._rounds = self._calm = 0
         self._stopped: int | None = None
         self._why = ""
 
@@ -171,7 +170,6 @@ class Budget(Refiner):
         self, context: StepContext, statistics: RenderStatistics, model: PrimitiveModel
     ) -> None:
         """Gather losses and contributions; no synchronisation."""
-        self._steps = context.steps
         if self._rounds < ROUNDS:
             self._losses.add(context)
         if statistics.contribution is not None and self.statistics(context.step):
@@ -181,18 +179,19 @@ class Budget(Refiner):
 
     def refine(self, context: RefineContext) -> Refinement:
         """End growth, or prune; judge growth before other refiners add rows."""
-        pruned = self._advance(context.done, context.table, context.model)
+        pruned = self._advance(context)
         if context.growth_due and not self._is_looking(context.step):
             self._before_growth(context.done, len(context.table))
         return {"pruned": pruned} if pruned else {}
 
-    def _advance(self, done: int, table: SplatTable, model: PrimitiveModel) -> int:
+    def _advance(self, context: RefineContext) -> int:
         """End growth, or prune a round; return the number of pruned rows."""
+        done, table, model = context.done, context.table, context.model
         ended = self._growth_ends is not None and done >= self._growth_ends
-        if self.grows and (ended or 0 < self._steps <= 2 * done):
+        if self.grows and (ended or context.steps <= 2 * done):
             self._stop(done, "the strategy ends it" if ended else "half of the run is over")
         most = self._budget.most_rows(model)
-        if done == self._steps and most is not None and len(table) > most:
+        if done == context.steps and most is not None and len(table) > most:
             return self._keep(done, self._scores(model), most, table)
         if self._is_looking(done - 1) and self._has_looked():
             return self._round_of_pruning(done, table, model)
@@ -301,7 +300,7 @@ class Budget(Refiner):
             "curve": list(self._curve),
             "losses": self._losses.state_dict(),
             "seen": None if self._seen is None else self._seen.state_dict(),
-            "counts": [self._poor, self._rounds, self._steps, self._calm],
+            "counts": [self._poor, self._rounds, self._calm],
             "stopped": self._stopped,
             "why": self._why,
         }
@@ -313,7 +312,7 @@ class Budget(Refiner):
         self._curve, seen = list(state["curve"]), state["seen"]
         self._losses.load_state_dict(state["losses"])
         self._seen = None if seen is None else Contributions.restored(seen)
-        self._poor, self._rounds, self._steps, self._calm = state["counts"]
+        self._poor, self._rounds, *_, self._calm = state["counts"]  # 0.1.0 has the steps too.
         self._stopped, self._why = state["stopped"], state["why"]
 
 

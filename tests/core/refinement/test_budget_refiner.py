@@ -90,7 +90,9 @@ def test_a_run_that_is_too_short_for_its_rounds_still_ends_with_the_number():
     set_rows(model, [0.1, 0.9, 0.5])
     counts = control(budget="2")
     counts.observe(*look([1.0] * 3, step=9, steps=10), model)
-    assert advance(counts, 10, table_of(model)[1], model) == 1  # By opacity: no view was seen.
+    assert (
+        advance(counts, 10, table_of(model)[1], model, steps=10) == 1
+    )  # By opacity: no view was seen.
     assert model.opacities().tolist() == pytest.approx([0.9, 0.5])
 
 
