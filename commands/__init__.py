@@ -1,4 +1,4 @@
-"""The verbs of the command line, one file each."""
+"""The verbs of the command line, a file or a folder each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def gsfw_commands() -> list[Spec]:
         Spec(
             "tradeoff",
             "measure what a finished model, or its training, can give up",
-            "gsfw.commands.tradeoff:run",
+            "gsfw.commands.tradeoff.verb:run",
         ),
         Spec(
             "stress",

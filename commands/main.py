@@ -8,9 +8,9 @@ import warnings
 from collections.abc import Callable, Sequence
 from importlib import metadata
 
-from gsfw.commands.failure import INTERRUPTED, report
 from gsfw.commands.interface.arguments import HelpRequested, parse
 from gsfw.commands.interface.console import Console, LoggedWarnings
+from gsfw.commands.interface.failure import INTERRUPTED, report
 from gsfw.commands.interface.help import main_help
 from gsfw.commands.interface.interrupt import leave_on_signal
 from gsfw.commands.interface.progress import SlowStages

@@ -55,7 +55,7 @@ def run(tokens: list[str]) -> int:
     load_torch()
 
     from gsfw.commands.interface.runs import find_run
-    from gsfw.commands.training import describe, run_training
+    from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.config_file import write_config
     from gsfw.plugins.loading import make_callbacks

@@ -141,7 +141,7 @@ def _make(
     missing: Sequence[str],
 ) -> int:
     """Make the runs, and write the report at any end."""
-    from gsfw.commands.failure import INTERRUPTED
+    from gsfw.commands.interface.failure import INTERRUPTED
     from gsfw.commands.interface.interrupt import stop_on_signal
     from gsfw.core.callback import Control
     from gsfw.studies.report import documents

@@ -28,8 +28,8 @@ def run(tokens: list[str]) -> int:
     _announce(arguments, registry, console)
     with stage("loading torch and the method"):
         settings = read_settings("train", arguments, registry)
-    from gsfw.commands.new_run import check_free, default_folder, new_run_folder
-    from gsfw.commands.training import describe, run_training
+    from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
+    from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.compose import check, compose
     from gsfw.plugins.config_file import write_config

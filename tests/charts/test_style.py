@@ -30,7 +30,12 @@ def figure(name="a"):
 def test_charts_and_commands_are_imported_without_matplotlib():
     modules = (
         *("charts.census", "charts.dots", "charts.fronts", "charts.heat_map", "charts.time_plot"),
-        *("commands.main", "commands.training", "callbacks.results", "callbacks.tensorboard"),
+        *(
+            "commands.main",
+            "commands.interface.training",
+            "callbacks.results",
+            "callbacks.tensorboard",
+        ),
         *("studies.report", "studies.stress.heat_map", "studies.tradeoff.pareto_plot"),
         *("studies.tradeoff.training.plot", "preparation.check.contact_sheet"),
     )

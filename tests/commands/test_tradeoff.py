@@ -10,7 +10,7 @@ import pytest
 from support.moving_runs import train as train_moving
 
 from gsfw.commands.main import main
-from gsfw.commands.tradeoff_model import AxisName
+from gsfw.commands.tradeoff.model import AxisName
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.studies.tradeoff.runner import Runner
 from gsfw.studies.tradeoff.variant import AXES

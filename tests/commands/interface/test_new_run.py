@@ -1,4 +1,4 @@
-"""Tests of gsfw.commands.new_run."""
+"""Tests of gsfw.commands.interface.new_run."""
 
 import errno
 import os
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gsfw.commands.new_run import check_free, default_folder, new_run_folder
+from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
 from gsfw.core.errors import OutputError
 
 

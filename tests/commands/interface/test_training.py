@@ -1,4 +1,4 @@
-"""Tests of gsfw.commands.training."""
+"""Tests of gsfw.commands.interface.training."""
 
 from pathlib import Path
 

@@ -43,14 +43,14 @@ def run(tokens: list[str]) -> int:
     if arguments.flag("help"):
         raise HelpRequested(_help())
     if names_a_run(arguments):
-        from gsfw.commands.tradeoff_model import run as vary
+        from gsfw.commands.tradeoff.model import run as vary
 
         return vary(tokens)
     if not arguments.values.keys() - {*FLAGS}:
         from gsfw.core.errors import ConfigError
 
         raise ConfigError("gsfw tradeoff: neither a RUN nor settings are given.", HOW)
-    from gsfw.commands.tradeoff_training import run as train
+    from gsfw.commands.tradeoff.training import run as train
 
     return train(arguments)
 
@@ -90,8 +90,8 @@ def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> Non
 def _help() -> str:
     """The help of both forms."""
     from gsfw.commands.interface.help import options_help
-    from gsfw.commands.tradeoff_model import ModelOptions
-    from gsfw.commands.tradeoff_training import TrainingOptions
+    from gsfw.commands.tradeoff.model import ModelOptions
+    from gsfw.commands.tradeoff.training import TrainingOptions
 
     trains = options_help("tradeoff", TrainingOptions)
     more = "Every other key is a setting of the runs: gsfw train method=3dgs --help."

@@ -8,8 +8,8 @@ from typing import Any
 
 import torch
 
-from gsfw.commands.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interface.interrupt import stop_on_signal
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError

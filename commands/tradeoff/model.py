@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from gsfw.commands.interface.arguments import RunOptions, read
-from gsfw.commands.tradeoff import Budget, Target, check_numbers, wish_of
+from gsfw.commands.tradeoff.verb import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import Arguments, Options, layers, read
-from gsfw.commands.tradeoff import Budget, Target, check_numbers, wish_of
+from gsfw.commands.tradeoff.verb import Budget, Target, check_numbers, wish_of
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -69,8 +69,8 @@ def run(arguments: Arguments) -> int:
     options, given = _split(arguments)
     _check(options)
 
-    from gsfw.commands.failure import INTERRUPTED
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.failure import INTERRUPTED
     from gsfw.commands.interface.interrupt import stop_on_signal
     from gsfw.commands.interface.runs import RUNS
     from gsfw.core.callback import Control

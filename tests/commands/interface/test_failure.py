@@ -1,4 +1,4 @@
-"""Tests of gsfw.commands.failure."""
+"""Tests of gsfw.commands.interface.failure."""
 
 import json
 import re
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gsfw.commands.failure import RecordedError, report, tracebacks_in
 from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.failure import RecordedError, report, tracebacks_in
 from gsfw.core.errors import ConfigError, TrainingError
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.discovery import PluginSource

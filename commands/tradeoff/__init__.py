@@ -1,0 +1,1 @@
+"""`gsfw tradeoff`: variants of a finished model, or of a training run."""
