@@ -21,7 +21,7 @@ from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
 from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays, show_change
-from gsfw.datamanagers.synthetic.stage import Solid, Stage, solids
+from gsfw.datamanagers.synthetic.scene import Solid, SyntheticScene, solids
 from gsfw.datamanagers.synthetic.tracks import Marks, Tracks
 
 
@@ -78,9 +78,9 @@ class SyntheticData(DataManager):
     def _cast(self, number: int) -> DecodedImage:
         """The image of a view, by its number; called from several threads."""
         views = [*self._world[Split.TRAIN], *self._world[Split.EVAL]]
-        stage = Stage(self._solids, _time(views[number]))
+        scene = SyntheticScene(self._solids, _time(views[number]))
         with one_thread():
-            return DecodedImage(photograph(stage, views[number]).numpy())
+            return DecodedImage(photograph(scene, views[number]).numpy())
 
     def _cameras(self, count: int, first: float, downscale: float) -> list[Cameras]:
         """Views in the world, in float64, in order of time; every time gets about as many."""
@@ -128,8 +128,8 @@ class SyntheticData(DataManager):
             return None
         times = [number / (self._config.times - 1) for number in range(self._config.times)]
         with one_thread():
-            stages = [Stage(self._solids, time) for time in times]
-            return show_change(stages, self._world[split][index])
+            scenes = [SyntheticScene(self._solids, time) for time in times]
+            return show_change(scenes, self._world[split][index])
 
     def close(self) -> None:
         """Stop casting, and free the images."""
@@ -173,7 +173,7 @@ def find_surface(
                 if _time(camera) == time
             ]
             origins, directions = (torch.cat(part, dim=1) for part in zip(*cast, strict=True))
-            found.append(_met(Stage(items, time), origins, directions))
+            found.append(_met(SyntheticScene(items, time), origins, directions))
     rows = torch.cat(found)
     rows = rows[torch.randperm(len(rows), generator=generator)[:count]]
     solid, own, world, colors, times = rows.split([1, 3, 3, 3, 1], dim=1)
@@ -191,15 +191,15 @@ def _random_rays(
 
 
 def _met(
-    stage: Stage, origins: Float64[Tensor, "3 n"], directions: Float64[Tensor, "3 n"]
+    scene: SyntheticScene, origins: Float64[Tensor, "3 n"], directions: Float64[Tensor, "3 n"]
 ) -> Float64[Tensor, "hits 11"]:
     """What rays meet: solid, point in its own coordinates, point in the world, colour, time."""
-    hits = stage.trace(origins, directions)
-    colors = stage.shade(hits, directions)
+    hits = scene.trace(origins, directions)
+    colors = scene.shade(hits, directions)
     rows = []
-    for index, _, pose in stage.placed:
+    for index, _, pose in scene.placed:
         chosen = hits.solid == index
         world = hits.points[:, chosen]
-        number, time = torch.full_like(world[:1], index), torch.full_like(world[:1], stage.time)
+        number, time = torch.full_like(world[:1], index), torch.full_like(world[:1], scene.time)
         rows.append(torch.cat([number, pose.to_own(world), world, colors[:, chosen], time]).T)
     return torch.cat(rows)

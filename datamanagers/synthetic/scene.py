@@ -1,4 +1,4 @@
-"""Stage: the solids of the built-in scene, and what rays see of them at a time.
+"""SyntheticScene: the solids of the built-in scene, traced and shaded at one time.
 
 Points, directions and colours are columns, [3, n].
 """
@@ -32,7 +32,7 @@ LIFT = 1e-3
 
 @dataclass(frozen=True)
 class Solid:
-    """One thing in the scene."""
+    """An object of the scene."""
 
     name: str
     shape: Shape
@@ -54,7 +54,7 @@ class Solid:
 
 
 def solids(seed: int) -> tuple[Solid, ...]:
-    """The scene: a disc at z = 0, and what stands on it; ``seed`` draws the noise of textures."""
+    """The solids: a disc at z = 0, and those on it; ``seed`` draws the noise of textures."""
     generator = torch.Generator().manual_seed(seed)
 
     def noise(frequency: float) -> Waves:
@@ -110,7 +110,7 @@ class Hits:
 
 
 @dataclass(frozen=True)
-class Stage:
+class SyntheticScene:
     """The solids as they are at one time."""
 
     solids: tuple[Solid, ...]

@@ -16,7 +16,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import look_at
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.synthetic.raycast import one_thread, rays
-from gsfw.datamanagers.synthetic.stage import Stage, solids
+from gsfw.datamanagers.synthetic.scene import SyntheticScene, solids
 from gsfw.datamanagers.synthetic.textures import Texture, Waves
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
@@ -51,14 +51,14 @@ class Speckled:
         return (self.texture(points) * (1 + 0.9 * noise)).clamp(0, 1)
 
 
-def stage() -> Stage:
+def speckled_scene() -> SyntheticScene:
     """The built-in scene, speckled."""
     generator = torch.Generator().manual_seed(5)
 
     def spots(size: float) -> tuple[Waves, ...]:
         return tuple(Waves.random(generator, 20.0 * size * times, 12) for times in (1, 2, 4))
 
-    return Stage(
+    return SyntheticScene(
         tuple(
             replace(solid, texture=Speckled(solid.texture, spots(2.0 if index == 0 else 1.0)))
             for index, solid in enumerate(solids(0))
@@ -82,7 +82,7 @@ def arc(count: int, first: float = 0.0, step: float = STEP, width=WIDTH, height=
 
 def photos(cameras: Cameras) -> list[np.ndarray]:
     """What the cameras see, [h, w, 3] in 8 bits, before mid-grey."""
-    scene, pictures = stage(), []
+    scene, pictures = speckled_scene(), []
     wide, high = cameras.width * SAMPLES, cameras.height * SAMPLES
     y, x = torch.meshgrid(torch.arange(high), torch.arange(wide), indexing="ij")
     positions = (torch.stack([x.flatten(), y.flatten()]) + 0.5) / SAMPLES
