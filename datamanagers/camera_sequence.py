@@ -102,9 +102,9 @@ def find_sequences(folder: Path, prefix: str = "") -> dict[str, Path]:
         return videos
     found = {}
     for item in items:
-        for pictures in (item / "images", item):
-            if pictures.is_dir() and images_in(pictures):
-                found[item.name] = pictures
+        for images in (item / "images", item):
+            if images.is_dir() and images_in(images):
+                found[item.name] = images
                 break
     return found
 

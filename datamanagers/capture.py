@@ -223,12 +223,12 @@ class Capture(DataManager):
         """An image with its per-view maps."""
         frame = self._frames[index]
         if frame.shot is not None:
-            picture = self._videos.get(index)
+            image = self._videos.get(index)
         else:
-            picture = self._fit(index, decode(frame.path, frame.header))
-        inside = self._masks.inside(frame, picture)
+            image = self._fit(index, decode(frame.path, frame.header))
+        inside = self._masks.inside(frame, image)
         scale = self._scene.world_from_scene.inverse().scale
-        return replace(picture, maps=self._maps.load(index, self._fits[index], inside, scale))
+        return replace(image, maps=self._maps.load(index, self._fits[index], inside, scale))
 
     def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> DecodedImage:
         """A decoded image, masked, undistorted and shrunk."""

@@ -20,10 +20,10 @@ def describe_unrecognised(path: Path) -> str:
         return ""
     for folder in (path, path / "images", path / "input"):
         files = _files(folder)
-        pictures = [item for item in files if item.suffix.lower() in EXTENSIONS]
-        if pictures:
+        images = [item for item in files if item.suffix.lower() in EXTENSIONS]
+        if images:
             where = "" if folder == path else f" in {folder.name}/"
-            return f"{len(pictures)} images{where}, but no cameras; {_reconstruct(folder)}"
+            return f"{len(images)} images{where}, but no cameras; {_reconstruct(folder)}"
         videos = [item for item in files if item.suffix.lower() in VIDEOS]
         if videos:
             return _video(videos[0])

@@ -119,14 +119,14 @@ class PlacedImage:
     maps: Mapping[str, PlacedMap] = field(default_factory=dict)
 
     @staticmethod
-    def on_host(picture: DecodedImage) -> PlacedImage:
+    def on_host(image: DecodedImage) -> PlacedImage:
         """A decoded image where it is; nothing is copied."""
-        mask = None if picture.mask is None else torch.from_numpy(picture.mask)
+        mask = None if image.mask is None else torch.from_numpy(image.mask)
         maps = {
             name: PlacedMap(torch.from_numpy(item.values), torch.from_numpy(item.known), item.rule)
-            for name, item in picture.maps.items()
+            for name, item in image.maps.items()
         }
-        return PlacedImage(torch.from_numpy(picture.pixels), mask, maps)
+        return PlacedImage(torch.from_numpy(image.pixels), mask, maps)
 
     @property
     def layout(self) -> Layout:
@@ -210,15 +210,15 @@ class DeviceImages:
         """Those of ``numbers`` that are neither there nor on their way."""
         return [number for number in numbers if number not in self._sent]
 
-    def send(self, number: int, picture: Future[DecodedImage]) -> None:
+    def send(self, number: int, image: Future[DecodedImage]) -> None:
         """Have an image sent as soon as it is decoded."""
         passing = [other for other in self._sent if other not in self._kept]
         for unused in passing[: max(len(passing) + 1 - MOST_PASSING, 0)]:
             del self._sent[unused]
-        self._sent[number] = self._thread.submit(self._ship, picture)
+        self._sent[number] = self._thread.submit(self._ship, image)
 
-    def _ship(self, picture: Future[DecodedImage]) -> tuple[Layout, Shipment]:
-        placed = PlacedImage.on_host(picture.result())
+    def _ship(self, image: Future[DecodedImage]) -> tuple[Layout, Shipment]:
+        placed = PlacedImage.on_host(image.result())
         return placed.layout, self._upload.send(placed.tensors)
 
     def get(self, number: int) -> PlacedImage:

@@ -112,21 +112,19 @@ class ImageFolder:
         return None
 
     def frame(
-        self, picture: Path, lens: Lens, world_to_camera: Float64[Tensor, "4 4"], camera: int
+        self, image: Path, lens: Lens, world_to_camera: Float64[Tensor, "4 4"], camera: int
     ) -> Frame:
         """The frame of one of these images."""
-        return Frame(
-            self.name(picture), picture, read_header(picture), lens, world_to_camera, camera
-        )
+        return Frame(self.name(image), image, read_header(image), lens, world_to_camera, camera)
 
-    def _is_at(self, picture: Path, key: str) -> bool:
+    def _is_at(self, image: Path, key: str) -> bool:
         """Whether that is the image's path, with or without its extension."""
-        relative = picture.relative_to(self.path)
+        relative = image.relative_to(self.path)
         return key in (relative.as_posix().lower(), relative.with_suffix("").as_posix().lower())
 
-    def name(self, picture: Path) -> str:
+    def name(self, image: Path) -> str:
         """What messages and result files call an image."""
-        return picture.relative_to(self.path).as_posix()
+        return image.relative_to(self.path).as_posix()
 
 
 def only_file(path: Path, files: Sequence[Path], expected: str, advice: str) -> Path:

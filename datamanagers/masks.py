@@ -64,13 +64,13 @@ class MaskRule:
         covered = np.where(inside, alpha, 0).astype(np.uint8)
         return np.concatenate([pixels[..., :3], covered[..., None]], axis=2), None
 
-    def inside(self, frame: Frame, picture: DecodedImage) -> Bool[np.ndarray, "h w"] | None:
+    def inside(self, frame: Frame, image: DecodedImage) -> Bool[np.ndarray, "h w"] | None:
         """True where a fitted image's pixels lie wholly inside its mask; ``None``: all do."""
         masked = frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
         if self.mode is MaskMode.IGNORE or not masked:
-            return picture.mask
-        whole = np.asarray(picture.pixels[..., 3] == 255)
-        return whole if picture.mask is None else whole & picture.mask
+            return image.mask
+        whole = np.asarray(image.pixels[..., 3] == 255)
+        return whole if image.mask is None else whole & image.mask
 
     def gives_alpha(self, frame: Frame) -> bool:
         """Whether a loaded image has alpha."""

@@ -60,7 +60,7 @@ class OpenMvgConfig(ImageFolderConfig):
             )
         content = mapping(read_json(file), str(file))
         root = file.absolute().parent
-        pictures = self._images_of(content, root)
+        images = self._images_of(content, root)
         views = [view for _, view in _entries(content, "views", file)]
         poses = {key: entry for key, entry in _entries(content, "extrinsics", file)}
         placed = [view for view in views if view.get("id_pose") in poses]
@@ -69,7 +69,7 @@ class OpenMvgConfig(ImageFolderConfig):
                 f"{file}: none of its {len(views)} views has a pose.",
                 "Give the file that OpenMVG's reconstruction wrote, not that of its listing.",
             )
-        frames, missing = _frames(placed, poses, _lenses(content, file), pictures, file)
+        frames, missing = _frames(placed, poses, _lenses(content, file), images, file)
         without = [_name(view) for view in views if view.get("id_pose") not in poses]
         (points, colors), point_note = self.start_points(root, _points(content, file))
         return Recording(
@@ -81,7 +81,7 @@ class OpenMvgConfig(ImageFolderConfig):
             notes=(
                 f"{file}: {len(views)} views, {len(points)} points",
                 *left_out(without, "without a pose"),
-                *missing_images(missing, len(placed), pictures.path),
+                *missing_images(missing, len(placed), images.path),
                 *point_note,
             ),
             up="-y",
@@ -180,7 +180,7 @@ def _frames(
     views: list[Mapping[str, Any]],
     poses: Mapping[Any, Mapping[str, Any]],
     lenses: Mapping[Any, Lens],
-    pictures: ImageFolder,
+    images: ImageFolder,
     file: Path,
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose images are on disk, and the names of those that are not."""
@@ -189,15 +189,15 @@ def _frames(
     for view in views:
         where = f"{file}: view {_name(view)}"
         local = str(view.get("local_path", "")).strip("/")
-        picture = pictures.find(f"{local}/{_name(view)}".lstrip("/"), where)
-        if picture is None:
+        image = images.find(f"{local}/{_name(view)}".lstrip("/"), where)
+        if image is None:
             missing.append(_name(view))
             continue
         key = view.get("id_intrinsic")
         if key not in lenses:
             raise DataError(f"{where}: there is no intrinsic {key}.", "Copy the file again.")
         pose = _pose(poses[view.get("id_pose")], where)
-        frames.append(pictures.frame(picture, lenses[key], pose, numbers_of[key]))
+        frames.append(images.frame(image, lenses[key], pose, numbers_of[key]))
     return frames, missing
 
 

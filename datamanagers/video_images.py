@@ -94,9 +94,9 @@ class VideoImages:
             return self._shelf.load(index)
         shot = self._shots[index]
         self._begin(shot)
-        picture = self._finish(index, shot.video.image(shot.number))
-        self._keep(index, picture)
-        return picture
+        image = self._finish(index, shot.video.image(shot.number))
+        self._keep(index, image)
+        return image
 
     def close(self) -> None:
         """Stop decoding, and remove what was kept."""
@@ -139,7 +139,7 @@ class VideoImages:
             # Whoever asks for the image decodes it again, and gets the error.
             return
 
-    def _keep(self, index: int, picture: DecodedImage) -> None:
+    def _keep(self, index: int, image: DecodedImage) -> None:
         """Put an image onto the shelf, if there is room and nobody else does."""
         with self._lock:
             shelf = self._shelf
@@ -148,7 +148,7 @@ class VideoImages:
             self._left -= self._sizes[index]
             self._claimed.add(index)
         try:
-            shelf.save(index, picture)
+            shelf.save(index, image)
         except OSError:  # The disk is full after all: others write to it, too.
             self._left = 0
             return
@@ -179,7 +179,7 @@ class _Shelf:
         # Also where nobody calls close(): threads must not run while the interpreter goes down.
         self.close = weakref.finalize(self, _clear, self.folder, self.segments, threads, closed)
 
-    def save(self, index: int, picture: DecodedImage) -> None:
+    def save(self, index: int, image: DecodedImage) -> None:
         """Write an image, as uncompressed arrays.
 
         Raises:
@@ -187,9 +187,9 @@ class _Shelf:
         """
         pixels, mask = self._files(index)
         try:
-            if picture.mask is not None:
-                np.save(mask, picture.mask)
-            np.save(pixels, picture.pixels)
+            if image.mask is not None:
+                np.save(mask, image.mask)
+            np.save(pixels, image.pixels)
         except OSError:
             for file in (pixels, mask):
                 file.unlink(missing_ok=True)

@@ -26,7 +26,7 @@ MARGIN = 1.0
 def rays(
     camera: Cameras, pixels: Float[Tensor, "2 n"]
 ) -> tuple[Float[Tensor, "3 1"], Float[Tensor, "3 n"]]:
-    """Origin and directions of the rays through positions in a picture, in the camera's world.
+    """Origin and directions of the rays through positions in an image, in the camera's world.
 
     Args:
         camera: one pinhole camera.
@@ -43,7 +43,7 @@ def rays(
 
 
 def project(camera: Cameras, points: Float[Tensor, "3 n"]) -> Float[Tensor, "2 n"]:
-    """Where points appear in a picture, in pixels."""
+    """Where points appear in an image, in pixels."""
     pose = camera.world_to_camera[0].to(points)
     seen = pose[:3, :3] @ points + pose[:3, 3:]
     matrix = camera.intrinsics[0].to(points)
@@ -66,7 +66,7 @@ def one_thread() -> Iterator[None]:
 
 
 def photograph(scene: SyntheticScene, camera: Cameras) -> UInt8[Tensor, "h w 4"]:
-    """A picture as a file would hold it: straight colours and coverage, 8 bits each."""
+    """An image as a file would hold it: straight colours and coverage, 8 bits each."""
     rows = max(1, MAX_RAYS // (camera.width * SUBPIXELS**2))
     strips = [
         _strip(scene, camera, first, min(first + rows, camera.height))

@@ -1,4 +1,4 @@
-"""Pairs: how many (pixel, splat) pairs take part in a picture, whichever rasterizer draws it."""
+"""Pairs: how many (pixel, splat) pairs take part in an image, whichever rasterizer draws it."""
 
 from __future__ import annotations
 

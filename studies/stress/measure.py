@@ -18,7 +18,7 @@ from gsfw.studies.entrants import Entrant
 from gsfw.studies.stress.case import Drawing, StressCase
 from gsfw.studies.stress.drawn import (
     GRADIENT,
-    PICTURES,
+    IMAGES,
     Drawn,
     distance,
     draw_everything,
@@ -153,7 +153,7 @@ def _compared(
     profile = drawing.settings.profile
     expected = oracle.expected(case, profile)
     if case.truth is not None:
-        expected = {name: tensor for name, tensor in expected.items() if name in PICTURES}
+        expected = {name: tensor for name, tensor in expected.items() if name in IMAGES}
     infinite = not_finite(found)
     if infinite:
         faults = infinite

@@ -1,4 +1,4 @@
-"""The built-in scene: its geometry is exact, its pictures repeat, its tracks are true."""
+"""The built-in scene: its geometry is exact, its images repeat, its tracks are true."""
 
 import math
 from pathlib import Path
@@ -36,7 +36,7 @@ def moving():
     return small(moving=True).build(HERE)
 
 
-def pictures(data, split=Split.TRAIN):
+def images(data, split=Split.TRAIN):
     batches = data.load(split, range(len(data.views(split))), CPU)
     return torch.cat([torch.cat([batch.images, batch.alpha], dim=-1) for batch in batches])
 
@@ -112,7 +112,7 @@ def test_known_surface_points_are_seen_where_the_camera_model_projects_them():
             pixels = project(camera, points).float()
             origins, directions = rays(camera, pixels)
             hits = scene.trace(origins, directions)
-            # Rays are float32, as for pictures; a grazing ray slides, so only near hits count.
+            # Rays are float32, as for images; a grazing ray slides, so only near hits count.
             near = (hits.solid == solid) & ((hits.points - points).norm(dim=0) < 0.01)
             error = (project(camera, hits.points.double()) - project(camera, points)).norm(dim=0)
             assert float(error[near].max()) <= 0.01
@@ -128,7 +128,7 @@ def test_scene_points_lie_where_the_training_views_saw_them(static):
     visible = torch.zeros(len(points), dtype=torch.bool)
     for camera in static.views(Split.TRAIN).cameras:
         pixels = project(camera, points.T.double())
-        in_picture = ((pixels > 0) & (pixels < torch.tensor([[32.0], [24.0]]))).all(dim=0)
+        in_image = ((pixels > 0) & (pixels < torch.tensor([[32.0], [24.0]]))).all(dim=0)
         moved = Cameras(
             world.camera(camera.world_to_camera), camera.intrinsics, camera.width, camera.height
         )
@@ -137,11 +137,11 @@ def test_scene_points_lie_where_the_training_views_saw_them(static):
         near = (hits.points - in_world).norm(dim=0) < 0.01
         error = (project(moved, hits.points) - pixels).norm(dim=0)
         assert float(error[near].max()) <= 0.01
-        visible |= near & in_picture
+        visible |= near & in_image
     assert bool(visible.all())
 
 
-def test_a_held_out_picture_shows_what_single_rays_see(static):
+def test_a_held_out_image_shows_what_single_rays_see(static):
     (batch,) = static.load(Split.EVAL, [1], CPU)
     camera, scene = static.views(Split.EVAL).cameras[1], SyntheticScene(solids(0), 0.0)
     world = static.scene.world_from_scene
@@ -179,10 +179,10 @@ def test_the_scene_frame_has_extent_one_and_leads_back_to_the_world(static):
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not(static):
     again, other = small().build(HERE), small(seed=1).build(HERE)
-    assert torch.equal(pictures(static), pictures(again))
+    assert torch.equal(images(static), images(again))
     assert torch.equal(static.scene.points, again.scene.points)
     assert torch.equal(static.scene.point_colors, again.scene.point_colors)
-    assert not torch.equal(pictures(static), pictures(other))
+    assert not torch.equal(images(static), images(other))
     assert not torch.equal(static.scene.points, other.scene.points)
 
 
@@ -256,7 +256,7 @@ def test_shadows_fall_wherever_another_solid_hides_the_sun():
     assert float((brightness[up & ~hidden] > 0.9).double().mean()) > 0.98
 
 
-def test_downscaling_shrinks_pictures_by_area_and_intrinsics_exactly():
+def test_downscaling_shrinks_images_by_area_and_intrinsics_exactly():
     full = small(width=64, height=50, points=0).build(HERE)
     half = small(width=64, height=50, points=0).build(DataRequest(None, downscale=2.0))
     camera = half.views(Split.TRAIN).cameras[0]
@@ -278,7 +278,7 @@ def test_at_time_zero_the_moving_scene_is_the_static_one(static, moving):
     )
     assert torch.equal(first.images, static_first.images)
     assert torch.equal(first.alpha, static_first.alpha)
-    assert not torch.equal(pictures(moving)[5], pictures(static)[5])
+    assert not torch.equal(images(moving)[5], images(static)[5])
 
 
 def test_every_time_of_the_moving_scene_is_seen_by_some_cameras(moving):
@@ -361,7 +361,7 @@ def test_nothing_on_disk_is_taken_for_the_built_in_scene(tmp_path):
         (
             {"width": 40_000, "height": 20_000},
             "the built-in scene would take 25600 MB, but cache_mb=2048.\n"
-            "Raise cache_mb, or ask for fewer or smaller pictures.",
+            "Raise cache_mb, or ask for fewer or smaller images.",
         ),
     ],
 )

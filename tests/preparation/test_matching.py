@@ -30,10 +30,10 @@ def found(tmp_path_factory) -> Path:
     paths = list(captured.write(folder / "photos", views))
     for number, name in enumerate(("#1.png", "in the  garden.png", "left over.png")):
         paths[number] = paths[number].rename(paths[number].with_name(name))
-    pictures = captured.image_set(paths)
+    images = captured.image_set(paths)
     settings = FeatureSettings(max_size=240, count=600, jobs=1)
-    groups = captured.one_group(pictures, 250.0)
-    extract_features(folder / "d.db", pictures, groups, settings, Silent())
+    groups = captured.one_group(images, 250.0)
+    extract_features(folder / "d.db", images, groups, settings, Silent())
     return folder / "d.db"
 
 
@@ -177,11 +177,11 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_all_photos_of_the_shared_capture_register(tmp_path):
-    database, pictures, cameras = captured.database(tmp_path, n=6)
+    database, images, cameras = captured.database(tmp_path, n=6)
     (tmp_path / "models").mkdir()
     pycolmap.set_random_seed(0)
     models = pycolmap.incremental_mapping(database, tmp_path / "photos", tmp_path / "models")
     assert [model.num_reg_images() for model in models.values()] == [6]
-    assert len(pictures.images) == len(cameras.world_to_camera) == 6
+    assert len(images.images) == len(cameras.world_to_camera) == 6
     focal = next(iter(models[0].cameras.values())).focal_length
     assert focal == pytest.approx(captured.FOCAL, rel=0.03)

@@ -24,9 +24,9 @@ def arc(tmp_path_factory) -> Path:
     pycolmap.logging.minloglevel = 2
     folder = tmp_path_factory.mktemp("arc")
     views = captured.photos(captured.arc(COUNT, step=STEP, width=240, height=180))
-    pictures = captured.image_set(captured.write(folder / "photos", views))
+    images = captured.image_set(captured.write(folder / "photos", views))
     settings = FeatureSettings(max_size=240, count=800, jobs=1)
-    extract_features(folder / "d.db", pictures, captured.one_group(pictures), settings, Silent())
+    extract_features(folder / "d.db", images, captured.one_group(images), settings, Silent())
     return folder / "d.db"
 
 
@@ -68,11 +68,11 @@ def test_a_vocabulary_can_be_given(arc, vocabulary):
 
 
 def test_too_few_features_for_a_vocabulary_give_no_look_alikes(tmp_path):
-    pictures = captured.image_set(
+    images = captured.image_set(
         captured.write(tmp_path / "photos", [np.full((60, 80, 3), 90, np.uint8)] * 2)
     )
-    groups = captured.one_group(pictures)
-    extract_features(tmp_path / "d.db", pictures, groups, FeatureSettings(), Silent())
+    groups = captured.one_group(images)
+    extract_features(tmp_path / "d.db", images, groups, FeatureSettings(), Silent())
     assert look_alikes(tmp_path / "d.db", None, Silent()) == {}
 
 

@@ -118,8 +118,8 @@ def test_frames_that_are_stored_twice_are_taken_once(tmp_path):
 
 def test_a_camera_that_stands_still_is_told_so(tmp_path):
     views = [colored(view(200)) for _ in range(20)]
-    for number, picture in enumerate(views):
-        picture[100:180, 8 * number : 8 * number + 60] = 40
+    for number, image in enumerate(views):
+        image[100:180, 8 * number : 8 * number + 60] = 40
     choice = choose_frames(film(tmp_path / "a.mp4", views), 10, Silent())
     assert len(choice.numbers) == 1
     assert choice.notes == (
@@ -157,7 +157,7 @@ def test_flashes_are_left_out(tmp_path):
     )
 
 
-def test_pictures_without_order_are_told(tmp_path):
+def test_images_without_order_are_told(tmp_path):
     views = [colored(view(100, seed=number)) for number in range(6)]
     choice = choose_frames(film(tmp_path / "a.mp4", views, rate=1), 6, Silent())
     assert choice.numbers == tuple(range(6))
@@ -244,11 +244,11 @@ def test_frames_that_are_there_are_kept_and_not_decoded_again(tmp_path, long_vid
     files[2].unlink()
     (tmp_path / "other.txt").touch()
     asked = []
-    pictures = Video.images
+    images = Video.images
 
     def watched(video, numbers):
         asked.append(list(numbers))
-        return pictures(video, numbers)
+        return images(video, numbers)
 
     monkeypatch.setattr(Video, "images", watched)
     assert write_frames(long_video, FEW, tmp_path, Silent()) == files
@@ -263,11 +263,11 @@ def test_frames_that_are_there_are_kept_and_not_decoded_again(tmp_path, long_vid
 
 def test_each_segment_is_decoded_once(tmp_path, long_video, monkeypatch):
     asked = []
-    pictures = Video.images
+    images = Video.images
     monkeypatch.setattr(
         Video,
         "images",
-        lambda video, numbers: (asked.append(list(numbers)), pictures(video, numbers))[1],
+        lambda video, numbers: (asked.append(list(numbers)), images(video, numbers))[1],
     )
     write_frames(long_video, FEW, tmp_path, Silent())
     assert asked == [[3, 24], [26], [60]]

@@ -83,9 +83,7 @@ def fox(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return path, capture / "sparse" / "0"
 
 
-def test_all_pictures_get_their_poses_up_to_a_similarity(
-    ten: MatchedCapture, tmp_path: Path
-) -> None:
+def test_all_images_get_their_poses_up_to_a_similarity(ten: MatchedCapture, tmp_path: Path) -> None:
     watched = Watched()
     mapping = map_cameras(ten.database, tmp_path / "models", RULE, watched)
     assert mapping.sizes == (10,)
@@ -117,10 +115,10 @@ def test_the_global_mapper_finds_the_same_poses_and_leaves_the_database_alone(
 
 
 def test_rendered_photos_give_the_poses_that_they_were_rendered_with(tmp_path: Path) -> None:
-    database, pictures, cameras = captured.database(tmp_path, 6)
+    database, images, cameras = captured.database(tmp_path, 6)
     mapping = map_cameras(database, tmp_path / "models", RULE, Silent())
     assert mapping.sizes == (6,)
-    names = [picture.name for picture in pictures.images]
+    names = [image.name for image in images.images]
     truth = dict(zip(names, cameras.world_to_camera[:, :3].numpy(), strict=True))
     rotation, distance = pose_errors(pycolmap.Reconstruction(mapping.models[0]), truth)
     assert rotation < 0.5
@@ -162,7 +160,7 @@ def test_groups_without_common_matches_become_two_models_the_larger_first(tmp_pa
     assert set(pycolmap.Reconstruction(mapping.models[0]).reg_image_ids()) == set(range(5, 12))
 
 
-def test_pictures_without_matches_give_no_model_and_no_error(tmp_path: Path) -> None:
+def test_images_without_matches_give_no_model_and_no_error(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, linked=lambda first, second: False)
     for mapper in ("incremental", "global"):
         rule = MappingRule(mapper=mapper)
@@ -171,14 +169,14 @@ def test_pictures_without_matches_give_no_model_and_no_error(tmp_path: Path) -> 
     assert "global" in mapping.how
 
 
-def test_three_pictures_are_enough(tmp_path: Path) -> None:
+def test_three_images_are_enough(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, 3)
     mapping = map_cameras(capture.database, tmp_path / "models", RULE, Silent())
     assert mapping.sizes == (3,)
     assert capture.errors(pycolmap.Reconstruction(mapping.models[0]))[0] < 0.1
 
 
-def test_two_pictures_are_not_enough(tmp_path: Path) -> None:
+def test_two_images_are_not_enough(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, 2)
     assert map_cameras(capture.database, tmp_path / "models", RULE, Silent()).models == ()
 
@@ -226,7 +224,7 @@ def test_ctrl_c_ends_mapping_and_the_next_run_gives_what_an_uninterrupted_one_do
     assert all((old[name] == new[name]).all() for name in old)
 
 
-def test_continuing_adds_pictures_that_have_been_matched_since(tmp_path: Path) -> None:
+def test_continuing_adds_images_that_have_been_matched_since(tmp_path: Path) -> None:
     (tmp_path / "few").mkdir()
     (tmp_path / "all").mkdir()
     few = matched_capture(

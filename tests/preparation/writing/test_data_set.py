@@ -12,7 +12,7 @@ import pytest
 import torch
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
-from support.distorted_pictures import HEIGHT, WIDTH, lens, parameters
+from support.distorted_images import HEIGHT, WIDTH, lens, parameters
 from support.small_captures import request, ring
 
 from gsfw.core.datamanager import Split
@@ -35,7 +35,7 @@ VIEWS = 4
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
-def picture(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
+def image(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
     """Red tells the column, green the row, so that mixed colours tell a position."""
     pixels = np.zeros((height, width, 3), np.uint8)
     pixels[..., 0], pixels[..., 1] = np.arange(width), np.arange(height)[:, None]
@@ -87,7 +87,7 @@ def photos(folder: Path, names=None, **settings) -> ImageSet:
         name = names[view] if names else f"view_{view}.png"
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(picture(view)).save(path, **settings)
+        Image.fromarray(image(view)).save(path, **settings)
         taken.append(SourceImage(name, path, read_header(path), Exif()))
     return ImageSet(tuple(taken))
 
@@ -188,7 +188,7 @@ def test_points_have_the_mean_colour_of_where_they_were_seen(tmp_path, rule):
         assert np.abs(point.color - np.mean(colors, axis=0)).max() <= 0.5 + 1e-9
 
 
-def test_pictures_of_pinholes_are_copied(tmp_path):
+def test_images_of_pinholes_are_copied(tmp_path):
     taken = photos(tmp_path / "photos")
     for model, distortion in (
         ("PINHOLE", ()),
@@ -239,27 +239,27 @@ def turned(folder: Path, names) -> ImageSet:
     for view, name in enumerate(names):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        lying = Image.fromarray(picture(view)).transpose(Image.Transpose.ROTATE_90)
+        lying = Image.fromarray(image(view)).transpose(Image.Transpose.ROTATE_90)
         lying.save(path, quality=98, subsampling=0, exif=exif, icc_profile=PROFILE)
         taken.append(SourceImage(name, path, read_header(path), Exif()))
     return ImageSet(tuple(taken))
 
 
 @pytest.mark.parametrize("rule", [OutputRule(), KEEP], ids=["pinhole", "keep"])
-def test_turned_pictures_are_written_upright_without_the_tag(tmp_path, rule):
+def test_turned_images_are_written_upright_without_the_tag(tmp_path, rule):
     names = [f"view_{view}.JPG" for view in range(VIEWS)]
     taken = turned(tmp_path / "photos", names)
     found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", rule, Silent())
-    with Image.open(tmp_path / "out/images/view_1.JPG") as image:
-        assert image.format == "JPEG"
-        assert image.size == found.sizes[0]
-        exif = image.getexif()
+    with Image.open(tmp_path / "out/images/view_1.JPG") as opened:
+        assert opened.format == "JPEG"
+        assert opened.size == found.sizes[0]
+        exif = opened.getexif()
         assert Base.Orientation not in exif
         assert exif[Base.Make] == "A maker"
-        assert image.info["icc_profile"] == PROFILE
-        assert [layer[1:3] for layer in image.layer] == [(1, 1)] * 3
+        assert opened.info["icc_profile"] == PROFILE
+        assert [layer[1:3] for layer in opened.layer] == [(1, 1)] * 3
         if rule is KEEP:
-            assert np.abs(np.asarray(image).astype(int) - picture(1)).max() < 12
+            assert np.abs(np.asarray(opened).astype(int) - image(1)).max() < 12
     assert "4 images that only an EXIF tag turned are stored upright" in found.notes
     assert loaded(tmp_path / "out").views(Split.TRAIN).names == tuple(names)
 
@@ -268,13 +268,13 @@ def test_a_turned_tiff_becomes_an_upright_png(tmp_path):
     names = [f"view_{view}.tif" for view in range(VIEWS)]
     taken = photos(tmp_path / "photos", names)
     for one in taken.images:
-        with Image.open(one.path) as image:
-            lying = image.transpose(Image.Transpose.ROTATE_90)
+        with Image.open(one.path) as opened:
+            lying = opened.transpose(Image.Transpose.ROTATE_90)
         lying.save(one.path, tiffinfo={Base.Orientation.value: 6})
     write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", KEEP, Silent())
     assert loaded(tmp_path / "out").views(Split.TRAIN).names[0] == "view_0.png"
-    with Image.open(tmp_path / "out/images/view_1.png") as image:
-        assert np.array_equal(np.asarray(image), picture(1))
+    with Image.open(tmp_path / "out/images/view_1.png") as opened:
+        assert np.array_equal(np.asarray(opened), image(1))
 
 
 def test_names_may_have_folders_and_fit_what_is_written(tmp_path):
@@ -298,7 +298,7 @@ def test_alpha_is_kept(tmp_path):
     for one in taken.images:
         alpha = np.full((HEIGHT, WIDTH, 1), 255, np.uint8)
         alpha[:, :100] = 0
-        Image.fromarray(np.concatenate([picture(0), alpha], axis=2)).save(one.path)
+        Image.fromarray(np.concatenate([image(0), alpha], axis=2)).save(one.path)
     taken = ImageSet(tuple(replace(one, header=read_header(one.path)) for one in taken.images))
     write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
     (batch,) = loaded(tmp_path / "out").load(Split.TRAIN, [0], CPU)
@@ -408,7 +408,7 @@ def test_photos_are_never_written_over(tmp_path):
     assert [one.path.read_bytes() for one in taken.images] == before
 
 
-def test_a_lens_that_folds_the_picture_is_refused(tmp_path):
+def test_a_lens_that_folds_the_image_is_refused(tmp_path):
     taken = photos(tmp_path / "photos")
     with pytest.raises(
         DataError,
