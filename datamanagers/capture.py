@@ -117,7 +117,7 @@ class Capture(DataManager):
         }
 
     def _make_fits(self, cameras: Sequence[Cameras]) -> list[ImageFit]:
-        """How each image is undistorted and shrunk."""
+        """Undistortion and size of each image."""
         maps, fits = MapCache(), []
         for frame, camera in zip(self._frames, cameras, strict=True):
             undistortion = frame.undistortion(self._rule)
@@ -171,7 +171,7 @@ class Capture(DataManager):
 
     @property
     def scene(self) -> Scene:
-        """What is known of the capture before training."""
+        """The scene of the capture before training."""
         return self._scene
 
     def views(self, split: Split) -> Views:
@@ -179,7 +179,7 @@ class Capture(DataManager):
         return self._views[split]
 
     def notes(self) -> tuple[str, ...]:
-        """How the data was read, what was left out, what is held out."""
+        """Notes on the reading, the parts left out, and the held-out images."""
         train, held = (len(self._members[split]) for split in (Split.TRAIN, Split.EVAL))
         how = self._views[Split.TRAIN].origin
         warps = [fit.warp for fit in self._fits if fit.warp is not None]

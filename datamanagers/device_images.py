@@ -34,7 +34,7 @@ class Upload(ABC):
 
     @abstractmethod
     def receive(self, shipment: Shipment) -> tuple[Tensor, ...]:
-        """What was sent, for all work that the calling thread starts from now on.
+        """The sent tensors, ready for all work that the calling thread starts from now on.
 
         May be asked for the same shipment again.
         """
@@ -130,7 +130,7 @@ class PlacedImage:
 
     @property
     def layout(self) -> Layout:
-        """What ``tensors`` are."""
+        """Layout of ``tensors``."""
         rules = {name: item.rule for name, item in self.maps.items()}
         return Layout(self.mask is not None, rules)
 
@@ -144,11 +144,11 @@ class PlacedImage:
 
 @dataclass(frozen=True)
 class Layout:
-    """What the tensors of an image are, to put them together on a device."""
+    """Layout of an image's tensors, to put them together on a device."""
 
     masked: bool
     rules: Mapping[str, Resampling]
-    """Of the maps, in order."""
+    """Resampling of the maps, in order."""
 
     def image(self, tensors: Sequence[Tensor]) -> PlacedImage:
         """The image of ``PlacedImage.tensors``."""

@@ -57,7 +57,7 @@ class Loader:
         return index if split is Split.TRAIN else len(self._views[Split.TRAIN]) + index
 
     def notes(self) -> tuple[str, ...]:
-        """How many images stay on the GPU, where not all do."""
+        """Number of images that stay on the GPU, if not all do."""
         total = len(self._cache.sizes)
         if self._budget == 0 or len(self._kept) == total:
             return ()
@@ -152,7 +152,7 @@ def _maps(images: list[PlacedImage]) -> dict[str, ViewMap]:
 
 
 def _mask(images: list[PlacedImage]) -> Bool[Tensor, "c h w 1"] | None:
-    """Where pixels are valid; where an image has no mask, all are."""
+    """Valid pixels; all are valid in an image without a mask."""
     if all(image.mask is None for image in images):
         return None
     masks = [

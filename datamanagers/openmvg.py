@@ -27,12 +27,12 @@ from gsfw.datamanagers.point_file import Points
 from gsfw.datamanagers.poses import from_center
 
 FILES = ("sfm_data.json", "sfm_data_expanded.json", "robust.json")
-"""What OpenMVG's programs call their files."""
+"""File names of OpenMVG's programs."""
 LOOKED_FOR = f"{FILES[0]} of OpenMVG with its images"
 HALF = 0.5
 """From OpenMVG's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
 DISTORTIONS = {"disto_k1": 1, "disto_k3": 3, "disto_t2": 5, "fisheye": 4}
-"""What the numbers are called, and how many there are."""
+"""Names of the distortion parameters, and their number."""
 NAME_ID = 0x7FFFFFFF
 """The bits of a polymorphic_id that tell types; the highest says that the name is given, too."""
 
@@ -88,7 +88,7 @@ class OpenMvgConfig(ImageFolderConfig):
         )
 
     def _images_of(self, content: Mapping[str, Any], root: Path) -> ImageFolder:
-        """Where the file says its images are, if they are there; else beside the file."""
+        """The folder of images that the file names, if it exists; else the file's own."""
         stated = content.get("root_path")
         if not self.images and isinstance(stated, str) and stated:
             for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
@@ -104,7 +104,7 @@ def _file(path: Path) -> Path | None:
 
 
 def _binary(path: Path) -> str:
-    """What is to be done with a file that is not read; empty where there is none."""
+    """Remedy for a binary file, which is not read; empty if there is none."""
     found = sorted(path.glob("sfm_data*.bin")) if path.is_dir() else []
     if not found:
         return ""

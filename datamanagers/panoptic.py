@@ -137,7 +137,7 @@ class _MetaFile:
         return {str(name) for time in times for name in self.content["cam_id"][time]}
 
     def note(self, times: range) -> str:
-        """What the file holds."""
+        """Description of the file."""
         return f"{self.path}: {len(self.cameras(times))} cameras at {len(self)} times"
 
     def frames(

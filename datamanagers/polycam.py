@@ -131,7 +131,7 @@ def _cameras(keyframes: Path, corrected: bool) -> Path:
 
 
 def _unused(keyframes: Path, maps: tuple[str, ...]) -> tuple[str, ...]:
-    """What is there and is not used."""
+    """Notes on files that are not used."""
     items = (
         (keyframes / "depth", "keyframes/depth (datamanager.maps=depth:keyframes/depth loads it)"),
         (keyframes / "confidence", "keyframes/confidence"),

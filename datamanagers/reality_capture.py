@@ -35,12 +35,12 @@ from gsfw.datamanagers.poses import from_opengl
 NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 OPTIONAL = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 NEW_NAMES = {"yaw": "heading", "f_35mm": "f", "px_norm": "px", "py_norm": "py"}
-"""What RealityScan 2 calls columns."""
+"""Column names of RealityScan 2."""
 LOOKED_FOR = "a CSV of RealityCapture's internal/external camera parameters with its images"
 FILM = 36.0
 """Millimetres of the longer side of a 35 mm image."""
 HEAD_BYTES = 4096
-"""Of a file that is asked whether it is RealityCapture's."""
+"""Bytes of a file that are searched for RealityCapture's columns."""
 
 
 @dataclass

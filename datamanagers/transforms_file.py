@@ -25,7 +25,7 @@ from gsfw.datamanagers.poses import from_opengl
 from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
 
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
-"""Of NeRF-synthetic and D-NeRF, which have one file per split."""
+"""File names of NeRF-synthetic and D-NeRF, which have one file per split."""
 
 DEPTH_KEY = "depth_file_path"
 CAMERA_KEY = "camera_index"

@@ -28,10 +28,10 @@ from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.video import Shot, Video
 
 SHARE_OF_DISK = 0.9
-"""Of what is free when training begins; the rest is for checkpoints."""
+"""Part of the free space when training begins; the rest is for checkpoints."""
 
 FOLDERS = f"gsfw-video-{platform.node()}-"
-"""How the names of folders begin; the process follows. Other machines may use the same disk."""
+"""Prefix of folder names, before the process; other machines may use the same disk."""
 
 Segment = tuple[Video, range]
 
@@ -71,7 +71,7 @@ class VideoImages:
         self._shelf: _Shelf | None = None
 
     def notes(self) -> tuple[str, ...]:
-        """What is kept where; that some images are decoded again, where there is no room."""
+        """Size and place of the kept images; a note if some are decoded again for lack of room."""
         if not self._shots:
             return ()
         needed, folder = self._needed / 1e6, tempfile.gettempdir()
@@ -201,7 +201,7 @@ class _Shelf:
         return DecodedImage(read_array(pixels), read_array(mask) if mask.exists() else None)
 
     def _files(self, index: int) -> tuple[Path, Path]:
-        """Of the pixels and of the mask."""
+        """Files of the pixels and of the mask."""
         return self.folder / f"{index}.npy", self.folder / f"{index}.mask.npy"
 
 
@@ -232,7 +232,7 @@ def _work(
     develop: Callable[[Video, range, Event], None],
     closed: Event,
 ) -> None:
-    """What a thread does: segments as they come, until it is closed."""
+    """Decode segments in the order of their requests, until it is closed."""
     while (segment := segments.get()) is not None and not closed.is_set():
         develop(*segment, closed)
 

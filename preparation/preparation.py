@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 MODEL = "cameras.bin"
-"""Where it is, COLMAP's model is."""
+"""A file that every model of COLMAP has."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ class SurfacePoints:
 
     marks: Marks
     world: Float64[Tensor, "p 3"]
-    """Where they were, at the time of the view that saw them."""
+    """Positions at the time of the view that saw them."""
     colors: Float[Tensor, "p 3"]
     """As that view saw them."""
     times: Float[Tensor, " p"]
@@ -107,7 +107,7 @@ class SyntheticData(DataManager):
 
     @property
     def scene(self) -> Scene:
-        """What a method may know of it, in the scene frame."""
+        """The scene before training, in the scene frame."""
         return self._scene
 
     def views(self, split: Split) -> Views:
@@ -123,7 +123,7 @@ class SyntheticData(DataManager):
         self._loader.prefetch(split, indices)
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
-        """Where a view's camera sees a solid that moves, deforms or vanishes, at any time."""
+        """Pixels of a view that show a solid that moves, deforms or vanishes, at any time."""
         if not self._config.moving:
             return None
         times = [number / (self._config.times - 1) for number in range(self._config.times)]
@@ -136,7 +136,7 @@ class SyntheticData(DataManager):
         self._loader.close()
 
     def notes(self) -> tuple[str, ...]:
-        """What it is."""
+        """Description of the scene."""
         config = self._config
         moving = f" at {config.times} times" if config.moving else ""
         return (
@@ -193,7 +193,7 @@ def _random_rays(
 def _met(
     scene: SyntheticScene, origins: Float64[Tensor, "3 n"], directions: Float64[Tensor, "3 n"]
 ) -> Float64[Tensor, "hits 11"]:
-    """What rays meet: solid, point in its own coordinates, point in the world, colour, time."""
+    """Hits of rays: solid, point in its own coordinates, point in the world, colour, time."""
     hits = scene.trace(origins, directions)
     colors = scene.shade(hits, directions)
     rows = []

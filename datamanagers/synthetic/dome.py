@@ -12,9 +12,9 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import look_at
 
 TARGET = (0.0, 0.0, 0.1)
-"""What the cameras look at, in the world; z is up."""
+"""Target of the cameras, in the world; z is up."""
 DISTANCE = 4.6
-"""Of every camera from the target, in world units."""
+"""Distance of every camera from the target, in world units."""
 ELEVATIONS = (15.0, 65.0)
 """Lowest and highest camera, in degrees above the table."""
 FIELD_OF_VIEW = 50.0

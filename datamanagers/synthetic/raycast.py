@@ -43,7 +43,7 @@ def rays(
 
 
 def project(camera: Cameras, points: Float[Tensor, "3 n"]) -> Float[Tensor, "2 n"]:
-    """Where points appear in an image, in pixels."""
+    """Positions of points in the image, in pixels."""
     pose = camera.world_to_camera[0].to(points)
     seen = pose[:3, :3] @ points + pose[:3, 3:]
     matrix = camera.intrinsics[0].to(points)

@@ -44,12 +44,12 @@ class Solid:
     """First and last time at which it is there."""
 
     def is_present(self, time: float) -> bool:
-        """Whether it is there at a time."""
+        """True if the solid is present at a time."""
         return self.present[0] <= time <= self.present[1]
 
     @property
     def changes(self) -> bool:
-        """Whether it ever moves, deforms, appears or vanishes."""
+        """True if the solid ever moves, deforms, appears or vanishes."""
         return not isinstance(self.motion, Still) or self.present != (0.0, 1.0)
 
 
@@ -101,7 +101,7 @@ def solids(seed: int) -> tuple[Solid, ...]:
 
 @dataclass(frozen=True)
 class Hits:
-    """What ``n`` rays meet first."""
+    """First hits of ``n`` rays."""
 
     solid: Int[Tensor, " n"]
     """Index among all solids; -1 where a ray meets nothing."""

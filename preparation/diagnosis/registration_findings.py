@@ -1,4 +1,4 @@
-"""What it means that images have no place in the model, or files none among the images."""
+"""Findings on images without a camera, and on files that are not used."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 TASK = "compute camera poses"
 FEW = 0.5
-"""Where fewer of the images than this are in any model, mapping is tried again."""
+"""Least part of the images in a model; below it, mapping is tried again."""
 
 JOINED = "joined-"
 """Begins the names of models after mapping was continued."""

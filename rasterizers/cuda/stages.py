@@ -260,7 +260,7 @@ class CudaForwardPass(ForwardPass):
             self._slot_lengths, self._order, self._ends = counts, order, ends
 
     def _find_tiles(self, tiles: Int[Tensor, " p"], num_tiles: int) -> None:
-        """Where the pairs of each tile begin, and its chunks but the first."""
+        """Find the first pair of each tile, and its chunks after the first."""
         starts = torch.empty(num_tiles + 1, dtype=torch.int64, device=tiles.device)
         job = jobs.TilesJob(address(tiles), len(tiles), num_tiles, 0, address(starts))
         blocks = -(-len(starts) // BIN_THREADS)

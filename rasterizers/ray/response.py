@@ -31,7 +31,7 @@ from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.gaussians import Gaussians
 
 SLIVER = 1e-15
-"""Of the squared extent: a Gaussian whose section across a ray has less area is not met by it; the
+"""Part of the squared extent: a ray misses a Gaussian whose section has less area; the
 gradient of its reciprocal would not fit float32."""
 
 FAINTEST = 100.0
@@ -40,7 +40,7 @@ FAINTEST = 100.0
 
 @dataclass(frozen=True)
 class Response:
-    """What ``r`` rays meet of ``m`` Gaussians."""
+    """Responses of ``m`` Gaussians on ``r`` rays."""
 
     falloff: Float[Tensor, "r m"]
     """exp(-D^2 / 2) where it is largest; 0 where the ray does not meet the Gaussian."""

@@ -20,7 +20,7 @@ FLIP = 1e-5
 """A pixel with a larger error has another list of splats, by a rounding at a cut-off."""
 
 RANDOM_SPLATS, RANDOM_SIZE = 2000, (160, 104)
-"""Of each random scene: large splats, about 50 to each pixel as in the larger scenes."""
+"""Splats and size of each random scene: about 50 large splats per pixel, as in larger scenes."""
 
 REFERENCE_CHUNK_MB, REFERENCE_PAIRS_MB = 64.0, 16384.0
 

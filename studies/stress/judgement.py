@@ -130,7 +130,7 @@ def faults_where_ill(found: Drawn, expected: Drawn, plain: Drawn) -> list[str]:
 def faults_of_float64_where_ill(
     found: Drawn, expected: Drawn, plain: Drawn, nudged: Sequence[Drawn]
 ) -> list[str]:
-    """Where a float64 backend is too far from the reference, of an ill-conditioned case.
+    """Faults of a float64 backend against the reference in an ill-conditioned case.
 
     Args:
         found: in float64.

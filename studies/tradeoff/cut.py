@@ -18,7 +18,7 @@ from gsfw.studies.tradeoff.subject import Subject
 
 
 def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Splats], Splats]:
-    """What is done to the splats of a run before they are written.
+    """Build the function that cuts the splats of a run before they are written.
 
     Args:
         restored: the run; contributions are measured from its training cameras.
