@@ -209,7 +209,7 @@ class Capture(DataManager):
             return None
         still = ~load_mask(frame.moving, frame.path, frame.header)
         fit = self._fits[number]
-        # Where any of the pixels beneath moves, their mean does.
+        # If any of the source pixels moves, their mean does.
         fitted = fit_mask(still, *fit.final, fit.warp)
         assert fitted is not None
         return torch.from_numpy(~fitted)[..., None]

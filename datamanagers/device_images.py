@@ -232,7 +232,7 @@ class DeviceImages:
         coming = self._sent.pop(number)
         try:
             layout, shipment = coming.result()
-        except CancelledError:  # What was asked for later took its place among the decoded ones.
+        except CancelledError:  # A later request took its place in the cache.
             return self.get(number)
         if number in self._kept:
             self._sent[number] = coming

@@ -130,7 +130,7 @@ def _with_mask(frame: Frame, recording: Recording, rule: MaskRule) -> Frame:
         return frame
     names = _names(frame)
     places = (folder / name for folder in _folders(frame, recording, rule) for name in names)
-    # What moves is marked in files that may lie where masks do.
+    # Files that mark moving pixels may lie in the folder of masks.
     found = (place for place in places if place.is_file() and place != frame.moving)
     return replace(frame, mask=next(found, None))
 

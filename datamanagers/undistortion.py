@@ -176,7 +176,7 @@ def _check_folds(lens: Lens) -> None:
     inside = _within(pixels.reshape(-1, 2), lens).reshape(DIRECTIONS, len(slopes))
     outward = (np.diff(pixels, axis=1) * ways[:, None]).sum(axis=2) > 0
     left = inside[:, :-1] & ~inside[:, 1:]
-    # What happens after a ray has left the image shows nowhere.
+    # A ray that has left the image has no effect on it.
     before = np.cumsum(left, axis=1) == 0
     folded = before & ~outward & inside[:, :-1]
     if not folded.any():

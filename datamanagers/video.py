@@ -256,7 +256,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             "into images.",
         ) from None
     try:
-        # What comes before a colon in a relative path would be a protocol to FFmpeg.
+        # FFmpeg takes text before a colon in a relative path for a protocol.
         container = av.open(str(path.absolute()))
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: {_reason(path, error)}", ADVICE) from error

@@ -130,7 +130,7 @@ class Nvrtc:
         name = "libnvrtc-builtins.so.{}.{}".format(*self.version)
         beside = Path(self.path).with_name(name)
         if beside.is_absolute() and beside.is_file():
-            with suppress(OSError):  # What follows from that, the compiler says best.
+            with suppress(OSError):  # The compiler reports the consequences.
                 ctypes.CDLL(str(beside))
 
     def _find_version(self) -> tuple[int, int]:

@@ -25,11 +25,11 @@ template <class T>
 struct Outline {
   /// In pixels squared.
   Symmetric2<T> covariance;
-  /// Of the covariance, free of cancellation.
+  /// Determinant of the covariance, free of cancellation.
   T determinant;
 };
 
-/// What a loss says about an ellipse.
+/// Gradient of the loss with respect to an ellipse.
 template <class T>
 struct OutlineGradient {
   /// The second moments of the blended pixels, which hold dL/dSigma2 of the dilated covariance.
@@ -38,7 +38,7 @@ struct OutlineGradient {
   T before, after;
 };
 
-/// What the dilation of an outline gives.
+/// A dilated outline.
 template <class T>
 struct Dilated {
   Symmetric2<T> covariance;

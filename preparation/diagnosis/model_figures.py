@@ -194,7 +194,7 @@ def _nearest(
     from scipy.spatial import KDTree
 
     distances, neighbors = KDTree(centers).query(centers, k=2)
-    # Where two stand in one place, either may come first.
+    # Of two cameras in one place either may come first.
     itself = neighbors[:, 0] == np.arange(len(centers))
     return distances[:, 1], np.where(itself, neighbors[:, 1], neighbors[:, 0])
 

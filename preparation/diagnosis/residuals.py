@@ -85,7 +85,7 @@ def stretch_of(
     side = max((max(c.width, c.height) for c in model.cameras.values()), default=0)
     pixels, ratios = [], []
     for images in fits.values():
-        # What all images of a camera have in common is its lens, not its motion.
+        # The common part of a camera's images is due to its lens, not to its motion.
         common = np.median([values for values, _ in images], axis=0)
         for values, covariance in images:
             own = values - common

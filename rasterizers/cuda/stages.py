@@ -59,7 +59,7 @@ class StageClock:
             yield
             return
         begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
-        # Of the GPU that renders, which need not be the one that torch would take.
+        # The stream of the GPU that renders, which may differ from torch's current device.
         stream = torch.cuda.current_stream(self._device)
         begin.record(stream)
         yield

@@ -66,7 +66,7 @@ def respond(rays: Rays, gaussians: Gaussians) -> Response:
     faces = faces.view(len(rays.directions), count, normals.shape[1])
     sections = torch.linalg.vector_norm(faces, dim=2)
     met = (sections > SLIVER) & (moments.detach().abs().amax(2) < FAINTEST * sections)
-    # What is not met is replaced before it is divided by: its gradient would be 0 times infinity.
+    # Missed sections are replaced before the division: their gradient would be 0 times infinity.
     sections = torch.where(met, sections, 1.0)
     distances = torch.where(met[:, :, None], moments, 0.0) / sections[:, :, None]
     falloff = torch.where(met, (-0.5 * distances.square().sum(2)).exp(), 0.0)

@@ -89,7 +89,7 @@ class Volume(Mode):
         depth = (density * step).clamp(max=OPAQUE)
         ahead = depth.cumsum(1)
         weights = (depth - ahead).exp() * -torch.expm1(-depth)
-        # What each sample shows is the mean of the channels there.
+        # The colour of a sample is the mean of the channels there.
         seen = density > CLEAR
         shares = torch.where(seen, weights, 0.0) / torch.where(seen, density, 1.0)
         by_gaussian = (shares[:, :, None] * densities).sum(1)

@@ -103,7 +103,7 @@ def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Orac
     """Draw a case, go back, repeat it, and compare; nothing is raised, whatever happens."""
     name = str(dtype).removeprefix("torch.")
     result = CaseResult(case.name, case.section.value, entrant.name, name, note=case.conditioning)
-    # What is refused may be so for its type.
+    # A refusal may be due to the type.
     drawing = case.make() if dtype == torch.float32 or case.refusal else case.make().double()
     drawing = _with_profile(drawing, _profile_of(entrant, drawing))
     if not case.refusal:

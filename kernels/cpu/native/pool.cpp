@@ -31,7 +31,7 @@ void pause_briefly() {
 /// stages of a step. Longer spinning would take the core from torch's own threads.
 constexpr int LOOKS = 600;
 
-/// What all workers of one call share.
+/// State shared by all workers of one call.
 struct Work {
   TaskBody body;
   void* context;

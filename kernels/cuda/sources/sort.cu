@@ -115,7 +115,7 @@ __device__ __forceinline__ DigitRun order_digits(int (*counts)[DIGITS]) {
   return {begin, count};
 }
 
-/// What a block of ``scatter`` shares: first counts, then keys and payload in the block's order.
+/// Shared memory of ``scatter``: first counts, then keys and payload in the block's order.
 template <class Key>
 union SortMemory {
   int counts[SORT_WARPS][DIGITS];
@@ -125,7 +125,7 @@ union SortMemory {
   } ordered;
 };
 
-/// What one thread has of a block's keys. Each warp has a part of its own, lest a later warp's keys
+/// One thread's share of a block's keys. Each warp has a part of its own, lest a later warp's keys
 /// come before an earlier one's.
 template <class Key>
 struct Share {

@@ -42,7 +42,7 @@ __device__ __forceinline__ Pixel<T> pixel_of(const Grid& grid, int tile, int sub
           inside ? int64(y) * grid.width + x : 0, inside};
 }
 
-/// What blending needs of a splat, next to one another: u and v at the middle of the tile; r, -w k
+/// Fields of a splat for blending, in order: u and v at the middle of the tile; r, -w k
 /// and w of the whitening; level; then the channels.
 enum BlendField { BLEND_U, BLEND_V, BLEND_R, BLEND_WK, BLEND_W, BLEND_LEVEL, BLEND_CHANNELS };
 
