@@ -21,12 +21,12 @@ from typing import Any
 from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text
+from gsfw.core.progress import stage
 from gsfw.preparation.blur import ImageBlur
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import MEASURED_SIDE, ImageQuality
 from gsfw.preparation.image_set import ImageSet
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features, start_worker
 
 SIZES = ((1600, 4000), (1000, 2000))
@@ -170,7 +170,6 @@ def extract_features(
     images: ImageSet,
     groups: Sequence[CameraGroup],
     settings: FeatureSettings,
-    progress: Progress,
 ) -> dict[str, FeatureReport]:
     """Find the features of all images that the database does not have yet.
 
@@ -179,7 +178,6 @@ def extract_features(
         images: all of them.
         groups: each image is in one.
         settings: those of the earlier calls on the same database.
-        progress: is told how many images are done.
 
     Returns:
         By name, in the order of the set. The database has all but those with a ``failure``.
@@ -193,7 +191,7 @@ def extract_features(
     total = len(images.images)
     with (
         FeatureDatabase(database, images, groups) as store,
-        progress.stage("features", total) as advance,
+        stage("features", total) as advance,
     ):
         reports = {
             name: report

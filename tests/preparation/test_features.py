@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from support import captured
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
+from gsfw.core.progress import shown_by
 from gsfw.datamanagers.images import Header, read_header
 from gsfw.preparation import features
 from gsfw.preparation.camera_grouping import CameraGroup
@@ -19,7 +20,6 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.image_set import ImageSet, SourceImage
-from gsfw.preparation.progress import Progress, Silent
 from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features
 
 SETTINGS = FeatureSettings(max_size=320, count=1000, jobs=1)
@@ -83,7 +83,7 @@ def assert_same(first: Path, second: Path) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-class Interrupting(Progress):
+class Interrupting:
     """Ctrl-C when so many images are done."""
 
     def __init__(self, at: int) -> None:
@@ -104,9 +104,6 @@ class Interrupting(Progress):
     def advance(self, done: int) -> None:
         if done == self._at:
             raise KeyboardInterrupt
-
-    def say(self, text: str) -> None:
-        raise AssertionError(text)
 
 
 def test_keypoints_of_a_shrunk_image_lie_where_those_of_the_whole_one_do(tmp_path):
@@ -172,7 +169,7 @@ def test_the_database_has_one_camera_for_a_group_and_frames_that_colmap_understa
         CameraGroup(1, "SIMPLE_RADIAL", 160, 120, 150.0, "EXIF", (a, c)),
         CameraGroup(2, "OPENCV", 160, 120, 190.0, "", (b,)),
     )
-    reports = extract_features(tmp_path / "d.db", images, groups, SETTINGS, Silent())
+    reports = extract_features(tmp_path / "d.db", images, groups, SETTINGS)
     assert list(reports) == [a, b, c]
     with pycolmap.Database.open(tmp_path / "d.db") as opened:
         first, second = opened.read_all_cameras()
@@ -196,13 +193,13 @@ def test_an_image_that_does_not_decode_is_reported_and_not_in_the_database(tmp_p
     broken = images.images[1].path
     broken.write_bytes(broken.read_bytes()[:900])
     database = tmp_path / "d.db"
-    reports = extract_features(database, images, captured.one_group(images), SETTINGS, Silent())
+    reports = extract_features(database, images, captured.one_group(images), SETTINGS)
     assert [bool(report.failure) for report in reports.values()] == [False, True, False]
     assert reports["b.png"].failure.startswith(f"{broken}: the image does not decode: ")
     assert (reports["b.png"].count, reports["b.png"].blur_direction) == (0, None)
     with pycolmap.Database.open(database) as opened:
         assert [image.image_id for image in opened.read_all_images()] == [1, 3]
-    again = extract_features(database, images, captured.one_group(images), SETTINGS, Silent())
+    again = extract_features(database, images, captured.one_group(images), SETTINGS)
     assert again == reports
 
 
@@ -210,7 +207,7 @@ def test_an_image_that_was_replaced_meanwhile_is_reported(tmp_path):
     images = three(tmp_path / "photos")
     save(images.images[0].path, texture(100, 100))
     groups = captured.one_group(images)
-    reports = extract_features(tmp_path / "d.db", images, groups, SETTINGS, Silent())
+    reports = extract_features(tmp_path / "d.db", images, groups, SETTINGS)
     assert reports["a.png"].failure == (
         f"{images.images[0].path}: the image was replaced while it was prepared."
     )
@@ -220,7 +217,7 @@ def test_a_uniform_image_has_no_features_and_no_direction_of_blur(tmp_path):
     path = save(tmp_path / "grey.png", np.full((120, 160, 3), 90, np.uint8))
     images = captured.image_set([path])
     groups = captured.one_group(images)
-    report = extract_features(tmp_path / "d.db", images, groups, SETTINGS, Silent())["grey.png"]
+    report = extract_features(tmp_path / "d.db", images, groups, SETTINGS)["grey.png"]
     assert (report.count, report.blur_direction, report.blur_ratio) == (0, None, 1.0)
     assert report.failure == ""
 
@@ -230,9 +227,9 @@ def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn
     images = three(tmp_path / "photos")
     groups = captured.one_group(images)
     whole, part = tmp_path / "whole" / "d.db", tmp_path / "part" / "d.db"
-    expected = extract_features(whole, images, groups, SETTINGS, Silent())
-    with pytest.raises(KeyboardInterrupt):
-        extract_features(part, images, groups, SETTINGS, Interrupting(2))
+    expected = extract_features(whole, images, groups, SETTINGS)
+    with pytest.raises(KeyboardInterrupt), shown_by(Interrupting(2).stage):
+        extract_features(part, images, groups, SETTINGS)
     log = part.with_name("features.jsonl")
     assert len(log.read_text().splitlines()) == 2
     if torn:  # The process was killed while it wrote the second line.
@@ -244,7 +241,7 @@ def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn
         return find_features(one)
 
     monkeypatch.setattr(features, "find_features", watched)
-    assert extract_features(part, images, groups, SETTINGS, Silent()) == expected
+    assert extract_features(part, images, groups, SETTINGS) == expected
     assert looked_at == (["b.png", "c.png"] if torn else ["c.png"])
     assert_same(whole, part)
 
@@ -255,9 +252,9 @@ def test_two_processes_find_the_same_bits_as_one(tmp_path, monkeypatch):
     groups = captured.one_group(images)
     alone, together = tmp_path / "alone" / "d.db", tmp_path / "together" / "d.db"
     monkeypatch.setattr(features, "WORKER_SECONDS", 0.0)
-    first = extract_features(alone, images, groups, SETTINGS, Silent())
+    first = extract_features(alone, images, groups, SETTINGS)
     two = dataclasses.replace(SETTINGS, jobs=2)
-    assert extract_features(together, images, groups, two, Silent()) == first
+    assert extract_features(together, images, groups, two) == first
     assert_same(alone, together)
 
 
@@ -268,7 +265,7 @@ def test_a_process_that_is_ended_from_outside_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(features, "start_worker", sys.exit)
     two = dataclasses.replace(SETTINGS, jobs=2)
     with pytest.raises(UnavailableError) as caught:
-        extract_features(tmp_path / "d.db", images, captured.one_group(images), two, Silent())
+        extract_features(tmp_path / "d.db", images, captured.one_group(images), two)
     assert str(caught.value) == (
         "one of 2 processes that look for features was ended from outside, most likely because "
         "memory ran out.\nRun the same command again with fewer processes (jobs=1): it goes on "
@@ -281,7 +278,7 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
     images = three(tmp_path / "photos")
     (tmp_path / "d.db").write_text("something else")
     with pytest.raises(DataError, match="COLMAP could not open the features with"):
-        extract_features(tmp_path / "d.db", images, captured.one_group(images), SETTINGS, Silent())
+        extract_features(tmp_path / "d.db", images, captured.one_group(images), SETTINGS)
 
 
 def test_a_report_survives_json():

@@ -14,7 +14,6 @@ from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.pairs import MatchingRule, PairPlan, plan_pairs
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.sift import ImageFeatures
 
 
@@ -48,7 +47,7 @@ def stored(folder: Path, images: ImageSet, leave_out: str = "") -> Path:
 def nearest_by_number(monkeypatch):
     """Likeness goes by numbers, groups come in order: none knows of the other."""
 
-    def ranked(database, vocabulary, progress):
+    def ranked(database, vocabulary):
         with pycolmap.Database.open(database) as opened:
             names = [image.name for image in opened.read_all_images()]
         return {
@@ -63,7 +62,7 @@ def nearest_by_number(monkeypatch):
 
 
 def planned(folder: Path, images: ImageSet, rule: MatchingRule | None = None) -> PairPlan:
-    plan = plan_pairs(images, rule or MatchingRule(), stored(folder, images), Silent())
+    plan = plan_pairs(images, rule or MatchingRule(), stored(folder, images))
     names = [image.name for image in images.images]
     # Every pair is there once, the earlier image first.
     assert len(set(plan.pairs)) == len(plan.pairs)
@@ -81,7 +80,7 @@ def test_all_pairs_of_few_photos_are_compared(tmp_path, count, number):
 def test_an_image_that_could_not_be_decoded_is_in_no_pair(tmp_path):
     images = imagined({"a": 4})
     database = stored(tmp_path, images, leave_out="a001.png")
-    plan = plan_pairs(images, MatchingRule("exhaustive"), database, Silent())
+    plan = plan_pairs(images, MatchingRule("exhaustive"), database)
     assert plan.pairs == tuple(combinations(("a000.png", "a002.png", "a003.png"), 2))
     assert plan.how == "pairs: all 3 of 3 images."
 

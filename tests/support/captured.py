@@ -24,7 +24,6 @@ from gsfw.preparation.features import FeatureSettings, extract_features
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import MatchingRule, plan_pairs
-from gsfw.preparation.progress import Silent
 
 WIDTH, HEIGHT = 320, 240
 FOCAL = 343.0
@@ -137,6 +136,6 @@ def database(folder: Path, n: int = 8) -> tuple[Path, ImageSet, Cameras]:
 def match_all(path: Path, images: ImageSet) -> None:
     """Features and matches of all pairs of a set whose images have one size."""
     settings = FeatureSettings(max_size=1600, count=2000, jobs=1)
-    extract_features(path, images, one_group(images), settings, Silent())
-    plan = plan_pairs(images, MatchingRule("exhaustive"), path, Silent())
-    match_pairs(path, plan, 1, Silent())
+    extract_features(path, images, one_group(images), settings)
+    plan = plan_pairs(images, MatchingRule("exhaustive"), path)
+    match_pairs(path, plan, 1)

@@ -39,7 +39,6 @@ from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import MatchingRule, plan_pairs
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.source import read_source
 
 # Seconds each; .ci/run runs them.
@@ -99,10 +98,10 @@ def prepare(folder: Path, files: Mapping[str, bytes | Pixels]) -> Diagnosis:
     groups = group_cameras(images, CameraRule())
     database = folder / "work" / "database.db"
     settings = FeatureSettings(max_size=320, count=1000)
-    features = extract_features(database, images, groups, settings, Silent())
-    plan = plan_pairs(images, MatchingRule("exhaustive"), database, Silent())
-    match_pairs(database, plan, 1, Silent())
-    mapping = map_cameras(database, folder / "work" / "models", MappingRule(), Silent())
+    features = extract_features(database, images, groups, settings)
+    plan = plan_pairs(images, MatchingRule("exhaustive"), database)
+    match_pairs(database, plan, 1)
+    mapping = map_cameras(database, folder / "work" / "models", MappingRule())
     diagnosis = diagnose(database, images, groups, features, mapping)
     json_text(diagnosis.document())
     return diagnosis

@@ -9,7 +9,6 @@ from gsfw.preparation.mapping import mapping as mapping_module
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.observations import Observations, cut_loose, held_together
-from gsfw.preparation.progress import Silent
 
 
 def test_images_that_see_the_same_points_hold_each_other(tmp_path: Path) -> None:
@@ -50,7 +49,7 @@ def test_what_global_mapping_placed_anywhere_is_placed_anew(
         turned = pycolmap.Rigid3d(turn * pose.rotation, pose.translation)
         model.frame(model.image(number).frame_id).rig_from_world = turned
     rule = MappingRule(mapper="global")
-    mapping = map_cameras(capture.database, tmp_path / "models", rule, Silent())
+    mapping = map_cameras(capture.database, tmp_path / "models", rule)
     assert mapping.sizes == (9,)
     assert mapping.how == (
         "global mapping (GLOMAP), with 2 images placed anew by incremental mapping"
@@ -69,8 +68,6 @@ def test_images_of_other_global_models_are_not_lost(
     for feature in large.image(6).get_observation_point2D_idxs()[5:]:
         large.delete_observation(6, feature)
     monkeypatch.setattr(mapping_module, "run_global", lambda *_: [large, small])
-    mapping = map_cameras(
-        capture.database, tmp_path / "models", MappingRule(mapper="global"), Silent()
-    )
+    mapping = map_cameras(capture.database, tmp_path / "models", MappingRule(mapper="global"))
     assert mapping.how.endswith("with 1 images placed anew by incremental mapping")
     assert mapping.sizes == (6, 4)

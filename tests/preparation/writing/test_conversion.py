@@ -28,7 +28,6 @@ from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.llff import LlffConfig
 from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.transforms import TransformsConfig
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.writing.conversion import ConversionRule, convert
 from gsfw.preparation.writing.image_output import OutputRule
 
@@ -121,7 +120,7 @@ MOVING = {
 
 def again(data, out, **rule):
     """A loaded data set, converted and loaded again, and what the conversion says."""
-    found = convert(data.recording, out, ConversionRule(**rule), Silent())
+    found = convert(data.recording, out, ConversionRule(**rule))
     config = LAYOUTS[found.layout]()
     if found.layout == "transforms":
         config = TransformsConfig(depth=True)
@@ -314,7 +313,7 @@ def test_many_held_out_images_are_named_by_a_command(tmp_path):
         for number, frame in enumerate(data.recording.frames)
     ]
     out = tmp_path / "out"
-    found = convert(replace(data.recording, frames=tuple(frames)), out, ConversionRule(), Silent())
+    found = convert(replace(data.recording, frames=tuple(frames)), out, ConversionRule())
     command = f'train with holdout="$(paste -sd, {out}/sparse/0/test.txt)", or use'
     assert command in found.notes[-1]
 
@@ -391,7 +390,7 @@ def test_a_second_conversion_leaves_nothing_of_the_first(tmp_path):
 def test_images_are_never_written_over(tmp_path):
     before = colmap(tmp_path)
     with pytest.raises(OutputError) as error:
-        convert(before.recording, tmp_path, ConversionRule(), Silent())
+        convert(before.recording, tmp_path, ConversionRule())
     assert str(error.value) == (
         f"{tmp_path}/images/view_000.png is one of the images that are read, and would be "
         "written over.\nChoose another place with out=DIR."

@@ -17,13 +17,13 @@ from support.small_captures import request, ring
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError, OutputError
+from gsfw.core.progress import shown_by
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.reader import read_model
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.undistortion import LensRule
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.image_set import ImageSet, SourceImage
-from gsfw.preparation.progress import Progress, Silent
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.data_set import write_data_set
 from gsfw.preparation.writing.image_output import OutputRule
@@ -122,8 +122,8 @@ def check_tracks(model: pycolmap.Reconstruction) -> None:
 def test_undistorted_data_sets_are_what_training_makes_of_distorted_ones(tmp_path, model):
     taken = photos(tmp_path / "photos")
     estimated = estimate(lens(model))
-    write_data_set(estimated, taken, tmp_path / "pinhole", OutputRule(), Silent())
-    write_data_set(estimated, taken, tmp_path / "keep", KEEP, Silent())
+    write_data_set(estimated, taken, tmp_path / "pinhole", OutputRule())
+    write_data_set(estimated, taken, tmp_path / "keep", KEEP)
     flat, bent = loaded(tmp_path / "pinhole"), loaded(tmp_path / "keep")
     assert {frame.lens.model for frame in frames(flat)} == {"PINHOLE"}
     assert {frame.lens.model for frame in frames(bent)} == {model}
@@ -138,7 +138,7 @@ def test_undistorted_data_sets_are_what_training_makes_of_distorted_ones(tmp_pat
 @pytest.mark.parametrize("model", MODELS)
 def test_points_land_on_their_moved_observations(tmp_path, model):
     taken = photos(tmp_path / "photos")
-    found = write_data_set(estimate(lens(model)), taken, tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimate(lens(model)), taken, tmp_path, OutputRule())
     written = pycolmap.Reconstruction(tmp_path / "sparse/0")
     check_tracks(written)
     assert (found.images, found.points) == (VIEWS, written.num_points3D())
@@ -159,7 +159,7 @@ def test_what_falls_outside_leaves_the_tracks(tmp_path):
     ]
     lost = estimated.add_point3D([0.0, 0.0, 0.0], pycolmap.Track(corners))
     taken = photos(tmp_path / "photos")
-    found = write_data_set(estimated, taken, tmp_path / "out", OutputRule(), Silent())
+    found = write_data_set(estimated, taken, tmp_path / "out", OutputRule())
     written = pycolmap.Reconstruction(tmp_path / "out/sparse/0")
     check_tracks(written)
     assert lost not in written.points3D
@@ -177,7 +177,7 @@ def test_what_falls_outside_leaves_the_tracks(tmp_path):
 @pytest.mark.parametrize("rule", [OutputRule(), KEEP], ids=["pinhole", "keep"])
 def test_points_have_the_mean_colour_of_where_they_were_seen(tmp_path, rule):
     estimated = estimate(lens("OPENCV"))
-    write_data_set(estimated, photos(tmp_path / "photos"), tmp_path, rule, Silent())
+    write_data_set(estimated, photos(tmp_path / "photos"), tmp_path, rule)
     written = pycolmap.Reconstruction(tmp_path / "sparse/0")
     for number, point in written.points3D.items():
         colors = []
@@ -196,9 +196,7 @@ def test_images_of_pinholes_are_copied(tmp_path):
         ("OPENCV", (1e-5, 0.0, 0.0, 0.0)),
     ):
         out = tmp_path / model
-        found = write_data_set(
-            estimate(lens(model, distortion)), taken, out, OutputRule(), Silent()
-        )
+        found = write_data_set(estimate(lens(model, distortion)), taken, out, OutputRule())
         assert {frame.lens.model for frame in frames(loaded(out))} == {"PINHOLE"}
         for one in taken.images:
             assert (out / "images" / one.name).read_bytes() == one.path.read_bytes()
@@ -209,7 +207,7 @@ def test_images_of_pinholes_are_copied(tmp_path):
 def test_kept_files_stay_byte_for_byte(tmp_path):
     names = [f"view_{view}.jpg" for view in range(VIEWS)]
     taken = photos(tmp_path / "photos", names, quality=80)
-    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, KEEP, Silent())
+    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, KEEP)
     for one in taken.images:
         assert (tmp_path / "images" / one.name).read_bytes() == one.path.read_bytes()
     assert found.lens == "OPENCV as given"
@@ -221,7 +219,7 @@ def test_kept_files_stay_byte_for_byte(tmp_path):
 
 
 def test_all_readers_find_the_model(tmp_path):
-    write_data_set(estimate(lens("OPENCV")), photos(tmp_path / "p"), tmp_path, KEEP, Silent())
+    write_data_set(estimate(lens("OPENCV")), photos(tmp_path / "p"), tmp_path, KEEP)
     ours = read_model(tmp_path / "sparse/0")
     theirs = pycolmap.Reconstruction(tmp_path / "sparse/0")
     assert [image.name for image in ours.images] == [f"view_{view}.png" for view in range(VIEWS)]
@@ -249,7 +247,7 @@ def turned(folder: Path, names) -> ImageSet:
 def test_turned_images_are_written_upright_without_the_tag(tmp_path, rule):
     names = [f"view_{view}.JPG" for view in range(VIEWS)]
     taken = turned(tmp_path / "photos", names)
-    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", rule, Silent())
+    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", rule)
     with Image.open(tmp_path / "out/images/view_1.JPG") as opened:
         assert opened.format == "JPEG"
         assert opened.size == found.sizes[0]
@@ -271,7 +269,7 @@ def test_a_turned_tiff_becomes_an_upright_png(tmp_path):
         with Image.open(one.path) as opened:
             lying = opened.transpose(Image.Transpose.ROTATE_90)
         lying.save(one.path, tiffinfo={Base.Orientation.value: 6})
-    write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", KEEP, Silent())
+    write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", KEEP)
     assert loaded(tmp_path / "out").views(Split.TRAIN).names[0] == "view_0.png"
     with Image.open(tmp_path / "out/images/view_1.png") as opened:
         assert np.array_equal(np.asarray(opened), image(1))
@@ -280,7 +278,7 @@ def test_a_turned_tiff_becomes_an_upright_png(tmp_path):
 def test_names_may_have_folders_and_fit_what_is_written(tmp_path):
     names = ["left/a.webp", "left/a.png", "right/a.webp", "right/b.bmp"]
     taken = photos(tmp_path / "photos", names)
-    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, OutputRule())
     new = ["left/a.png", "left/a_2.png", "right/a.png", "right/b.png"]
     assert sorted(loaded(tmp_path).views(Split.TRAIN).names) == new
     written = [item for item in (tmp_path / "images").rglob("*") if item.is_file()]
@@ -300,7 +298,7 @@ def test_alpha_is_kept(tmp_path):
         alpha[:, :100] = 0
         Image.fromarray(np.concatenate([image(0), alpha], axis=2)).save(one.path)
     taken = ImageSet(tuple(replace(one, header=read_header(one.path)) for one in taken.images))
-    write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
+    write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule())
     (batch,) = loaded(tmp_path / "out").load(Split.TRAIN, [0], CPU)
     assert batch.alpha is not None
     assert (float(batch.alpha.min()), float(batch.alpha.max())) == (0.0, 1.0)
@@ -311,7 +309,7 @@ def test_what_no_lens_saw_is_masked(tmp_path, monkeypatch):
     wide = LensRule(blank_pixels=1.0)
     monkeypatch.setattr("gsfw.preparation.writing.camera_plan.LensRule", lambda: wide)
     taken = photos(tmp_path / "photos")
-    found = write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule())
     CameraPlan.of.cache_clear()
     assert "masks/ marks what lenses did not see" in found.notes
     assert (found.images, found.masks) == (4, 4)
@@ -325,7 +323,7 @@ def test_the_number_of_jobs_changes_nothing(tmp_path):
     contents = []
     for jobs in (1, 3):
         out = tmp_path / str(jobs)
-        write_data_set(estimated, taken, out, OutputRule(), Silent(), jobs)
+        write_data_set(estimated, taken, out, OutputRule(), jobs)
         files = sorted(path for path in out.rglob("*") if path.is_file())
         contents.append([(path.relative_to(out), path.read_bytes()) for path in files])
     assert contents[0] == contents[1]
@@ -335,7 +333,7 @@ def test_the_number_of_jobs_changes_nothing(tmp_path):
 def test_images_that_are_not_registered_are_left_out(tmp_path):
     estimated = estimate(lens("OPENCV"))
     estimated.deregister_frame(estimated.images[2].frame_id)
-    found = write_data_set(estimated, photos(tmp_path / "p"), tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimated, photos(tmp_path / "p"), tmp_path, OutputRule())
     names = ("view_0.png", "view_2.png", "view_3.png")
     assert loaded(tmp_path).views(Split.TRAIN).names == names
     assert sorted(item.name for item in (tmp_path / "images").iterdir()) == [*names]
@@ -344,16 +342,16 @@ def test_images_that_are_not_registered_are_left_out(tmp_path):
 
 def test_nothing_of_an_earlier_estimate_stays(tmp_path):
     taken = photos(tmp_path / "photos")
-    write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
+    write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule())
     before = (tmp_path / "images/view_0.png").read_bytes()
     fewer = estimate(lens("OPENCV", (-0.2, 0.05, 0.0, 0.0)))
     fewer.deregister_frame(fewer.images[2].frame_id)
-    write_data_set(fewer, taken, tmp_path, OutputRule(), Silent())
+    write_data_set(fewer, taken, tmp_path, OutputRule())
     assert (tmp_path / "images/view_0.png").read_bytes() != before
     assert not (tmp_path / "images/view_1.png").exists()
 
 
-class Interrupted(Progress):
+class Interrupted:
     """Somebody presses Ctrl-C after the second image."""
 
     @contextmanager
@@ -366,20 +364,17 @@ class Interrupted(Progress):
 
         yield advance
 
-    def say(self, text):
-        """Nothing."""
-
 
 def test_an_interrupted_data_set_has_no_model_and_is_completed_later(tmp_path):
     taken, estimated = photos(tmp_path / "photos"), estimate(lens("OPENCV"))
-    write_data_set(estimated, taken, tmp_path / "whole", OutputRule(), Silent())
+    write_data_set(estimated, taken, tmp_path / "whole", OutputRule())
     out = tmp_path / "out"
-    write_data_set(estimate(lens("SIMPLE_RADIAL")), taken, out, OutputRule(), Silent())
-    with pytest.raises(KeyboardInterrupt):
-        write_data_set(estimated, taken, out, OutputRule(), Interrupted())
+    write_data_set(estimate(lens("SIMPLE_RADIAL")), taken, out, OutputRule())
+    with pytest.raises(KeyboardInterrupt), shown_by(Interrupted().stage):
+        write_data_set(estimated, taken, out, OutputRule())
     assert not (out / "sparse/0/cameras.bin").exists()
     assert len(list((out / "images").iterdir())) == 2
-    write_data_set(estimated, taken, out, OutputRule(), Silent())
+    write_data_set(estimated, taken, out, OutputRule())
     for item in (tmp_path / "whole").rglob("*.*"):
         same = out / item.relative_to(tmp_path / "whole")
         assert same.read_bytes() == item.read_bytes()
@@ -393,7 +388,7 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
 
     monkeypatch.setattr("gsfw.core.files.atomic.os.fsync", full)
     with pytest.raises(OutputError) as error:
-        write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
+        write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule())
     assert str(error.value) == (
         f"the disk is full: {tmp_path}/out/work/written.txt could not be written.\n"
         "Free some space, or choose another place with out=DIR."
@@ -404,7 +399,7 @@ def test_photos_are_never_written_over(tmp_path):
     taken = photos(tmp_path / "images")
     before = [one.path.read_bytes() for one in taken.images]
     with pytest.raises(OutputError, match=r"view_0.png is one of the images that are read"):
-        write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
+        write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule())
     assert [one.path.read_bytes() for one in taken.images] == before
 
 
@@ -415,16 +410,14 @@ def test_a_lens_that_folds_the_image_is_refused(tmp_path):
         match=r"(?s)camera 1 of sparse/0/cameras.bin: its distortion, .* folds.*"
         r"\nCompute it with fewer parameters \(camera_model=SIMPLE_RADIAL\)",
     ):
-        write_data_set(
-            estimate(lens("SIMPLE_RADIAL", (-0.9,))), taken, tmp_path, OutputRule(), Silent()
-        )
+        write_data_set(estimate(lens("SIMPLE_RADIAL", (-0.9,))), taken, tmp_path, OutputRule())
 
 
 def test_the_quality_is_that_of_rewritten_jpegs(tmp_path):
     names = [f"view_{view}.jpg" for view in range(VIEWS)]
     taken, estimated = photos(tmp_path / "photos", names), estimate(lens("OPENCV"), names)
     sizes = [
-        write_data_set(estimated, taken, tmp_path, OutputRule(jpeg_quality=quality), Silent()).bytes
+        write_data_set(estimated, taken, tmp_path, OutputRule(jpeg_quality=quality)).bytes
         for quality in (60, 95)
     ]
     assert sizes[0] < sizes[1]
