@@ -231,7 +231,7 @@ GSFW_FUNCTION ShapeGradient<Symmetric3<T>, T> outline_vjp(const Symmetric3<T>& c
   const T determinant = difference_of_products(c.xx, c.yy, c.xy, c.xy);
   const Dilated<T> dilated = dilate({c, maximum(zero, determinant)}, settings.dilation);
   const Whitening<T> whitening = whiten(dilated.covariance, dilated.determinant);
-  // Where rounding's negative determinant was raised to 0, that after the dilation depends on the
+  // If rounding's negative determinant was raised to 0, that after the dilation depends on the
   // trace alone, and with it w, whose share is second.yy: d ln(w) = (d ln(xx) - d ln(det)) / 2.
   const Mask<T> raised = determinant < zero;
   Symmetric2<T> second = gradient.second;

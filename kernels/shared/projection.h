@@ -104,7 +104,7 @@ GSFW_FUNCTION GaussianGradient<T, Shape> project_vjp(const Vector3<T>& mean, con
            by_point}};
 }
 
-/// Where an ellipse can be seen.
+/// Visible extent of an ellipse.
 template <class T>
 struct Extent {
   Mask<T> visible;

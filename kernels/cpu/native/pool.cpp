@@ -27,7 +27,7 @@ void pause_briefly() {
 #endif
 }
 
-/// How often a waiting worker looks before it sleeps: some 20 microseconds, the gap between two
+/// Polls of a waiting worker before it sleeps: some 20 microseconds, the gap between two
 /// stages of a step. Longer spinning would take the core from torch's own threads.
 constexpr int LOOKS = 600;
 
