@@ -10,7 +10,7 @@ from typing import Any
 
 FIGURES = {
     "forward": "forward",
-    "picture": "forward + backward",
+    "image": "forward + backward",
     "step": "training step, our loss and Adam in both",
     "sparse_step": "the same, Adam on visible rows only",
 }
@@ -144,11 +144,11 @@ def _drawing_rows(part: str, found: Mapping[str, Any]) -> Iterator[Row]:
                 words = f"{FIGURES[against]}: as gsplat's trainer does it (SSIM: "
                 words += f"{found.get('own_step_ssim', 'unknown')})"
                 yield _compared(part, words, ours, other, against, key)
-        for key in ("picture", "step"):
+        for key, whole in (("image", "an image"), ("step", "a step")):
             if f"{key}_peak_mb" in other:
                 mine, its = ours[f"{key}_peak_mb"], other[f"{key}_peak_mb"]
                 ratio = f"{its / mine:.2f}" if mine else ""
-                yield part, f"memory of a {key}, {name}", f"{mine:,.0f} MB", f"{its:,.0f} MB", ratio
+                yield part, f"memory of {whole}, {name}", f"{mine:,.0f} MB", f"{its:,.0f} MB", ratio
     yield from _stage_rows(part, ours)
 
 
@@ -186,8 +186,8 @@ def _other_rows(part: str, found: Mapping[str, Any]) -> Iterator[Row]:
         for scene, errors in scenes.items():
             gradients = {key: value for key, value in errors.items() if "gradient" in key}
             worst = max(gradients, key=lambda key: gradients[key])
-            told = f"errors of {name}, {scene}: largest {errors['largest']:.1e}, picture "
-            told += f"{errors['picture']:.1e}, {worst} {gradients[worst]:.1e}, "
+            told = f"errors of {name}, {scene}: largest {errors['largest']:.1e}, image "
+            told += f"{errors['image']:.1e}, {worst} {gradients[worst]:.1e}, "
             yield part, f"{told}{errors['flips']:.0f} flips", "", "", ""
     for name, states in found.get("first_use", {}).items():
         for state, seconds in states.items():

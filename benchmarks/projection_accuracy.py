@@ -5,7 +5,7 @@
 writes projection-accuracy.png and splatting-and-volume.png to FOLDER (docs/ when left out) and
 prints the tables of docs/what-accuracy-costs.md; about a minute and a half on one core. All is in
 float64 but the native kernels; times are CPU time, and errors are those of the pixels that any of
-the pictures has drawn, as PSNR of colours in [0, 1].
+the images has drawn, as PSNR of colours in [0, 1].
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ FLATNESS = (1.0, 0.5, 0.1)
 THICKNESS = (1.0, 0.7, 0.4)
 """The same where samples have to find them."""
 COVERAGE = 40
-"""Pixels of the picture for each Gaussian, where all are of a size."""
+"""Pixels of the image for each Gaussian, where all are of a size."""
 ANGLES = (20, 40, 60, 80, 100, 120, 140)
 DISTANCES = (2, 4, 8, 16, 32, 64, 128, 256)
 PIXEL_SCALES = (0.25, 0.5, 1, 2, 4, 8)
@@ -131,7 +131,7 @@ def over_angles() -> Iterator[tuple[float, float, float, float]]:
 
 
 def over_distances() -> Iterator[tuple[float, float, float, float]]:
-    """Pictures of the same size, of ever smaller angles: Gaussians of 4 pixels near the axis."""
+    """Images of the same size, of ever smaller angles: Gaussians of 4 pixels near the axis."""
     for distance in DISTANCES:
         camera = camera_of(64, 64, 4.0 * distance)
         yield distance, *ladder(camera, 64 * 64 // COVERAGE, distance)
@@ -169,7 +169,7 @@ def projection() -> tuple[str, list[LinePanel]]:
 
 @dataclass(frozen=True)
 class Measured:
-    """One way to draw a picture."""
+    """One way to draw an image."""
 
     name: str
     output: RenderOutput
@@ -178,7 +178,7 @@ class Measured:
 
 
 def measured(name: str, rasterizer: Rasterizer, splats: Splats, camera: Cameras) -> Measured:
-    """Draw a picture; the CPU time is the least of three, or of one that takes long."""
+    """Draw an image; the CPU time is the least of three, or of one that takes long."""
     seconds = math.inf
     for _ in range(3):
         before = time.process_time()

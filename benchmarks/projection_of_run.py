@@ -45,12 +45,12 @@ def projection_of_run(run: Path, count: int) -> str:
         for name, way in WAYS.items():
             before = time.process_time()
             settings = RenderSettings(background=background)
-            picture = render_model(parts.model, way, batch.cameras, settings, batch.time).color[0]
+            image = render_model(parts.model, way, batch.cameras, settings, batch.time).color[0]
             sums[name][2] += time.process_time() - before
-            splatted = picture if splatted is None else splatted
-            if splatted is not picture:
-                sums[name][0] += psnr(picture, splatted)
-            sums[name][1] += psnr(picture, batch.target(background)[0])
+            splatted = image if splatted is None else splatted
+            if splatted is not image:
+                sums[name][0] += psnr(image, splatted)
+            sums[name][1] += psnr(image, batch.target(background)[0])
     text = "| way | PSNR against splatting (dB) | against the photo (dB) | CPU (s) per view |\n"
     text += "| --- | ---: | ---: | ---: |\n"
     for name, figures in sums.items():

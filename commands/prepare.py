@@ -256,12 +256,14 @@ def _prepare(
 ) -> dict[str, Any]:
     """Compute cameras; return the document."""
     from gsfw.commands.interface.progress import StageBars
+    from gsfw.core.progress import shown_by
     from gsfw.preparation.native import log_into
     from gsfw.preparation.preparation import Preparation
     from gsfw.preparation.report import document_of_preparation
 
     log_into(place.log)
-    prepared = Preparation(inputs, place, rule, StageBars(console)).run()
+    with shown_by(StageBars(console).stage):
+        prepared = Preparation(inputs, place, rule, console.say).run()
     examined = _examine(place.path) if prepared.written else None
     return document_of_preparation(inputs, place, prepared, examined)
 
@@ -275,6 +277,7 @@ def _convert(
 ) -> dict[str, Any]:
     """Keep the cameras of a data set; return the document."""
     from gsfw.commands.interface.progress import StageBars
+    from gsfw.core.progress import shown_by
     from gsfw.datamanagers.capture import Capture
     from gsfw.plugins.compose import open_data
     from gsfw.preparation.report import document_of_conversion
@@ -294,7 +297,8 @@ def _convert(
         # Without its data set, no stage of an earlier preparation is finished any more.
         place.remove(place.journal, place.images, place.sparse)
         rules = ConversionRule(options.layout, rule.output)
-        converted = convert(data.recording, place.path, rules, StageBars(console), rule.jobs)
+        with shown_by(StageBars(console).stage):
+            converted = convert(data.recording, place.path, rules, rule.jobs)
     return document_of_conversion(source.config.data, name, place, converted, _examine(place.path))
 
 

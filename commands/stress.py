@@ -181,7 +181,7 @@ def _document(
         "totals": [total.document() for total in totals(results)],
         "planes": [errors.document() for errors in planes],
         "missing": dict(missing),
-        "picture": image,
+        "image": image,
     }
 
 

@@ -83,6 +83,7 @@ class SlotConfig:
     """Renamed settings: old name -> new name, so that old files and runs can be read.
 
     Groups may be renamed too; an empty new name marks a setting that has no effect any more.
+    A value is renamed as "mode=old" -> "mode=new", under the current name of its setting.
     """
     recommended: ClassVar[Mapping[str, Any]] = {}
     """Recommended settings of the run for this choice, by dotted key; the user's settings win."""

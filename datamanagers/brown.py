@@ -99,7 +99,7 @@ def _fit(
 
 
 def _reach(lens: Lens, radial: Radial) -> float:
-    """How far out, before distortion and at focal length 1, the image's corners see."""
+    """Radius of the image's corners before distortion, at focal length 1."""
     corners = [(x, y) for x in (0, lens.width) for y in (0, lens.height)]
     needed = max(math.hypot((x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy) for x, y in corners)
     radii = np.tan(np.linspace(0.0, math.radians(85), SAMPLES))

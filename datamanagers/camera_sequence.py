@@ -58,7 +58,7 @@ class CameraSequence:
         return len(self.files) if self.video is None else len(self.video)
 
     def header(self, number: int) -> Header:
-        """Of an image.
+        """Header of an image.
 
         Raises:
             DataError: it is a file that is no image.
@@ -66,13 +66,13 @@ class CameraSequence:
         return read_header(self.files[number]) if self.video is None else self.video.header
 
     def name(self, number: int) -> str:
-        """Of an image, as messages and result files call it."""
+        """Name of an image in messages and result files."""
         if self.video is None:
             return f"{self.camera}/{self.files[number].name}"
         return f"{self.camera}/{number:06d}"
 
     def source(self, number: int) -> tuple[Path, Shot | None]:
-        """Where an image is: in a file of its own, or in a video."""
+        """Source of an image: a file of its own, or a video."""
         if self.video is None:
             return self.files[number], None
         return self.path, Shot(self.video, number)
@@ -102,9 +102,9 @@ def find_sequences(folder: Path, prefix: str = "") -> dict[str, Path]:
         return videos
     found = {}
     for item in items:
-        for pictures in (item / "images", item):
-            if pictures.is_dir() and images_in(pictures):
-                found[item.name] = pictures
+        for images in (item / "images", item):
+            if images.is_dir() and images_in(images):
+                found[item.name] = images
                 break
     return found
 
@@ -139,7 +139,7 @@ def common_rate(
 
 
 def common_length(sequences: Sequence[CameraSequence]) -> tuple[int, tuple[str, ...]]:
-    """How many images every camera has, and a note where some have more."""
+    """Number of images that every camera has, and a note if some have more."""
     counts = {item.camera: len(item) for item in sequences}
     shortest = min(counts, key=lambda camera: counts[camera])
     length, longest = counts[shortest], max(counts.values())

@@ -117,7 +117,7 @@ class Capture(DataManager):
         }
 
     def _make_fits(self, cameras: Sequence[Cameras]) -> list[ImageFit]:
-        """How each image is undistorted and shrunk."""
+        """Undistortion and size of each image."""
         maps, fits = MapCache(), []
         for frame, camera in zip(self._frames, cameras, strict=True):
             undistortion = frame.undistortion(self._rule)
@@ -171,7 +171,7 @@ class Capture(DataManager):
 
     @property
     def scene(self) -> Scene:
-        """What is known of the capture before training."""
+        """The scene of the capture before training."""
         return self._scene
 
     def views(self, split: Split) -> Views:
@@ -179,7 +179,7 @@ class Capture(DataManager):
         return self._views[split]
 
     def notes(self) -> tuple[str, ...]:
-        """How the data was read, what was left out, what is held out."""
+        """Notes on the reading, the parts left out, and the held-out images."""
         train, held = (len(self._members[split]) for split in (Split.TRAIN, Split.EVAL))
         how = self._views[Split.TRAIN].origin
         warps = [fit.warp for fit in self._fits if fit.warp is not None]
@@ -209,7 +209,7 @@ class Capture(DataManager):
             return None
         still = ~load_mask(frame.moving, frame.path, frame.header)
         fit = self._fits[number]
-        # Where any of the pixels beneath moves, their mean does.
+        # If any of the source pixels moves, their mean does.
         fitted = fit_mask(still, *fit.final, fit.warp)
         assert fitted is not None
         return torch.from_numpy(~fitted)[..., None]
@@ -223,12 +223,12 @@ class Capture(DataManager):
         """An image with its per-view maps."""
         frame = self._frames[index]
         if frame.shot is not None:
-            picture = self._videos.get(index)
+            image = self._videos.get(index)
         else:
-            picture = self._fit(index, decode(frame.path, frame.header))
-        inside = self._masks.inside(frame, picture)
+            image = self._fit(index, decode(frame.path, frame.header))
+        inside = self._masks.inside(frame, image)
         scale = self._scene.world_from_scene.inverse().scale
-        return replace(picture, maps=self._maps.load(index, self._fits[index], inside, scale))
+        return replace(image, maps=self._maps.load(index, self._fits[index], inside, scale))
 
     def _fit(self, index: int, pixels: UInt8[np.ndarray, "h w d"]) -> DecodedImage:
         """A decoded image, masked, undistorted and shrunk."""

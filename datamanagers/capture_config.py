@@ -35,7 +35,7 @@ class CaptureConfig(DataManagerConfig, ABC):
     """Masks, bright where pixels count: auto (as the data set names them, or PNG in masks/), none,
     alpha (of the images), or a folder."""
     mask_mode: str = MaskMode.IGNORE.value
-    """What lies outside masks: ignore (it carries no loss), or empty (it shows the background)."""
+    """Pixels outside masks: ignore (they carry no loss), or empty (they show the background)."""
     invert_masks: bool = False
     """Whether masks are dark where pixels count."""
     maps: tuple[str, ...] = ()
@@ -86,7 +86,7 @@ class CaptureConfig(DataManagerConfig, ABC):
         return folders
 
     def lens_rule(self) -> LensRule:
-        """What becomes of images of distorted lenses.
+        """Treatment of images of distorted lenses.
 
         Raises:
             ConfigError: a setting is out of range.

@@ -1,4 +1,4 @@
-"""What to say of a path that is no data set: images without cameras, a video, a parent folder."""
+"""Advice on a path that is no data set: images without cameras, a video, a parent folder."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 
 
 def describe_unrecognised(path: Path) -> str:
-    """What a path holds instead of a data set, and what to do about it; else empty."""
+    """Describe the contents of a path that is no data set, with the remedy; else empty."""
     if path.suffix.lower() in VIDEOS:
         return _video(path)
     if not path.is_dir():
         return ""
     for folder in (path, path / "images", path / "input"):
         files = _files(folder)
-        pictures = [item for item in files if item.suffix.lower() in EXTENSIONS]
-        if pictures:
+        images = [item for item in files if item.suffix.lower() in EXTENSIONS]
+        if images:
             where = "" if folder == path else f" in {folder.name}/"
-            return f"{len(pictures)} images{where}, but no cameras; {_reconstruct(folder)}"
+            return f"{len(images)} images{where}, but no cameras; {_reconstruct(folder)}"
         videos = [item for item in files if item.suffix.lower() in VIDEOS]
         if videos:
             return _video(videos[0])

@@ -34,7 +34,7 @@ class Upload(ABC):
 
     @abstractmethod
     def receive(self, shipment: Shipment) -> tuple[Tensor, ...]:
-        """What was sent, for all work that the calling thread starts from now on.
+        """The sent tensors, ready for all work that the calling thread starts from now on.
 
         May be asked for the same shipment again.
         """
@@ -119,18 +119,18 @@ class PlacedImage:
     maps: Mapping[str, PlacedMap] = field(default_factory=dict)
 
     @staticmethod
-    def on_host(picture: DecodedImage) -> PlacedImage:
+    def on_host(image: DecodedImage) -> PlacedImage:
         """A decoded image where it is; nothing is copied."""
-        mask = None if picture.mask is None else torch.from_numpy(picture.mask)
+        mask = None if image.mask is None else torch.from_numpy(image.mask)
         maps = {
             name: PlacedMap(torch.from_numpy(item.values), torch.from_numpy(item.known), item.rule)
-            for name, item in picture.maps.items()
+            for name, item in image.maps.items()
         }
-        return PlacedImage(torch.from_numpy(picture.pixels), mask, maps)
+        return PlacedImage(torch.from_numpy(image.pixels), mask, maps)
 
     @property
     def layout(self) -> Layout:
-        """What ``tensors`` are."""
+        """Layout of ``tensors``."""
         rules = {name: item.rule for name, item in self.maps.items()}
         return Layout(self.mask is not None, rules)
 
@@ -144,11 +144,11 @@ class PlacedImage:
 
 @dataclass(frozen=True)
 class Layout:
-    """What the tensors of an image are, to put them together on a device."""
+    """Layout of an image's tensors, to put them together on a device."""
 
     masked: bool
     rules: Mapping[str, Resampling]
-    """Of the maps, in order."""
+    """Resampling of the maps, in order."""
 
     def image(self, tensors: Sequence[Tensor]) -> PlacedImage:
         """The image of ``PlacedImage.tensors``."""
@@ -210,15 +210,15 @@ class DeviceImages:
         """Those of ``numbers`` that are neither there nor on their way."""
         return [number for number in numbers if number not in self._sent]
 
-    def send(self, number: int, picture: Future[DecodedImage]) -> None:
+    def send(self, number: int, image: Future[DecodedImage]) -> None:
         """Have an image sent as soon as it is decoded."""
         passing = [other for other in self._sent if other not in self._kept]
         for unused in passing[: max(len(passing) + 1 - MOST_PASSING, 0)]:
             del self._sent[unused]
-        self._sent[number] = self._thread.submit(self._ship, picture)
+        self._sent[number] = self._thread.submit(self._ship, image)
 
-    def _ship(self, picture: Future[DecodedImage]) -> tuple[Layout, Shipment]:
-        placed = PlacedImage.on_host(picture.result())
+    def _ship(self, image: Future[DecodedImage]) -> tuple[Layout, Shipment]:
+        placed = PlacedImage.on_host(image.result())
         return placed.layout, self._upload.send(placed.tensors)
 
     def get(self, number: int) -> PlacedImage:
@@ -232,7 +232,7 @@ class DeviceImages:
         coming = self._sent.pop(number)
         try:
             layout, shipment = coming.result()
-        except CancelledError:  # What was asked for later took its place among the decoded ones.
+        except CancelledError:  # A later request took its place in the cache.
             return self.get(number)
         if number in self._kept:
             self._sent[number] = coming

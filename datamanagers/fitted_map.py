@@ -25,7 +25,7 @@ ROUNDING = 1e-4
 
 @dataclass(frozen=True)
 class ImageFit:
-    """How an image was fitted: its sizes in pixels, and its undistortion."""
+    """Fit of an image: its sizes in pixels, and its undistortion."""
 
     stored: tuple[int, int]
     """Width and height of the upright image file."""

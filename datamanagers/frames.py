@@ -30,18 +30,18 @@ class Sightings:
     frames: Int64[np.ndarray, " o"]
     """Rows among the frames."""
     errors: Float64[np.ndarray, " p"]
-    """Of each point, the mean distance in pixels between where it was matched and where it is
-    projected; of images of the size that was reconstructed from."""
+    """Reprojection error of each point: the mean distance in pixels between its matches and its
+    projections, at the size of the images of the reconstruction."""
 
     @staticmethod
     def none() -> Sightings:
-        """Of a data set that has no points."""
+        """Sightings of a data set without points."""
         nothing = np.zeros(0, np.int64)
         return Sightings(nothing, nothing, np.zeros(0))
 
 
 USUAL = LensRule()
-"""What becomes of distorted images unless something else is asked for."""
+"""Default treatment of distorted images."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Frame:
         return (name, Path(*name.parts[1:])) if len(name.parts) > 1 else (name,)
 
     def undistortion(self, rule: LensRule) -> Undistortion | None:
-        """How the image is undistorted; ``None`` when its lens is a pinhole.
+        """Undistortion of the image; ``None`` if its lens is a pinhole.
 
         Raises:
             DataError: the image's size contradicts the camera, or the distortion is no lens's.
@@ -135,7 +135,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Recording:
-    """What a format's file says, before anything is held out, moved or scaled."""
+    """Contents of a format's files, before anything is held out, moved or scaled."""
 
     name: str
     path: Path
@@ -146,7 +146,7 @@ class Recording:
     point_colors: Float[Tensor, "p 3"]
     """Their colours in [0, 1]."""
     notes: tuple[str, ...] = ()
-    """How it was read, and what was left out."""
+    """Notes on the reading, and on the parts left out."""
     up: str = ""
     """Which way is up in the world of the data ("z", "-y"), as far as the format says."""
     unused_times: tuple[float, ...] = ()
@@ -156,7 +156,7 @@ class Recording:
     shrunk: int = 1
     """The factor that the images were shrunk by before; ``downscale`` counts from full size."""
     split_origin: str = "the data set's own split"
-    """How frames got their ``split``, where they have one."""
+    """Source of the frames' ``split``, if they have one."""
     sightings: Callable[[], Sightings] | None = None
     """Reads which frames show which point, which training has no use for; ``None`` when the format
     does not say."""

@@ -1,4 +1,4 @@
-"""What formats share whose files name images without saying where they are."""
+"""Image folder of formats whose files name images without a path."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ImageFolderConfig(CaptureConfig, ABC):
     """PLY file of points to start from, relative to the data set. Empty: the only one there is."""
 
     def image_folder(self, root: Path) -> ImageFolder:
-        """Where the images of the data set ``root`` are looked for.
+        """The folder to search for the images of the data set ``root``.
 
         Raises:
             DataError: there is no folder of the name that was given.
@@ -112,21 +112,19 @@ class ImageFolder:
         return None
 
     def frame(
-        self, picture: Path, lens: Lens, world_to_camera: Float64[Tensor, "4 4"], camera: int
+        self, image: Path, lens: Lens, world_to_camera: Float64[Tensor, "4 4"], camera: int
     ) -> Frame:
         """The frame of one of these images."""
-        return Frame(
-            self.name(picture), picture, read_header(picture), lens, world_to_camera, camera
-        )
+        return Frame(self.name(image), image, read_header(image), lens, world_to_camera, camera)
 
-    def _is_at(self, picture: Path, key: str) -> bool:
-        """Whether that is the image's path, with or without its extension."""
-        relative = picture.relative_to(self.path)
+    def _is_at(self, image: Path, key: str) -> bool:
+        """True if ``key`` is the image's path, with or without its extension."""
+        relative = image.relative_to(self.path)
         return key in (relative.as_posix().lower(), relative.with_suffix("").as_posix().lower())
 
-    def name(self, picture: Path) -> str:
-        """What messages and result files call an image."""
-        return picture.relative_to(self.path).as_posix()
+    def name(self, image: Path) -> str:
+        """Name of an image in messages and result files."""
+        return image.relative_to(self.path).as_posix()
 
 
 def only_file(path: Path, files: Sequence[Path], expected: str, advice: str) -> Path:

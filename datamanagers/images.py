@@ -21,10 +21,10 @@ from gsfw.datamanagers.fitted_map import FittedMap
 from gsfw.datamanagers.warp import Warp
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
-"""Of image files; also what is tried, in this order, where a path has no extension."""
+"""Extensions of image files, in the order of their trial if a path has none."""
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
-"""What Pillow may read; told by content, not by extension."""
+"""Formats that Pillow may read; recognised by content, not by extension."""
 UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -34,12 +34,12 @@ UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-"""What turns an image with this EXIF orientation upright (CIPA DC-008, tag 274)."""
+"""Operation that turns an image of each EXIF orientation upright (CIPA DC-008, tag 274)."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """What is known of an image without decoding it."""
+    """Facts on an image that need no decoding."""
 
     width: int
     """Pixels of the upright image."""

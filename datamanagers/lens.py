@@ -38,7 +38,7 @@ COEFFICIENTS: dict[str, tuple[str, ...]] = {
     "FISHEYE": (),
     "EUCM": ("alpha", "beta"),
 }
-"""Of each model, the parameters that follow fx, fy, cx and cy."""
+"""Parameters of each model after fx, fy, cx and cy."""
 ONE_FOCAL_LENGTH = (
     *("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"),
     *("SIMPLE_DIVISION", "SIMPLE_FISHEYE"),
@@ -74,12 +74,12 @@ class Lens:
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether it draws straight lines as straight lines."""
+        """True if straight lines stay straight in the image."""
         return self.model in STRAIGHT_AT_ZERO and not any(self.distortion)
 
     @property
     def is_fisheye(self) -> bool:
-        """Whether its model is one for very wide lenses."""
+        """True if the model is one for very wide lenses."""
         return "FISHEYE" in self.model or self.model in ("FOV", "EUCM")
 
     def __str__(self) -> str:
@@ -160,7 +160,7 @@ class Lens:
         return np.where(there[:, None], slopes, np.nan)
 
     def _bend(self, slopes: Float64[np.ndarray, "m 2"]) -> Float64[np.ndarray, "m 2"]:
-        """Where rays fall at focal length 1, with the principal point at 0."""
+        """Image points of rays at focal length 1, with the principal point at 0."""
         if self.is_pinhole:
             return slopes
         rays = np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)

@@ -74,18 +74,18 @@ class LlffConfig(ImageFolderConfig):
     def detect(cls, path: Path) -> Detection:
         """A folder with poses_bounds.npy and a folder of images."""
         folder = _root(path)
-        pictures = _folders(folder) if (folder / FILE).is_file() else {}
-        if not pictures:
+        images = _folders(folder) if (folder / FILE).is_file() else {}
+        if not images:
             return Detection(False, LOOKED_FOR)
-        names = ", ".join(f"{item.name}/" for item in pictures.values())
+        names = ", ".join(f"{item.name}/" for item in images.values())
         # COLMAP's model, which such data sets may hold as well, knows more: points and lenses.
         return Detection(True, LOOKED_FOR, f"{FILE} with {names}", priority=25)
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the poses and the headers of the images that fit ``downscale``."""
         root = _root(path)
-        shrunk, pictures = self._choose(root, downscale)
-        return self._recording(root, pictures, shrunk)
+        shrunk, images = self._choose(root, downscale)
+        return self._recording(root, images, shrunk)
 
     def _choose(self, root: Path, downscale: float) -> tuple[int, Path]:
         """By what the images were shrunk, and where they are.
@@ -104,16 +104,15 @@ class LlffConfig(ImageFolderConfig):
         shrunk = max((factor for factor in found if factor <= downscale), default=min(found))
         return shrunk, found[shrunk]
 
-    def _recording(self, root: Path, pictures: Path, shrunk: int) -> Recording:
+    def _recording(self, root: Path, images: Path, shrunk: int) -> Recording:
         file = root / FILE
         if not file.is_file():
             raise DataError(f"{root} holds no {FILE}.", "Give the folder that does.")
         table = read_rows(file)
-        files = _images_in(pictures)
+        files = _images_in(images)
         if len(files) != len(table):
             raise DataError(
-                f"{file} has {len(table)} cameras, but there are {len(files)} images in "
-                f"{pictures}.",
+                f"{file} has {len(table)} cameras, but there are {len(files)} images in {images}.",
                 "Expected one for each row, in the order of their names; images that LLFF left "
                 "out have to be removed.",
             )
@@ -135,7 +134,7 @@ class LlffConfig(ImageFolderConfig):
             points=points,
             point_colors=colors,
             notes=(
-                f"{file}: {len(table)} cameras, images of {pictures} (1/{shrunk} of full size); "
+                f"{file}: {len(table)} cameras, images of {images} (1/{shrunk} of full size); "
                 "the nearest and farthest depths are not used",
                 *point_note,
             ),

@@ -57,7 +57,7 @@ class Loader:
         return index if split is Split.TRAIN else len(self._views[Split.TRAIN]) + index
 
     def notes(self) -> tuple[str, ...]:
-        """How many images stay on the GPU, where not all do."""
+        """Number of images that stay on the GPU, if not all do."""
         total = len(self._cache.sizes)
         if self._budget == 0 or len(self._kept) == total:
             return ()
@@ -72,8 +72,8 @@ class Loader:
         if self._there is None:
             self._cache.prefetch(numbers)
             return
-        for number, picture in self._cache.prefetch(self._there.lacking(numbers)).items():
-            self._there.send(number, picture)
+        for number, image in self._cache.prefetch(self._there.lacking(numbers)).items():
+            self._there.send(number, image)
 
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
         """Batches; the same images whatever was cached, decoded or sent ahead.
@@ -103,18 +103,18 @@ class Loader:
 
     def _batch(self, split: Split, group: tuple[int, ...]) -> Batch:
         cameras = [self._cameras[split][index] for index in group]
-        pictures = [self._picture(self.number(split, index)) for index in group]
-        pixels = _pixels(pictures).float() / 255
+        images = [self._image(self.number(split, index)) for index in group]
+        pixels = _pixels(images).float() / 255
         return Batch(
             images=pixels[..., :3],
             cameras=cameras[0] if len(cameras) == 1 else Cameras.cat(cameras),
             views=group,
             alpha=pixels[..., 3:] if pixels.shape[3] == 4 else None,
-            mask=_mask(pictures),
-            maps=_maps(pictures),
+            mask=_mask(images),
+            maps=_maps(images),
         )
 
-    def _picture(self, number: int) -> PlacedImage:
+    def _image(self, number: int) -> PlacedImage:
         if self._there is None:
             return PlacedImage.on_host(self._cache.get(number))
         return self._there.get(number)
@@ -126,10 +126,10 @@ class Loader:
             self._there.close()
 
 
-def _pixels(pictures: list[PlacedImage]) -> UInt8[Tensor, "c h w d"]:
+def _pixels(images: list[PlacedImage]) -> UInt8[Tensor, "c h w d"]:
     """Colours, and alpha where any image has it: the others are opaque."""
-    channels = max(picture.pixels.shape[2] for picture in pictures)
-    return torch.stack([_with_channels(picture.pixels, channels) for picture in pictures])
+    channels = max(image.pixels.shape[2] for image in images)
+    return torch.stack([_with_channels(image.pixels, channels) for image in images])
 
 
 def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tensor, "h w e"]:
@@ -138,28 +138,27 @@ def _with_channels(pixels: UInt8[Tensor, "h w d"], channels: int) -> UInt8[Tenso
     return torch.cat([pixels, torch.full_like(pixels[..., :1], 255)], dim=2)
 
 
-def _maps(pictures: list[PlacedImage]) -> dict[str, ViewMap]:
+def _maps(images: list[PlacedImage]) -> dict[str, ViewMap]:
     """Per-view maps, enlarged to the size of the images where they are smaller."""
     found = {}
-    for name, first in pictures[0].maps.items():
+    for name, first in images[0].maps.items():
         height, width = first.known.shape
-        known = torch.stack([picture.maps[name].known for picture in pictures])[..., None]
+        known = torch.stack([image.maps[name].known for image in images])[..., None]
         values = [
-            enlarged(picture.maps[name].values.float(), first.rule, width, height)
-            for picture in pictures
+            enlarged(image.maps[name].values.float(), first.rule, width, height) for image in images
         ]
         found[name] = ViewMap(torch.stack(values) * known, known, first.rule)
     return found
 
 
-def _mask(pictures: list[PlacedImage]) -> Bool[Tensor, "c h w 1"] | None:
-    """Where pixels are valid; where an image has no mask, all are."""
-    if all(picture.mask is None for picture in pictures):
+def _mask(images: list[PlacedImage]) -> Bool[Tensor, "c h w 1"] | None:
+    """Valid pixels; all are valid in an image without a mask."""
+    if all(image.mask is None for image in images):
         return None
     masks = [
-        torch.ones_like(picture.pixels[..., 0], dtype=torch.bool)
-        if picture.mask is None
-        else picture.mask
-        for picture in pictures
+        torch.ones_like(image.pixels[..., 0], dtype=torch.bool)
+        if image.mask is None
+        else image.mask
+        for image in images
     ]
     return torch.stack(masks)[..., None]

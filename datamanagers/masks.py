@@ -17,7 +17,7 @@ from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.images import DecodedImage, load_mask
 
 FOLDER = "masks"
-"""Where masks are looked for that nobody has named."""
+"""Default folder of masks."""
 
 NONE, ALPHA = "none", "alpha"
 """Values of ``datamanager.masks`` that are no folder, besides ``auto``."""
@@ -64,13 +64,13 @@ class MaskRule:
         covered = np.where(inside, alpha, 0).astype(np.uint8)
         return np.concatenate([pixels[..., :3], covered[..., None]], axis=2), None
 
-    def inside(self, frame: Frame, picture: DecodedImage) -> Bool[np.ndarray, "h w"] | None:
+    def inside(self, frame: Frame, image: DecodedImage) -> Bool[np.ndarray, "h w"] | None:
         """True where a fitted image's pixels lie wholly inside its mask; ``None``: all do."""
         masked = frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
         if self.mode is MaskMode.IGNORE or not masked:
-            return picture.mask
-        whole = np.asarray(picture.pixels[..., 3] == 255)
-        return whole if picture.mask is None else whole & picture.mask
+            return image.mask
+        whole = np.asarray(image.pixels[..., 3] == 255)
+        return whole if image.mask is None else whole & image.mask
 
     def gives_alpha(self, frame: Frame) -> bool:
         """Whether a loaded image has alpha."""
@@ -130,13 +130,13 @@ def _with_mask(frame: Frame, recording: Recording, rule: MaskRule) -> Frame:
         return frame
     names = _names(frame)
     places = (folder / name for folder in _folders(frame, recording, rule) for name in names)
-    # What moves is marked in files that may lie where masks do.
+    # Files that mark moving pixels may lie in the folder of masks.
     found = (place for place in places if place.is_file() and place != frame.moving)
     return replace(frame, mask=next(found, None))
 
 
 def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
-    """Where a frame's mask may be: the named folder, or masks beside the images' folder."""
+    """Folders to search for a frame's mask: the named one, or masks beside the images' folder."""
     root = recording.root
     if rule.source != AUTO:
         return [root / rule.source]
@@ -148,7 +148,7 @@ def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
 
 
 def _names(frame: Frame) -> list[str]:
-    """What a mask may be called: NAME.jpg.png as COLMAP has it, NAME.png, or as the image."""
+    """Accepted names of a mask: NAME.jpg.png as in COLMAP, NAME.png, or that of the image."""
     names = []
     for own in frame.short_names:
         names += [f"{own}.png", str(own.with_suffix(".png")), str(own)]
@@ -173,7 +173,7 @@ def _none_found(recording: Recording, frames: Sequence[Frame], rule: MaskRule) -
 
 
 def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> tuple[str, ...]:
-    """How many images have masks, how much they leave, and which leave nothing.
+    """Notes on masks: their number, the kept part of the pixels, and masks that keep nothing.
 
     Raises:
         DataError: no mask leaves anything, or one cannot be used.
@@ -204,7 +204,7 @@ def _notes(frames: Sequence[Frame], masked: Sequence[Frame], rule: MaskRule) -> 
 
 
 def _part_inside(frame: Frame, rule: MaskRule) -> float:
-    """How much of an image its mask keeps, from 0 to 1."""
+    """Part of an image that its mask keeps, from 0 to 1."""
     inside = rule.load(frame)
     assert inside is not None
     return float(inside.mean())

@@ -40,8 +40,8 @@ class MetashapeConfig(ImageFolderConfig):
         )
         chunk = MetashapeFile.read(file)
         root = file.absolute().parent
-        pictures = self.image_folder(root)
-        frames, missing = _frames(chunk.cameras, pictures, str(file))
+        images = self.image_folder(root)
+        frames, missing = _frames(chunk.cameras, images, str(file))
         total = len(chunk.cameras)
         (points, colors), point_note = self.start_points(root)
         return Recording(
@@ -56,7 +56,7 @@ class MetashapeConfig(ImageFolderConfig):
                 *left_out(chunk.disabled, "that are disabled in Metashape"),
                 *left_out(chunk.unaligned, "that Metashape did not align"),
                 *left_out(chunk.slaves, "of a rig's slave cameras, which are not read,"),
-                *missing_images(missing, total, pictures.path),
+                *missing_images(missing, total, images.path),
                 *point_note,
             ),
             up=chunk.up,
@@ -64,18 +64,18 @@ class MetashapeConfig(ImageFolderConfig):
 
 
 def _frames(
-    cameras: tuple[MetashapeCamera, ...], pictures: ImageFolder, source: str
+    cameras: tuple[MetashapeCamera, ...], images: ImageFolder, source: str
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose images are on disk, and the labels of those that are not."""
     numbers = {n: i for i, n in enumerate(sorted({camera.sensor for camera in cameras}))}
     frames, missing = [], []
     for camera in cameras:
-        picture = pictures.find(camera.label, source)
-        if picture is None:
+        image = images.find(camera.label, source)
+        if image is None:
             missing.append(camera.label)
             continue
         number = numbers[camera.sensor]
-        frames.append(pictures.frame(picture, camera.lens, camera.world_to_camera, number))
+        frames.append(images.frame(image, camera.lens, camera.world_to_camera, number))
     return frames, missing
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 HEAD_BYTES = 4096
-"""Of a file that is asked whether it is Metashape's."""
+"""Bytes of a file that are searched for Metashape's signature."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def _largest_component(
 
 
 def _worlds(chunk: Element, file: Path) -> dict[str, Similarity]:
-    """Where the components lie in the world, by number, and the chunk itself (by "")."""
+    """Poses of the components in the world, by number, and of the chunk itself (by "")."""
     nodes = {entry.get("id", ""): entry for entry in chunk.iterfind("components/component")}
     found = {"": chunk, **nodes}
     return {

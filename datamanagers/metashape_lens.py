@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 FISHEYES = ("fisheye", "equidistant_fisheye")
-"""What Metashape calls r = theta."""
+"""Metashape's names of r = theta."""
 SKEW = 0.1
 """Most pixels that leaving b2 out may move a corner of the image."""
 

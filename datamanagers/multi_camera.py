@@ -1,4 +1,4 @@
-"""What formats of several cameras share: which times are used, and which cameras are held out."""
+"""Settings of formats with several cameras: used times, and held-out cameras."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MultiCameraConfig(CaptureConfig, ABC):
     first: int = 0
     """Number of the first time that is used, counted from 0."""
     frames: int = 0
-    """How many times are used; 0: all."""
+    """Number of used times; 0: all."""
     stride: int = 1
     """Every n-th time is used."""
     fps: float = 0.0

@@ -47,8 +47,8 @@ class NerfiesConfig(CaptureConfig):
 
     def recording(self, path: Path, downscale: float) -> Recording:
         """Read the cameras and the headers of the images that fit ``downscale``."""
-        shrunk, pictures = _image_folder(path, downscale)
-        return _recording(path, pictures, shrunk)
+        shrunk, images = _image_folder(path, downscale)
+        return _recording(path, images, shrunk)
 
 
 def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
@@ -70,7 +70,7 @@ def _image_folder(folder: Path, downscale: float) -> tuple[int, Path]:
     return shrunk, found[shrunk]
 
 
-def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
+def _recording(folder: Path, images: Path, shrunk: int) -> Recording:
     splits, split_notes = _splits(folder / "dataset.json")
     metadata = _read(folder / "metadata.json")
     times = {
@@ -79,8 +79,8 @@ def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
     }
     frames, missing = [], []
     for name, split in splits.items():
-        picture = _picture(pictures, name)
-        if picture is None:
+        image = _image(images, name)
+        if image is None:
             missing.append(name)
             continue
         if name not in metadata:
@@ -88,10 +88,10 @@ def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
                 f"{folder / 'metadata.json'} does not have {name}, which dataset.json lists.",
                 "Copy both files from the same data set.",
             )
-        frame = _frame(folder / "camera" / f"{name}.json", name, picture)
+        frame = _frame(folder / "camera" / f"{name}.json", name, image)
         camera = _whole(metadata[name], ("camera_id",), f"{folder / 'metadata.json'}: {name}", 0)
         frames.append(replace(frame, split=split, time=float(times[name]), camera=camera))
-    missing_note = missing_images(missing, len(splits), pictures)
+    missing_note = missing_images(missing, len(splits), images)
     (points, colors), point_note = _points(folder / "points.npy")
     return Recording(
         name=folder.resolve().name,
@@ -101,7 +101,7 @@ def _recording(folder: Path, pictures: Path, shrunk: int) -> Recording:
         points=points,
         point_colors=colors,
         notes=(
-            f"{folder / 'dataset.json'}: {len(splits)} frames, images of {pictures}"
+            f"{folder / 'dataset.json'}: {len(splits)} frames, images of {images}"
             f" (1/{shrunk} of full size)",
             *split_notes,
             *missing_note,
@@ -170,19 +170,19 @@ def _whole(
     return found
 
 
-def _picture(folder: Path, name: str) -> Path | None:
+def _image(folder: Path, name: str) -> Path | None:
     candidates = (folder / f"{name}{end}" for end in EXTENSIONS)
     return next((path for path in candidates if path.is_file()), None)
 
 
-def _frame(file: Path, name: str, picture: Path) -> Frame:
+def _frame(file: Path, name: str, image: Path) -> Frame:
     content = _read(file)
     orientation = _numbers(content, ("orientation",), (3, 3), file)
     position = _numbers(content, ("position",), (3,), file)
     return Frame(
         name=name,
-        path=picture,
-        header=read_header(picture),
+        path=image,
+        header=read_header(image),
         lens=_lens(content, file),
         world_to_camera=from_center(orientation, position, str(file)),
     )

@@ -31,7 +31,7 @@ POINT_FILES = (
     "points3D_downsample2.ply",
     "points3D_downsample.ply",
 )
-"""Where tools that prepare these recordings put their points."""
+"""Files of points, as written by tools that prepare these recordings."""
 USUAL_RATE = 30.0
 """Images per second of the recordings of Li et al."""
 
@@ -41,7 +41,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
     """Settings of the ``neural-3d-video`` format. By default the first camera is held out."""
 
     frames: int = 300
-    """How many times are used; 0: all. Papers use 300."""
+    """Number of used times; 0: all. Papers use 300."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:

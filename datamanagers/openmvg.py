@@ -27,12 +27,12 @@ from gsfw.datamanagers.point_file import Points
 from gsfw.datamanagers.poses import from_center
 
 FILES = ("sfm_data.json", "sfm_data_expanded.json", "robust.json")
-"""What OpenMVG's programs call their files."""
+"""File names of OpenMVG's programs."""
 LOOKED_FOR = f"{FILES[0]} of OpenMVG with its images"
 HALF = 0.5
 """From OpenMVG's pixel coordinates to those where the first pixel's centre is at (0.5, 0.5)."""
 DISTORTIONS = {"disto_k1": 1, "disto_k3": 3, "disto_t2": 5, "fisheye": 4}
-"""What the numbers are called, and how many there are."""
+"""Names of the distortion parameters, and their number."""
 NAME_ID = 0x7FFFFFFF
 """The bits of a polymorphic_id that tell types; the highest says that the name is given, too."""
 
@@ -60,7 +60,7 @@ class OpenMvgConfig(ImageFolderConfig):
             )
         content = mapping(read_json(file), str(file))
         root = file.absolute().parent
-        pictures = self._images_of(content, root)
+        images = self._images_of(content, root)
         views = [view for _, view in _entries(content, "views", file)]
         poses = {key: entry for key, entry in _entries(content, "extrinsics", file)}
         placed = [view for view in views if view.get("id_pose") in poses]
@@ -69,7 +69,7 @@ class OpenMvgConfig(ImageFolderConfig):
                 f"{file}: none of its {len(views)} views has a pose.",
                 "Give the file that OpenMVG's reconstruction wrote, not that of its listing.",
             )
-        frames, missing = _frames(placed, poses, _lenses(content, file), pictures, file)
+        frames, missing = _frames(placed, poses, _lenses(content, file), images, file)
         without = [_name(view) for view in views if view.get("id_pose") not in poses]
         (points, colors), point_note = self.start_points(root, _points(content, file))
         return Recording(
@@ -81,14 +81,14 @@ class OpenMvgConfig(ImageFolderConfig):
             notes=(
                 f"{file}: {len(views)} views, {len(points)} points",
                 *left_out(without, "without a pose"),
-                *missing_images(missing, len(placed), pictures.path),
+                *missing_images(missing, len(placed), images.path),
                 *point_note,
             ),
             up="-y",
         )
 
     def _images_of(self, content: Mapping[str, Any], root: Path) -> ImageFolder:
-        """Where the file says its images are, if they are there; else beside the file."""
+        """The folder of images that the file names, if it exists; else the file's own."""
         stated = content.get("root_path")
         if not self.images and isinstance(stated, str) and stated:
             for folder in (Path(stated), root / Path(stated.replace("\\", "/")).name):
@@ -104,7 +104,7 @@ def _file(path: Path) -> Path | None:
 
 
 def _binary(path: Path) -> str:
-    """What is to be done with a file that is not read; empty where there is none."""
+    """Remedy for a binary file, which is not read; empty if there is none."""
     found = sorted(path.glob("sfm_data*.bin")) if path.is_dir() else []
     if not found:
         return ""
@@ -180,7 +180,7 @@ def _frames(
     views: list[Mapping[str, Any]],
     poses: Mapping[Any, Mapping[str, Any]],
     lenses: Mapping[Any, Lens],
-    pictures: ImageFolder,
+    images: ImageFolder,
     file: Path,
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose images are on disk, and the names of those that are not."""
@@ -189,15 +189,15 @@ def _frames(
     for view in views:
         where = f"{file}: view {_name(view)}"
         local = str(view.get("local_path", "")).strip("/")
-        picture = pictures.find(f"{local}/{_name(view)}".lstrip("/"), where)
-        if picture is None:
+        image = images.find(f"{local}/{_name(view)}".lstrip("/"), where)
+        if image is None:
             missing.append(_name(view))
             continue
         key = view.get("id_intrinsic")
         if key not in lenses:
             raise DataError(f"{where}: there is no intrinsic {key}.", "Copy the file again.")
         pose = _pose(poses[view.get("id_pose")], where)
-        frames.append(pictures.frame(picture, lenses[key], pose, numbers_of[key]))
+        frames.append(images.frame(image, lenses[key], pose, numbers_of[key]))
     return frames, missing
 
 

@@ -111,8 +111,8 @@ class OpenSfmConfig(ImageFolderConfig):
             raise DataError(f"{path} holds no {FILE}.", "Give the folder that does, or the file.")
         content, others = _largest(file)
         root = _root(file)
-        pictures = self.image_folder(root)
-        frames, missing = _frames(content, pictures, file)
+        images = self.image_folder(root)
+        frames, missing = _frames(content, images, file)
         total = len(content["shots"])
         (points, colors), point_note = self.start_points(root, _points(content, file))
         return Recording(
@@ -124,7 +124,7 @@ class OpenSfmConfig(ImageFolderConfig):
             notes=(
                 f"{file}: {total} shots, {len(points)} points",
                 *others,
-                *missing_images(missing, total, pictures.path),
+                *missing_images(missing, total, images.path),
                 *point_note,
                 *_reference(content),
             ),
@@ -170,7 +170,7 @@ def _largest(file: Path) -> tuple[Mapping[str, Any], tuple[str, ...]]:
 
 
 def _frames(
-    content: Mapping[str, Any], pictures: ImageFolder, file: Path
+    content: Mapping[str, Any], images: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose images are on disk, and the names of those that are not."""
     cameras: dict[str, tuple[int, Lens]] = {}
@@ -178,11 +178,11 @@ def _frames(
     for name, entry in content["shots"].items():
         where = f"{file}: shot {name}"
         shot = mapping(entry, where)
-        picture = pictures.find(name, where)
-        if picture is None:
+        image = images.find(name, where)
+        if image is None:
             missing.append(name)
             continue
-        header = read_header(picture)
+        header = read_header(image)
         key = str(shot.get("camera"))
         if key not in cameras:
             if key not in content["cameras"]:
@@ -193,7 +193,7 @@ def _frames(
         if _same_shape(lens, header.width, header.height):
             lens = lens.resized(header.width, header.height)
         pose = _pose(shot, where)
-        frames.append(Frame(pictures.name(picture), picture, header, lens, pose, camera))
+        frames.append(Frame(images.name(image), image, header, lens, pose, camera))
     return frames, missing
 
 

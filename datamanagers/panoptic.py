@@ -137,7 +137,7 @@ class _MetaFile:
         return {str(name) for time in times for name in self.content["cam_id"][time]}
 
     def note(self, times: range) -> str:
-        """What the file holds."""
+        """Description of the file."""
         return f"{self.path}: {len(self.cameras(times))} cameras at {len(self)} times"
 
     def frames(
@@ -151,14 +151,14 @@ class _MetaFile:
         frames, missing = [], []
         for time in times:
             for position, name in enumerate(self.content["fn"][time]):
-                picture = self.path.parent / "ims" / str(name)
-                if not picture.is_file():
+                image = self.path.parent / "ims" / str(name)
+                if not image.is_file():
                     missing.append(str(name))
                     continue
                 camera = names.index(str(self.content["cam_id"][time][position]))
                 frames.append(
                     replace(
-                        self._frame(time, position, picture),
+                        self._frame(time, position, image),
                         time=time / rate,
                         camera=camera,
                         split=split,
@@ -166,10 +166,10 @@ class _MetaFile:
                 )
         return frames, missing
 
-    def _frame(self, time: int, position: int, picture: Path) -> Frame:
+    def _frame(self, time: int, position: int, image: Path) -> Frame:
         name = str(self.content["fn"][time][position])
         where = f"{self.path}: {name}"
-        header = read_header(picture)
+        header = read_header(image)
         try:
             k, w2c = (
                 torch.tensor(self.content[key][time][position], dtype=torch.float64)
@@ -197,7 +197,7 @@ class _MetaFile:
         moving = (self.path.parent / "seg" / name).with_suffix(".png")
         return Frame(
             name=name,
-            path=picture,
+            path=image,
             header=header,
             lens=lens,
             world_to_camera=from_opencv(w2c, where),

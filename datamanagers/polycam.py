@@ -62,8 +62,8 @@ class PolycamConfig(CaptureConfig):
                 f"{path} holds no {LOOKED_FOR}.",
                 "Export the capture from Polycam as raw data (developer mode).",
             )
-        pictures = keyframes / folder.name.replace("cameras", "images")
-        frames, missing, blurred = self._frames(files, pictures)
+        images = keyframes / folder.name.replace("cameras", "images")
+        frames, missing, blurred = self._frames(files, images)
         if not frames and blurred:
             raise DataError(
                 f"datamanager.min_blur_score={self.min_blur_score:g}: all {blurred} images score "
@@ -82,13 +82,13 @@ class PolycamConfig(CaptureConfig):
             notes=(
                 f"{folder}: {len(files)} cameras",
                 *((low,) if blurred else ()),
-                *missing_images(missing, len(files), pictures),
+                *missing_images(missing, len(files), images),
                 *_unused(keyframes, self.maps),
             ),
             up="y",
         )
 
-    def _frames(self, files: list[Path], pictures: Path) -> tuple[list[Frame], list[str], int]:
+    def _frames(self, files: list[Path], images: Path) -> tuple[list[Frame], list[str], int]:
         """The frames, the names of missing images, and how many are too blurred."""
         frames, missing, blurred = [], [], 0
         cameras: dict[Lens, int] = {}
@@ -97,16 +97,16 @@ class PolycamConfig(CaptureConfig):
             if number(entry, "blur_score", str(file), self.min_blur_score) < self.min_blur_score:
                 blurred += 1
                 continue
-            names = (pictures / f"{file.stem}{extension}" for extension in EXTENSIONS)
-            picture = next((name for name in names if name.is_file()), None)
-            if picture is None:
+            names = (images / f"{file.stem}{extension}" for extension in EXTENSIONS)
+            image = next((name for name in names if name.is_file()), None)
+            if image is None:
                 missing.append(file.stem)
                 continue
             values = [number(entry, key, str(file)) for key in POSE_KEYS]
             lens = _lens(entry, str(file))
             pose = torch.tensor(values, dtype=torch.float64).reshape(3, 4)
-            header = read_header(picture)
-            frame = Frame(picture.name, picture, header, lens, from_opengl(pose, str(file)))
+            header = read_header(image)
+            frame = Frame(image.name, image, header, lens, from_opengl(pose, str(file)))
             frames.append(replace(frame, camera=cameras.setdefault(lens, len(cameras))))
         return frames, missing, blurred
 
@@ -131,7 +131,7 @@ def _cameras(keyframes: Path, corrected: bool) -> Path:
 
 
 def _unused(keyframes: Path, maps: tuple[str, ...]) -> tuple[str, ...]:
-    """What is there and is not used."""
+    """Notes on files that are not used."""
     items = (
         (keyframes / "depth", "keyframes/depth (datamanager.maps=depth:keyframes/depth loads it)"),
         (keyframes / "confidence", "keyframes/confidence"),

@@ -13,7 +13,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.maths.rotations import unit_matrices
 
 RIGID = 1e-3
-"""How far R^T R may be from the identity: files hold rounded numbers."""
+"""Tolerance of R^T R against the identity: files hold rounded numbers."""
 
 
 def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:

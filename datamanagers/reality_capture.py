@@ -35,12 +35,12 @@ from gsfw.datamanagers.poses import from_opengl
 NEEDED = ("name", "x", "y", "alt", "heading", "pitch", "roll", "f")
 OPTIONAL = ("px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
 NEW_NAMES = {"yaw": "heading", "f_35mm": "f", "px_norm": "px", "py_norm": "py"}
-"""What RealityScan 2 calls columns."""
+"""Column names of RealityScan 2."""
 LOOKED_FOR = "a CSV of RealityCapture's internal/external camera parameters with its images"
 FILM = 36.0
 """Millimetres of the longer side of a 35 mm image."""
 HEAD_BYTES = 4096
-"""Of a file that is asked whether it is RealityCapture's."""
+"""Bytes of a file that are searched for RealityCapture's columns."""
 
 
 @dataclass
@@ -65,11 +65,11 @@ class RealityCaptureConfig(ImageFolderConfig):
             "camera parameters).",
         )
         root = file.absolute().parent
-        pictures = self.image_folder(root)
+        images = self.image_folder(root)
         rows = list(_rows(file))
         if not rows:
             raise DataError(f"{file} holds no cameras.", "Export the registration again.")
-        frames, missing = _frames(rows, pictures, file)
+        frames, missing = _frames(rows, images, file)
         (points, colors), point_note = self.start_points(root)
         return Recording(
             name=root.name,
@@ -79,7 +79,7 @@ class RealityCaptureConfig(ImageFolderConfig):
             point_colors=colors,
             notes=(
                 f"{file}: {len(rows)} cameras",
-                *missing_images(missing, len(rows), pictures.path),
+                *missing_images(missing, len(rows), images.path),
                 *point_note,
             ),
             up="z",
@@ -128,7 +128,7 @@ def _rows(file: Path) -> Iterator[tuple[int, Mapping[str, str]]]:
 
 
 def _frames(
-    rows: list[tuple[int, Mapping[str, str]]], pictures: ImageFolder, file: Path
+    rows: list[tuple[int, Mapping[str, str]]], images: ImageFolder, file: Path
 ) -> tuple[list[Frame], list[str]]:
     """The frames whose images are on disk, and the names of those that are not."""
     frames, missing = [], []
@@ -136,14 +136,14 @@ def _frames(
     for number, row in rows:
         name = row["name"].strip()
         where = f"{file}: line {number} ({name})"
-        picture = pictures.find(name, where) if name else None
-        if picture is None:
+        image = images.find(name, where) if name else None
+        if image is None:
             missing.append(name or f"(line {number})")
             continue
-        header = read_header(picture)
+        header = read_header(image)
         values = {key: _number(row, key, where) for key in (*NEEDED[1:], *OPTIONAL)}
         lens = _lens(values, header, where)
-        frame = Frame(pictures.name(picture), picture, header, lens, _pose(values, where))
+        frame = Frame(images.name(image), image, header, lens, _pose(values, where))
         frames.append(replace(frame, camera=cameras.setdefault(lens, len(cameras))))
     return frames, missing
 

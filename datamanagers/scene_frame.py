@@ -14,7 +14,7 @@ EXTENT_FACTOR = 1.1
 COINCIDENT = 1e-12
 """Camera positions nearer than this fraction of their coordinates differ by rounding only."""
 LARGEST = 1e15
-"""Of all coordinates: beyond it float64 keeps no tenth of a unit."""
+"""Largest coordinate: beyond it float64 does not resolve a tenth of a unit."""
 
 
 def camera_centers(world_to_camera: Float64[Tensor, "v 4 4"]) -> Float64[Tensor, "v 3"]:

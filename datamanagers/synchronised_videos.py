@@ -27,7 +27,7 @@ LOOKED_FOR = f"{', '.join(PATTERNS[:-1])} or {PATTERNS[-1]} with videos there or
 USUAL_RATE = 30.0
 """Images per second of folders of images, which do not say."""
 ENOUGH_TO_HOLD_OUT = 3
-"""Of fewer cameras none is held out: one alone does not show a shape."""
+"""Fewest cameras of which one is held out: one alone does not show a shape."""
 
 
 @dataclass
@@ -148,7 +148,7 @@ def _calibrations(folder: Path) -> list[Path]:
 
 
 def _video_folder(folder: Path) -> Path | None:
-    """Where at least two videos are: the folder itself, or the first of those in it."""
+    """The first folder with at least two videos: ``folder`` itself, or one in it."""
     folders = [folder, *sorted(item for item in folder.iterdir() if item.is_dir())]
     return next((place for place in folders if _videos(place) > 1), None)
 

@@ -25,7 +25,7 @@ from gsfw.datamanagers.poses import from_opengl
 from gsfw.datamanagers.transforms_lens import FOCAL_KEYS, number, read_lens
 
 SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "val")}
-"""Of NeRF-synthetic and D-NeRF, which have one file per split."""
+"""File names of NeRF-synthetic and D-NeRF, which have one file per split."""
 
 DEPTH_KEY = "depth_file_path"
 CAMERA_KEY = "camera_index"
@@ -79,11 +79,11 @@ class TransformsFile:
             if not isinstance(name, str) or not name:
                 raise DataError(f"{self.path}: frame {index} (counted from 0) has no file_path.")
             name = plain_name(name)
-            picture = self.find(name)
-            if picture is None:
+            image = self.find(name)
+            if image is None:
                 missing.append(name)
                 continue
-            frames.append(replace(self._frame(name, entry, picture), split=split))
+            frames.append(replace(self._frame(name, entry, image), split=split))
         return frames, missing
 
     @property
@@ -120,12 +120,12 @@ class TransformsFile:
         candidates = (path, *(path.with_name(path.name + end) for end in EXTENSIONS))
         return next((candidate for candidate in candidates if candidate.is_file()), None)
 
-    def _frame(self, name: str, entry: Mapping[str, Any], picture: Path) -> Frame:
+    def _frame(self, name: str, entry: Mapping[str, Any], image: Path) -> Frame:
         where = f"{self.path}: frame {name}"
-        header = read_header(picture)
+        header = read_header(image)
         return Frame(
             name=name,
-            path=picture,
+            path=image,
             header=header,
             lens=self._lens(entry, header, where),
             world_to_camera=from_opengl(_matrix(entry, where), where),

@@ -33,7 +33,7 @@ SAMPLES = 64
 
 @dataclass(frozen=True)
 class LensRule:
-    """What becomes of images of distorted lenses."""
+    """Treatment of images of distorted lenses."""
 
     keep_fisheye: bool = False
     """Whether images of fisheye lenses become those of an ideal fisheye, not of a pinhole."""
@@ -58,7 +58,7 @@ class Undistortion:
     def look(
         self, pixels: Float64[np.ndarray, "m 2"]
     ) -> tuple[Float64[np.ndarray, "m 2"], Bool[np.ndarray, " m"]]:
-        """Where pixels of the undistorted image come from, and whether the lens saw that."""
+        """Source positions of undistorted pixels, and a mask of those that the lens saw."""
         slopes = self.target.unproject(pixels)
         found = self.source.project(slopes)
         if not self.has_blanks:
@@ -71,7 +71,7 @@ class Undistortion:
 
 @lru_cache(maxsize=4096)
 def undistortion_of(lens: Lens, rule: LensRule) -> Undistortion:
-    """How images of a distorted lens are undistorted.
+    """Choose the undistortion of a lens's images.
 
     Args:
         lens: in pixels of the stored image.
@@ -176,7 +176,7 @@ def _check_folds(lens: Lens) -> None:
     inside = _within(pixels.reshape(-1, 2), lens).reshape(DIRECTIONS, len(slopes))
     outward = (np.diff(pixels, axis=1) * ways[:, None]).sum(axis=2) > 0
     left = inside[:, :-1] & ~inside[:, 1:]
-    # What happens after a ray has left the image shows nowhere.
+    # A ray that has left the image has no effect on it.
     before = np.cumsum(left, axis=1) == 0
     folded = before & ~outward & inside[:, :-1]
     if not folded.any():
@@ -195,7 +195,7 @@ def _check_folds(lens: Lens) -> None:
 
 
 def undistortion_notes(undistortions: Sequence[Undistortion]) -> tuple[str, ...]:
-    """What became of the images of each model, given that of every image."""
+    """Notes on the undistortion of the images, by lens model."""
     by_model: dict[tuple[str, str], list[Undistortion]] = {}
     for each in undistortions:
         by_model.setdefault((each.source.model, each.target.model), []).append(each)

@@ -38,7 +38,7 @@ class Video:
 
     path: Path
     header: Header
-    """Of its images as they are shown: turned as the file asks for, and cropped to ``box``."""
+    """Header of the images as shown: rotated as the file requires, and cropped to ``box``."""
     stamps: tuple[int, ...]
     """When each image is shown, ascending, in units of ``unit``."""
     unit: float
@@ -256,7 +256,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             "into images.",
         ) from None
     try:
-        # What comes before a colon in a relative path would be a protocol to FFmpeg.
+        # FFmpeg takes text before a colon in a relative path for a protocol.
         container = av.open(str(path.absolute()))
     except (av.FFmpegError, OSError) as error:
         raise DataError(f"{path}: {_reason(path, error)}", ADVICE) from error
@@ -328,7 +328,7 @@ def _check_length(path: Path, stream: Any, stamps: list[int]) -> None:  # noqa: 
 
 
 def _count_stored(path: Path) -> int:
-    """How many images an MP4 or MOV file holds, with those that its edit list leaves out.
+    """Number of images in an MP4 or MOV file, with those that its edit list leaves out.
 
     Editors trim videos by such a list, and leave the images and their announced number as is.
     """

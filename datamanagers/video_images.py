@@ -28,10 +28,10 @@ from gsfw.datamanagers.images import DecodedImage
 from gsfw.datamanagers.video import Shot, Video
 
 SHARE_OF_DISK = 0.9
-"""Of what is free when training begins; the rest is for checkpoints."""
+"""Part of the free space when training begins; the rest is for checkpoints."""
 
 FOLDERS = f"gsfw-video-{platform.node()}-"
-"""How the names of folders begin; the process follows. Other machines may use the same disk."""
+"""Prefix of folder names, before the process; other machines may use the same disk."""
 
 Segment = tuple[Video, range]
 
@@ -71,7 +71,7 @@ class VideoImages:
         self._shelf: _Shelf | None = None
 
     def notes(self) -> tuple[str, ...]:
-        """What is kept where; that some images are decoded again, where there is no room."""
+        """Size and place of the kept images; a note if some are decoded again for lack of room."""
         if not self._shots:
             return ()
         needed, folder = self._needed / 1e6, tempfile.gettempdir()
@@ -94,9 +94,9 @@ class VideoImages:
             return self._shelf.load(index)
         shot = self._shots[index]
         self._begin(shot)
-        picture = self._finish(index, shot.video.image(shot.number))
-        self._keep(index, picture)
-        return picture
+        image = self._finish(index, shot.video.image(shot.number))
+        self._keep(index, image)
+        return image
 
     def close(self) -> None:
         """Stop decoding, and remove what was kept."""
@@ -139,7 +139,7 @@ class VideoImages:
             # Whoever asks for the image decodes it again, and gets the error.
             return
 
-    def _keep(self, index: int, picture: DecodedImage) -> None:
+    def _keep(self, index: int, image: DecodedImage) -> None:
         """Put an image onto the shelf, if there is room and nobody else does."""
         with self._lock:
             shelf = self._shelf
@@ -148,7 +148,7 @@ class VideoImages:
             self._left -= self._sizes[index]
             self._claimed.add(index)
         try:
-            shelf.save(index, picture)
+            shelf.save(index, image)
         except OSError:  # The disk is full after all: others write to it, too.
             self._left = 0
             return
@@ -179,7 +179,7 @@ class _Shelf:
         # Also where nobody calls close(): threads must not run while the interpreter goes down.
         self.close = weakref.finalize(self, _clear, self.folder, self.segments, threads, closed)
 
-    def save(self, index: int, picture: DecodedImage) -> None:
+    def save(self, index: int, image: DecodedImage) -> None:
         """Write an image, as uncompressed arrays.
 
         Raises:
@@ -187,9 +187,9 @@ class _Shelf:
         """
         pixels, mask = self._files(index)
         try:
-            if picture.mask is not None:
-                np.save(mask, picture.mask)
-            np.save(pixels, picture.pixels)
+            if image.mask is not None:
+                np.save(mask, image.mask)
+            np.save(pixels, image.pixels)
         except OSError:
             for file in (pixels, mask):
                 file.unlink(missing_ok=True)
@@ -201,7 +201,7 @@ class _Shelf:
         return DecodedImage(read_array(pixels), read_array(mask) if mask.exists() else None)
 
     def _files(self, index: int) -> tuple[Path, Path]:
-        """Of the pixels and of the mask."""
+        """Files of the pixels and of the mask."""
         return self.folder / f"{index}.npy", self.folder / f"{index}.mask.npy"
 
 
@@ -232,7 +232,7 @@ def _work(
     develop: Callable[[Video, range, Event], None],
     closed: Event,
 ) -> None:
-    """What a thread does: segments as they come, until it is closed."""
+    """Decode segments in the order of their requests, until it is closed."""
     while (segment := segments.get()) is not None and not closed.is_set():
         develop(*segment, closed)
 

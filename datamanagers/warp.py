@@ -25,7 +25,7 @@ from torch.nn.functional import grid_sample, interpolate, max_pool2d
 from gsfw.datamanagers.undistortion import Undistortion
 
 ROWS = 128
-"""Of a map that are computed at once, for the memory that rays take in float64."""
+"""Rows of a map per computation, which limits the memory of rays in float64."""
 STEPS = 8192
 """Parts of a pixel that positions are corrected by; half of one is 6e-5 pixels."""
 BETWEEN = np.linspace(0.0, 1.0, STEPS + 1)
@@ -33,15 +33,15 @@ BETWEEN = np.linspace(0.0, 1.0, STEPS + 1)
 DRAWN = BETWEEN - 0.5 * BETWEEN * (1 - BETWEEN) * (2 * BETWEEN - 1)
 """For each, the kernel's centre of gravity: sum of w(i - t) i over four pixels."""
 ASKED = np.interp(BETWEEN, DRAWN, BETWEEN)
-"""What to ask for so that the centre of gravity is there."""
+"""Requested positions whose centre of gravity is at ``BETWEEN``."""
 
 
 @dataclass(frozen=True)
 class PixelMap:
-    """Where the pixels of an undistorted image come from."""
+    """Source positions of the pixels of an undistorted image."""
 
     positions: Float[Tensor, "h w 2"]
-    """What to ask torch for: x and y in [-1, 1] from border to border of the distorted image."""
+    """Positions for torch: x and y in [-1, 1] from border to border of the distorted image."""
     seen: Bool[Tensor, "h w"] | None
     """False where the lens saw nothing; ``None`` when it saw all."""
 
@@ -69,7 +69,7 @@ class PixelMap:
 def _asked(
     pixels: Float64[np.ndarray, "m 2"], width: int, height: int
 ) -> Float64[np.ndarray, "m 2"]:
-    """What to ask torch for to get the colours at pixels; anything outside for nan."""
+    """Positions for torch that give the colours at pixels; NaN becomes a position outside."""
     beside = np.nan_to_num(pixels, nan=-1.0).clip(-1.0, (width + 1.0, height + 1.0)) - 0.5
     first = np.floor(beside)
     asked = first + ASKED[((beside - first) * STEPS + 0.5).astype(np.int32)] + 0.5

@@ -72,7 +72,7 @@ def _check_exists(path: Path) -> None:
         if path.is_dir() and not any(path.iterdir()):
             raise DataError(
                 f"data={path}: the folder is empty.",
-                "Give the folder that holds the pictures and their cameras.",
+                "Give the folder that holds the images and their cameras.",
             )
         return
     raise DataError(f"data={path}: there is no such file or folder.", what_is_missing(path))

@@ -116,7 +116,7 @@ class Composition:
         if config.resolution_schedule == AUTO:
             notes += (self.resolution.note(config.resolution_steps),)
         if config.random_background and not self.scene.has_alpha:
-            notes += ("random_background=true changes nothing: the pictures have no alpha.",)
+            notes += ("random_background=true changes nothing: the images have no alpha.",)
         return notes
 
     def trainer(

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_type_hints
 
+from gsfw.plugins.values import as_text
+
 SLOT_KEYS = ("strategy", "rasterizer", "datamanager", "sampler")
 """Fields of a method's configuration that are chosen by registered name."""
 
@@ -48,7 +50,7 @@ def keys(config: object, prefix: str = "") -> Iterator[Key]:
 
 
 def renamed_keys(config: object, prefix: str = "") -> dict[str, str]:
-    """Old dotted names of settings and groups of a configuration, and their current names.
+    """Old dotted names of settings, groups and values of a configuration, and their current ones.
 
     Each configuration class declares them in ``renamed``; an empty name marks a removed
     setting.
@@ -72,6 +74,12 @@ def current_key(key: str, renamed: Mapping[str, str]) -> str:
                 key = new + key[len(old) :] if new else ""
                 break
     return key
+
+
+def current_value(key: str, value: object, renamed: Mapping[str, str]) -> object:
+    """The current name of a setting's value, as ``renamed`` declares "key=old" -> "key=new"."""
+    new = renamed.get(f"{key}={as_text(value)}")
+    return value if new is None else new.partition("=")[2]
 
 
 def field_help(kind: type[Any]) -> dict[str, str]:

@@ -15,7 +15,15 @@ from gsfw.core.config import (
 )
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.automatic import Choice, choose_datamanager, choose_device, choose_profile
-from gsfw.plugins.keys import SLOT_KEYS, Key, current_key, keys, renamed_keys, suggest_key
+from gsfw.plugins.keys import (
+    SLOT_KEYS,
+    Key,
+    current_key,
+    current_value,
+    keys,
+    renamed_keys,
+    suggest_key,
+)
 from gsfw.plugins.loading import callback_configs, load, load_all
 from gsfw.plugins.registry import Registry, did_you_mean
 from gsfw.plugins.settings import (
@@ -70,12 +78,18 @@ class Resolving:
         renamed = renamed_keys(self._config)
         for layer in self._layers:
             if layer.source == COMMAND_LINE:
-                for key in layer.values:
-                    new = current_key(key, renamed)
-                    if new != key:
-                        change = f"was renamed to {new}" if new else "has no effect any more"
-                        self._notes.append(f"{key} {change}.")
+                for key, value in layer.values.items():
+                    self._note_new_name(key, value, renamed)
         self._layers = [layer.with_current_names(renamed) for layer in self._layers]
+
+    def _note_new_name(self, key: str, value: object, renamed: Mapping[str, str]) -> None:
+        new = current_key(key, renamed)
+        if new != key:
+            change = f"was renamed to {new}" if new else "has no effect any more"
+            self._notes.append(f"{key} {change}.")
+        current = current_value(new, value, renamed)
+        if current != value:
+            self._notes.append(f"{new}={as_text(value)} was renamed to {new}={current}.")
 
     def choose(self, slot: str, recommended: Rank | None = None) -> None:
         """Fill a slot; the recommendations of the choice become a layer of that rank."""

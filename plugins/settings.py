@@ -9,7 +9,7 @@ from typing import Any
 
 from gsfw.core.config import AUTO, MethodConfig
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.keys import SLOT_KEYS, current_key, keys
+from gsfw.plugins.keys import SLOT_KEYS, current_key, current_value, keys
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.specs import Spec
@@ -54,14 +54,12 @@ class Layer:
         return key in (self.values if self.given is None else self.given)
 
     def with_current_names(self, renamed: Mapping[str, str]) -> Layer:
-        """Rename settings to their current names.
+        """Rename settings and values to their current names.
 
         Raises:
             ConfigError: a setting has values under its old and its new name.
         """
         names = {key: current_key(key, renamed) for key in self.values}
-        if all(old == new for old, new in names.items()):
-            return self
         values: dict[str, Any] = {}
         for old, new in names.items():
             if old != new and new in self.values:
@@ -70,7 +68,7 @@ class Layer:
                     f"Leave out {old}.",
                 )
             if new:
-                values[new] = self.values[old]
+                values[new] = current_value(new, self.values[old], renamed)
         given = None if self.given is None else frozenset(names[key] for key in self.given)
         return replace(self, values=values, given=given)
 

@@ -129,7 +129,7 @@ def _group(number: int, images: Sequence[SourceImage], rule: CameraRule) -> Came
 
 
 def _first_focal(images: Sequence[SourceImage], rule: CameraRule) -> tuple[float, str]:
-    """Where optimisation starts, in pixels, and who says so."""
+    """Initial focal length in pixels, and its source."""
     if rule.focal is not None:
         return rule.focal, "given"
     width, height = images[0].header.width, images[0].header.height
@@ -154,6 +154,6 @@ class CameraGroup:
     focal: float
     """First guess, in pixels."""
     focal_origin: str
-    """Where the guess comes from: "EXIF", "given", or "" for a usual one."""
+    """Source of the focal length: "EXIF", "given", or "" for a usual one."""
     images: tuple[str, ...]
     """Names, in the order of the set."""

@@ -20,7 +20,7 @@ FILM_DIAGONAL = 43.27
 sensor, so it tells nothing of widths; COLMAP computes with this number as well."""
 
 MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
-"""Of a FocalPlaneResolutionUnit: inch and centimetre, and by custom millimetre and micrometre."""
+"""Length of each FocalPlaneResolutionUnit: inch, centimetre, and by custom mm and micrometre."""
 
 INCH = 2
 """The unit where none is given."""
@@ -54,7 +54,7 @@ class Exif:
 
     @property
     def camera(self) -> tuple[str, str, str, float | None, float | None]:
-        """What tells a camera with one lens setting from another.
+        """Identity of a camera and its lens setting.
 
         Digital zoom changes the 35 mm equivalent only.
         """
@@ -87,7 +87,7 @@ class Exif:
 
 
 def read_exif(path: Path) -> Exif:
-    """What an image file says; what is missing or damaged is empty, and nothing is raised."""
+    """Read the EXIF data of an image file; missing or damaged fields are empty."""
     with warnings.catch_warnings():
         # Pillow warns of damaged Exif, which is as good as none.
         warnings.simplefilter("ignore")

@@ -21,12 +21,12 @@ from typing import Any
 from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text
+from gsfw.core.progress import stage
 from gsfw.preparation.blur import ImageBlur
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import MEASURED_SIDE, ImageQuality
 from gsfw.preparation.image_set import ImageSet
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features, start_worker
 
 SIZES = ((1600, 4000), (1000, 2000))
@@ -38,11 +38,11 @@ LEAST_SIZE, LEAST_COUNT = 64, 50
 MOST_SIZE, MOST_COUNT = 100_000, 32_768
 """Beyond, there are no images; and COLMAP matches no more features (``max_num_matches``)."""
 FILE_SECONDS = 0.05
-"""Of one core, to decode a million pixels and shrink them."""
+"""Seconds of one core to decode a million pixels and shrink them."""
 MEGAPIXEL_SECONDS = 1.2
-"""Of one core, to find up to 4000 features on a million of the pixels that are left."""
+"""Seconds of one core to find up to 4000 features on a million of the remaining pixels."""
 PAIR_SECONDS = 0.094
-"""Of one core, to match 4000 features with 4000; goes with the square."""
+"""Seconds of one core to match 4000 features with 4000; grows with the square."""
 EXHAUSTIVE = 200
 """Images up to which all pairs are counted in the estimate."""
 NEIGHBORS = 30
@@ -53,7 +53,7 @@ WORKER_SECONDS = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class FeatureReport:
-    """What is known of an image after its features were looked for."""
+    """Facts on an image from the extraction of its features."""
 
     count: int
     """Features."""
@@ -85,7 +85,7 @@ class FeatureReport:
 
 @dataclasses.dataclass(frozen=True)
 class FeatureSettings:
-    """How much is looked for in each image."""
+    """Size of images and number of features in extraction."""
 
     max_size: int = 1600
     """Longest side in pixels; larger images are shrunk for it."""
@@ -170,7 +170,6 @@ def extract_features(
     images: ImageSet,
     groups: Sequence[CameraGroup],
     settings: FeatureSettings,
-    progress: Progress,
 ) -> dict[str, FeatureReport]:
     """Find the features of all images that the database does not have yet.
 
@@ -179,7 +178,6 @@ def extract_features(
         images: all of them.
         groups: each image is in one.
         settings: those of the earlier calls on the same database.
-        progress: is told how many images are done.
 
     Returns:
         By name, in the order of the set. The database has all but those with a ``failure``.
@@ -193,7 +191,7 @@ def extract_features(
     total = len(images.images)
     with (
         FeatureDatabase(database, images, groups) as store,
-        progress.stage("features", total) as advance,
+        stage("features", total) as advance,
     ):
         reports = {
             name: report

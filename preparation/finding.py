@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Weight(Enum):
-    """What a finding means for training."""
+    """Effect of a finding on training."""
 
     NOTE = "note"
     """Worth knowing; the capture is not worse for it."""
@@ -20,7 +20,7 @@ class Weight(Enum):
 
 
 class Verdict(Enum):
-    """What all findings come to."""
+    """Conclusion from all findings."""
 
     GOOD = "good"
     LIMITED = "usable with limits"
@@ -37,7 +37,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found, why it matters, and what to do about it: three sentences."""
+    """A problem, its effect and its remedy: three sentences."""
 
     kind: str
     """One word or two, the same whatever the numbers are."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from gsfw.datamanagers.images import read_header
@@ -11,7 +11,6 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.input_files import writable
 from gsfw.preparation.journal import Journal, identity_of
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.workspace import Workspace
 
 FEWEST = 3
@@ -24,7 +23,7 @@ def frames_of_videos(
     photos: Sequence[SourceImage],
     place: Workspace,
     journal: Journal,
-    progress: Progress,
+    say: Callable[[str], None],
 ) -> tuple[SourceImage, ...]:
     """Take frames from videos, from each as many as it is long.
 
@@ -34,7 +33,7 @@ def frames_of_videos(
         photos: images beside the videos, whose names and cameras are others.
         place: where they are put.
         journal: knows which videos are done.
-        progress: is told of each video.
+        say: shows a line of text.
 
     Raises:
         DataError: a video is damaged.
@@ -47,7 +46,7 @@ def frames_of_videos(
     taken: list[SourceImage] = []
     for name, video, length in zip(names, videos, seconds, strict=True):
         share = max(FEWEST, round(count * length / sum(seconds)))
-        taken += _frames_of(video, name, share, place, journal, progress)
+        taken += _frames_of(video, name, share, place, journal, say)
     if len(videos) > 1 or photos:
         return tuple(taken)
     return tuple(SourceImage(one.path.name, one.path, one.header, one.exif, "") for one in taken)
@@ -74,7 +73,7 @@ def _frames_of(
     count: int,
     place: Workspace,
     journal: Journal,
-    progress: Progress,
+    say: Callable[[str], None],
 ) -> list[SourceImage]:
     from gsfw.preparation.video_frames import FrameChoice, choose_frames, write_frames
 
@@ -82,14 +81,14 @@ def _frames_of(
     chosen = journal.stage(
         f"choice of frames of {name}",
         {"video": identity_of(video.path), "count": count},
-        lambda: choose_frames(video, count, progress).document(),
+        lambda: choose_frames(video, count).document(),
         lambda: place.remove(folder),
     )
     choice = FrameChoice.of(chosen)
     for note in choice.notes:
-        progress.say(f"note: {video.path.name}: {note}")
+        say(f"note: {video.path.name}: {note}")
     # Those that are there are kept, so this is quick where nothing is missing.
-    files = write_frames(video, choice, folder, progress)
+    files = write_frames(video, choice, folder)
     return [
         SourceImage(f"{name}/{file.name}", file, read_header(file), Exif(), name) for file in files
     ]

@@ -91,7 +91,7 @@ def _content(file: InputFile) -> tuple[str, int]:
     with Image.open(file.path, formats=FORMATS) as image:
         content = str(image.format)
         if content == "MPO":
-            # What phones put behind a JPEG is a preview or a depth map, not another photo.
+            # Phones append a preview or a depth map to a JPEG, not another photo.
             return content, 1
         try:
             return content, int(getattr(image, "n_frames", 1))

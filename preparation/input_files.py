@@ -16,7 +16,7 @@ from gsfw.datamanagers.masks import FOLDER as MASKS
 from gsfw.datamanagers.video import is_video
 
 IMAGE_FOLDERS = ("input", "images")
-"""Where data sets keep their images. Where both are there, ``images`` was made from ``input``."""
+"""Folders of images in data sets. If both exist, ``images`` was made from ``input``."""
 
 NOISE = ("__macosx", "@eadir", "thumbs.db", "desktop.ini")
 """Lower-case names that operating systems and network drives leave behind."""

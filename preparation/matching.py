@@ -11,12 +11,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from gsfw.core.progress import stage
 from gsfw.preparation.cancellation import cancellable
 from gsfw.preparation.disk import check_room
 from gsfw.preparation.match_list import Pair, listable_names, restore_names, write_match_list
 from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.pairs import PairPlan
-from gsfw.preparation.progress import Progress
 
 if TYPE_CHECKING:
     from pycolmap import CancellationToken, Database, TwoViewGeometryOptions
@@ -29,16 +29,13 @@ BLOCK = 100
 SEED = 0
 
 
-def match_pairs(
-    database: Path, plan: PairPlan, jobs: int, progress: Progress, guided: bool = False
-) -> None:
+def match_pairs(database: Path, plan: PairPlan, jobs: int, guided: bool = False) -> None:
     """Match and verify the planned pairs that the database does not have yet.
 
     Args:
         database: with features; matches go into it.
         plan: pairs with an image that is not in the database are left out.
         jobs: threads.
-        progress: is told how many pairs are done.
         guided: search again along epipolar lines where a geometry was found, which takes up to
             twice as long.
 
@@ -56,7 +53,7 @@ def match_pairs(
             pairs = _tiled(plan.pairs, numbers)
             missing = [pair for pair in pairs if not _is_done(opened, numbers, pair)]
         done = len(pairs) - len(missing)
-        with progress.stage("matches", len(pairs)) as advance, listable_names(database):
+        with stage("matches", len(pairs)) as advance, listable_names(database):
             advance(done)
             for first in range(0, len(missing), BLOCK):
                 block = missing[first : first + BLOCK]
@@ -66,7 +63,7 @@ def match_pairs(
                 advance(done)
 
 
-def match_more(database: Path, pairs: Iterable[Pair], jobs: int, progress: Progress) -> None:
+def match_more(database: Path, pairs: Iterable[Pair], jobs: int) -> None:
     """Match some pairs anew and more thoroughly, with ``guided``: those that would join models.
 
     Raises:
@@ -84,7 +81,7 @@ def match_more(database: Path, pairs: Iterable[Pair], jobs: int, progress: Progr
         for first, second in _tiled(plan.pairs, numbers):
             opened.delete_matches(numbers[first], numbers[second])
             opened.delete_two_view_geometry(numbers[first], numbers[second])
-    match_pairs(database, plan, jobs, progress, guided=True)
+    match_pairs(database, plan, jobs, guided=True)
 
 
 def forget_matches(database: Path) -> None:

@@ -18,7 +18,7 @@ ADVICE = (
     "it fails again, report it with what is in DIR/work/log."
 )
 SOURCE_LINE = re.compile(r"^\[[\w.]+:\d+\]\s*")
-"""Where in COLMAP's source an exception comes from, as its messages begin."""
+"""Source line of COLMAP at the beginning of its messages."""
 NEVER = 4
 """A level of severity that no line has."""
 

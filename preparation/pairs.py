@@ -12,7 +12,6 @@ from gsfw.core.errors import ConfigError
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.match_list import Pair
 from gsfw.preparation.native import readable_native_errors
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.retrieval import look_alikes
 
 Likeness = Mapping[str, Sequence[str]]
@@ -67,16 +66,13 @@ class MatchingRule:
             )
 
 
-def plan_pairs(
-    images: ImageSet, rule: MatchingRule, database: Path, progress: Progress
-) -> PairPlan:
+def plan_pairs(images: ImageSet, rule: MatchingRule, database: Path) -> PairPlan:
     """Choose the pairs to match.
 
     Args:
         images: all of them; those that the database does not have are left out.
         rule: the user's choice.
         database: with features.
-        progress: is told of the search for look-alikes.
 
     Raises:
         ConfigError: the vocabulary cannot be used.
@@ -92,7 +88,7 @@ def plan_pairs(
         matching = "sequential" if images.in_order else "exhaustive" if few else "retrieval"
     if matching == "exhaustive":
         return _exhaustive(chosen, rule)
-    likeness = look_alikes(database, rule.vocabulary, progress)
+    likeness = look_alikes(database, rule.vocabulary)
     if matching == "sequential":
         return _sequential(chosen, rule, likeness)
     return _retrieved(chosen, rule, likeness)

@@ -6,7 +6,7 @@ changed setting repeats only the stages that depend on it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +25,6 @@ from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.journal import Document, Journal, identity_of
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.pairs import MatchingRule
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.retrieval import check_vocabulary
 from gsfw.preparation.source import read_source
 from gsfw.preparation.workspace import Workspace
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 
 MODEL = "cameras.bin"
-"""Where it is, COLMAP's model is."""
+"""A file that every model of COLMAP has."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +85,16 @@ class Prepared:
 
 
 class Preparation:
-    """The stages, over one set of inputs."""
+    """The stages, over one set of inputs; ``say`` receives lines on choices and findings."""
 
     def __init__(
-        self, inputs: Sequence[Path], place: Workspace, rule: PreparationRule, progress: Progress
+        self,
+        inputs: Sequence[Path],
+        place: Workspace,
+        rule: PreparationRule,
+        say: Callable[[str], None],
     ) -> None:
-        self._inputs, self._place, self._rule, self._progress = inputs, place, rule, progress
+        self._inputs, self._place, self._rule, self._say = inputs, place, rule, say
         self._journal = Journal(place.journal)
         self._chosen: Document = {}
 
@@ -116,19 +119,19 @@ class Preparation:
         diagnosis = diagnose(self._place.database, images, groups, features, mapping)
         return Prepared(diagnosis, written, self._chosen, self._journal.seconds)
 
-    def _say(self, stage: str, text: str) -> None:
+    def _choose(self, stage: str, text: str) -> None:
         self._chosen[stage] = text
-        self._progress.say(text)
+        self._say(text)
 
     def _images(self) -> ImageSet:
         source = read_source(self._inputs, self._place.path)
         for note in source.notes:
-            self._progress.say(f"note: {note}")
+            self._say(f"note: {note}")
         if not source.videos:
             return source.images
         photos = source.images.images
         frames = frames_of_videos(
-            source.videos, self._rule.frames, photos, self._place, self._journal, self._progress
+            source.videos, self._rule.frames, photos, self._place, self._journal, self._say
         )
         return replace(
             source.images,
@@ -143,11 +146,11 @@ class Preparation:
         settings, why = FeatureSettings.for_machine(
             images, rule.jobs, rule.feature_size, rule.feature_count
         )
-        self._say("features", why)
+        self._choose("features", why)
         database = self._place.database
 
         def find() -> Document:
-            reports = extract_features(database, images, groups, settings, self._progress)
+            reports = extract_features(database, images, groups, settings)
             return {name: asdict(report) for name, report in reports.items()}
 
         found = self._journal.stage(
@@ -175,9 +178,9 @@ class Preparation:
         rule, database = self._rule, self._place.database
 
         def match() -> Document:
-            plan = plan_pairs(images, rule.matching, database, self._progress)
-            self._progress.say(plan.how)
-            match_pairs(database, plan, rule.jobs, self._progress)
+            plan = plan_pairs(images, rule.matching, database)
+            self._say(plan.how)
+            match_pairs(database, plan, rule.jobs)
             return {"how": plan.how, "pairs": len(plan.pairs)}
 
         found = self._journal.stage(
@@ -193,14 +196,14 @@ class Preparation:
         found = self._journal.stage(
             "cameras",
             settings,
-            lambda: map_cameras(place.database, place.models, rule, self._progress).document(),
+            lambda: map_cameras(place.database, place.models, rule).document(),
             lambda: place.remove(place.models),
             self._are_models_there,
         )
         mapping = Mapping.of(found, place.models)
         if mapping.models and mapping.sizes[0] < count_images(place.database):
             mapping = self._bridge(mapping, features)
-        self._say("cameras", mapping.how)
+        self._choose("cameras", mapping.how)
         return mapping
 
     def _bridge(self, mapping: Mapping, features: dict[str, FeatureReport]) -> Mapping:
@@ -211,13 +214,13 @@ class Preparation:
         from gsfw.preparation.mapping.merging import bridge_pairs
         from gsfw.preparation.matching import match_more
 
-        place, rule, progress = self._place, self._mapping_rule, self._progress
+        place, rule = self._place, self._mapping_rule
 
         def bridge() -> Document:
             placed = [image.name for image in Reconstruction(mapping.models[0]).images.values()]
             # A blurred image that only just fits does more harm than good in training.
             blurred = blurred_beside(features, placed)
-            progress.say(
+            self._say(
                 f"cameras: the largest of {len(mapping.models)} models has {mapping.sizes[0]} "
                 "images; comparing the others with it again, more closely"
             )
@@ -226,10 +229,8 @@ class Preparation:
                 for pair in bridge_pairs(place.database, mapping.models)
                 if not blurred.intersection(pair)
             ]
-            match_more(place.database, pairs, rule.jobs, progress)
-            joined = continue_mapping(
-                place.database, place.models, mapping, rule, progress, blurred
-            )
+            match_more(place.database, pairs, rule.jobs)
+            joined = continue_mapping(place.database, place.models, mapping, rule, blurred)
             return joined.document()
 
         found = self._journal.stage("bridges", {}, bridge, is_there=self._are_models_there)
@@ -254,9 +255,7 @@ class Preparation:
             if not mapping.models:
                 return {}
             model = Reconstruction(mapping.models[0])
-            written = write_data_set(
-                model, images, place.path, rule, self._progress, self._rule.jobs
-            )
+            written = write_data_set(model, images, place.path, rule, self._rule.jobs)
             return asdict(written)
 
         return self._journal.stage(

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float32
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.progress import stage
 from gsfw.preparation.cancellation import cancellable
 from gsfw.preparation.native import readable_native_errors
-from gsfw.preparation.progress import Progress
 
 if TYPE_CHECKING:
     from pycolmap import Database
@@ -48,9 +48,7 @@ ADVICE = (
 )
 
 
-def look_alikes(
-    database: Path, vocabulary: Path | None, progress: Progress
-) -> Mapping[str, Sequence[str]]:
+def look_alikes(database: Path, vocabulary: Path | None) -> Mapping[str, Sequence[str]]:
     """All images in the order of their likeness to each, the most alike first.
 
     Those without any common word are missing.
@@ -58,7 +56,6 @@ def look_alikes(
     Args:
         database: with features.
         vocabulary: COLMAP's file; ``None`` to build one.
-        progress: is told how many images were looked up.
 
     Raises:
         ConfigError: the file is no vocabulary of SIFT features.
@@ -79,10 +76,10 @@ def look_alikes(
             if len(features) < FOR_A_WORD * WORDS[0]:
                 return {}
             vocabulary = Path(folder) / "words.bin"
-            with progress.stage("vocabulary", 1) as advance:
+            with stage("vocabulary", 1) as advance:
                 build_vocabulary(vocabulary, features)
                 advance(1)
-        return _ranked(opened, names, vocabulary, progress)
+        return _ranked(opened, names, vocabulary)
 
 
 def check_vocabulary(path: Path) -> None:
@@ -151,9 +148,7 @@ def _sample(database: Database, numbers: Sequence[int]) -> Float32[np.ndarray, "
     return np.concatenate(chosen)
 
 
-def _ranked(
-    database: Database, names: Mapping[int, str], vocabulary: Path, progress: Progress
-) -> dict[str, list[str]]:
+def _ranked(database: Database, names: Mapping[int, str], vocabulary: Path) -> dict[str, list[str]]:
     import pycolmap
 
     options = pycolmap.VocabTreePairingOptions()
@@ -164,7 +159,7 @@ def _ranked(
     # With two threads, images of nearly the same likeness come in another order each time.
     options.num_threads = 1
     ranked: dict[str, list[str]] = {}
-    with progress.stage("look-alikes", len(names)) as advance:
+    with stage("look-alikes", len(names)) as advance:
         generator = cancellable(lambda token: pycolmap.VocabTreePairGenerator(options, database))
         while not generator.has_finished():
             for number, other in generator.next():

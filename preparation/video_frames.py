@@ -15,11 +15,11 @@ from PIL import Image
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.progress import stage
 from gsfw.datamanagers.video import Video
 from gsfw.preparation.finding import listed
 from gsfw.preparation.frame_spacing import NEAREST, spaced
 from gsfw.preparation.image_quality import BLURRED
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.view_change import NO_OVERLAP, SIDE, ViewPath
 
 LOOKED_AT = 20
@@ -80,7 +80,7 @@ class FrameChoice:
         )
 
 
-def choose_frames(video: Video, count: int, progress: Progress) -> FrameChoice:
+def choose_frames(video: Video, count: int) -> FrameChoice:
     """Choose about ``count`` sharp frames, at equal changes of the view.
 
     All frames are decoded once, and at most ``LOOKED_AT`` for each one asked for are looked at.
@@ -93,7 +93,7 @@ def choose_frames(video: Video, count: int, progress: Progress) -> FrameChoice:
         raise ConfigError(f"frames={count}: expected at least 1.", "The usual number is 150.")
     numbers = _looked_at(video, count)
     path, sharpness = ViewPath(), []
-    with progress.stage("choosing frames", len(numbers)) as advance:
+    with stage("choosing frames", len(numbers)) as advance:
         for number, grey in video.greys(numbers, SHARPNESS_SIDE):
             small = _small(grey)
             sharpness.append(_sharpness(grey, small))
@@ -119,9 +119,7 @@ def choose_frames(video: Video, count: int, progress: Progress) -> FrameChoice:
     )
 
 
-def write_frames(
-    video: Video, choice: FrameChoice, folder: Path, progress: Progress
-) -> tuple[Path, ...]:
+def write_frames(video: Video, choice: FrameChoice, folder: Path) -> tuple[Path, ...]:
     """Write the chosen frames as JPEG, each whole or not at all; their files, in order.
 
     Those that are there already are kept, and others in the folder are left alone. What lies
@@ -134,7 +132,7 @@ def write_frames(
     files = {number: folder / f"{number:06d}.jpg" for number in choice.numbers}
     missing = [number for number, file in files.items() if not file.is_file()]
     done = len(files) - len(missing)
-    with progress.stage("writing frames", len(files)) as advance:
+    with stage("writing frames", len(files)) as advance:
         advance(done)
         for _, group in groupby(missing, key=lambda number: video.segment(number).start):
             for number, pixels in video.images(list(group)):

@@ -229,7 +229,7 @@ def _peaks(
 def _vertex(
     before: Float[np.ndarray, " n"], peak: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Where a Gaussian through three samples is highest, in samples from the middle one."""
+    """Peak of a Gaussian through three samples, in samples from the middle one."""
     low, middle, high = (np.log(np.maximum(values, 1e-3)) for values in (before, peak, after))
     bend = np.minimum(low - 2 * middle + high, -1e-6)
     return np.asarray((0.5 * (low - high) / bend).clip(-0.5, 0.5))

@@ -17,7 +17,7 @@ OTHERS = "another gsfw prepare"
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where everything is, below one folder."""
+    """Paths of a preparation, below one folder."""
 
     path: Path
 

@@ -67,11 +67,11 @@ class RenderCall:
 
     cameras: Cameras
     background: Float[Tensor, " d"]
-    """Of every rendered channel; zeros for extra channels and depth."""
+    """Background of every rendered channel; zeros for extra channels and depth."""
     settings: KernelSettings
     statistics: RenderStatistics
     pixel_weights: Float[Tensor, "c h w"] | None
-    """Of the pixels in contributions; ``None`` for ones."""
+    """Weights of pixels in contributions; ``None`` for ones."""
     limit: PairLimit
 
     def inputs(self, splats: SplatArrays, index: int) -> KernelInputs:

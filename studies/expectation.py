@@ -41,11 +41,11 @@ MOST_TRIED = 200_000
 VIEWS, STEPS, SECONDS = 2, 3, 1.2
 """Views that a trial steps through, its steps at least, and the seconds that it takes at least."""
 PLY_BYTES = 4
-"""Of one number in splats.ply, which holds three zeros as normals besides the model's numbers."""
+"""Bytes of a number in splats.ply, which holds three zeros as normals besides the model's."""
 LOG_BYTES = 1000
-"""Of one logged step, in metrics.jsonl and TensorBoard; measured."""
+"""Bytes of a logged step, in metrics.jsonl and TensorBoard; measured."""
 IMAGE_BYTES = 2.0
-"""Of a pixel of an image in TensorBoard; measured: 1.6 on the built-in scene, 2.1 on fox."""
+"""Bytes of a pixel in TensorBoard; measured: 1.6 on the built-in scene, 2.1 on fox."""
 IMAGES_OF_VIEW = 3
 """Images of a view in TensorBoard: the photo, the render and their difference."""
 END_MB = 100.0
@@ -65,15 +65,15 @@ class Expectation:
     seconds: float
     """From the start of the process to its end."""
     step_seconds: float
-    """Of a step at the start."""
+    """Seconds of a step at the start."""
     last_step_seconds: float
-    """Of a step at the end."""
+    """Seconds of a step at the end."""
     memory_mb: float
     """Peak memory of the process, in 1e6 bytes."""
     gpu_memory_mb: float | None
     """Peak allocations on the GPU; ``None`` on the CPU."""
     disk_mb: float
-    """Of the run folder."""
+    """Size of the run folder."""
 
     def __str__(self) -> str:
         gpu = "" if self.gpu_memory_mb is None else f" and {self.gpu_memory_mb / 1e3:.1f} GB of GPU"
@@ -184,7 +184,7 @@ class _Trial:
     view: float
     """Seconds to render one view and to compare it."""
     state_bytes: float
-    """Of a checkpoint."""
+    """Bytes of a checkpoint."""
     gpu_mb: float | None
 
 
@@ -233,7 +233,7 @@ def _seconds_to_evaluate(composition: Composition) -> float:
 
 
 def _steps_seconds(composition: Composition, first: float, last: float) -> float:
-    """Of all steps, if the rows grow evenly until refinements end."""
+    """Seconds of all steps, if the rows grow evenly until refinements end."""
     flat, steps = composition.settings.flat(), composition.plan.steps
     start = min(int(flat.get("strategy.refine_start", 0)), steps)
     stop = max(start, min(int(flat.get("strategy.refine_stop", steps)), steps))
@@ -250,7 +250,7 @@ def _saved_steps(composition: Composition) -> float:
 
 
 def _cache_mb(composition: Composition) -> float:
-    """Of all decoded images, as far as the cache holds them."""
+    """Megabytes of all decoded images, as far as the cache holds them."""
     data, channels = composition.parts.data, 4 if composition.scene.has_alpha else 3
     cameras = [camera for split in Split for camera in data.views(split).cameras]
     decoded = sum(camera.width * camera.height for camera in cameras) * channels / 1e6

@@ -23,7 +23,7 @@ START_SECONDS = 8.0
 """Start and end of a process around its training, about; where nothing is measured yet."""
 
 STEP_SECONDS = 0.1
-"""Of a step, where nothing is measured yet: half-resolution images on two cores, about."""
+"""Seconds of a step before any is measured: about those of half-resolution images on two cores."""
 
 
 class Estimate:

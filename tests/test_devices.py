@@ -1,4 +1,4 @@
-"""One configuration on the CPU and on a GPU: the same pictures, and runs that may move between.
+"""One configuration on the CPU and on a GPU: the same images, and runs that may move between.
 
 The CPU's side is drawn by the reference, so that torch and NVRTC are all that is needed.
 """
@@ -73,16 +73,16 @@ def test_both_devices_train_to_the_same_quality(tmp_path, strategy, tolerance):
     assert "peak_gpu_memory_mb" not in here
 
 
-def test_pictures_that_stay_and_pictures_that_pass_train_alike(tmp_path):
+def test_images_that_stay_and_images_that_pass_train_alike(tmp_path):
     settings = ("steps=100", "strategy=none", *ON_GPU)
     passing = train(tmp_path / "passing", *settings, "gpu_cache_mb=0")
     staying = train(tmp_path / "staying", *settings)
     assert passing["psnr"] == pytest.approx(staying["psnr"], abs=SETTLED)
 
 
-def test_both_devices_draw_the_same_pictures(tmp_path):
+def test_both_devices_draw_the_same_images(tmp_path):
     train(tmp_path / "run", "steps=60", *ON_GPU)
-    pictures = []
+    images = []
     for where in (ON_CPU, ON_GPU):
         run = restored(tmp_path / "run", where).composition
         parts, settings = run.parts, run.plan.settings
@@ -90,9 +90,9 @@ def test_both_devices_draw_the_same_pictures(tmp_path):
             render_model(parts.model, parts.rasterizer, camera.to(parts.device), settings)
             for camera in parts.data.views(Split.TRAIN).cameras
         ]
-        pictures.append(torch.cat([output.color.cpu() for output in drawn]))
+        images.append(torch.cat([output.color.cpu() for output in drawn]))
         run.parts.data.close()
-    here, there = pictures
+    here, there = images
     assert float((here - there).norm() / here.norm()) < 1e-5
     assert float(((here - there).abs().amax(-1) > 1e-5).float().mean()) < 5e-4
 

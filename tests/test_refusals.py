@@ -8,8 +8,8 @@ from PIL import Image
 from support.small_captures import (
     ring,
     write_colmap,
-    write_picture,
-    write_pictures,
+    write_image,
+    write_images,
     write_transforms,
 )
 
@@ -37,10 +37,10 @@ def refusal(tmp_path, capsys):
 
 @pytest.fixture
 def colmap(tmp_path):
-    """A small COLMAP data set with its pictures."""
+    """A small COLMAP data set with its images."""
     capture, folder = ring(), tmp_path / "capture"
     write_colmap(folder / "sparse" / "0", capture)
-    write_pictures(folder / "images", capture)
+    write_images(folder / "images", capture)
     return folder
 
 
@@ -69,7 +69,7 @@ def test_an_empty_folder_is_called_empty(refusal, tmp_path):
 
 
 def test_a_folder_of_no_known_format_is_told_what_was_looked_for(refusal, tmp_path):
-    write_picture(tmp_path / "photos" / "one.png")
+    write_image(tmp_path / "photos" / "one.png")
     said = refusal(f"data={tmp_path / 'photos'}")
     assert "Looked for:" in said
     assert "transforms.json" in said
@@ -91,23 +91,23 @@ def test_a_truncated_colmap_model_is_refused(refusal, shared_data, tmp_path):
     assert ".bin" in said
 
 
-def test_a_picture_that_does_not_decode_is_named(refusal, colmap):
+def test_an_image_that_does_not_decode_is_named(refusal, colmap):
     broken = colmap / "images" / "view_001.png"
-    broken.write_bytes(b"this is not a picture")
+    broken.write_bytes(b"this is not an image")
     assert "view_001.png" in refusal(f"data={colmap}")
 
 
-def test_a_picture_cut_short_is_named_even_if_its_header_is_whole(refusal, colmap):
+def test_an_image_cut_short_is_named_even_if_its_header_is_whole(refusal, colmap):
     broken = colmap / "images" / "view_001.png"
     broken.write_bytes(broken.read_bytes()[:-30])
-    with Image.open(broken) as picture:
-        assert picture.size == (64, 48)
+    with Image.open(broken) as image:
+        assert image.size == (64, 48)
     assert "view_001.png" in refusal(f"data={colmap}", "steps=8", trained=True)
 
 
 def test_a_pose_that_is_not_a_number_is_named(refusal, tmp_path):
     capture, folder = ring(), tmp_path / "capture"
-    write_pictures(folder, capture)
+    write_images(folder, capture)
     path = write_transforms(folder / "transforms.json", capture)
     document = json.loads(path.read_text())
     document["frames"][2]["transform_matrix"][0][3] = float("nan")
@@ -117,9 +117,9 @@ def test_a_pose_that_is_not_a_number_is_named(refusal, tmp_path):
     assert "transform_matrix" in said or "pose" in said
 
 
-def test_a_picture_of_another_size_than_its_camera_is_refused(refusal, colmap):
-    with Image.open(colmap / "images" / "view_000.png") as picture:
-        picture.resize((50, 48)).save(colmap / "images" / "view_000.png")
+def test_an_image_of_another_size_than_its_camera_is_refused(refusal, colmap):
+    with Image.open(colmap / "images" / "view_000.png") as image:
+        image.resize((50, 48)).save(colmap / "images" / "view_000.png")
     said = refusal(f"data={colmap}")
     assert "50x48" in said
     assert "64x48" in said

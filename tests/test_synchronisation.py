@@ -37,7 +37,7 @@ SCENE = (
     *("datamanager.views=6", "datamanager.eval_views=2", "datamanager.points=150"),
     *("datamanager.width=96", "datamanager.height=96"),
 )
-"""Pictures large enough to be trained on at two thirds of their size."""
+"""Images large enough to be trained on at two thirds of their size."""
 
 # Whole compositions; shapes are checked by the tests of the parts.
 pytestmark = pytest.mark.unchecked
@@ -185,13 +185,13 @@ RUNS = {
 @pytest.mark.parametrize("name", RUNS)
 def test_an_ordinary_step_neither_reads_from_the_device_nor_copies_to_it(tmp_path, name):
     trainer = trainer_on_meta(tmp_path, *RUNS[name])
-    watched(trainer, 1)  # Cameras, pictures and windows come to the device once.
+    watched(trainer, 1)  # Cameras, images and windows come to the device once.
     trainer.step = 11
-    watched(trainer, 1)  # Pictures are full from now on.
+    watched(trainer, 1)  # Images are full from now on.
     trainer.step = 2
-    assert watched(trainer, 2) == [], "small pictures"
+    assert watched(trainer, 2) == [], "small images"
     trainer.step = 12
-    assert watched(trainer, 2) == [], "full pictures"
+    assert watched(trainer, 2) == [], "full images"
 
 
 @pytest.mark.parametrize(
@@ -214,8 +214,8 @@ def test_what_would_wait_is_seen(tmp_path, monkeypatch, spoil: Callable[[Tensor]
     trainer.step = 2
     plain = Operators.l1_dssim
 
-    def spoiled(self, *pictures):
-        l1, dssim = plain(self, *pictures)
+    def spoiled(self, *images):
+        l1, dssim = plain(self, *images)
         return spoil(l1), dssim
 
     monkeypatch.setattr(Operators, "l1_dssim", spoiled)

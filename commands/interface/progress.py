@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.console import Console
 from gsfw.core.progress import Advance, stage
-from gsfw.preparation.progress import Progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -110,7 +109,7 @@ def _new_bars() -> Bars:
     return Bars(*columns, console=Screen(stderr=True), transient=True)
 
 
-class StageBars(Progress):
+class StageBars:
     """Bars with the remaining time, and a line for each finished stage."""
 
     def __init__(self, console: Console) -> None:

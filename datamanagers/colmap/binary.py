@@ -15,7 +15,7 @@ from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapIm
 POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8")])
 """The fixed part of a point; the length of its track and the track itself follow."""
 OBSERVATION_BYTES = 24
-"""Of an image: x, y, and the number of a point."""
+"""Bytes of an observation of an image: x, y, and the number of a point."""
 TRACK_ELEMENT = np.dtype([("image", "<u4"), ("observation", "<u4")])
 
 
@@ -100,7 +100,7 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
 
 
 def read_tracks(file: Path) -> tuple[list[Int64[np.ndarray, " _"]], Float64[np.ndarray, " p"]]:
-    """Of each point, the numbers of the images that show it, and its reprojection error.
+    """Numbers of the images that show each point, and the points' reprojection errors.
 
     Raises:
         DataError: the file is cut off or damaged.

@@ -73,7 +73,7 @@ class ColmapConfig(CaptureConfig):
 
 
 def _capture_root(path: Path) -> Path:
-    """Where images/ is: beside sparse/ when ``path`` is the folder of the model itself."""
+    """Parent folder of images/: that of sparse/ if ``path`` is the folder of the model itself."""
     path = path.absolute()
     around = (path, path.parent, path.parent.parent)
     return next((folder for folder in around if (folder / "images").is_dir()), path)

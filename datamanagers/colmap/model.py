@@ -65,7 +65,7 @@ class ColmapModel:
     """A sparse reconstruction."""
 
     cameras_file: Path
-    """Where the cameras were read from, for messages."""
+    """File of the cameras, for messages."""
     cameras: dict[int, ColmapCamera]
     images: list[ColmapImage]
     points: Float64[np.ndarray, "p 3"]

@@ -89,7 +89,7 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
 
 
 def read_tracks(file: Path) -> tuple[list[Int64[np.ndarray, " _"]], Float64[np.ndarray, " p"]]:
-    """Of each point, the numbers of the images that show it, and its reprojection error.
+    """Numbers of the images that show each point, and the points' reprojection errors.
 
     Raises:
         DataError: a line is not that of a point.

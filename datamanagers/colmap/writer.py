@@ -31,7 +31,7 @@ TWO_FOCAL_LENGTHS = {
 }
 """The same models where fx and fy differ; further coefficients are 0."""
 UNKNOWN_ERROR = -1.0
-"""What COLMAP writes as the error of points whose error it has not computed."""
+"""COLMAP's value for a reprojection error that is not computed."""
 
 
 def write_model(recording: Recording, folder: Path, image_root: Path, suffix: str = ".bin") -> None:

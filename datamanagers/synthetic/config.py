@@ -20,7 +20,7 @@ class SyntheticConfig(DataManagerConfig):
 
     recommended: ClassVar[Mapping[str, Any]] = {
         "steps": 3000,
-        # Small pictures make large gradients, and few steps leave no time to recover from resets.
+        # Small images make large gradients, and few steps leave no time to recover from resets.
         "strategy.grow_gradient": 4e-4,
         "strategy.max_gaussians": 40_000,
         "strategy.reset_every": 0,
@@ -31,9 +31,9 @@ class SyntheticConfig(DataManagerConfig):
     eval_views: int = 8
     """Held-out views, elsewhere on the dome."""
     width: int = 480
-    """Width of a picture in pixels, before downscaling."""
+    """Width of an image in pixels, before downscaling."""
     height: int = 360
-    """Height of a picture in pixels, before downscaling."""
+    """Height of an image in pixels, before downscaling."""
     points: int = 10_000
     """Surface points to start from, each seen by some training view."""
     moving: bool = False
@@ -83,5 +83,5 @@ class SyntheticConfig(DataManagerConfig):
             raise ConfigError(
                 f"the built-in scene would take {megabytes:.0f} MB, "
                 f"but cache_mb={request.cache_megabytes}.",
-                "Raise cache_mb, or ask for fewer or smaller pictures.",
+                "Raise cache_mb, or ask for fewer or smaller images.",
             )

@@ -21,7 +21,7 @@ from gsfw.datamanagers.scene_frame import scene_frame
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
 from gsfw.datamanagers.synthetic.raycast import one_thread, photograph, rays, show_change
-from gsfw.datamanagers.synthetic.stage import Solid, Stage, solids
+from gsfw.datamanagers.synthetic.scene import Solid, SyntheticScene, solids
 from gsfw.datamanagers.synthetic.tracks import Marks, Tracks
 
 
@@ -31,7 +31,7 @@ class SurfacePoints:
 
     marks: Marks
     world: Float64[Tensor, "p 3"]
-    """Where they were, at the time of the view that saw them."""
+    """Positions at the time of the view that saw them."""
     colors: Float[Tensor, "p 3"]
     """As that view saw them."""
     times: Float[Tensor, " p"]
@@ -78,9 +78,9 @@ class SyntheticData(DataManager):
     def _cast(self, number: int) -> DecodedImage:
         """The image of a view, by its number; called from several threads."""
         views = [*self._world[Split.TRAIN], *self._world[Split.EVAL]]
-        stage = Stage(self._solids, _time(views[number]))
+        scene = SyntheticScene(self._solids, _time(views[number]))
         with one_thread():
-            return DecodedImage(photograph(stage, views[number]).numpy())
+            return DecodedImage(photograph(scene, views[number]).numpy())
 
     def _cameras(self, count: int, first: float, downscale: float) -> list[Cameras]:
         """Views in the world, in float64, in order of time; every time gets about as many."""
@@ -107,7 +107,7 @@ class SyntheticData(DataManager):
 
     @property
     def scene(self) -> Scene:
-        """What a method may know of it, in the scene frame."""
+        """The scene before training, in the scene frame."""
         return self._scene
 
     def views(self, split: Split) -> Views:
@@ -123,20 +123,20 @@ class SyntheticData(DataManager):
         self._loader.prefetch(split, indices)
 
     def moving_mask(self, split: Split, index: int) -> Bool[Tensor, "h w 1"] | None:
-        """Where a view's camera sees a solid that moves, deforms or vanishes, at any time."""
+        """Pixels of a view that show a solid that moves, deforms or vanishes, at any time."""
         if not self._config.moving:
             return None
         times = [number / (self._config.times - 1) for number in range(self._config.times)]
         with one_thread():
-            stages = [Stage(self._solids, time) for time in times]
-            return show_change(stages, self._world[split][index])
+            scenes = [SyntheticScene(self._solids, time) for time in times]
+            return show_change(scenes, self._world[split][index])
 
     def close(self) -> None:
         """Stop casting, and free the images."""
         self._loader.close()
 
     def notes(self) -> tuple[str, ...]:
-        """What it is."""
+        """Description of the scene."""
         config = self._config
         moving = f" at {config.times} times" if config.moving else ""
         return (
@@ -173,7 +173,7 @@ def find_surface(
                 if _time(camera) == time
             ]
             origins, directions = (torch.cat(part, dim=1) for part in zip(*cast, strict=True))
-            found.append(_met(Stage(items, time), origins, directions))
+            found.append(_met(SyntheticScene(items, time), origins, directions))
     rows = torch.cat(found)
     rows = rows[torch.randperm(len(rows), generator=generator)[:count]]
     solid, own, world, colors, times = rows.split([1, 3, 3, 3, 1], dim=1)
@@ -191,15 +191,15 @@ def _random_rays(
 
 
 def _met(
-    stage: Stage, origins: Float64[Tensor, "3 n"], directions: Float64[Tensor, "3 n"]
+    scene: SyntheticScene, origins: Float64[Tensor, "3 n"], directions: Float64[Tensor, "3 n"]
 ) -> Float64[Tensor, "hits 11"]:
-    """What rays meet: solid, point in its own coordinates, point in the world, colour, time."""
-    hits = stage.trace(origins, directions)
-    colors = stage.shade(hits, directions)
+    """Hits of rays: solid, point in its own coordinates, point in the world, colour, time."""
+    hits = scene.trace(origins, directions)
+    colors = scene.shade(hits, directions)
     rows = []
-    for index, _, pose in stage.placed:
+    for index, _, pose in scene.placed:
         chosen = hits.solid == index
         world = hits.points[:, chosen]
-        number, time = torch.full_like(world[:1], index), torch.full_like(world[:1], stage.time)
+        number, time = torch.full_like(world[:1], index), torch.full_like(world[:1], scene.time)
         rows.append(torch.cat([number, pose.to_own(world), world, colors[:, chosen], time]).T)
     return torch.cat(rows)

@@ -12,13 +12,13 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import look_at
 
 TARGET = (0.0, 0.0, 0.1)
-"""What the cameras look at, in the world; z is up."""
+"""Target of the cameras, in the world; z is up."""
 DISTANCE = 4.6
-"""Of every camera from the target, in world units."""
+"""Distance of every camera from the target, in world units."""
 ELEVATIONS = (15.0, 65.0)
 """Lowest and highest camera, in degrees above the table."""
 FIELD_OF_VIEW = 50.0
-"""Across the wider side of a picture, in degrees: the whole table fits."""
+"""Across the wider side of an image, in degrees: the whole table fits."""
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Turns from one camera to the next, so that any few in a row surround the scene."""
 HELD_OUT = 0.25
@@ -33,8 +33,8 @@ def dome(count: int, first: float, width: int, height: int, seed: int) -> Camera
     Args:
         count: how many.
         first: number of the first one; the others follow in steps of 1.
-        width: of the picture, in pixels.
-        height: of the picture, in pixels.
+        width: of the image, in pixels.
+        height: of the image, in pixels.
         seed: turns the dome.
     """
     generator = torch.Generator().manual_seed(seed)

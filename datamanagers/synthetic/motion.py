@@ -21,7 +21,7 @@ class Pose:
 
     @cached_property
     def inverse(self) -> Float64[Tensor, "3 3"]:
-        """Of ``linear``."""
+        """Inverse of ``linear``."""
         return self.linear.inverse()
 
     def to_world(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
@@ -98,7 +98,7 @@ class Hopping:
     sweep: float
     """Radians of the arc from time 0 to time 1."""
     height: float
-    """Of the hop, reached at time 1/2."""
+    """Height of the hop, reached at time 1/2."""
 
     def __call__(self, time: float) -> Pose:
         """The start, moved but never turned."""

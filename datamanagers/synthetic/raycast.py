@@ -1,4 +1,4 @@
-"""Ray casting: pictures of the stage through the camera model, without a splat in sight."""
+"""Ray casting: images of the built-in scene through the camera model, without splats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
-from gsfw.datamanagers.synthetic.stage import Stage
+from gsfw.datamanagers.synthetic.scene import SyntheticScene
 
 SUBPIXELS = 4
 """Samples per pixel along each axis; a pixel is their mean, as a sensor's pixel is an area."""
@@ -26,7 +26,7 @@ MARGIN = 1.0
 def rays(
     camera: Cameras, pixels: Float[Tensor, "2 n"]
 ) -> tuple[Float[Tensor, "3 1"], Float[Tensor, "3 n"]]:
-    """Origin and directions of the rays through positions in a picture, in the camera's world.
+    """Origin and directions of the rays through positions in an image, in the camera's world.
 
     Args:
         camera: one pinhole camera.
@@ -43,7 +43,7 @@ def rays(
 
 
 def project(camera: Cameras, points: Float[Tensor, "3 n"]) -> Float[Tensor, "2 n"]:
-    """Where points appear in a picture, in pixels."""
+    """Positions of points in the image, in pixels."""
     pose = camera.world_to_camera[0].to(points)
     seen = pose[:3, :3] @ points + pose[:3, 3:]
     matrix = camera.intrinsics[0].to(points)
@@ -65,11 +65,11 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def photograph(stage: Stage, camera: Cameras) -> UInt8[Tensor, "h w 4"]:
-    """A picture as a file would hold it: straight colours and coverage, 8 bits each."""
+def photograph(scene: SyntheticScene, camera: Cameras) -> UInt8[Tensor, "h w 4"]:
+    """An image as a file would hold it: straight colours and coverage, 8 bits each."""
     rows = max(1, MAX_RAYS // (camera.width * SUBPIXELS**2))
     strips = [
-        _strip(stage, camera, first, min(first + rows, camera.height))
+        _strip(scene, camera, first, min(first + rows, camera.height))
         for first in range(0, camera.height, rows)
     ]
     premultiplied = torch.cat(strips, dim=1)
@@ -79,8 +79,8 @@ def photograph(stage: Stage, camera: Cameras) -> UInt8[Tensor, "h w 4"]:
     return pixels.permute(1, 2, 0).contiguous()
 
 
-def show_change(stages: Sequence[Stage], camera: Cameras) -> Bool[Tensor, "h w 1"]:
-    """The pixels whose centre shows a solid that changes over time, in any of the stages.
+def show_change(scenes: Sequence[SyntheticScene], camera: Cameras) -> Bool[Tensor, "h w 1"]:
+    """The pixels whose centre shows a solid that changes over time, in any of the scenes.
 
     Not only where such a solid is now: also where it has been or will be. Its shadow and its
     mirror image do not count.
@@ -89,18 +89,20 @@ def show_change(stages: Sequence[Stage], camera: Cameras) -> Bool[Tensor, "h w 1
     grid_y, grid_x = torch.meshgrid(y, x, indexing="ij")
     origin, directions = rays(camera, torch.stack([grid_x, grid_y]).view(2, -1))
     shown = torch.zeros_like(directions[0], dtype=torch.bool)
-    for stage in stages:
+    for scene in scenes:
         # The last entry answers for rays that meet nothing, whose index is -1.
-        changes = torch.tensor([*(solid.changes for solid in stage.solids), False])
-        shown |= changes[stage.trace(origin, directions).solid]
+        changes = torch.tensor([*(solid.changes for solid in scene.solids), False])
+        shown |= changes[scene.trace(origin, directions).solid]
     return shown.view(camera.height, camera.width, 1)
 
 
-def _footprints(stage: Stage, camera: Cameras) -> dict[int, tuple[float, float, float, float]]:
+def _footprints(
+    scene: SyntheticScene, camera: Cameras
+) -> dict[int, tuple[float, float, float, float]]:
     """Pixels [x0, x1) x [y0, y1) outside of which no ray meets a solid, by the solid's index."""
     footprints = {}
     everywhere = (-math.inf, -math.inf, math.inf, math.inf)
-    for index, _, pose in stage.placed:
+    for index, _, pose in scene.placed:
         corners = pose.corners()
         pose_rows = camera.world_to_camera[0].to(corners)
         depth = pose_rows[2, :3] @ corners + pose_rows[2, 3]
@@ -111,11 +113,11 @@ def _footprints(stage: Stage, camera: Cameras) -> dict[int, tuple[float, float, 
     return footprints
 
 
-def _strip(stage: Stage, camera: Cameras, first: int, last: int) -> Float[Tensor, "4 r w"]:
+def _strip(scene: SyntheticScene, camera: Cameras, first: int, last: int) -> Float[Tensor, "4 r w"]:
     """Rows of an image: mean colour times coverage, and mean coverage, of each pixel."""
     steps = SUBPIXELS
     seen = torch.zeros(4, (last - first) * steps, camera.width * steps)
-    footprints = _footprints(stage, camera)
+    footprints = _footprints(scene, camera)
     y = (torch.arange(first * steps, last * steps) + 0.5) / steps
     for left in range(0, camera.width, TILE):
         right = min(left + TILE, camera.width)
@@ -128,9 +130,9 @@ def _strip(stage: Stage, camera: Cameras, first: int, last: int) -> Float[Tensor
             x = (torch.arange(left * steps, right * steps) + 0.5) / steps
             grid_y, grid_x = torch.meshgrid(y, x, indexing="ij")
             origin, directions = rays(camera, torch.stack([grid_x, grid_y]).view(2, -1))
-            hits = stage.trace(origin, directions, near)
+            hits = scene.trace(origin, directions, near)
             tile = seen[:, :, left * steps : right * steps]
-            tile[:3] = stage.shade(hits, directions).view(3, len(y), len(x))
+            tile[:3] = scene.shade(hits, directions).view(3, len(y), len(x))
             tile[3] = (hits.solid >= 0).view(len(y), len(x))
     samples = seen.view(4, last - first, steps, camera.width, steps)
     # torch's mean over both dimensions is eight times slower.

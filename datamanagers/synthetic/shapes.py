@@ -23,7 +23,7 @@ class Shape(ABC):
     def distances(
         self, origins: Float[Tensor, "3 o"], directions: Float[Tensor, "3 n"]
     ) -> Float[Tensor, " n"]:
-        """Where rays from outside first meet the surface, in lengths of their directions.
+        """Distances along rays from outside to the surface, in lengths of their directions.
 
         Infinite where they never do. There is an origin for each ray (o is n), or one for all (1).
         """

@@ -100,7 +100,7 @@ class Gradient:
     top: Rgb
     noise: Waves
     depth: float = 0.25
-    """How much the noise adds to the height."""
+    """Weight of the noise that is added to the height."""
 
     def __call__(self, points: Float[Tensor, "3 n"]) -> Float[Tensor, "3 n"]:
         """Colours of the surface."""

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float64, Int
 from torch import Tensor
 
-from gsfw.datamanagers.synthetic.stage import Solid
+from gsfw.datamanagers.synthetic.scene import Solid
 
 
 @dataclass(frozen=True)

@@ -88,4 +88,4 @@ def adam(
     """One step of Adam in place on tables [n, m], over all rows or over some (int64)."""
 
 def all_finite(numbers: Tensor, threads: int) -> bool:
-    """Whether no number of [n] is infinite or NaN."""
+    """True if all numbers of [n] are finite."""

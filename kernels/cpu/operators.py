@@ -76,7 +76,7 @@ class CpuOperators(Operators):
             increment_version(changed)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
-        """Whether no number of any tensor is infinite or NaN."""
+        """True if all numbers of all tensors are finite."""
         served = [tensor for tensor in tensors if _served([tensor]) and tensor.is_contiguous()]
         others = [tensor for tensor in tensors if all(tensor is not one for one in served)]
         module, threads = _module(), num_threads()
@@ -133,13 +133,13 @@ def _module() -> Any:  # noqa: ANN401 - the module's stub is for its own users
 
 
 def _served(tensors: Sequence[Tensor]) -> bool:
-    """Whether native code takes numbers of this kind from this place."""
+    """True if native code takes numbers of this type on this device."""
     kinds = {(tensor.dtype, tensor.device.type, tensor.layout) for tensor in tensors}
     return len(kinds) == 1 and kinds <= {(dtype, "cpu", torch.strided) for dtype in DTYPES}
 
 
 def _tangents(tensors: Sequence[Tensor]) -> bool:
-    """Whether derivatives are carried forward, which only plain torch does."""
+    """True if forward-mode derivatives are in use, which only plain torch supports."""
     return any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)
 
 

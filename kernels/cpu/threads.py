@@ -1,4 +1,4 @@
-"""How many threads native code may use."""
+"""Number of threads that native code may use."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 import torch
 
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
-"""Where Linux mounts control groups, which limit the CPU time of containers."""
+"""Mount point of control groups in Linux, which limit the CPU time of containers."""
 MEMBERSHIP = Path("/proc/self/cgroup")
 """Which control groups this process is in."""
 CHOSEN = "OMP_NUM_THREADS"

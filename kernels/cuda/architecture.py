@@ -17,7 +17,7 @@ NVRTC 12 compiles for it, NVRTC 13 begins at 75.
 
 @dataclass(frozen=True)
 class Target:
-    """What a kernel is compiled to."""
+    """Target of a kernel's compilation."""
 
     kind: Literal["cubin", "ptx"]
     """Machine code, or text that the driver translates to machine code when it loads it."""

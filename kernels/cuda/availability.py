@@ -17,12 +17,12 @@ GET_TORCH = "Install a build of torch with CUDA: https://pytorch.org/get-started
 
 @dataclass(frozen=True)
 class CudaSystem:
-    """What CUDA kernels are compiled and run with."""
+    """Compiler, driver and targets of CUDA kernels."""
 
     nvrtc: Nvrtc
     driver: Driver
     targets: tuple[str, ...]
-    """What kernels are compiled to for each device, such as "sm_90"; those too old are left out."""
+    """Compilation target of each device, such as "sm_90"; devices that are too old are left out."""
 
 
 def cuda_system() -> CudaSystem:

@@ -20,7 +20,7 @@ FOLDER = "GSFW_CACHE_DIR"
 
 
 def cache_folder() -> Path:
-    """Where compiled kernels are kept: in ``GSFW_CACHE_DIR``, or where the system keeps caches.
+    """Folder of compiled kernels: ``GSFW_CACHE_DIR``, or one among the system's caches.
 
     What is in it may be deleted at any time.
     """

@@ -31,7 +31,7 @@ CHANNELS = (1, 3, 4, 16, 32)
 """Numbers of channels to blend with."""
 
 DEGREES = (-1, 0, 1, 2, 3)
-"""Of spherical harmonics; -1 for plain channels."""
+"""Degrees of spherical harmonics; -1 for plain channels."""
 
 
 def catalogue(dtype: torch.dtype = torch.float32, degrees: Sequence[int] = DEGREES) -> list[Entry]:

@@ -1,4 +1,4 @@
-"""What goes wrong between Python and a GPU."""
+"""Errors between Python and a GPU."""
 
 from __future__ import annotations
 

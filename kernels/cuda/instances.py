@@ -12,10 +12,10 @@ WIDTHS = (1, 2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 40)
 """Numbers of channels that blending is compiled for; others get further channels of 0."""
 
 NAMES = {torch.float32: "float", torch.float64: "double"}
-"""Of number types, in C++."""
+"""Names of number types in C++."""
 
 KEYS = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"}
-"""Of keys, which torch keeps in signed integers of the same size."""
+"""Types of keys in C++; torch keeps them in signed integers of the same size."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Instances:
 
     @property
     def find_tiles(self) -> Kernel:
-        """Where the sorted pairs of each tile begin."""
+        """The kernel that finds the first sorted pair of each tile."""
         return Kernel("bin.cu", f"find_tiles<{KEYS[self.tile_key]}>")
 
     def blend(self, measure: bool) -> Kernel:

@@ -58,7 +58,7 @@ class SplatArrays(ctypes.Structure):
 
 
 class SplatGradients(ctypes.Structure):
-    """Where gradients go."""
+    """Addresses of the gradients of splats."""
 
     _fields_: ClassVar = [
         ("means", POINTER),
@@ -73,7 +73,7 @@ class SplatGradients(ctypes.Structure):
 
 
 class ProjectJob(ctypes.Structure):
-    """Of ``project``."""
+    """Arguments of ``project``."""
 
     _fields_: ClassVar = [
         ("view", View),
@@ -91,7 +91,7 @@ class ProjectJob(ctypes.Structure):
 
 
 class EmitJob(ctypes.Structure):
-    """Of ``emit``."""
+    """Arguments of ``emit``."""
 
     _fields_: ClassVar = [
         ("grid", Grid),
@@ -111,7 +111,7 @@ class EmitJob(ctypes.Structure):
 
 
 class TilesJob(ctypes.Structure):
-    """Of ``find_tiles``."""
+    """Arguments of ``find_tiles``."""
 
     _fields_: ClassVar = [
         ("tiles", POINTER),
@@ -123,7 +123,7 @@ class TilesJob(ctypes.Structure):
 
 
 class BlendJob(ctypes.Structure):
-    """Of ``blend``."""
+    """Arguments of ``blend``."""
 
     _fields_: ClassVar = [
         ("grid", Grid),
@@ -153,7 +153,7 @@ class BlendJob(ctypes.Structure):
 
 
 class BlendBackwardJob(ctypes.Structure):
-    """Of ``blend_backward``."""
+    """Arguments of ``blend_backward``."""
 
     _fields_: ClassVar = [
         ("forward", BlendJob),
@@ -167,7 +167,7 @@ class BlendBackwardJob(ctypes.Structure):
 
 
 class ProjectBackwardJob(ctypes.Structure):
-    """Of ``project_backward``."""
+    """Arguments of ``project_backward``."""
 
     _fields_: ClassVar = [
         ("forward", ProjectJob),

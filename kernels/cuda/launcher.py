@@ -50,7 +50,7 @@ class Launcher(ABC):
 
 
 def address(tensor: Tensor | None) -> int | None:
-    """Where a tensor's memory begins; ``None`` for what is absent. A job does not keep it alive.
+    """Address of a tensor's memory; ``None`` if there is no tensor. A job does not keep it alive.
 
     Raises:
         ValueError: the tensor is not contiguous.

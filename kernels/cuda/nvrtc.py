@@ -19,19 +19,19 @@ from gsfw.kernels.cuda.architecture import Target
 from gsfw.kernels.cuda.errors import CudaError
 
 OPTIONS = ("--std=c++17",)
-"""How every kernel is compiled. Without fast mathematics: agreement with the CPU comes first."""
+"""Compiler options of every kernel. No fast mathematics: agreement with the CPU comes first."""
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """What came out of a compilation."""
+    """Result of a compilation."""
 
     code: bytes
     """A cubin, or PTX that ends with a zero byte."""
     names: Mapping[str, str]
     """The name in the code of each expression that was asked for."""
     log: str
-    """What the compiler said; empty when it had nothing to say."""
+    """Messages of the compiler; empty if there are none."""
 
 
 class Nvrtc:
@@ -130,7 +130,7 @@ class Nvrtc:
         name = "libnvrtc-builtins.so.{}.{}".format(*self.version)
         beside = Path(self.path).with_name(name)
         if beside.is_absolute() and beside.is_file():
-            with suppress(OSError):  # What follows from that, the compiler says best.
+            with suppress(OSError):  # The compiler reports the consequences.
                 ctypes.CDLL(str(beside))
 
     def _find_version(self) -> tuple[int, int]:

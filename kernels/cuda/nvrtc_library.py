@@ -16,7 +16,7 @@ MAJORS = (13, 12)
 WINDOWS = sys.platform == "win32"
 
 TOOLKIT = "bin" if WINDOWS else "lib64"
-"""Where a CUDA toolkit keeps its libraries."""
+"""Folder of the libraries in a CUDA toolkit."""
 
 
 def find_nvrtc(cuda: str | None, folders: Sequence[str] | None = None) -> Nvrtc:

@@ -18,7 +18,7 @@ from gsfw.kernels.cuda.cuda_launcher import cuda_launcher
 from gsfw.kernels.cuda.launcher import Kernel, Launcher, address
 
 NUMBERS = {torch.float32: "float", torch.float64: "double"}
-"""What kernels compute with, as C++ calls it."""
+"""C++ names of the number types of kernels."""
 
 ALIGNMENT = 16
 """Bytes that a thread moves at once where all arrays begin at multiples of it."""
@@ -96,7 +96,7 @@ class CudaOperators(Operators):
             increment_version(changed)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
-        """Whether no number of any tensor is infinite or NaN."""
+        """True if all numbers of all tensors are finite."""
         served: list[Tensor] = []
         others: list[Tensor] = []
         for tensor in tensors:
@@ -128,7 +128,7 @@ class CudaOperators(Operators):
         launcher.launch(kernel, blocks, step_jobs.FINITE_THREADS, job)
 
     def _launcher(self, tensors: Sequence[Tensor]) -> Launcher | None:
-        """What runs kernels on these tensors; ``None`` where nothing does."""
+        """The launcher of kernels on these tensors; ``None`` if there is none."""
         kinds = {(tensor.dtype, tensor.device, tensor.layout) for tensor in tensors}
         ((dtype, device, layout), *more) = kinds
         if more or dtype not in NUMBERS or layout != torch.strided:
@@ -259,19 +259,19 @@ def _aligned(tensors: Sequence[Tensor]) -> bool:
 
 
 def _covers(valid: Tensor | None, images: Tensor) -> bool:
-    """Whether a mask has a truth for every pixel, where kernels can read it."""
+    """True if a mask has a value for every pixel in memory that kernels can read."""
     if valid is None:
         return True
     return valid.shape == (*images.shape[:3], 1) and _ready([(valid, torch.bool)], images.device)
 
 
 def _ready(tensors: Sequence[tuple[Tensor, torch.dtype]], device: torch.device) -> bool:
-    """Whether each of these is on the device and of its type."""
+    """True if each tensor is on the device and of its type."""
     return all(tensor.device == device and tensor.dtype == dtype for tensor, dtype in tensors)
 
 
 def _tangents(tensors: Sequence[Tensor]) -> bool:
-    """Whether derivatives are carried forward, which only plain torch does."""
+    """True if forward-mode derivatives are in use, which only plain torch supports."""
     return any(forward_ad.unpack_dual(tensor).tangent is not None for tensor in tensors)
 
 

@@ -6,10 +6,10 @@ import ctypes
 from collections.abc import Iterable
 
 NAMESPACE = "gsfw::cuda"
-"""Where kernels, jobs, and the types that kernels are made for live."""
+"""C++ namespace of kernels, jobs, and the types that kernels are made for."""
 
 OFFSET = "__INTADDR__(&(({job}*)0)->{field})"
-"""What offsetof is made of in every NVRTC; __builtin_offsetof is not known to version 12.4."""
+"""An expression for offsetof in every NVRTC; version 12.4 does not know __builtin_offsetof."""
 
 
 def program_text(source: str, jobs: Iterable[type[ctypes.Structure]]) -> str:

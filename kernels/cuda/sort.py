@@ -24,7 +24,7 @@ MOST_DIGIT_BITS = constant("sort_stages.h", "DIGITS").bit_length() - 1
 """Most bits of a digit."""
 
 KEY_TYPES = {torch.int16: "uint16", torch.int32: "uint32", torch.int64: "uint64"}
-"""What the bits of keys are in C++."""
+"""Types of the bits of keys in C++."""
 
 KEYS_PER_THREAD = {torch.int16: 8, torch.int32: 8, torch.int64: 4}
 """``KEYS_PER_THREAD`` of sources/sort_stages.h."""
@@ -37,7 +37,7 @@ class DigitField(ctypes.Structure):
 
 
 class DigitsJob(ctypes.Structure):
-    """Of ``count_digits``."""
+    """Arguments of ``count_digits``."""
 
     _fields_: ClassVar = [
         ("keys", POINTER),
@@ -48,7 +48,7 @@ class DigitsJob(ctypes.Structure):
 
 
 class ScatterJob(ctypes.Structure):
-    """Of ``scatter``."""
+    """Arguments of ``scatter``."""
 
     _fields_: ClassVar = [
         ("keys", POINTER),
@@ -62,7 +62,7 @@ class ScatterJob(ctypes.Structure):
 
 
 def sort_kernels(keys: torch.dtype) -> list[Entry]:
-    """What sorting keys of this type launches."""
+    """The kernels that sort keys of this type."""
     return [(_count_digits(keys), DigitsJob), (_scatter(keys), ScatterJob)]
 
 

@@ -38,13 +38,13 @@ class Comparison(ctypes.Structure):
 
 
 class SsimJob(ctypes.Structure):
-    """Of ``ssim``."""
+    """Arguments of ``ssim``."""
 
     _fields_: ClassVar = [("images", Comparison), ("flows", POINTER), ("sums", POINTER)]
 
 
 class LossesJob(ctypes.Structure):
-    """Of ``add_losses``."""
+    """Arguments of ``add_losses``."""
 
     _fields_: ClassVar = [
         ("sums", POINTER),
@@ -57,7 +57,7 @@ class LossesJob(ctypes.Structure):
 
 
 class SsimBackwardJob(ctypes.Structure):
-    """Of ``ssim_backward``."""
+    """Arguments of ``ssim_backward``."""
 
     _fields_: ClassVar = [
         ("images", Comparison),
@@ -70,7 +70,7 @@ class SsimBackwardJob(ctypes.Structure):
 
 
 class BeginAdamJob(ctypes.Structure):
-    """Of ``begin_adam``."""
+    """Arguments of ``begin_adam``."""
 
     _fields_: ClassVar = [
         ("beta1", DOUBLE),
@@ -89,7 +89,7 @@ class AdamRows(ctypes.Structure):
 
 
 class AdamJob(ctypes.Structure):
-    """Of ``adam`` and ``adam_rows``."""
+    """Arguments of ``adam`` and ``adam_rows``."""
 
     _fields_: ClassVar = [
         ("values", AdamRows),
@@ -112,7 +112,7 @@ class AdamJob(ctypes.Structure):
 
 
 class FiniteJob(ctypes.Structure):
-    """Of ``check_finite``."""
+    """Arguments of ``check_finite``."""
 
     _fields_: ClassVar = [
         ("numbers", POINTER * FINITE_TENSORS),

@@ -32,7 +32,7 @@ class TorchDevice:
         return self._stream(self.index)
 
     def capturing(self) -> bool:
-        """Whether what is launched goes into a CUDA graph instead of being run."""
+        """True if launches are recorded into a CUDA graph instead of being run."""
         return torch.cuda.is_current_stream_capturing()
 
     def architecture(self) -> int:

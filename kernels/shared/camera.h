@@ -46,7 +46,7 @@ GSFW_FUNCTION Vector3<T> to_camera(const Camera<T>& camera, const Vector3<T>& po
   return camera.rotation * point + camera.translation;
 }
 
-/// Where the camera stands, in scene units.
+/// Position of the camera, in scene units.
 template <class T>
 GSFW_FUNCTION Vector3<T> camera_center(const Camera<T>& camera) {
   return -(camera.translation * camera.rotation);

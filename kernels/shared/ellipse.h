@@ -25,11 +25,11 @@ template <class T>
 struct Outline {
   /// In pixels squared.
   Symmetric2<T> covariance;
-  /// Of the covariance, free of cancellation.
+  /// Determinant of the covariance, free of cancellation.
   T determinant;
 };
 
-/// What a loss says about an ellipse.
+/// Gradient of the loss with respect to an ellipse.
 template <class T>
 struct OutlineGradient {
   /// The second moments of the blended pixels, which hold dL/dSigma2 of the dilated covariance.
@@ -38,7 +38,7 @@ struct OutlineGradient {
   T before, after;
 };
 
-/// What the dilation of an outline gives.
+/// A dilated outline.
 template <class T>
 struct Dilated {
   Symmetric2<T> covariance;
@@ -231,7 +231,7 @@ GSFW_FUNCTION ShapeGradient<Symmetric3<T>, T> outline_vjp(const Symmetric3<T>& c
   const T determinant = difference_of_products(c.xx, c.yy, c.xy, c.xy);
   const Dilated<T> dilated = dilate({c, maximum(zero, determinant)}, settings.dilation);
   const Whitening<T> whitening = whiten(dilated.covariance, dilated.determinant);
-  // Where rounding's negative determinant was raised to 0, that after the dilation depends on the
+  // If rounding's negative determinant was raised to 0, that after the dilation depends on the
   // trace alone, and with it w, whose share is second.yy: d ln(w) = (d ln(xx) - d ln(det)) / 2.
   const Mask<T> raised = determinant < zero;
   Symmetric2<T> second = gradient.second;

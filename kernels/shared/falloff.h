@@ -88,7 +88,7 @@ template <class T>
 GSFW_FUNCTION Symmetric2<T> covariance_vjp(const Whitening<T>& whitening,
                                            const Symmetric2<T>& second) {
   const T r = whitening.r, w = whitening.w, wk = w * whitening.k;
-  const T column = fma(r, second.xy, -(wk * second.yy));  // Of L^-T second: its upper right.
+  const T column = fma(r, second.xy, -(wk * second.yy));  // Upper right of L^-T second.
   const T half(0.5);
   return {half * fma(r, fma(r, second.xx, -(wk * second.xy)), -(wk * column)), half * (w * column),
           half * (w * w * second.yy)};

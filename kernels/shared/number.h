@@ -101,7 +101,7 @@ GSFW_FUNCTION T clamp(const T& x, const T& low, const T& high) {
   return maximum(low, minimum(high, x));
 }
 
-/// Where torch's clamp passes its gradient: within the bounds or on them.
+/// True if torch's clamp passes its gradient: within the bounds or on them.
 template <class T>
 GSFW_FUNCTION Mask<T> within(const T& x, const T& low, const T& high) {
   return (x >= low) & (x <= high);

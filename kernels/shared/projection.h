@@ -21,13 +21,13 @@ struct Projection {
   T depth;
   /// Dilated, in pixels squared.
   Symmetric2<T> covariance;
-  /// Of the dilated covariance.
+  /// Determinant of the dilated covariance.
   T determinant;
   /// Compensated for the dilation where antialiasing is on.
   T opacity;
 };
 
-/// What a loss says about a projected Gaussian.
+/// Gradient of the loss with respect to a projected Gaussian.
 template <class T>
 struct ProjectionGradient {
   /// dL/d mean, per pixel.
@@ -46,7 +46,7 @@ template <class T, class Shape>
 struct GaussianGradient {
   Vector3<T> mean;
   Shape shape;
-  /// Of the opacity before its compensation.
+  /// Gradient of the opacity before its compensation.
   T opacity;
   /// This splat's share; a caller that does not read it does not pay for it.
   PoseGradient<T> pose;
@@ -104,7 +104,7 @@ GSFW_FUNCTION GaussianGradient<T, Shape> project_vjp(const Vector3<T>& mean, con
            by_point}};
 }
 
-/// Where an ellipse can be seen.
+/// Visible extent of an ellipse.
 template <class T>
 struct Extent {
   Mask<T> visible;

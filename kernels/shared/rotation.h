@@ -19,11 +19,11 @@ struct Quaternion {
 /// A quaternion taken apart.
 template <class T>
 struct Orientation {
-  /// Of length 1; the identity where there was none.
+  /// Unit quaternion; the identity for one of length 0.
   Quaternion<T> unit;
-  /// Of the quaternion given; 1 where there was none.
+  /// Norm of the given quaternion; 1 for one of length 0.
   T norm;
-  /// Where the quaternion was too short to be a rotation.
+  /// True if the quaternion was too short to be a rotation.
   Mask<T> none;
 };
 

@@ -17,7 +17,7 @@ constexpr double constant_band = 0.28209479177387814;
 /// does.
 constexpr double direction_min_norm = 1e-12;
 
-/// How many coefficients degrees 0 to ``degree`` have together.
+/// Number of coefficients of degrees 0 to ``degree`` together.
 GSFW_FUNCTION constexpr int num_coefficients(int degree) { return (degree + 1) * (degree + 1); }
 
 /// From the camera centre to the mean, of length 1 (or less, if they all but coincide).

@@ -80,11 +80,13 @@ class BandsConfig:
 class GaussiansConfig(MethodConfig):
     """Settings of every method with canonical 3D Gaussians: colours, loss, and initialisation."""
 
+    renamed: ClassVar[Mapping[str, str]] = {"sh=same": "sh=uniform"}
+
     sh_degree: int = number(3, at_least=0, at_most=MAX_SH_DEGREE)
     """Highest degree of the spherical harmonics, 0 (one colour for all directions) to 4."""
-    sh: Literal["same", "adaptive", "0", "1", "2", "3", "4"] = "same"
-    """same: every splat has the bands up to sh_degree; adaptive: each only those that its colour
-    requires; a number is short for sh=same and that sh_degree."""
+    sh: Literal["uniform", "adaptive", "0", "1", "2", "3", "4"] = "uniform"
+    """uniform: every splat has the bands up to sh_degree; adaptive: each only those that its colour
+    requires; a number is short for sh=uniform and that sh_degree."""
     bands: BandsConfig = field(default_factory=BandsConfig)
     sh_degree_interval: int = steps_field(1000)
     """Steps after which one more degree is trained; 0: all from the first step."""
@@ -102,9 +104,9 @@ class GaussiansConfig(MethodConfig):
     optim: StaticGaussiansOptim = field(default_factory=StaticGaussiansOptim)
 
     def __post_init__(self) -> None:
-        """Expand sh=2 to sh=same sh_degree=2."""
+        """Expand sh=2 to sh=uniform sh_degree=2."""
         if self.sh.isdigit():
-            self.sh, self.sh_degree = "same", int(self.sh)
+            self.sh, self.sh_degree = "uniform", int(self.sh)
 
     def check(self) -> None:
         """Check the values of every run, and this method's own.

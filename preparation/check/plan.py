@@ -19,7 +19,7 @@ FLOATS = 59
 COPIES = 4
 """Each with its gradient and Adam's two moments."""
 USUAL_RANDOM = 100_000
-"""Where the method does not say how many Gaussians a random start has."""
+"""Gaussians of a random start, if the method states no number."""
 MOST = 0.8
 """Part of the sampled images that has to agree on a background."""
 

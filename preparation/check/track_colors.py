@@ -94,7 +94,7 @@ class TrackColors:
 
 
 def _steps() -> Float[np.ndarray, "s 2"]:
-    """Where a patch is sampled, in standard deviations."""
+    """Sample positions of a patch, in standard deviations."""
     axis = np.linspace(-REACH, REACH, STEPS)
     return np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
 
@@ -138,7 +138,7 @@ class TrackPlaces:
     views: Int[np.ndarray, " o"]
     """Index of each image among the viewpoints."""
     points: Float[np.ndarray, "o 3"]
-    """Where they are."""
+    """Positions of the points."""
     directions: Float[np.ndarray, "o 3"]
     """Unit vectors from camera to point."""
     errors: Float[np.ndarray, " o"]

@@ -39,7 +39,7 @@ class Diagnosis:
     components: tuple[Component, ...]
     """Groups of images that match, the one with most placed images first."""
     bridges: tuple[Bridge, ...]
-    """Where each of the others comes nearest to those before."""
+    """The nearest pair of each other component and those before it."""
     model: ModelFigures | None
     """``None`` where no camera was placed."""
     figures: tuple[str, ...]

@@ -69,7 +69,7 @@ class Link:
 
 
 class FeaturePlaces:
-    """Where features are, in longer sides of their images; read when asked for."""
+    """Positions of features, in longer sides of their images; read on first use."""
 
     def __init__(self, database: Database, images: ImageSet) -> None:
         self._database, self._numbers = database, image_numbers(images)

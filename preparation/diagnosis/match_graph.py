@@ -40,7 +40,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Bridge:
-    """Where two components come nearest."""
+    """The nearest pair of images of two components."""
 
     first: str
     second: str
@@ -148,7 +148,7 @@ class MatchGraph:
         return tuple(sorted(found, key=lambda one: (-one.placed, -len(one.images))))
 
     def bridges(self, components: Sequence[Component]) -> tuple[Bridge, ...]:
-        """Where every component but the first comes nearest to those before, the nearest first."""
+        """The nearest pair of each component and those before it, the nearest first."""
         if not components:
             return ()
         waiting = {index: component.images for index, component in enumerate(components)}
@@ -167,7 +167,7 @@ class MatchGraph:
         return tuple(found)
 
     def bridge(self, ours: Sequence[str], theirs: Sequence[str]) -> Bridge:
-        """Where two groups of images come nearest; none is empty."""
+        """The nearest pair of two groups of images; none is empty."""
         return self._nearest(ours, theirs)[1]
 
     def _nearest(

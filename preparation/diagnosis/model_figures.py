@@ -45,7 +45,7 @@ class CameraFigures:
     first_focal: float | None
     """Initial focal length; ``None`` where it is not known."""
     focal_origin: str
-    """Where that came from: "EXIF", "given", or "" for a usual one."""
+    """Source of the focal length: "EXIF", "given", or "" for a usual one."""
     view_degrees: float
     """Angle of view along the longer side, by the focal length alone."""
     principal_point: tuple[float, float]
@@ -79,7 +79,7 @@ class TrackFigures:
 
 @dataclass(frozen=True)
 class BaselineFigures:
-    """How cameras stand; not-a-number where there is only one."""
+    """Distances between cameras; NaN if there is only one."""
 
     spread: float
     """Root mean square distance of the cameras from their middle, in units of the model."""
@@ -107,12 +107,12 @@ class ModelFigures:
     errors: dict[str, float]
     """The same of each image that sees a point, by name."""
     seen: dict[str, int]
-    """How many points each image sees, by name."""
+    """Number of points that each image sees, by name."""
     tracks: TrackFigures
     baselines: BaselineFigures
     cameras: tuple[CameraFigures, ...]
     stretch: Stretch
-    """Of images by their own motion, as a rolling shutter makes it."""
+    """Stretch of images by their own motion, as of a rolling shutter."""
 
     @staticmethod
     def of(model: Reconstruction, groups: Sequence[CameraGroup] = ()) -> ModelFigures:
@@ -190,11 +190,11 @@ def _baselines(model: Reconstruction, seen: Observations) -> BaselineFigures:
 def _nearest(
     centers: Float64[np.ndarray, "r 3"],
 ) -> tuple[Float64[np.ndarray, " r"], np.ndarray]:
-    """Of each camera, the distance to the nearest other one, and which that is."""
+    """Distance of each camera to the nearest other one, and the index of that one."""
     from scipy.spatial import KDTree
 
     distances, neighbors = KDTree(centers).query(centers, k=2)
-    # Where two stand in one place, either may come first.
+    # Of two cameras in one place either may come first.
     itself = neighbors[:, 0] == np.arange(len(centers))
     return distances[:, 1], np.where(itself, neighbors[:, 1], neighbors[:, 0])
 

@@ -1,4 +1,4 @@
-"""What it means that images have no place in the model, or files none among the images."""
+"""Findings on images without a camera, and on files that are not used."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     left_out = evidence.images.left_out
     if not left_out:
         return
-    # Where nothing needs to be done, such as for the same file twice, nothing is lost.
+    # A file without advice, such as a second copy, is no loss.
     lost = [item for item in left_out if item.advice]
     files = len(left_out) + evidence.given
     counts = Counter(item.reason for item in left_out).most_common()

@@ -34,7 +34,7 @@ SUSPICIOUS_RATIO = 5.0
 
 @dataclass(frozen=True)
 class Stretch:
-    """What images are stretched by, beyond what their camera's images have in common."""
+    """Stretch of images, beyond the common one of their camera."""
 
     pixels: float
     """Median over images: the residual that it makes at the end of the longer side."""
@@ -73,7 +73,7 @@ def stretch_of(
     places: Float64[np.ndarray, "o 2"],
     residuals: Float64[np.ndarray, "o 2"],
 ) -> Stretch:
-    """How images are stretched; not-a-number where too few see enough points."""
+    """Stretch of the images; NaN if too few see enough points."""
     fits: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
     for number, rows in seen.by_image():
         if len(rows) >= ENOUGH_POINTS:
@@ -85,7 +85,7 @@ def stretch_of(
     side = max((max(c.width, c.height) for c in model.cameras.values()), default=0)
     pixels, ratios = [], []
     for images in fits.values():
-        # What all images of a camera have in common is its lens, not its motion.
+        # The common part of a camera's images is due to its lens, not to its motion.
         common = np.median([values for values, _ in images], axis=0)
         for values, covariance in images:
             own = values - common

@@ -27,12 +27,12 @@ FEW = 100
 """Features: of two neighbouring photos of fox a third match; a blur of 4 pixels leaves 541 features
 and 233 matches, one of 12 pixels 65 and none."""
 FEW_SHARE = 0.1
-"""Of the usual number of features."""
+"""Part of the usual number of features."""
 MATCHED = 100
 """Verified matches with a placed image that acquit an image's looks: blurred by 4 pixels, a
 photo of fox has 233 and is placed; smeared along 50 pixels, it has 18 and is not."""
 COPIED = 0.6
-"""Of the features of the poorer image that are verified matches for two to be copies: with other
+"""Least part of verified matches among the poorer image's features of two copies: with other
 noise it is 0.9, with nothing but the same caption, a seventh of the height, 0.4."""
 MANY_TURNED = 0.5
 """Part of the links that say that the camera only turned."""

@@ -1,4 +1,4 @@
-"""What the photos and their matches say: motion blur, one view, turning, a plane, what stays still.
+"""Findings on photos and matches: motion blur, one view, rotation only, a plane, static parts.
 
 Blur, exposure and copies among placed images are told by ``gsfw check``, which looks at these.
 """

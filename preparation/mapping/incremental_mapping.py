@@ -80,7 +80,7 @@ def run_incremental(
     models = cancellable(
         lambda token: pycolmap.incremental_mapping(
             database_path=database,
-            # Where images are does not matter: their colours are not read here.
+            # The folder does not matter: colours of images are not read here.
             image_path=folder,
             output_path=folder,
             options=options,

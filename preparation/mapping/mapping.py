@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.progress import Advance, stage
 from gsfw.preparation.mapping.global_mapping import run_global
 from gsfw.preparation.mapping.incremental_mapping import (
     RELAXED,
@@ -24,14 +25,13 @@ from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.mapping.merging import adjusted, is_as_precise, merge_models
 from gsfw.preparation.mapping.observations import cut_loose
 from gsfw.preparation.native import readable_native_errors
-from gsfw.preparation.progress import Advance, Progress
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction
 
 TASK = "compute camera poses"
 FEW = 0.5
-"""Where fewer of the images than this are in any model, mapping is tried again."""
+"""Least part of the images in a model; below it, mapping is tried again."""
 
 JOINED = "joined-"
 """Begins the names of models after mapping was continued."""
@@ -78,7 +78,7 @@ class Mapping:
         )
 
 
-def map_cameras(database: Path, folder: Path, rule: MappingRule, progress: Progress) -> Mapping:
+def map_cameras(database: Path, folder: Path, rule: MappingRule) -> Mapping:
     """Compute poses and points of as many images as possible.
 
     With one thread the same database gives the same bits; with more, sums are done in another
@@ -88,7 +88,6 @@ def map_cameras(database: Path, folder: Path, rule: MappingRule, progress: Progr
         database: COLMAP's, with features and verified matches; it is not changed.
         folder: for the models, and for them alone; what an earlier call left there is replaced.
         rule: how to do it.
-        progress: of stage "cameras", in images.
 
     Returns:
         The models; none, without an error, where nothing can be reconstructed.
@@ -101,7 +100,7 @@ def map_cameras(database: Path, folder: Path, rule: MappingRule, progress: Progr
     rule.check()
     start = time.perf_counter()
     total = count_images(database)
-    with _trial(folder, database) as trial, progress.stage("cameras", total) as advance:
+    with _trial(folder, database) as trial, stage("cameras", total) as advance:
         if rule.mapper == "global":
             models, how = _global(database, trial, rule)
         else:
@@ -118,7 +117,6 @@ def continue_mapping(
     folder: Path,
     mapping: Mapping,
     rule: MappingRule,
-    progress: Progress,
     without: Collection[str] = (),
 ) -> Mapping:
     """Add to the largest model what relaxed thresholds let in, and join the others to it.
@@ -130,7 +128,6 @@ def continue_mapping(
         folder: the one of the models; new ones are written beside the old, which stay.
         mapping: of which the largest model grows; where there is none, all begins anew.
         rule: how to do it; growing is incremental in any case.
-        progress: of stage "cameras", in images.
         without: names of images that are not worth a pose that rests on little.
 
     Returns:
@@ -142,11 +139,11 @@ def continue_mapping(
     from pycolmap import Reconstruction
 
     if not mapping.models:
-        return map_cameras(database, folder, rule, progress)
+        return map_cameras(database, folder, rule)
     rule.check()
     began = time.perf_counter()
     total = count_images(database)
-    with _trial(folder, database) as trial, progress.stage("cameras", total) as advance:
+    with _trial(folder, database) as trial, stage("cameras", total) as advance:
         before = [Reconstruction(path) for path in mapping.models]
         known = before[0].num_reg_images()
         registered = _up_to(total, advance, known)

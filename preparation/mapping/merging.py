@@ -71,7 +71,7 @@ def merge_models(
         del left[position]
         left[0] = union
         joined += 1
-        # What did not fit before may share images with what was added.
+        # Models that did not fit before may share images with the added ones.
         position = 1
     return left, joined
 

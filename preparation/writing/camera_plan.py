@@ -46,7 +46,7 @@ class CameraPlan:
     def moved(
         self, pixels: Float64[np.ndarray, "m 2"]
     ) -> tuple[Float64[np.ndarray, "m 2"], Bool[np.ndarray, " m"]]:
-        """Where pixels of given images are in the written ones, and whether they are inside."""
+        """Positions of source pixels in the written images, and a mask of those inside."""
         if self.undistortion is None:
             return pixels, np.ones(len(pixels), dtype=bool)
         found = self.target.project(self.source.unproject(pixels))

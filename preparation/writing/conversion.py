@@ -10,13 +10,13 @@ from pathlib import Path
 
 from gsfw.core.errors import ConfigError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.progress import stage
 from gsfw.datamanagers.colmap.writer import write_model
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.masks import USUAL_MASKS, MaskRule, find_masks
 from gsfw.datamanagers.transforms_writer import FILE, POINTS_FILE, write_transforms
 from gsfw.datamanagers.warp import MapCache
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.writing.conversion_notes import SPLIT_LIST, conversion_notes, write_split_list
 from gsfw.preparation.writing.converted_frame import FrameTask, tasks_of
 from gsfw.preparation.writing.image_output import OutputRule
@@ -61,16 +61,13 @@ class ConversionRule:
         return "transforms" if needs_more else "colmap"
 
 
-def convert(
-    recording: Recording, out: Path, rule: ConversionRule, progress: Progress, jobs: int = 1
-) -> WrittenDataSet:
+def convert(recording: Recording, out: Path, rule: ConversionRule, jobs: int = 1) -> WrittenDataSet:
     """Write a data set's images, masks and depths, then its cameras and points.
 
     Args:
         recording: what a format's file says, as ``Capture.recording`` has it.
         out: the folder that images/, masks/ and so on are written to.
         rule: what it is converted to.
-        progress: gets the stage "images".
         jobs: how many images are worked on at a time, where memory allows it.
 
     Raises:
@@ -84,15 +81,13 @@ def convert(
     names = [name for task in tasks for name in task.files.values()]
     check_sources_stay([path for task in tasks for path in task.sources], [out / n for n in names])
     start_over(out, [*names, FILE, POINTS_FILE, SPLIT_LIST])
-    size = _write_files(tasks, out, rule.output.jpeg_quality, progress, jobs)
+    size = _write_files(tasks, out, rule.output.jpeg_quality, jobs)
     written = replace(recording, frames=tuple(task.written_frame(out) for task in tasks))
     size += _write_cameras(written, layout, out)
     return _converted(recording, written, tasks, layout, size, out)
 
 
-def _write_files(
-    tasks: Sequence[FrameTask], out: Path, quality: int, progress: Progress, jobs: int
-) -> int:
+def _write_files(tasks: Sequence[FrameTask], out: Path, quality: int, jobs: int) -> int:
     """Write what belongs to each image, worked on by several threads.
 
     Returns:
@@ -102,7 +97,7 @@ def _write_files(
     largest = max(task.frame.header.width * task.frame.header.height for task in tasks)
     results = in_order(work, _decoded(tasks), workers_for(largest, jobs))
     size = 0
-    with progress.stage("images", len(tasks)) as advance, closing(results):
+    with stage("images", len(tasks)) as advance, closing(results):
         for done, files in enumerate(results, 1):
             for name, content in files.items():
                 write_atomically(out / name, content)

@@ -97,7 +97,7 @@ class FrameTask:
         frame, target = self.frame, self.change.plan.target
         assert frame.moving is not None
         still = ~load_mask(frame.moving, frame.path, frame.header)
-        # Where any of the pixels beneath moves, their mean does.
+        # If any of the source pixels moves, their mean does.
         fitted = fit_mask(still, target.width, target.height, warp)
         assert fitted is not None
         return encoded_mask(~fitted)

@@ -14,12 +14,12 @@ from jaxtyping import Float64, UInt8
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.progress import stage
 from gsfw.datamanagers.images import decode
 from gsfw.datamanagers.lens import Lens
 from gsfw.datamanagers.warp import MapCache
 from gsfw.preparation.image_file import unique_names, with_right_suffix
 from gsfw.preparation.image_set import ImageSet, SourceImage
-from gsfw.preparation.progress import Progress
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.image_output import (
     ImageChange,
@@ -79,7 +79,6 @@ def write_data_set(
     images: ImageSet,
     out: Path,
     rule: OutputRule,
-    progress: Progress,
     jobs: int = 1,
 ) -> WrittenDataSet:
     """Write images and model; the model comes last, so that with it a data set is complete.
@@ -93,7 +92,6 @@ def write_data_set(
         out: the folder that images/, masks/ (where a lens did not see a whole image) and sparse/0
             are written to.
         rule: what becomes of lenses and files.
-        progress: gets the stage "images".
         jobs: how many images are worked on at a time, where memory allows it.
 
     Raises:
@@ -105,7 +103,7 @@ def write_data_set(
     colors = _MeanColors(model)
     size = 0
     with (
-        progress.stage("images", len(tasks)) as advance,
+        stage("images", len(tasks)) as advance,
         closing(_made(tasks, rule, jobs)) as results,
     ):
         for done, (task, made) in enumerate(zip(tasks, results, strict=True), 1):

@@ -20,7 +20,7 @@ class CpuConfig(RasterizerConfig):
     """Memory that pairs of a splat and a tile may take, in megabytes; more is refused."""
 
     def capabilities(self) -> Capabilities:
-        """What it can do on this machine."""
+        """Capabilities on this machine."""
         return CpuRasterizer.capabilities()
 
     def build(self, device: torch.device) -> CpuRasterizer:

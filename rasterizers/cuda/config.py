@@ -25,7 +25,7 @@ class CudaConfig(RasterizerConfig):
     """Measure each stage of an image, for which the host waits for the device."""
 
     def capabilities(self) -> Capabilities:
-        """What it can do on this machine, with these settings."""
+        """Capabilities on this machine, with these settings."""
         kind = Determinism.BITWISE if self.deterministic else Determinism.NONE
         return replace(CudaRasterizer.capabilities(), determinism=kind)
 

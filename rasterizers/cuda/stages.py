@@ -59,7 +59,7 @@ class StageClock:
             yield
             return
         begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
-        # Of the GPU that renders, which need not be the one that torch would take.
+        # The stream of the GPU that renders, which may differ from torch's current device.
         stream = torch.cuda.current_stream(self._device)
         begin.record(stream)
         yield
@@ -260,7 +260,7 @@ class CudaForwardPass(ForwardPass):
             self._slot_lengths, self._order, self._ends = counts, order, ends
 
     def _find_tiles(self, tiles: Int[Tensor, " p"], num_tiles: int) -> None:
-        """Where the pairs of each tile begin, and its chunks but the first."""
+        """Find the first pair of each tile, and its chunks after the first."""
         starts = torch.empty(num_tiles + 1, dtype=torch.int64, device=tiles.device)
         job = jobs.TilesJob(address(tiles), len(tiles), num_tiles, 0, address(starts))
         blocks = -(-len(starts) // BIN_THREADS)

@@ -78,7 +78,7 @@ def _colors(splats: Splats, cameras: Cameras) -> tuple[Tensor, int | None]:
 def _view_colors(
     coefficients: Float[Tensor, "n k 3"], means: Float[Tensor, "n 3"], cameras: Cameras
 ) -> Float[Tensor, "c n 3"]:
-    """What each camera sees of spherical harmonics."""
+    """Colours of spherical harmonics from each camera."""
     directions = normalize(means - cameras.centers[:, None], dim=2)
     basis = sh_basis(degree_of(coefficients.shape[1]), directions)
     return (torch.einsum("cnk,nkd->cnd", basis, coefficients) + 0.5).clamp(min=0)

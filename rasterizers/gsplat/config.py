@@ -16,7 +16,7 @@ class GsplatConfig(RasterizerConfig):
     """Settings of the gsplat rasterizer: none."""
 
     def capabilities(self) -> Capabilities:
-        """What it can do on this machine; does not import gsplat, which is slow."""
+        """Capabilities on this machine; does not import gsplat, which is slow."""
         return GsplatRasterizer.capabilities()
 
     def build(self, device: torch.device) -> GsplatRasterizer:

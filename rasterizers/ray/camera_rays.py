@@ -23,13 +23,13 @@ class Rays:
 
     origins: Float[Tensor, "r 3"]
     directions: Float[Tensor, "r 3"]
-    """Of length 1; 0 for pixels that see no direction (beyond 180 degrees of a fisheye)."""
+    """Unit vectors; 0 for pixels that see no direction (beyond 180 degrees of a fisheye)."""
     pixels: Float[Tensor, "r 2"]
     """Their centres."""
     central: bool
     """Whether rays begin at a centre; those of an orthographic camera reach back without end."""
     weights: Float[Tensor, "r 1"] | None = None
-    """What each counts in the contributions; ``None`` for ones."""
+    """Weight of each ray in the contributions; ``None`` for ones."""
 
     def weigh(self, parts: Float[Tensor, "r m"]) -> Float[Tensor, " m"]:
         """Sum ``parts`` over the rays, each times the ray's weight."""

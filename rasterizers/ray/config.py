@@ -23,20 +23,20 @@ class RayConfig(RasterizerConfig):
     mode: Literal["peak", "volume"] = "peak"
     """Each Gaussian at its largest response on the ray, or all as a density that is sampled."""
     order: Order = "mean"
-    """Of peaks: by view depth of the means, as splatting has it, or by t* on each ray."""
+    """Order of peaks: by view depth of the means, as in splatting, or by t* on each ray."""
     dilation: Literal["matched", "none"] = "matched"
     """Whether Gaussians grow across the ray by what splatting adds to their projection."""
     samples: int = number(64, at_least=1)
-    """Of the volume, along each ray."""
+    """Number of samples of the volume along each ray."""
     sampling: Literal["uniform", "stratified"] = "uniform"
     """Samples in the middle of their intervals, or at a random place in each."""
     sampling_seed: int = number(0, at_least=0)
-    """Of random samples, which are the same each time that an image is rendered."""
+    """Seed of random samples, which are the same each time that an image is rendered."""
     chunk_mb: float = number(64.0, above=0)
     """Working memory, in megabytes; more where a single ray takes more."""
 
     def capabilities(self) -> Capabilities:
-        """What it can do on this machine."""
+        """Capabilities on this machine."""
         return RayRasterizer.capabilities()
 
     def build(self, device: torch.device) -> RayRasterizer:

@@ -20,7 +20,7 @@ FARTHEST = 1e18
 """Gaussians farther off than so many times their size are left out: squares must fit float32."""
 
 SLACK = 1e-5
-"""Of a distance: by so much rounding may not bring a Gaussian out of a tile's reach."""
+"""Relative margin of distances: rounding must not move a Gaussian out of a tile's reach."""
 
 PIVOT = 4.0
 """Roundings of a covariance's diagonal: it says nothing of axes whose square is smaller."""
@@ -48,7 +48,7 @@ class Gaussians:
 
 
 def place(splats: Splats, camera: Cameras, settings: RenderSettings, matched: bool) -> Gaussians:
-    """What can be seen, by view depth of the centres, ties by row; differentiable.
+    """The visible Gaussians, by view depth of the centres, ties by row; differentiable.
 
     Args:
         splats: all.

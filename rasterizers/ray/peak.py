@@ -62,7 +62,7 @@ class Peak(Mode):
             sorted_weights, left = _weights(alphas.gather(1, ranks), cut_offs)
             weights = torch.zeros_like(alphas).scatter(1, ranks, sorted_weights)
             depths = rays.origins[:, 2:] + peaks * rays.directions[:, 2:]
-            # Where nothing is met, the peak may be anywhere.
+            # The peak of a ray without a hit may be anywhere.
             depths = torch.where(touched, depths, 0.0)
         else:
             weights, left = _weights(alphas, cut_offs)

@@ -33,11 +33,11 @@ Part = tuple[Tensor, Tensor, Tensor, Tensor]
 
 @dataclass(frozen=True)
 class Tally:
-    """Of one camera, with a row per splat."""
+    """Statistics of one camera, with a row per splat."""
 
     contributions: Float[Tensor, " n"]
     lowest: Float[Tensor, "n 2"]
-    """Of the pixels that it reaches, whose centres these are; infinite where it reaches none."""
+    """Lowest centre of the reached pixels; infinite if there is none."""
     highest: Float[Tensor, "n 2"]
 
     @staticmethod
@@ -81,7 +81,7 @@ class _Scene:
     gaussians: Gaussians
     channels: Float[Tensor, "m d"]
     reaches: Float[Tensor, " m"]
-    """How near a ray must come to be met, in scene units; infinite without cut-offs."""
+    """Largest distance of an affected ray, in scene units; infinite without cut-offs."""
 
 
 class RayRasterizer(Rasterizer):
@@ -105,7 +105,7 @@ class RayRasterizer(Rasterizer):
         self.matched = matched
         self.chunk_mb = chunk_mb
         self.evaluations = 0
-        """Of a Gaussian at a ray, or at a sample of one, in the latest call of ``render``."""
+        """Evaluations of Gaussians at rays or samples in the latest call of ``render``."""
 
     @classmethod
     def capabilities(cls) -> Capabilities:
@@ -150,7 +150,7 @@ class RayRasterizer(Rasterizer):
         statistics: RenderStatistics,
         index: int,
     ) -> Part:
-        """What one camera sees, as images."""
+        """Images of one camera."""
         gaussians = place(splats, camera, settings, self.matched)
         channels = view_colors(splats, camera, gaussians.rows)
         if splats.extra is not None:
@@ -203,7 +203,7 @@ class RayRasterizer(Rasterizer):
         channels: Float[Tensor, "m d"],
         settings: RenderSettings,
     ) -> tuple[Tensor, ...]:
-        """What the mode makes of a chunk, without keeping how."""
+        """Blend a chunk without keeping the graph."""
 
         def blend(
             origins: Tensor,
@@ -239,7 +239,7 @@ def _check(cameras: Cameras, settings: RenderSettings) -> None:
 
 
 def _reaches(gaussians: Gaussians, settings: RenderSettings) -> Float[Tensor, " m"]:
-    """Where o exp(-D^2 / 2) falls to ``alpha_min``, at most; in scene units."""
+    """Bound of the distance at which o exp(-D^2 / 2) falls to ``alpha_min``; in scene units."""
     if settings.profile.alpha_min <= 0:
         return torch.full_like(gaussians.extents, torch.inf)
     ratio = gaussians.opacities.detach() / settings.profile.alpha_min

@@ -31,7 +31,7 @@ from gsfw.rasterizers.ray.camera_rays import Rays
 from gsfw.rasterizers.ray.gaussians import Gaussians
 
 SLIVER = 1e-15
-"""Of the squared extent: a Gaussian whose section across a ray has less area is not met by it; the
+"""Part of the squared extent: a ray misses a Gaussian whose section has less area; the
 gradient of its reciprocal would not fit float32."""
 
 FAINTEST = 100.0
@@ -40,7 +40,7 @@ FAINTEST = 100.0
 
 @dataclass(frozen=True)
 class Response:
-    """What ``r`` rays meet of ``m`` Gaussians."""
+    """Responses of ``m`` Gaussians on ``r`` rays."""
 
     falloff: Float[Tensor, "r m"]
     """exp(-D^2 / 2) where it is largest; 0 where the ray does not meet the Gaussian."""
@@ -66,7 +66,7 @@ def respond(rays: Rays, gaussians: Gaussians) -> Response:
     faces = faces.view(len(rays.directions), count, normals.shape[1])
     sections = torch.linalg.vector_norm(faces, dim=2)
     met = (sections > SLIVER) & (moments.detach().abs().amax(2) < FAINTEST * sections)
-    # What is not met is replaced before it is divided by: its gradient would be 0 times infinity.
+    # Missed sections are replaced before the division: their gradient would be 0 times infinity.
     sections = torch.where(met, sections, 1.0)
     distances = torch.where(met[:, :, None], moments, 0.0) / sections[:, :, None]
     falloff = torch.where(met, (-0.5 * distances.square().sum(2)).exp(), 0.0)

@@ -38,7 +38,7 @@ SUPPORT = 5.0
 """Deviations along the ray to which a Gaussian is sampled; 6e-7 of its integral lie beyond."""
 
 THINNEST = 1e-6
-"""Of its extent: thinner Gaussians count as that thick, since samples could not find a sheet."""
+"""Least thickness as a part of the extent: samples could not find a thinner sheet."""
 
 CLEAR = 1e-30
 """Density below which there is nothing to take a mean colour of."""
@@ -57,7 +57,7 @@ class Volume(Mode):
     samples: int = 64
     """Per ray."""
     seed: int | None = None
-    """Of random samples, one in each interval and the same whenever an image is rendered; ``None``
+    """Seed of random samples, one per interval, the same each time an image is rendered; ``None``
     for the middles."""
 
     def pairs(self) -> int:
@@ -65,7 +65,7 @@ class Volume(Mode):
         return self.samples
 
     def offsets(self, rays: int, tile: int) -> Float[Tensor, "r s"]:
-        """Where in its interval each sample of each ray of a tile is, in [0, 1)."""
+        """Position of each sample of each ray of a tile within its interval, in [0, 1)."""
         if self.seed is None:
             return torch.full((rays, self.samples), 0.5)
         generator = torch.Generator().manual_seed(self.seed + TILE_SEED * tile)
@@ -89,7 +89,7 @@ class Volume(Mode):
         depth = (density * step).clamp(max=OPAQUE)
         ahead = depth.cumsum(1)
         weights = (depth - ahead).exp() * -torch.expm1(-depth)
-        # What each sample shows is the mean of the channels there.
+        # The colour of a sample is the mean of the channels there.
         seen = density > CLEAR
         shares = torch.where(seen, weights, 0.0) / torch.where(seen, density, 1.0)
         by_gaussian = (shares[:, :, None] * densities).sum(1)
@@ -150,7 +150,7 @@ def _volumes(columns: Float[Tensor, "m k 3"]) -> Float[Tensor, "m t"]:
 
 
 def _span(curves: _Curves, central: bool) -> tuple[Float[Tensor, "r 1"], Float[Tensor, "r 1"]]:
-    """Where each ray enters the first Gaussian that it meets, and where it leaves the last."""
+    """Entry of each ray into the first Gaussian on it, and exit from the last."""
     reach = SUPPORT * curves.deviations
     low = torch.where(curves.met, curves.peaks - reach, torch.inf)
     high = torch.where(curves.met, curves.peaks + reach, -torch.inf)

@@ -49,7 +49,7 @@ class Bins:
     by_ellipse: Int[Tensor, " p"]
     """The pairs, ellipse after ellipse."""
     ellipse_starts: Int[Tensor, " m_plus_1"]
-    """Where each ellipse's pairs start in ``by_ellipse``, and the number of pairs."""
+    """Start of each ellipse's pairs in ``by_ellipse``, then the number of pairs."""
 
     def inside(self, camera: Cameras) -> Float[Tensor, "t pixels"]:
         """1 for the pixels of the camera's image, 0 for what tiles have beyond it."""

@@ -22,7 +22,7 @@ class ReferenceConfig(RasterizerConfig):
     """Memory that the list of splats per tile may take, in megabytes; more is refused."""
 
     def capabilities(self) -> Capabilities:
-        """What it can do on this machine."""
+        """Capabilities on this machine."""
         return ReferenceRasterizer.capabilities()
 
     def build(self, device: torch.device) -> ReferenceRasterizer:

@@ -33,7 +33,7 @@ class Ellipses:
     covariances: Float[Tensor, "m 3"]
     """xx, xy, yy, dilated."""
     determinants: Float[Tensor, " m"]
-    """Of the dilated covariances."""
+    """Determinants of the dilated covariances."""
     opacities: Float[Tensor, " m"]
     """Compensated for the dilation where antialiasing is on."""
 

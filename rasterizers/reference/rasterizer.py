@@ -24,7 +24,7 @@ from gsfw.rasterizers.reference.tile_buffer import CutOffs, Measurements, TileBu
 
 @dataclass(frozen=True)
 class _Image:
-    """What one camera sees."""
+    """Image of one camera."""
 
     color: Float[Tensor, "h w d"]
     alpha: Float[Tensor, "h w 1"]

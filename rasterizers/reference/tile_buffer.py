@@ -66,7 +66,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Measurements:
-    """Where the statistics of one camera go; ``None`` for those that were not asked for."""
+    """Statistics of one camera, filled tile by tile; ``None`` for those that are not requested."""
 
     rows: Int[Tensor, " m"]
     """The splat of each ellipse."""
@@ -76,7 +76,7 @@ class Measurements:
     absgrad: Float[Tensor, " n"] | None
     contribution: Float[Tensor, " n"] | None
     pixel_weights: Float[Tensor, "tiles p"] | None
-    """Of the pixels in ``contribution``; ``None`` for ones."""
+    """Weights of pixels in ``contribution``; ``None`` for ones."""
 
     @staticmethod
     def of(
@@ -125,7 +125,7 @@ class Measurements:
 
 @dataclass(frozen=True)
 class TileBuffer:
-    """What blending one image needs besides the projected splats."""
+    """Pairs, pixels and cut-offs of one image, blended in chunks of tiles."""
 
     bins: Bins
     inside: Float[Tensor, "tiles p"]

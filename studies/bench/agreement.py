@@ -20,7 +20,7 @@ FLIP = 1e-5
 """A pixel with a larger error has another list of splats, by a rounding at a cut-off."""
 
 RANDOM_SPLATS, RANDOM_SIZE = 2000, (160, 104)
-"""Of each random scene: large splats, about 50 to each pixel as in the larger scenes."""
+"""Splats and size of each random scene: about 50 large splats per pixel, as in larger scenes."""
 
 REFERENCE_CHUNK_MB, REFERENCE_PAIRS_MB = 64.0, 16384.0
 
@@ -30,9 +30,9 @@ Errors = Mapping[str, float]
 def agreement(entrant: Entrant, splats: Splats, cameras: Cameras) -> Errors:
     """Errors of one scene: |found - expected| / |expected| in L2, unless said otherwise.
 
-    ``picture``: the image; ``largest``: the largest absolute error of a color; ``flips``: number of
-    pixels with an error above 1e-5; ``gradient of NAME``: of every field and the pose, from one
-    random gradient of the image.
+    ``image``: relative error of the image; ``largest``: the largest absolute error of a color;
+    ``flips``: number of pixels with an error above 1e-5; ``gradient of NAME``: of every field and
+    the pose, from one random gradient of the image.
     """
     reference = ReferenceRasterizer(REFERENCE_CHUNK_MB, REFERENCE_PAIRS_MB)
     expected = _rendered(
@@ -42,7 +42,7 @@ def agreement(entrant: Entrant, splats: Splats, cameras: Cameras) -> Errors:
         entrant.settings,
     )
     found = _rendered(entrant.rasterizer, splats, cameras, entrant.settings)
-    difference = (found["picture"].double() - expected["picture"]).abs()
+    difference = (found["image"].double() - expected["image"]).abs()
     errors = {name: _distance(found[name], tensor) for name, tensor in expected.items()}
     errors["largest"] = float(difference.max())
     errors["flips"] = float((difference.amax(-1) > FLIP).sum())
@@ -76,7 +76,7 @@ def _rendered(
         f"gradient of {name}": torch.zeros_like(leaf) if leaf.grad is None else leaf.grad
         for name, leaf in leaves.items()
     }
-    return {"picture": output.color.detach(), **gradients}
+    return {"image": output.color.detach(), **gradients}
 
 
 def _distance(found: Tensor, expected: Tensor) -> float:

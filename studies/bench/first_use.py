@@ -31,7 +31,7 @@ rendered = time.perf_counter()
 output.color.sum().backward()
 splats.means.grad.sum().item()
 seconds = [imported - began, ready - imported, rendered - ready, time.perf_counter() - rendered]
-names = ["torch", "gsfw", "first_picture", "first_backward"]
+names = ["torch", "gsfw", "first_image", "first_backward"]
 print(json.dumps({f"{name}_seconds": round(took, 3) for name, took in zip(names, seconds)}))
 """
 """Runs in a process of its own: everything it measures happens once in a process."""
@@ -43,7 +43,7 @@ def first_use(rasterizer: str, device: str) -> dict[str, dict[str, float]]:
     """Seconds of each part with an empty cache of kernels (cold) and with a filled one (warm).
 
     ``torch``: importing it and touching the device; ``gsfw``: importing it, building the rasterizer
-    and a small scene; ``first_picture`` and ``first_backward``: rendering and its backward pass.
+    and a small scene; ``first_image`` and ``first_backward``: rendering and its backward pass.
 
     Raises:
         UnavailableError: the process fails; says why.

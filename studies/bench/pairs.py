@@ -1,4 +1,4 @@
-"""Pairs: how many (pixel, splat) pairs take part in a picture, whichever rasterizer draws it."""
+"""Pairs: how many (pixel, splat) pairs take part in an image, whichever rasterizer draws it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gsfw.rasterizers.reference.project import project, visible_extents
 from gsfw.rasterizers.reference.tile_buffer import CutOffs, Measurements, TileBuffer
 
 MEMORY_MB = {"cpu": (4.0, 4096.0), "cuda": (64.0, 32768.0)}
-"""Of a chunk of tiles and of the list of pairs: on the CPU as the reference rasterizer has them by
+"""Memory of a chunk of tiles and of the list of pairs: on the CPU those of the reference by
 default; on a GPU more, where starting work is what takes time, and large scenes are drawn."""
 
 

@@ -14,12 +14,12 @@ DIGITS = 6
 """Significant digits: clocks are no more precise."""
 
 STAGES = {
-    "picture": (),
+    "image": (),
     "forward": ("project", "sort", "bin", "blend"),
     "backward": ("blend_backward", "project_backward"),
     "step": ("activation", "render", "loss", "step_backward", "check", "optimizer"),
 }
-"""Measured times, and the parts of each in the order in which they happen; picture is forward and
+"""Measured times, and the parts of each in the order in which they happen; image is forward and
 backward together."""
 
 ABSENT = "-"
@@ -281,9 +281,9 @@ def _lines(result: Mapping[str, Any], report: Mapping[str, Any]) -> list[str]:
                 f"blending {words} runs at {result[f'{stage}_of_limit']:.0%} of the limit "
                 f"({report['limits'][f'{stage}_ns_per_pair']:.2f} ns per contributing pair)"
             )
-    if "picture_peak_mb" in result:
+    if "image_peak_mb" in result:
         lines.append(
-            f"{result['picture_peak_mb']:,.0f} MB for an image and its gradients at most, "
+            f"{result['image_peak_mb']:,.0f} MB for an image and its gradients at most, "
             f"{result['step_peak_mb']:,.0f} MB for a step"
         )
     if "step_outside_kernels" in result:

@@ -92,7 +92,7 @@ class Bench:
                 # After another's turn threads sleep and caches are cold, as they never are in
                 # training: the first image does not count.
                 self._render(entrant, timings_on(self.device))
-            with self._peak(setup, "picture"):
+            with self._peak(setup, "image"):
                 self._render(entrant, timings)
             if staged is not entrant.rasterizer:
                 self._render_in_stages(staged, entrant, timings)
@@ -123,7 +123,7 @@ class Bench:
     def _render(self, entrant: Entrant, timings: Timings) -> None:
         rasterizer = entrant.rasterizer
         self._forget_gradients()
-        with timings.stage("picture"):
+        with timings.stage("image"):
             with timings.stage("forward"):
                 output = rasterizer.render(self._splats, self.workload.cameras, entrant.settings)
             with timings.stage("backward"):

@@ -37,7 +37,7 @@ SSIM_WEIGHT = 0.2
 """As in Kerbl et al. 2023, equation 7."""
 
 RATE = 1e-9
-"""Of every column: Adam does all of its work, and yet each repeat renders the same image."""
+"""Learning rate of all columns: Adam does all of its work, yet each repeat renders the same."""
 
 COLUMNS = ("means", "log_scales", "quats", "opacity_logits", "sh_dc", "sh_rest")
 

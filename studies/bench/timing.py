@@ -14,7 +14,7 @@ from gsfw.core.rasterizer import StageTime
 
 WARM_UP_SECONDS = 1.0
 WARM_UP_SIDE = 4096
-"""Of the matrices whose product brings a GPU to its clocks under load."""
+"""Side of the matrices whose product brings a GPU to its clocks under load."""
 
 
 class Timings:

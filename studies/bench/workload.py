@@ -45,7 +45,7 @@ ADVICE = (
 )
 
 MAX_SIDE = 32_768
-"""Of an image, in pixels: a larger one is a mistake, which only a lack of memory would reveal."""
+"""Largest side in pixels: a larger one is a mistake, which only a lack of memory would reveal."""
 
 SPLATS, WIDTH, HEIGHT = 100_000, 640, 420
 """Number of splats and size of the image of the built-in workload."""

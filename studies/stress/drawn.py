@@ -16,7 +16,7 @@ from gsfw.studies.stress.case import Drawing
 Drawn = Mapping[str, Tensor]
 """Images, statistics and, as "gradient of NAME", gradients, by name; on the CPU."""
 
-PICTURES = ("color", "alpha", "depth", "extra")
+IMAGES = ("color", "alpha", "depth", "extra")
 STATISTICS = ("radii", "screen_gradient", "absgrad", "contribution")
 GRADIENT = "gradient of "
 
@@ -43,7 +43,7 @@ def draw_everything(rasterizer: Rasterizer, drawing: Drawing) -> Drawn:
     cameras = replace(drawing.cameras, world_to_camera=view)
     output = rasterizer.render(scene, cameras, settings)
     mixed(output).backward()
-    drawn: dict[str, Tensor | None] = {name: getattr(output, name) for name in PICTURES}
+    drawn: dict[str, Tensor | None] = {name: getattr(output, name) for name in IMAGES}
     drawn |= {name: getattr(output.statistics, name) for name in (*STATISTICS, "visible")}
     for name, tensor in inputs.items():  # An input that is not used may be left without one.
         gradient = torch.zeros_like(tensor) if tensor.grad is None else tensor.grad
@@ -55,11 +55,11 @@ def mixed(output: RenderOutput) -> Tensor:
     """A loss in which every number of every image has its own weight."""
     generator = torch.Generator().manual_seed(0)
     total = output.color.new_zeros(())
-    for name in PICTURES:
-        picture = getattr(output, name)
-        if picture is not None:
-            weights = torch.randn(picture.shape, generator=generator, dtype=torch.float64)
-            total = total + (picture * weights.to(picture)).sum()
+    for name in IMAGES:
+        image = getattr(output, name)
+        if image is not None:
+            weights = torch.randn(image.shape, generator=generator, dtype=torch.float64)
+            total = total + (image * weights.to(image)).sum()
     return total
 
 

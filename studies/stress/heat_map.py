@@ -24,7 +24,7 @@ def write_heat_map(path: Path, measured: Sequence[PlaneErrors]) -> None:
 
 
 def _panel(errors: PlaneErrors, kind: str) -> HeatPanel:
-    plane, table = errors.plane, errors.picture if kind == "image" else errors.gradient
+    plane, table = errors.plane, errors.image if kind == "image" else errors.gradient
     return HeatPanel(
         f"{errors.backend}, {errors.dtype}: {kind}",
         plane.across,

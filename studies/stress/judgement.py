@@ -1,6 +1,6 @@
 """Judgement: the tolerances that backends are held to, as sentences on what exceeds them.
 
-Ordinary scenes: relative L2 of a picture 1e-5, but for at most 0.05 % of its pixels, whose list of
+Ordinary scenes: relative L2 of an image 1e-5, but for at most 0.05 % of its pixels, whose list of
 splats may differ by a rounding at a cut-off (a flip); gradients 1e-3, without cut-offs 1e-4.
 Where a case is ill-conditioned, as near as plain float32 is. Float64: 1e-12; where a case is
 ill-conditioned, as near as the reference stays to itself when the pose is rounded once more.
@@ -14,7 +14,7 @@ from types import MappingProxyType
 from torch import Tensor
 
 from gsfw.core.numerics import NumericsProfile
-from gsfw.studies.stress.drawn import PICTURES, Drawn, distance
+from gsfw.studies.stress.drawn import IMAGES, Drawn, distance
 
 PIXEL = 1e-5
 """A pixel with a larger error has flipped."""
@@ -26,7 +26,7 @@ GRADIENT, SMOOTH_GRADIENT, FLIPPED_GRADIENT = 1e-3, 1e-4, 1e-2
 """Bounds of gradients and statistics: with cut-offs, without, and where a pixel has flipped."""
 FLOAT64 = 1e-12
 
-ILL_PICTURE = 1e-4
+ILL_IMAGE = 1e-4
 """Largest error of an ill-conditioned image in any case."""
 NO_WORSE = 3.0
 """Factor by which a backend may exceed the errors of plain float32, since each rounds elsewhere."""
@@ -71,11 +71,11 @@ def faults_of_float32(found: Drawn, expected: Drawn, profile: NumericsProfile) -
     faults, flipped = not_finite(found), 0
     if faults:
         return faults
-    for name in PICTURES:
+    for name in IMAGES:
         if name in expected:
-            count, of_picture = _faults_of_picture(found[name], expected[name], name)
+            count, of_image = _faults_of_image(found[name], expected[name], name)
             flipped += count
-            faults += of_picture
+            faults += of_image
     smooth = profile.alpha_min == 0
     if smooth and flipped:
         faults.append(f"{flipped} pixels are off by more than {PIXEL:g}, and nothing is cut off")
@@ -83,11 +83,11 @@ def faults_of_float32(found: Drawn, expected: Drawn, profile: NumericsProfile) -
     return faults + [
         _too_far(name, found[name], tensor, tolerance)
         for name, tensor in expected.items()
-        if name not in PICTURES and not distance(found[name], tensor, name) <= tolerance
+        if name not in IMAGES and not distance(found[name], tensor, name) <= tolerance
     ]
 
 
-def _faults_of_picture(found: Tensor, expected: Tensor, name: str) -> tuple[int, list[str]]:
+def _faults_of_image(found: Tensor, expected: Tensor, name: str) -> tuple[int, list[str]]:
     """Number of flipped pixels, and the faults of an image."""
     difference = _per_pixel(found, expected)
     flipped = difference > PIXEL
@@ -105,7 +105,7 @@ def _faults_of_picture(found: Tensor, expected: Tensor, name: str) -> tuple[int,
 def faults_of_flips(found: Drawn, expected: Drawn, splats: int) -> list[str]:
     """Faults of an image beyond the flips of some splats on a cut-off."""
     differences = {
-        name: _per_pixel(found[name], expected[name]) for name in PICTURES if name in found
+        name: _per_pixel(found[name], expected[name]) for name in IMAGES if name in found
     }
     return [
         f"{name}: a pixel is off by {off.max().item():.1e}, at most {splats * FLIP:g} allowed"
@@ -121,7 +121,7 @@ def faults_where_ill(found: Drawn, expected: Drawn, plain: Drawn) -> list[str]:
         conditioned = distance(plain[name], tensor, name)
         if faults or not conditioned < HOPELESS:
             continue
-        bound = max(ILL_PICTURE if name in PICTURES else GRADIENT, NO_WORSE * conditioned)
+        bound = max(ILL_IMAGE if name in IMAGES else GRADIENT, NO_WORSE * conditioned)
         if not distance(found[name], tensor, name) <= bound:
             faults.append(_too_far(name, found[name], tensor, bound))
     return faults
@@ -130,7 +130,7 @@ def faults_where_ill(found: Drawn, expected: Drawn, plain: Drawn) -> list[str]:
 def faults_of_float64_where_ill(
     found: Drawn, expected: Drawn, plain: Drawn, nudged: Sequence[Drawn]
 ) -> list[str]:
-    """Where a float64 backend is too far from the reference, of an ill-conditioned case.
+    """Faults of a float64 backend against the reference in an ill-conditioned case.
 
     Args:
         found: in float64.

@@ -18,7 +18,7 @@ from gsfw.studies.entrants import Entrant
 from gsfw.studies.stress.case import Drawing, StressCase
 from gsfw.studies.stress.drawn import (
     GRADIENT,
-    PICTURES,
+    IMAGES,
     Drawn,
     distance,
     draw_everything,
@@ -103,7 +103,7 @@ def measure(entrant: Entrant, case: StressCase, dtype: torch.dtype, oracle: Orac
     """Draw a case, go back, repeat it, and compare; nothing is raised, whatever happens."""
     name = str(dtype).removeprefix("torch.")
     result = CaseResult(case.name, case.section.value, entrant.name, name, note=case.conditioning)
-    # What is refused may be so for its type.
+    # A refusal may be due to the type.
     drawing = case.make() if dtype == torch.float32 or case.refusal else case.make().double()
     drawing = _with_profile(drawing, _profile_of(entrant, drawing))
     if not case.refusal:
@@ -153,7 +153,7 @@ def _compared(
     profile = drawing.settings.profile
     expected = oracle.expected(case, profile)
     if case.truth is not None:
-        expected = {name: tensor for name, tensor in expected.items() if name in PICTURES}
+        expected = {name: tensor for name, tensor in expected.items() if name in IMAGES}
     infinite = not_finite(found)
     if infinite:
         faults = infinite

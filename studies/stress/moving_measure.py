@@ -77,7 +77,7 @@ def _wobbled(model: PrimitiveModel) -> PrimitiveModel:
     generator, wobbled = torch.Generator().manual_seed(3), deepcopy(model)
     for parameter in wobbled.parameters():
         noise = torch.rand(parameter.shape, generator=generator, dtype=torch.float64)
-        # What is zero throughout stands for something of size 1 that does not deviate, as rotations
+        # A parameter of zeros stands for one of size 1 that does not deviate, as rotations
         # do that leave time alone: the rounding of values computed from it is of that size.
         size = parameter if bool(parameter.any()) else torch.ones_like(parameter)
         parameter.add_(WOBBLE * (2.0 * noise - 1.0) * size)

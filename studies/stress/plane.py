@@ -21,7 +21,7 @@ COUNT = 3
 SIZE = (16, 12)
 EMPTY, BROKEN = -1.0, float("nan")
 """Values instead of an error: an empty image; an image that is not finite, or a refusal."""
-LEAST_PICTURE = 1e-30
+LEAST_IMAGE = 1e-30
 """Norm below which an image is empty."""
 
 
@@ -44,7 +44,7 @@ class PlaneErrors:
     plane: Plane
     backend: str
     dtype: str
-    picture: tuple[tuple[float, ...], ...]
+    image: tuple[tuple[float, ...], ...]
     """Relative L2 error of the image; rows as ``upward_values``; EMPTY and NaN as defined there."""
     gradient: tuple[tuple[float, ...], ...]
     """The worst relative L2 of the gradients by means, quats, scales, opacities and colours."""
@@ -57,7 +57,7 @@ class PlaneErrors:
             "dtype": self.dtype,
             "across": {"name": self.plane.across, "values": list(self.plane.across_values)},
             "upward": {"name": self.plane.upward, "values": list(self.plane.upward_values)},
-            "picture": _readable(self.picture),
+            "image": _readable(self.image),
             "gradient": _readable(self.gradient),
         }
 
@@ -149,7 +149,7 @@ def plane_errors(entrant: Entrant, dtype: str, plane: Plane, oracle: PlaneOracle
 
 
 def _errors(entrant: Entrant, dtype: str, drawing: Drawing, expected: Drawn) -> tuple[float, float]:
-    if float(expected["color"].norm()) < LEAST_PICTURE:
+    if float(expected["color"].norm()) < LEAST_IMAGE:
         return EMPTY, EMPTY
     wide = DTYPES[dtype] == torch.float64
     drawing = (drawing.double() if wide else drawing).to(entrant.device)

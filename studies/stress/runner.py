@@ -62,7 +62,7 @@ def run(plan: StressPlan, registry: Registry) -> Iterator[CaseResult]:
     oracle = Oracle(reference(registry))
     for case in CASES.values():
         if case.name in names:
-            # What is refused is so in any type: some are refused for theirs.
+            # A refusal holds in any type; some cases are refused for theirs.
             for dtype in plan.dtypes[:1] if case.refusal else plan.dtypes:
                 for entrant in plan.entrants:
                     yield measure(entrant, case, DTYPES[dtype], oracle)

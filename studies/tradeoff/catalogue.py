@@ -169,7 +169,7 @@ def _precisions(model: FinishedModel) -> Made:
 def _formats(model: FinishedModel) -> Made:
     found = []
     for trip in round_trips(model.restored, model.registry, model.is_still):
-        # Of a model file no other is made: it would be the same.
+        # A model file needs no second one: it would be the same.
         is_there = model.is_model_file and trip.holds_the_model
         words = () if is_there else ("export", f"format={trip.form}")
         change = trip.read_back

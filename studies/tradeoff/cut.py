@@ -11,14 +11,14 @@ from gsfw.core.splats import Splats
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import Restored
+from gsfw.plugins.run_source import is_dynamic
 from gsfw.studies.tradeoff.contribution import Kept, contributions, most_useful
 from gsfw.studies.tradeoff.edits import ShTruncation
-from gsfw.studies.tradeoff.finished_model import is_still
 from gsfw.studies.tradeoff.subject import Subject
 
 
 def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Splats], Splats]:
-    """What is done to the splats of a run before they are written.
+    """Build the function that cuts the splats of a run before they are written.
 
     Args:
         restored: the run; contributions are measured from its training cameras.
@@ -40,7 +40,7 @@ def cut(restored: Restored, keep: float, sh_degree: int | None) -> Callable[[Spl
 def _most_useful(restored: Restored, keep: float) -> Kept:
     composition = restored.composition
     parts, settings = composition.parts, composition.plan.settings
-    if not is_still(composition):
+    if is_dynamic(composition):
         raise ConfigError(
             f"keep={keep:g}: the model moves, and what a Gaussian adds differs from time to time.",
             "Leave keep out.",

@@ -24,7 +24,7 @@ from gsfw.plugins.snapshot import snapshot
 from gsfw.studies.tradeoff.subject import Subject
 
 PLY = "ply"
-"""What gsfw export writes unless told otherwise."""
+"""Default format of gsfw export."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def _in_scene(splats: Splats, scene: Scene, subject: Subject) -> Splats:
 
 
 def round_trips(restored: Restored, registry: Registry, is_still: bool) -> list[FileRoundTrip]:
-    """Of every format that can hold the model: of a moving one, those that hold all times."""
+    """A round trip for every format that can hold the model; of a moving one, at all times."""
     trips = []
     for name, spec in registry.slot("exporter").items():
         exporter = load("exporter", spec)()

@@ -17,9 +17,9 @@ from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.core.loop.training_parts import TrainingParts
 from gsfw.plugins.automatic import rasterizer_capabilities
-from gsfw.plugins.compose import Composition
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
+from gsfw.plugins.run_source import is_dynamic
 from gsfw.studies.tradeoff.contribution import contributions
 from gsfw.studies.tradeoff.edits import by_motion
 from gsfw.studies.tradeoff.subject import Subject
@@ -79,7 +79,7 @@ class FinishedModel:
     @cached_property
     def is_still(self) -> bool:
         """Whether the model looks the same at every time."""
-        return is_still(self.restored.composition)
+        return not is_dynamic(self.restored.composition)
 
     @cached_property
     def subject(self) -> Subject:
@@ -156,11 +156,6 @@ def evenly(every: int, most: int) -> list[int]:
     """At most ``most`` of ``every`` places, in the middles of parts of equal length."""
     count = min(most, every)
     return [round((index + 0.5) * every / count - 0.5) for index in range(count)]
-
-
-def is_still(composition: Composition) -> bool:
-    """Whether a model looks the same at every time."""
-    return not composition.scene.is_dynamic or "static" in composition.settings.method.tags
 
 
 def _small(camera: Cameras) -> Cameras:

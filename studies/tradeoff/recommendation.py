@@ -37,14 +37,14 @@ class Offer:
     psnr: float
     """In dB."""
     megabytes: float | None
-    """Of its file; of its parameters where no verb writes a file; ``None`` if unknown."""
+    """Size of the file, or of the parameters if no verb writes a file; ``None`` if unknown."""
     ms: float | None
     """Median time to render a view; ``None`` if unknown."""
     ms_spread: float = 0.0
     command: str = ""
     """Makes the variant and can be pasted; empty where no verb makes it."""
     seconds: float | None = None
-    """Of training; ``None`` for a variant that needs none."""
+    """Seconds of training; ``None`` for a variant that needs none."""
 
     def meets(self, wish: Wish) -> bool:
         """Whether it is good, small and fast enough; an unknown figure is not."""

@@ -235,12 +235,12 @@ def test_a_gsplat_that_does_not_install_says_so(tmp_path):
 
 def result(name: str, factor: float) -> dict:
     """What `gsfw bench` says of a rasterizer on a GPU."""
-    stages = ("forward", "picture", "step", "sparse_step", "blend")
+    stages = ("forward", "image", "step", "sparse_step", "blend")
     figures = {f"{stage}_ms": factor for stage in stages}
     figures |= {f"{stage}_spread_ms": 0.1 for stage in stages}
     return {
         "rasterizer": name,
-        "picture_peak_mb": 100 * factor,
+        "image_peak_mb": 100 * factor,
         "step_peak_mb": 200 * factor,
         **figures,
     }
@@ -248,7 +248,7 @@ def result(name: str, factor: float) -> dict:
 
 def test_the_table_compares_with_every_other_rasterizer(tmp_path):
     gsplat = result("gsplat", 3.0) | {"own_step_ms": 2.5, "own_step_spread_ms": 0.2}
-    errors = {"picture": 1e-6, "largest": 2e-5, "flips": 3.0, "gradient of means": 4e-5}
+    errors = {"image": 1e-6, "largest": 2e-5, "flips": 3.0, "gradient of means": 4e-5}
     found = {
         "seconds": 9.0,
         "workload": {"description": "5 splats", "pairs_per_pixel": 48.2},
@@ -264,9 +264,9 @@ def test_the_table_compares_with_every_other_rasterizer(tmp_path):
         "| garden | forward, gsplat | 1.000 ± 0.100 ms | 3.000 ± 0.100 ms | 3.00 |",
         "| forward + backward, cuda:deterministic | 1.000 ± 0.100 ms | 1.250 ± 0.100 ms | 1.25 |",
         "as gsplat's trainer does it (SSIM: ours) | 1.000 ± 0.100 ms | 2.500 ± 0.200 ms | 2.50 |",
-        "| memory of a picture, gsplat | 100 MB | 300 MB | 3.00 |",
+        "| memory of an image, gsplat | 100 MB | 300 MB | 3.00 |",
         "| stages in ms: blend 1.000 |",
-        "largest 2.0e-05, picture 1.0e-06, gradient of means 4.0e-05, 3 flips",
+        "largest 2.0e-05, image 1.0e-06, gradient of means 4.0e-05, 3 flips",
     ):
         assert row in table
     assert not report.failed

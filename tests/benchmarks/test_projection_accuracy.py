@@ -10,7 +10,7 @@ def test_nearer_gaussians_are_projected_worse():
     assert near[1] < far[1] - 10, "projection and sorting"
 
 
-def test_scenes_are_within_the_picture_and_of_the_size_that_is_asked_for():
+def test_scenes_are_within_the_image_and_of_the_size_that_is_asked_for():
     camera = camera_of(20, 10, 15.0)
     splats = scene_of(camera, 50, 30.0, seed=1)
     x, y, z = splats.means.unbind(1)

@@ -1,4 +1,4 @@
-"""What a run leaves behind: curves, pictures, figures, a log."""
+"""What a run leaves behind: curves, images, figures, a log."""
 
 import json
 import logging
@@ -48,9 +48,9 @@ def play(callback: Callback, path, steps=(10, 20), first_step: int = 0, summary=
         callback.on_tick(step, control)
         callback.on_step(report(step), control)
     for index in range(6):
-        picture = torch.full((8, 10, 3), 0.5)
-        own = {"depth": picture} if index == 0 else {}
-        view = EvaluatedView(f"v{index}", {"psnr": 30.0}, picture, picture, own)
+        image = torch.full((8, 10, 3), 0.5)
+        own = {"depth": image} if index == 0 else {}
+        view = EvaluatedView(f"v{index}", {"psnr": 30.0}, image, image, own)
         callback.on_view(steps[-1], view)
     evaluation = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0})
     callback.on_evaluation(steps[-1], evaluation, control)
@@ -85,7 +85,7 @@ def test_a_resumed_run_does_not_repeat_lines(tmp_path):
     assert [json.loads(line)["step"] for line in lines] == [10, 20, 20]
 
 
-def test_tensorboard_has_curves_pictures_settings_and_hparams(tmp_path):
+def test_tensorboard_has_curves_images_settings_and_hparams(tmp_path):
     play(TensorBoard(4), tmp_path)
     events = EventAccumulator(str(tmp_path / "tb"), size_guidance={"images": 0})
     events.Reload()
@@ -130,7 +130,7 @@ def test_progress_is_plain_lines_on_standard_error_without_a_terminal(tmp_path, 
     assert "1 held-out views: psnr 30" in lines[-1]
 
 
-def test_progress_says_how_small_pictures_are_while_they_are(tmp_path, capsys):
+def test_progress_says_how_small_images_are_while_they_are(tmp_path, capsys):
     progress, control = Progress(10.0), Control()
     progress.on_start(info(tmp_path), control)
     progress.on_step(report(20, resolution=0.3535), control)
@@ -193,7 +193,7 @@ def told_requirements(callback: Callback, path) -> None:
     callback.close()
 
 
-def test_results_keep_what_a_run_required_as_figures_and_as_a_picture(tmp_path):
+def test_results_keep_what_a_run_required_as_figures_and_as_an_image(tmp_path):
     told_requirements(Results(), tmp_path)
     folder = RunFolder(tmp_path)
     document = json.loads(folder.requirements.read_text())
@@ -202,8 +202,8 @@ def test_results_keep_what_a_run_required_as_figures_and_as_a_picture(tmp_path):
         "name": "SH band 1", "floats": 18, "share": 0.75, "bought_db": 0.25, "how": "so",
     }  # fmt: skip
     assert document["strategy"] == {"why": None}
-    with Image.open(folder.requirements_plot) as picture:
-        assert (picture.size, picture.getpixel((0, 0))) == ((5, 4), (200, 200, 200))
+    with Image.open(folder.requirements_plot) as image:
+        assert (image.size, image.getpixel((0, 0))) == ((5, 4), (200, 200, 200))
 
 
 def test_tensorboard_shows_what_a_run_required(tmp_path):

@@ -279,7 +279,7 @@ def test_without_a_file_the_built_in_workload_is_drawn(staged, monkeypatch, caps
     assert workload["description"] == "50 splats, RGB, one camera of 32x21"
 
 
-def test_a_picture_of_nothing_has_no_time_per_pair(staged, workload, capsys):
+def test_an_image_of_nothing_has_no_time_per_pair(staged, workload, capsys):
     with np.load(workload) as archive:
         fields = dict(archive)
     fields["means"] = fields["means"] - np.float32([0.0, 0.0, 99.0])
@@ -336,8 +336,8 @@ def test_what_is_asked_for_is_measured_besides(capsys, monkeypatch):
     assert document["workload"]["pairs_per_pixel"] == pytest.approx(pairs, rel=1e-4)
     (result,) = document["results"]
     assert result["sparse_step_wall_ms"] > 0.0
-    assert result["picture_wall_ms"] >= result["forward_wall_ms"]
-    assert result["picture_spread_ms"] == 0.0
+    assert result["image_wall_ms"] >= result["forward_wall_ms"]
+    assert result["image_spread_ms"] == 0.0
     assert document["device"] == "cpu"
     assert document["machine"]["gpu"] is None
     errors = document["agreement"]["reference"]
@@ -346,7 +346,7 @@ def test_what_is_asked_for_is_measured_besides(capsys, monkeypatch):
 
 
 def test_people_read_what_was_asked_for(capsys, monkeypatch):
-    seconds = {"torch_seconds": 1.0, "first_picture_seconds": 0.25}
+    seconds = {"torch_seconds": 1.0, "first_image_seconds": 0.25}
     first_use = {"cold": seconds, "warm": seconds}
     monkeypatch.setattr(bench_first_use, "first_use", lambda name, device: first_use)
     scene = ("workload=random:30", "size=24x16")
@@ -354,7 +354,7 @@ def test_people_read_what_was_asked_for(capsys, monkeypatch):
     said = capsys.readouterr().out
     assert "distance to the float64 reference" in said
     assert "reference, workload" in said
-    assert "\nfirst picture  0.25" in said
+    assert "\nfirst image  0.25" in said
     assert "reference, cold  reference, warm" in said
 
 
@@ -382,7 +382,7 @@ def test_figures_of_a_gpu_are_told_as_such(staged, workload, capsys):
     report = json.loads(capsys.readouterr().out)
     report["machine"]["gpu"] = {"name": "Imaginary 9000", "cuda": "13.0"}
     for result in report["results"]:
-        result |= {"threads": 0, "picture_peak_mb": 1234.5, "step_peak_mb": 5678.9}
+        result |= {"threads": 0, "image_peak_mb": 1234.5, "step_peak_mb": 5678.9}
     report["sorts"] = [
         {
             "sort": "tile",
@@ -411,8 +411,8 @@ def test_a_round_is_measured_by_the_clock_of_a_gpu_as_well(staged, workload, cap
     arguments = ["rasterizer=one", "repeats=2", f"workload={workload}", "sparse=true"]
     assert bench.run([*arguments, "json=true"]) == 0
     (result,) = json.loads(capsys.readouterr().out)["results"]
-    # From one mark to the next is 1; a picture has two marks for each of its two parts within.
-    assert (result["picture_ms"], result["forward_ms"], result["backward_ms"]) == (5.0, 1.0, 1.0)
+    # From one mark to the next is 1; an image has two marks for each of its two parts within.
+    assert (result["image_ms"], result["forward_ms"], result["backward_ms"]) == (5.0, 1.0, 1.0)
     assert (result["step_ms"], result["loss_ms"], result["sparse_step_ms"]) == (13.0, 1.0, 1.0)
 
 

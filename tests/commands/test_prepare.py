@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from support import captured
 from support.matched_captures import pose_errors
-from support.small_captures import ring, write_pictures, write_transforms
+from support.small_captures import ring, write_images, write_transforms
 from support.small_videos import write_video
 
 from gsfw.commands.interface.console import Console
@@ -175,7 +175,7 @@ def test_long_names_leave_room_in_the_table(capsys):
 
 
 def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):
-    write_pictures(tmp_path / "a", ring())
+    write_images(tmp_path / "a", ring())
     write_transforms(tmp_path / "a" / "transforms.json", ring())
     code = main(["prepare", str(tmp_path / "a"), f"out={tmp_path / 'out'}"])
     said = capsys.readouterr().out
@@ -190,7 +190,7 @@ def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):
 
 
 def test_a_data_set_with_depths_keeps_them(tmp_path):
-    write_pictures(tmp_path / "a", ring())
+    write_images(tmp_path / "a", ring())
     Image.fromarray(np.full((48, 64), 2000, np.uint16)).save(tmp_path / "a" / "depth.png")
     settings = [{"depth_file_path": "depth.png"} for _ in ring().poses]
     write_transforms(tmp_path / "a" / "transforms.json", ring(), settings)

@@ -81,7 +81,7 @@ def test_the_heat_map_is_written_where_it_is_asked_for(capsys, tmp_path, monkeyp
     arguments = ("rasterizer=reference", "method=none", "only=input/skew", "dtype=float32")
     found = document(capsys, *arguments, f"out={path}")
     assert path.is_file()
-    assert found["picture"] == str(path)
+    assert found["image"] == str(path)
     assert found["planes"][0]["across"] == {"name": "x", "values": [0.1, 1.0]}
 
 

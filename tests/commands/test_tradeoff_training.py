@@ -7,7 +7,7 @@ import sys
 
 import pytest
 from support import fake_variants
-from support.small_captures import ring, write_pictures, write_transforms
+from support.small_captures import ring, write_images, write_transforms
 
 from gsfw.commands.main import main
 
@@ -134,7 +134,7 @@ def test_small_pictures_start_from_few_gaussians_where_nobody_says_how_many(
     tmp_path, capsys, quick
 ):
     capture = ring(views=9)
-    write_pictures(tmp_path, capture)
+    write_images(tmp_path, capture)
     data = write_transforms(tmp_path / "transforms.json", capture).parent
     words = [f"data={data}", "budget.minutes=3", "jobs=1", "axes=antialias"]
     said = told(capsys, *words, f"out={tmp_path / 'chosen'}")

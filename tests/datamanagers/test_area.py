@@ -10,10 +10,10 @@ def noise(height: int, width: int, channels: int) -> np.ndarray:
     return generator.integers(0, 256, (height, width, channels), dtype=np.uint8)
 
 
-def area_mean(picture: np.ndarray, width: int, height: int) -> np.ndarray:
+def area_mean(image: np.ndarray, width: int, height: int) -> np.ndarray:
     """The mean over each small pixel's rectangle, pixel by pixel."""
-    rows, columns = picture.shape[:2]
-    result = np.zeros((height, width, picture.shape[2]))
+    rows, columns = image.shape[:2]
+    result = np.zeros((height, width, image.shape[2]))
     for i in range(height):
         for j in range(width):
             top, bottom = i * rows / height, (i + 1) * rows / height
@@ -23,32 +23,32 @@ def area_mean(picture: np.ndarray, width: int, height: int) -> np.ndarray:
                     covered = max(0.0, min(y + 1, bottom) - max(y, top)) * max(
                         0.0, min(x + 1, right) - max(x, left)
                     )
-                    result[i, j] += covered * picture[y, x]
+                    result[i, j] += covered * image[y, x]
             result[i, j] /= (bottom - top) * (right - left)
     return result
 
 
 def test_a_whole_factor_gives_the_mean_of_each_block():
-    picture = noise(6, 8, 3)
-    wanted = picture.reshape(3, 2, 4, 2, 3).astype(float).mean((1, 3))
-    assert np.abs(shrink(picture, 4, 3) - wanted).max() <= 0.5
+    image = noise(6, 8, 3)
+    wanted = image.reshape(3, 2, 4, 2, 3).astype(float).mean((1, 3))
+    assert np.abs(shrink(image, 4, 3) - wanted).max() <= 0.5
 
 
 def test_pixels_on_a_border_count_by_the_part_that_is_covered():
-    picture = noise(7, 10, 3)
-    assert np.abs(shrink(picture, 4, 3) - area_mean(picture, 4, 3)).max() <= 0.5 + 1e-4
+    image = noise(7, 10, 3)
+    assert np.abs(shrink(image, 4, 3) - area_mean(image, 4, 3)).max() <= 0.5 + 1e-4
 
 
 def test_the_same_size_changes_nothing():
-    picture = noise(5, 4, 3)
-    assert shrink(picture, 4, 5) is picture
+    image = noise(5, 4, 3)
+    assert shrink(image, 4, 5) is image
 
 
 def test_what_cannot_be_seen_does_not_bleed_into_colours():
-    picture = np.zeros((2, 2, 4), np.uint8)
-    picture[0, 0] = (200, 100, 50, 255)
-    picture[1, 1] = (0, 255, 0, 0)
-    assert shrink(picture, 1, 1)[0, 0].tolist() == [200, 100, 50, 64]
+    image = np.zeros((2, 2, 4), np.uint8)
+    image[0, 0] = (200, 100, 50, 255)
+    image[1, 1] = (0, 255, 0, 0)
+    assert shrink(image, 1, 1)[0, 0].tolist() == [200, 100, 50, 64]
 
 
 def test_an_image_without_coverage_becomes_empty():

@@ -14,7 +14,7 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_picture,
+    write_image,
     write_transforms,
 )
 
@@ -35,7 +35,7 @@ def write(folder, splits=("train", "test"), times=None, mode="RGBA"):
             names=[f"./{split}/r_{index}" for index in members],
         )
         for name in part.names:
-            write_picture(folder / f"{name}.png", WIDTH, HEIGHT, mode)
+            write_image(folder / f"{name}.png", WIDTH, HEIGHT, mode)
         settings = [{"time": times[index]} for index in members] if times else ()
         write_transforms(folder / f"transforms_{split}.json", part, settings)
     return folder
@@ -113,7 +113,7 @@ def test_a_file_of_the_split_stands_for_its_folder(tmp_path):
 
 
 def test_the_angle_refers_to_the_width_of_the_image(tmp_path):
-    write_picture(tmp_path / "a.png", 20, 10)
+    write_image(tmp_path / "a.png", 20, 10)
     part = replace(ring(1), names=["a"])
     settings = dict.fromkeys(("fl_x", "fl_y", "cx", "cy", "w", "h"))
     write_transforms(
@@ -180,7 +180,7 @@ def test_a_rig_that_stands_still_has_a_camera_for_each_pose(tmp_path):
             names=[f"cam{pose:02d}/{time}.png" for pose, time in members],
         )
         for name in part.names:
-            write_picture(tmp_path / name)
+            write_image(tmp_path / name)
         settings = [{"time": time} for _, time in members]
         write_transforms(tmp_path / f"transforms_{split}.json", part, settings)
     data = build(tmp_path)
@@ -217,7 +217,7 @@ def test_a_mask_that_is_named_has_to_be_there_and_to_fit(tmp_path):
         f"{tmp_path}/transforms_test.json: frame test/r_3: its mask masks/r_3 is not on disk.\n"
         "Put it there, or remove motion_mask_path to let evaluation find what moves itself."
     )
-    write_picture(tmp_path / "masks" / "r_3.png", 5, 4)
+    write_image(tmp_path / "masks" / "r_3.png", 5, 4)
     with pytest.raises(DataError) as error:
         build(tmp_path).moving_mask(Split.EVAL, 0)
     assert str(error.value).startswith(f"{tmp_path}/masks/r_3.png: the mask is 5x4 pixels, its ")

@@ -1,7 +1,7 @@
 """What one camera has seen over time."""
 
 import pytest
-from support.small_captures import write_picture
+from support.small_captures import write_image
 from support.small_videos import write_video
 
 from gsfw.core.errors import DataError
@@ -16,13 +16,13 @@ from gsfw.datamanagers.camera_sequence import (
 
 def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path):
     for name in ("img_10.png", "img_9.png", "img_2.png"):
-        write_picture(tmp_path / name)
+        write_image(tmp_path / name)
     (tmp_path / "notes.txt").touch()
     assert [path.name for path in images_in(tmp_path)] == ["img_2.png", "img_9.png", "img_10.png"]
 
 
 def test_videos_go_before_folders(tmp_path):
-    write_picture(tmp_path / "cam1/0.png")
+    write_image(tmp_path / "cam1/0.png")
     assert find_sequences(tmp_path) == {"cam1": tmp_path / "cam1"}
     (tmp_path / "cam0.MP4").touch()
     assert find_sequences(tmp_path) == {"cam0": tmp_path / "cam0.MP4"}
@@ -36,7 +36,7 @@ def test_a_folder_without_images_is_refused(tmp_path):
 
 
 def test_names_tell_camera_and_number(tmp_path):
-    write_picture(tmp_path / "a/0007.png")
+    write_image(tmp_path / "a/0007.png")
     sequence = CameraSequence.read("a", tmp_path / "a")
     assert (sequence.name(0), sequence.source(0)) == ("a/0007.png", (tmp_path / "a/0007.png", None))
     video = CameraSequence.read("b", write_video(tmp_path / "b.mp4", 3))

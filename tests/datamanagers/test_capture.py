@@ -11,8 +11,8 @@ from support.small_captures import (
     request,
     ring,
     write_colmap,
-    write_picture,
-    write_pictures,
+    write_image,
+    write_images,
     write_transforms,
 )
 
@@ -28,7 +28,7 @@ CPU = torch.device("cpu")
 def folder(tmp_path):
     """A COLMAP data set of 6 views."""
     write_colmap(tmp_path / "sparse/0", ring(6))
-    write_pictures(tmp_path / "images", ring(6))
+    write_images(tmp_path / "images", ring(6))
     return tmp_path
 
 
@@ -51,7 +51,7 @@ def test_batches_hold_float_images_with_their_cameras(folder):
 def test_views_are_sorted_by_name_whatever_the_order_in_the_file(tmp_path):
     capture = replace(ring(3), names=["c.png", "a.png", "b.png"])
     write_colmap(tmp_path, capture)
-    write_pictures(tmp_path / "images", capture)
+    write_images(tmp_path / "images", capture)
     assert build(tmp_path).views(Split.TRAIN).names == ("a.png", "b.png", "c.png")
 
 
@@ -99,7 +99,7 @@ def test_an_image_that_is_none_is_named_when_the_data_set_is_opened(folder):
 
 
 def test_an_image_with_alpha_beside_one_without_counts_as_covered(folder):
-    write_picture(folder / "images/view_000.png", mode="RGBA")
+    write_image(folder / "images/view_000.png", mode="RGBA")
     data = build(folder)
     assert data.scene.has_alpha
     (batch,) = data.load(Split.TRAIN, [0, 1], CPU)
@@ -126,7 +126,7 @@ def test_holding_everything_out_is_refused(folder):
 
 def test_an_image_that_is_listed_twice_is_refused(tmp_path):
     capture = replace(ring(3), names=["a.png", "b.png", "a.png"])
-    write_pictures(tmp_path, capture)
+    write_images(tmp_path, capture)
     path = write_transforms(tmp_path / "transforms.json", capture)
     with pytest.raises(DataError) as error:
         TransformsConfig().build(request(tmp_path))
@@ -135,7 +135,7 @@ def test_an_image_that_is_listed_twice_is_refused(tmp_path):
 
 def test_a_single_image_can_be_trained_on(tmp_path):
     write_colmap(tmp_path, ring(1))
-    write_pictures(tmp_path / "images", ring(1))
+    write_images(tmp_path / "images", ring(1))
     scene = build(tmp_path).scene
     assert scene.extent == 1.0
     assert float(scene.points.norm(dim=1).median()) == pytest.approx(1.0)

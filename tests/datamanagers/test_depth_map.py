@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from support.small_captures import HEIGHT, WIDTH, request, ring, write_pictures, write_transforms
+from support.small_captures import HEIGHT, WIDTH, request, ring, write_images, write_transforms
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
@@ -18,7 +18,7 @@ MILLIMETRES = np.tile(1000 + 10 * np.arange(WIDTH, dtype=np.uint16), (HEIGHT, 1)
 
 def write(folder, depths=MILLIMETRES, frames=(0, 1, 2, 3), name="depth.png", **settings):
     """A transforms.json whose frames share a depth map."""
-    write_pictures(folder, ring())
+    write_images(folder, ring())
     if name.endswith(".npy"):
         np.save(folder / name, depths)
     else:

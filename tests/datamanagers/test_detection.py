@@ -1,6 +1,6 @@
 """What is said of paths that are no data set."""
 
-from support.small_captures import ring, write_colmap, write_picture, write_transforms
+from support.small_captures import ring, write_colmap, write_image, write_transforms
 
 from gsfw.datamanagers.blender import BlenderConfig
 from gsfw.datamanagers.colmap.config import ColmapConfig
@@ -17,7 +17,7 @@ def recognised(path) -> list:
 
 def test_images_without_cameras_lead_to_prepare(tmp_path):
     for index in range(3):
-        write_picture(tmp_path / "images" / f"{index}.png")
+        write_image(tmp_path / "images" / f"{index}.png")
     assert describe_unrecognised(tmp_path) == (
         "3 images in images/, but no cameras; compute them with gsfw prepare "
         f"{tmp_path / 'images'} out=DIR, and give that folder"

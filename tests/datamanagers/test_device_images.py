@@ -14,32 +14,32 @@ from gsfw.datamanagers.image_cache import ImageCache
 from gsfw.datamanagers.images import DecodedImage
 
 
-def picture(number: int) -> DecodedImage:
+def image(number: int) -> DecodedImage:
     return DecodedImage(np.full((4, 5, 3), 10 + number, np.uint8), np.full((4, 5), number % 2 == 0))
 
 
 class Shelf:
     """Eight images on a stand-in of a device."""
 
-    def __init__(self, kept=(), host_budget=10_000, decode=picture) -> None:
+    def __init__(self, kept=(), host_budget=10_000, decode=image) -> None:
         self.ship = SlowShip()
         self.cache = ImageCache(decode, [80] * 8, host_budget)
-        self.pictures = DeviceImages(self.cache.request, self.ship, frozenset(kept))
+        self.images = DeviceImages(self.cache.request, self.ship, frozenset(kept))
 
     def shows(self, number: int) -> bool:
-        found = self.pictures.get(number)
-        return torch.equal(found.pixels, torch.from_numpy(picture(number).pixels)) and bool(
+        found = self.images.get(number)
+        return torch.equal(found.pixels, torch.from_numpy(image(number).pixels)) and bool(
             (found.mask == (number % 2 == 0)).all()
         )
 
     def ahead(self, *numbers: int) -> None:
-        wanted = self.cache.prefetch(self.pictures.lacking(numbers))
+        wanted = self.cache.prefetch(self.images.lacking(numbers))
         for number, future in wanted.items():
-            self.pictures.send(number, future)
+            self.images.send(number, future)
 
     def close(self) -> None:
         self.cache.close()
-        self.pictures.close()
+        self.images.close()
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_what_is_sent_ahead_is_not_sent_again(shelf):
     one.ahead(0, 1, 2)
     assert all(one.shows(number) for number in (0, 1, 2))
     assert sorted(one.ship.sent) == [10, 11, 12]
-    assert one.pictures.lacking([0, 1, 2]) == [1, 2]
+    assert one.images.lacking([0, 1, 2]) == [1, 2]
 
 
 def test_images_are_right_however_little_the_host_may_hold(shelf):
@@ -93,7 +93,7 @@ def test_a_cancelled_decoding_is_asked_for_again(shelf):
     cancelled: Future[DecodedImage] = Future()
     cancelled.cancel()
     cancelled.set_running_or_notify_cancel()
-    one.pictures.send(5, cancelled)
+    one.images.send(5, cancelled)
     assert one.shows(5)
 
 
@@ -101,12 +101,12 @@ def test_wrong_guesses_of_what_comes_do_not_pile_up(shelf):
     one = shelf(kept=(0,))
     assert one.shows(0)
     ready: Future[DecodedImage] = Future()
-    ready.set_result(picture(1))
+    ready.set_result(image(1))
     for number in range(100, 150):
-        one.pictures.send(number, ready)
-    waiting = [number for number in range(100, 150) if not one.pictures.lacking([number])]
+        one.images.send(number, ready)
+    waiting = [number for number in range(100, 150) if not one.images.lacking([number])]
     assert waiting == list(range(150 - MOST_PASSING, 150))
-    assert one.pictures.lacking([0]) == []
+    assert one.images.lacking([0]) == []
 
 
 def test_an_error_of_decoding_reaches_whoever_asks(shelf):
@@ -117,7 +117,7 @@ def test_an_error_of_decoding_reaches_whoever_asks(shelf):
     one.ahead(0)
     for _ in range(2):
         with pytest.raises(DataError, match=r"broken\.png"):
-            one.pictures.get(0)
+            one.images.get(0)
 
 
 def test_the_thread_ends_with_the_images():

@@ -28,8 +28,8 @@ def decoder() -> Decoder:
     return Decoder()
 
 
-def cache_of(decoder, pictures: int, budget: int) -> ImageCache:
-    return ImageCache(decoder, [30] * pictures, budget)
+def cache_of(decoder, images: int, budget: int) -> ImageCache:
+    return ImageCache(decoder, [30] * images, budget)
 
 
 def test_an_image_is_decoded_once_while_it_fits(decoder):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from PIL import Image
-from support.small_captures import write_picture
+from support.small_captures import write_image
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.images import decode, decode_mask, load_mask, read_header
@@ -93,8 +93,8 @@ def test_an_unknown_orientation_is_none(tmp_path):
 
 
 def test_content_counts_not_the_extension(tmp_path):
-    save(tmp_path / "picture.png", Image.new("RGB", (4, 2)))
-    path = (tmp_path / "picture.png").rename(tmp_path / "picture.jpg")
+    save(tmp_path / "image.png", Image.new("RGB", (4, 2)))
+    path = (tmp_path / "image.png").rename(tmp_path / "image.jpg")
     assert loaded(path).shape == (2, 4, 3)
 
 
@@ -124,7 +124,7 @@ def test_a_missing_file_is_said_to_be_missing(tmp_path):
 @pytest.mark.parametrize("extension", ["png", "jpg"])
 def test_an_image_that_is_cut_off_fails_when_it_is_decoded(tmp_path, extension):
     path = tmp_path / f"cut.{extension}"
-    write_picture(path, 200, 100)
+    write_image(path, 200, 100)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     header = read_header(path)
     with pytest.raises(DataError, match=rf"cut\.{extension}: the image does not decode: "):
@@ -145,12 +145,12 @@ def test_a_mask_may_be_0_and_255_or_0_and_1(tmp_path):
 
 
 def test_a_mask_of_another_size_is_refused(tmp_path):
-    write_picture(tmp_path / "picture.png", 8, 6)
+    write_image(tmp_path / "image.png", 8, 6)
     mask = save(tmp_path / "mask.png", Image.new("L", (4, 3)))
-    header = read_header(tmp_path / "picture.png")
+    header = read_header(tmp_path / "image.png")
     with pytest.raises(DataError) as error:
-        load_mask(mask, tmp_path / "picture.png", header)
+        load_mask(mask, tmp_path / "image.png", header)
     assert str(error.value) == (
-        f"{mask}: the mask is 4x3 pixels, its image {tmp_path / 'picture.png'} is 8x6.\n"
+        f"{mask}: the mask is 4x3 pixels, its image {tmp_path / 'image.png'} is 8x6.\n"
         "A mask needs the size of its (upright) image."
     )

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pycolmap
 import pytest
-from support.distorted_pictures import DISTORTIONS, PINHOLES, lens, parameters, slopes_on_grid
+from support.distorted_images import DISTORTIONS, PINHOLES, lens, parameters, slopes_on_grid
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens

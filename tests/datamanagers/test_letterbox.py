@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.small_captures import CENTER, FOCAL, HEIGHT, WIDTH
-from support.small_videos import picture, write_video
+from support.small_videos import image, write_video
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.camera_sequence import fit_to_video
@@ -20,10 +20,10 @@ def video(path, width, height, box=None):
 
     def draw(number, *_):
         if box is None:
-            return picture(number, width, height)
+            return image(number, width, height)
         left, top, right, bottom = box
         pixels = np.zeros((height, width, 3), np.uint8)
-        pixels[top:bottom, left:right] = picture(number, right - left, bottom - top)
+        pixels[top:bottom, left:right] = image(number, right - left, bottom - top)
         return pixels
 
     return Video.read(write_video(path / "a.mp4", 3, width, height, draw=draw))

@@ -10,7 +10,7 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_picture,
+    write_image,
 )
 
 from gsfw.core.datamanager import Split
@@ -42,8 +42,8 @@ def write(folder, capture, shrunk=(1,)):
     np.save(folder / "poses_bounds.npy", np.array(rows))
     for factor in shrunk:
         name = "images" if factor == 1 else f"images_{factor}"
-        for picture in capture.names:
-            write_picture(folder / name / picture, WIDTH // factor, HEIGHT // factor)
+        for image in capture.names:
+            write_image(folder / name / image, WIDTH // factor, HEIGHT // factor)
     return folder
 
 
@@ -98,7 +98,7 @@ def test_images_decode(tmp_path):
 
 def test_an_image_too_many_is_refused(tmp_path):
     write(tmp_path, ring())
-    write_picture(tmp_path / "images/zz.png")
+    write_image(tmp_path / "images/zz.png")
     assert "has 4 cameras, but there are 5 images in" in failure(tmp_path)
     assert "images that LLFF left out have to be removed." in failure(tmp_path)
 
@@ -121,6 +121,6 @@ def test_videos_of_cameras_are_another_format(tmp_path):
     assert LlffConfig.detect(still).found == "poses_bounds.npy with images/"
     assert not Neural3DVideoConfig.detect(still).recognised
     moving = write(tmp_path / "moving", ring(), ())
-    write_picture(moving / "cam00/images/0000.png")
+    write_image(moving / "cam00/images/0000.png")
     assert Neural3DVideoConfig.detect(moving).recognised
     assert not LlffConfig.detect(moving).recognised

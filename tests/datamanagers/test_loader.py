@@ -16,7 +16,7 @@ WIDTH, HEIGHT = 6, 4
 BYTES = WIDTH * HEIGHT * 5
 
 
-def picture(number: int) -> DecodedImage:
+def image(number: int) -> DecodedImage:
     """Every third has alpha, every second a mask."""
     values = np.arange(WIDTH * HEIGHT * 4, dtype=np.uint8).reshape(HEIGHT, WIDTH, 4) + number
     mask = values[..., 0] > 40 if number % 2 else None
@@ -33,7 +33,7 @@ def loader():
     built = []
 
     def build(**settings) -> Loader:
-        cache = ImageCache(picture, [BYTES] * 8, 10_000)
+        cache = ImageCache(image, [BYTES] * 8, 10_000)
         splits = {Split.TRAIN: views(6), Split.EVAL: views(2)}
         built.append(Loader(splits, cache, **settings))
         return built[-1]
@@ -58,7 +58,7 @@ def test_images_with_and_without_alpha_and_mask_share_a_batch(loader):
     assert torch.equal(batch.alpha[0, 0, 1], torch.tensor([7.0]) / 255)
     assert bool((batch.alpha[1] == 1).all())
     assert bool(batch.mask[0].all())
-    assert batch.mask[1, :, :, 0].tolist() == picture(1).mask.tolist()
+    assert batch.mask[1, :, :, 0].tolist() == image(1).mask.tolist()
     (plain,) = loader().load(Split.TRAIN, [2], CPU)
     assert (plain.alpha, plain.mask) == (None, None)
 

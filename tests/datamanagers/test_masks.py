@@ -14,8 +14,8 @@ from support.small_captures import (
     request,
     ring,
     write_colmap,
-    write_picture,
-    write_pictures,
+    write_image,
+    write_images,
     write_transforms,
 )
 
@@ -36,7 +36,7 @@ LEFT[:, : WIDTH // 2] = True
 def folder(tmp_path):
     """A COLMAP data set of three views."""
     write_colmap(tmp_path / "sparse/0", ring(VIEWS))
-    write_pictures(tmp_path / "images", ring(VIEWS))
+    write_images(tmp_path / "images", ring(VIEWS))
     return tmp_path
 
 
@@ -79,7 +79,7 @@ def test_masks_beside_the_images_are_found(folder, suffix):
 
 def test_transforms_whose_names_begin_with_the_images_folder_find_theirs(tmp_path):
     capture = ring(VIEWS)
-    write_pictures(tmp_path / "images", capture)
+    write_images(tmp_path / "images", capture)
     write_transforms(
         tmp_path / "transforms.json",
         capture,
@@ -92,7 +92,7 @@ def test_transforms_whose_names_begin_with_the_images_folder_find_theirs(tmp_pat
 
 def test_what_a_file_names_comes_before_a_guess_but_not_before_a_named_folder(tmp_path):
     capture = ring(VIEWS)
-    write_pictures(tmp_path, capture)
+    write_images(tmp_path, capture)
     write_transforms(tmp_path / "transforms.json", capture, [{"mask_path": "own.png"}] * VIEWS)
     write_mask(tmp_path / "own.png", ~LEFT)
     write_masks(tmp_path / "masks")
@@ -159,7 +159,7 @@ def test_alpha_that_is_not_there_cannot_be_the_mask(folder):
 @pytest.mark.parametrize("mode", ["ignore", "empty"])
 def test_blank_borders_of_undistorted_images_carry_no_loss_whatever_masks_mean(tmp_path, mode):
     write_colmap(tmp_path, ring(VIEWS), model="SIMPLE_RADIAL", params=(FOCAL[0], *CENTER, STRONG))
-    write_pictures(tmp_path / "images", ring(VIEWS))
+    write_images(tmp_path / "images", ring(VIEWS))
     blank = load(open_colmap(tmp_path, blank_pixels=1.0)).valid
     assert 0 < float((~blank).float().mean()) < 0.5
     write_masks(tmp_path / "masks")
@@ -218,7 +218,7 @@ def test_a_named_folder_has_to_be_there_and_to_hold_masks(folder):
         f"datamanager.masks=elsewhere: there is no folder {folder}/elsewhere.\n"
         "Give the folder of the masks, relative to the data set."
     )
-    write_picture(folder / "elsewhere/other.png")
+    write_image(folder / "elsewhere/other.png")
     with pytest.raises(DataError) as error:
         open_colmap(folder, masks="elsewhere")
     assert str(error.value) == (
@@ -229,7 +229,7 @@ def test_a_named_folder_has_to_be_there_and_to_hold_masks(folder):
 
 
 def test_a_folder_of_masks_that_belongs_to_no_image_is_noted(folder):
-    write_picture(folder / "masks/other.png")
+    write_image(folder / "masks/other.png")
     (note,) = mask_notes(open_colmap(folder))
     assert note == (
         f"{folder}/masks holds no mask of any image (looked for view_000.png.png or "

@@ -15,8 +15,8 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_picture,
-    write_pictures,
+    write_image,
+    write_images,
 )
 
 from gsfw.core.datamanager import Split
@@ -77,7 +77,7 @@ def write(folder, capture=None, values=None, kind="frame", **parts):
         f"<sensors>{parts['sensors']}</sensors><components>{parts['components']}</components>"
         f"<cameras>{parts['cameras']}</cameras>{parts['rest']}</chunk></document>"
     )
-    write_pictures(folder / "images", capture)
+    write_images(folder / "images", capture)
     return folder
 
 
@@ -184,7 +184,7 @@ def test_images_lie_beside_the_file_or_in_a_folder_that_is_named(tmp_path):
     assert projection_error(build(tmp_path, {"images": "photos"}), ring()) < 0.01
     flat = replace(ring(), names=[f"photos/{name}" for name in ring().names])
     assert projection_error(build(tmp_path), flat) < 0.01
-    write_picture(tmp_path / "again/view_000.png")
+    write_image(tmp_path / "again/view_000.png")
     assert "view_000 can be any of 2 images in" in failure(tmp_path)
     assert "with datamanager.images=DIR." in failure(tmp_path)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.small_captures import HEIGHT, WIDTH, projection_error, request, ring, write_picture
+from support.small_captures import HEIGHT, WIDTH, projection_error, request, ring, write_image
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
@@ -47,7 +47,7 @@ def write(folder, train=(0, 2, 4), held=(1, 3), scales=(1, 2), camera=(), **data
         }
         (folder / f"camera/{name}.json").write_text(json.dumps(content | dict(camera)))
         for scale in scales:
-            write_picture(folder / f"rgb/{scale}x/{name}.png", WIDTH // scale, HEIGHT // scale)
+            write_image(folder / f"rgb/{scale}x/{name}.png", WIDTH // scale, HEIGHT // scale)
     lists = {
         "count": 5,
         "ids": NAMES,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from plyfile import PlyData, PlyElement
-from support.small_captures import FOCAL, HEIGHT, WIDTH, projection_error, request, write_picture
+from support.small_captures import FOCAL, HEIGHT, WIDTH, projection_error, request, write_image
 from support.small_videos import cameras, over_time, shade, write_video
 
 from gsfw.core.datamanager import Split
@@ -43,7 +43,7 @@ def write_folders(folder, capture, times=4, inner="images"):
     """A folder of images for each camera."""
     for name in capture.names:
         for time in range(times):
-            write_picture(folder / name / inner / f"{time:04d}.png")
+            write_image(folder / name / inner / f"{time:04d}.png")
     return write_poses(folder, capture)
 
 

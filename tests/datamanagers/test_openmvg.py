@@ -14,7 +14,7 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_pictures,
+    write_images,
 )
 
 from gsfw.core.datamanager import Split
@@ -72,8 +72,8 @@ def scene(data=BASE, kind="pinhole", **parts):
     } | parts
 
 
-def write(folder, content=None, pictures="images"):
-    write_pictures(folder / pictures, ring())
+def write(folder, content=None, images="images"):
+    write_images(folder / images, ring())
     (folder / "sfm_data.json").write_text(json.dumps(content or scene()))
     return folder
 
@@ -100,7 +100,7 @@ def test_points_fall_where_they_should(tmp_path):
 
 def test_images_are_where_the_file_says_or_beside_it(tmp_path):
     elsewhere = tmp_path / "far/photos"
-    write(tmp_path / "set", scene(root_path=str(elsewhere)), pictures="../far/photos")
+    write(tmp_path / "set", scene(root_path=str(elsewhere)), images="../far/photos")
     assert projection_error(build(tmp_path / "set"), square(ring())) < 0.01
     elsewhere.rename(tmp_path / "set/photos")
     assert projection_error(build(tmp_path / "set"), square(ring())) < 0.01

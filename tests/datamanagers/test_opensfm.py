@@ -14,7 +14,7 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_pictures,
+    write_images,
 )
 
 from gsfw.core.datamanager import Split
@@ -53,8 +53,8 @@ def reconstruction(camera=BROWN, views=4, **parts):
     return {"cameras": {"v2 unknown": camera}, "shots": shots, "points": points} | parts
 
 
-def write(folder, *reconstructions, pictures="images"):
-    write_pictures(folder / pictures, ring())
+def write(folder, *reconstructions, images="images"):
+    write_images(folder / images, ring())
     content = list(reconstructions) or [reconstruction()]
     (folder / "reconstruction.json").write_text(json.dumps(content))
     return folder
@@ -90,7 +90,7 @@ def test_numbers_are_those_of_any_size_of_the_image(tmp_path):
 
 
 def test_opendronemaps_folders_are_known(tmp_path):
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     (tmp_path / "opensfm").mkdir()
     content = json.dumps([reconstruction()])
     (tmp_path / "opensfm/reconstruction.json").write_text(content)

@@ -13,7 +13,7 @@ from support.small_captures import (
     WIDTH,
     projection_error,
     request,
-    write_picture,
+    write_image,
 )
 from support.small_videos import cameras, over_time
 
@@ -39,7 +39,7 @@ def write(folder, files=("train_meta.json", "test_meta.json"), **settings):
     """Images of 4 cameras, of which test_meta.json has one."""
     for camera in range(4):
         for time in range(TIMES):
-            write_picture(folder / "ims" / name(camera, time))
+            write_image(folder / "ims" / name(camera, time))
             seg = (folder / "seg" / name(camera, time)).with_suffix(".png")
             seg.parent.mkdir(parents=True, exist_ok=True)
             moving = np.zeros((HEIGHT, WIDTH), np.uint8)

@@ -14,7 +14,7 @@ pycolmap = pytest.importorskip("pycolmap")
 
 @pytest.fixture(scope="module")
 def shared_videos(tmp_path_factory):
-    """Pictures and cameras of two times, at half the size."""
+    """Images and cameras of two times, at half the size."""
     from support.small_scene import SHARED_DATA
 
     folder = SHARED_DATA / "dynamic/people_video"

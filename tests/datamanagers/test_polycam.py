@@ -15,7 +15,7 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_pictures,
+    write_images,
 )
 
 from gsfw.core.datamanager import Split
@@ -28,7 +28,7 @@ def write(folder, prefix="", views=4, **settings):
     capture = ring(views)
     cameras = folder / f"keyframes/{prefix}cameras"
     cameras.mkdir(parents=True)
-    write_pictures(folder / f"keyframes/{prefix}images", capture)
+    write_images(folder / f"keyframes/{prefix}images", capture)
     for number, (pose, name) in enumerate(zip(capture.poses, capture.names, strict=True)):
         content = {
             "fx": FOCAL[0], "fy": FOCAL[1], "cx": CENTER[0], "cy": CENTER[1],

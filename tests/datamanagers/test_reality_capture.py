@@ -14,7 +14,7 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_pictures,
+    write_images,
 )
 
 from gsfw.core.datamanager import Split
@@ -62,9 +62,9 @@ def row(capture, view, name=None, intrinsics=INTRINSICS, distortion=()):
     return ",".join([name or capture.names[view], *(repr(float(value)) for value in values)])
 
 
-def write(folder, rows=None, header=HEADER, pictures="images"):
+def write(folder, rows=None, header=HEADER, images="images"):
     capture = ring()
-    write_pictures(folder / pictures, capture)
+    write_images(folder / images, capture)
     rows = [row(capture, view) for view in range(4)] if rows is None else rows
     (folder / "export.csv").write_text("\n".join([header, *rows]) + "\n")
     return folder
@@ -96,7 +96,7 @@ def test_points_fall_where_they_should(tmp_path, header):
 
 
 def test_images_may_lie_beside_the_file(tmp_path):
-    assert projection_error(build(write(tmp_path, pictures=".")), square(ring())) < 0.01
+    assert projection_error(build(write(tmp_path, images=".")), square(ring())) < 0.01
 
 
 def test_angles_are_those_of_a_drone():

@@ -13,7 +13,7 @@ from support.small_captures import (
     WIDTH,
     projection_error,
     request,
-    write_picture,
+    write_image,
 )
 from support.small_videos import cameras, over_time, write_video
 
@@ -135,7 +135,7 @@ def test_a_folder_of_images_per_camera_will_do(tmp_path):
     write(tmp_path)
     for name in cameras().names:
         for time in range(TIMES):
-            write_picture(tmp_path / f"frames/{name}/{time}.png")
+            write_image(tmp_path / f"frames/{name}/{time}.png")
     data = build(tmp_path, videos="frames", fps=10.0)
     assert data.scene.time_range == pytest.approx((0.0, 0.3))
     assert data.views(Split.EVAL).names[0] == "cam00/0.png"

@@ -1,4 +1,4 @@
-"""The built-in scene: its geometry is exact, its pictures repeat, its tracks are true."""
+"""The built-in scene: its geometry is exact, its images repeat, its tracks are true."""
 
 import math
 from pathlib import Path
@@ -13,8 +13,8 @@ from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
 from gsfw.datamanagers.synthetic.motion import Still
 from gsfw.datamanagers.synthetic.raycast import SUBPIXELS, photograph, project, rays
+from gsfw.datamanagers.synthetic.scene import LIGHT, Solid, SyntheticScene, solids
 from gsfw.datamanagers.synthetic.shapes import Box, Cone, Cylinder, Sphere
-from gsfw.datamanagers.synthetic.stage import LIGHT, Solid, Stage, solids
 from gsfw.datamanagers.synthetic.textures import Bands
 
 CPU = torch.device("cpu")
@@ -36,7 +36,7 @@ def moving():
     return small(moving=True).build(HERE)
 
 
-def pictures(data, split=Split.TRAIN):
+def images(data, split=Split.TRAIN):
     batches = data.load(split, range(len(data.views(split))), CPU)
     return torch.cat([torch.cat([batch.images, batch.alpha], dim=-1) for batch in batches])
 
@@ -83,10 +83,12 @@ def test_rays_leaving_a_surface_do_not_meet_it_again():
 def test_a_ball_covers_the_disc_of_pixels_that_geometry_says():
     # Perspective makes a circle of radius f r / sqrt(d^2 - r^2) of a ball straight ahead.
     texture = Bands((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 1.0)
-    stage = Stage((Solid("ball", Sphere(), Still((0.0, 0.0, 5.0), (0.5, 0.5, 0.5)), texture),), 0.0)
+    scene = SyntheticScene(
+        (Solid("ball", Sphere(), Still((0.0, 0.0, 5.0), (0.5, 0.5, 0.5)), texture),), 0.0
+    )
     matrix = torch.tensor([[[200.0, 0, 41.3], [0, 200.0, 30.8], [0, 0, 1]]], dtype=torch.float64)
     camera = Cameras(torch.eye(4, dtype=torch.float64)[None], matrix, 80, 60)
-    alpha = photograph(stage, camera)[..., 3].double() / 255
+    alpha = photograph(scene, camera)[..., 3].double() / 255
     radius = 200 * 0.5 / math.sqrt(5**2 - 0.5**2)
     assert float(alpha.sum()) == pytest.approx(math.pi * radius**2, rel=2e-3)
     x, y = torch.arange(80) + 0.5, torch.arange(60) + 0.5
@@ -95,7 +97,7 @@ def test_a_ball_covers_the_disc_of_pixels_that_geometry_says():
 
 
 def test_known_surface_points_are_seen_where_the_camera_model_projects_them():
-    stage = Stage(solids(0), 0.0)
+    scene = SyntheticScene(solids(0), 0.0)
     angles = torch.linspace(0, 2 * math.pi, 200, dtype=torch.float64)
     circle = torch.stack([angles.cos(), angles.sin(), torch.zeros_like(angles)])
     # The ball's equator, the column's upper rim, a circle painted on the table.
@@ -109,8 +111,8 @@ def test_known_surface_points_are_seen_where_the_camera_model_projects_them():
         for solid, points in known.items():
             pixels = project(camera, points).float()
             origins, directions = rays(camera, pixels)
-            hits = stage.trace(origins, directions)
-            # Rays are float32, as for pictures; a grazing ray slides, so only near hits count.
+            hits = scene.trace(origins, directions)
+            # Rays are float32, as for images; a grazing ray slides, so only near hits count.
             near = (hits.solid == solid) & ((hits.points - points).norm(dim=0) < 0.01)
             error = (project(camera, hits.points.double()) - project(camera, points)).norm(dim=0)
             assert float(error[near].max()) <= 0.01
@@ -120,34 +122,34 @@ def test_known_surface_points_are_seen_where_the_camera_model_projects_them():
 
 def test_scene_points_lie_where_the_training_views_saw_them(static):
     # The views are in the scene frame and float32: what a method is given fits together.
-    stage, world = Stage(solids(0), 0.0), static.scene.world_from_scene
+    scene, world = SyntheticScene(solids(0), 0.0), static.scene.world_from_scene
     points = static.scene.points
     in_world = world.apply(points).T
     visible = torch.zeros(len(points), dtype=torch.bool)
     for camera in static.views(Split.TRAIN).cameras:
         pixels = project(camera, points.T.double())
-        in_picture = ((pixels > 0) & (pixels < torch.tensor([[32.0], [24.0]]))).all(dim=0)
+        in_image = ((pixels > 0) & (pixels < torch.tensor([[32.0], [24.0]]))).all(dim=0)
         moved = Cameras(
             world.camera(camera.world_to_camera), camera.intrinsics, camera.width, camera.height
         )
         origins, directions = rays(moved, pixels)
-        hits = stage.trace(origins, directions)
+        hits = scene.trace(origins, directions)
         near = (hits.points - in_world).norm(dim=0) < 0.01
         error = (project(moved, hits.points) - pixels).norm(dim=0)
         assert float(error[near].max()) <= 0.01
-        visible |= near & in_picture
+        visible |= near & in_image
     assert bool(visible.all())
 
 
-def test_a_held_out_picture_shows_what_single_rays_see(static):
+def test_a_held_out_image_shows_what_single_rays_see(static):
     (batch,) = static.load(Split.EVAL, [1], CPU)
-    camera, stage = static.views(Split.EVAL).cameras[1], Stage(solids(0), 0.0)
+    camera, scene = static.views(Split.EVAL).cameras[1], SyntheticScene(solids(0), 0.0)
     world = static.scene.world_from_scene
     moved = Cameras(world.camera(camera.world_to_camera), camera.intrinsics, 32, 24)
     y, x = torch.meshgrid(torch.arange(24) + 0.5, torch.arange(32) + 0.5, indexing="ij")
     origins, directions = rays(moved, torch.stack([x, y]).view(2, -1))
-    hits = stage.trace(origins, directions)
-    colors = stage.shade(hits, directions).T.view(24, 32, 3)
+    hits = scene.trace(origins, directions)
+    colors = scene.shade(hits, directions).T.view(24, 32, 3)
     alpha = (hits.solid >= 0).view(24, 32, 1)
     whole = (batch.alpha[0] == 1) & alpha
     assert float((batch.images[0] - colors).abs()[whole[..., 0]].median()) < 0.03
@@ -177,19 +179,19 @@ def test_the_scene_frame_has_extent_one_and_leads_back_to_the_world(static):
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not(static):
     again, other = small().build(HERE), small(seed=1).build(HERE)
-    assert torch.equal(pictures(static), pictures(again))
+    assert torch.equal(images(static), images(again))
     assert torch.equal(static.scene.points, again.scene.points)
     assert torch.equal(static.scene.point_colors, again.scene.point_colors)
-    assert not torch.equal(pictures(static), pictures(other))
+    assert not torch.equal(images(static), images(other))
     assert not torch.equal(static.scene.points, other.scene.points)
 
 
 def test_images_are_cast_only_when_they_are_asked_for(monkeypatch):
     cast = []
 
-    def counted(stage, camera):
+    def counted(scene, camera):
         cast.append(camera)
-        return photograph(stage, camera)
+        return photograph(scene, camera)
 
     monkeypatch.setattr("gsfw.datamanagers.synthetic.data.photograph", counted)
     data = small().build(HERE)
@@ -215,37 +217,37 @@ def test_the_bits_of_an_image_do_not_depend_on_threads_or_on_the_order_of_views(
 @pytest.mark.parametrize("time", [0.0, 0.5, 1.0])
 def test_an_image_cast_in_blocks_is_the_one_of_which_every_ray_tries_every_solid(time):
     # Blocks try the solids near them only, and shadows the solids towards the sun only.
-    stage, steps = Stage(solids(2), time), SUBPIXELS
+    scene, steps = SyntheticScene(solids(2), time), SUBPIXELS
     for index in range(3):
         camera = dome(3, 0.0, 150, 60, 1).select([index])
         y, x = (torch.arange(side * steps) + 0.5 for side in (60, 150))
         grid = torch.meshgrid(y / steps, x / steps, indexing="ij")
         directions = rays(camera, torch.stack([grid[1], grid[0]]).view(2, -1))[1]
         origins = camera.centers.to(directions).T
-        solid = stage.trace(origins, directions).solid.view(60, steps, 150, steps)
+        solid = scene.trace(origins, directions).solid.view(60, steps, 150, steps)
         covered = (solid >= 0).float().mean(dim=(1, 3))
-        image = photograph(stage, camera)
+        image = photograph(scene, camera)
         assert torch.equal(image[..., 3], (covered * 255).round().to(torch.uint8))
         assert 0 < float(covered.mean()) < 1
 
 
 def test_shadows_fall_wherever_another_solid_hides_the_sun():
     # Against marching to the sun in small steps, from points all over the scene.
-    stage = Stage(solids(0), 0.5)
+    scene = SyntheticScene(solids(0), 0.5)
     camera = dome(1, 0.0, 60, 45, 0)
     y, x = torch.meshgrid(torch.arange(45) + 0.5, torch.arange(60) + 0.5, indexing="ij")
     origin, directions = rays(camera, torch.stack([x, y]).view(2, -1).double())
-    hits = stage.trace(origin, directions)
+    hits = scene.trace(origin, directions)
     table = hits.solid == 0
     points = hits.points[:, table]
     sun = torch.tensor(LIGHT, dtype=torch.float64)[:, None]
     hidden = torch.zeros(points.shape[1], dtype=torch.bool)
     for step in torch.linspace(0.005, 2.0, 400, dtype=torch.float64):
-        for _, solid, pose in stage.placed[1:]:
+        for _, solid, pose in scene.placed[1:]:
             hidden |= INSIDE[type(solid.shape)](pose.to_own(points + step * sun)) < 0
-    colors = stage.shade(hits, directions)[:, table]
+    colors = scene.shade(hits, directions)[:, table]
     # Rays to the sun start a little above the surface, so a few next to a solid may differ.
-    _, item, pose = stage.placed[0]
+    _, item, pose = scene.placed[0]
     own = pose.to_own(points)
     up = pose.normals_to_world(item.shape.normals(own))[2] > 0.99
     brightness = (colors / item.texture(own)).mean(dim=0)
@@ -254,7 +256,7 @@ def test_shadows_fall_wherever_another_solid_hides_the_sun():
     assert float((brightness[up & ~hidden] > 0.9).double().mean()) > 0.98
 
 
-def test_downscaling_shrinks_pictures_by_area_and_intrinsics_exactly():
+def test_downscaling_shrinks_images_by_area_and_intrinsics_exactly():
     full = small(width=64, height=50, points=0).build(HERE)
     half = small(width=64, height=50, points=0).build(DataRequest(None, downscale=2.0))
     camera = half.views(Split.TRAIN).cameras[0]
@@ -276,7 +278,7 @@ def test_at_time_zero_the_moving_scene_is_the_static_one(static, moving):
     )
     assert torch.equal(first.images, static_first.images)
     assert torch.equal(first.alpha, static_first.alpha)
-    assert not torch.equal(pictures(moving)[5], pictures(static)[5])
+    assert not torch.equal(images(moving)[5], images(static)[5])
 
 
 def test_every_time_of_the_moving_scene_is_seen_by_some_cameras(moving):
@@ -302,12 +304,12 @@ def test_tracks_pass_through_every_point_at_its_time(moving):
 
 
 def test_at_any_time_rays_meet_moved_points_where_their_tracks_say(moving):
-    stage, world = Stage(solids(0), 0.5), moving.scene.world_from_scene
+    scene, world = SyntheticScene(solids(0), 0.5), moving.scene.world_from_scene
     tracks = moving.tracks([0.5])
     points = world.apply(tracks.positions[0][tracks.present[0]]).T
     met = torch.zeros(points.shape[1], dtype=torch.bool)
     for camera in [dome(8, 0.0, 400, 300, 0).select([i]) for i in range(8)]:
-        hits = stage.trace(*rays(camera, project(camera, points)))
+        hits = scene.trace(*rays(camera, project(camera, points)))
         met |= (hits.points - points).norm(dim=0) < 1e-5
     # What is not met lies in the shade of another solid, or faces the table.
     assert float(met.float().mean()) > 0.9
@@ -359,7 +361,7 @@ def test_nothing_on_disk_is_taken_for_the_built_in_scene(tmp_path):
         (
             {"width": 40_000, "height": 20_000},
             "the built-in scene would take 25600 MB, but cache_mb=2048.\n"
-            "Raise cache_mb, or ask for fewer or smaller pictures.",
+            "Raise cache_mb, or ask for fewer or smaller images.",
         ),
     ],
 )
@@ -381,7 +383,7 @@ def test_data_given_to_the_built_in_scene_is_refused():
 def test_the_moving_mask_holds_all_that_moving_solids_ever_cover(moving, static):
     assert static.moving_mask(Split.EVAL, 0) is None
     camera = dome(2, HELD_OUT, 32, 24, 0).select([1])
-    over_time = [photograph(Stage(solids(0), time), camera) for time in (0.0, 0.5, 1.0)]
+    over_time = [photograph(SyntheticScene(solids(0), time), camera) for time in (0.0, 0.5, 1.0)]
     alpha = torch.stack(over_time)[..., 3].int()
     mask = moving.moving_mask(Split.EVAL, 1)[..., 0]
     # Shadows do not change what is covered, so all that does is a solid that moves.

@@ -18,8 +18,8 @@ from support.small_captures import (
     projection_error,
     request,
     ring,
-    write_picture,
-    write_pictures,
+    write_image,
+    write_images,
     write_transforms,
 )
 
@@ -34,7 +34,7 @@ CPU = torch.device("cpu")
 @pytest.fixture
 def folder(tmp_path):
     """A folder with the images of the ring, which a test adds its transforms.json to."""
-    write_pictures(tmp_path, ring())
+    write_images(tmp_path, ring())
     return tmp_path
 
 
@@ -121,7 +121,7 @@ def test_camera_indices_that_count_nothing_are_refused(folder, index):
 
 
 def test_file_paths_may_lack_their_extension_and_use_backslashes(tmp_path):
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     names = [f".\\images\\{name.removesuffix('.png')}" for name in ring().names]
     write_transforms(tmp_path / "transforms.json", replace(ring(), names=names))
     assert build(tmp_path).views(Split.TRAIN).names[0] == "images/view_000"
@@ -296,7 +296,7 @@ def test_masks_and_alpha_of_distorted_images_come_along(folder):
     values = np.zeros((HEIGHT, WIDTH), np.uint8)
     values[:, : WIDTH // 2] = 255
     Image.fromarray(values).save(folder / "mask.png")
-    write_picture(folder / "view_000.png", mode="RGBA")
+    write_image(folder / "view_000.png", mode="RGBA")
     masks = {"mask_path": "mask.png", "motion_mask_path": "mask.png"}
     write(folder, [masks, {}, {}, {}], k1=-0.1)
     data = build(folder)

@@ -11,7 +11,7 @@ from support.small_captures import (
     request,
     ring,
     write_colmap,
-    write_pictures,
+    write_images,
 )
 
 from gsfw.core.datamanager import Split
@@ -25,7 +25,7 @@ from gsfw.datamanagers.transforms_writer import NERFSTUDIO_MODELS, write_transfo
 def source(folder, capture=None):
     """A COLMAP model with its images, loaded."""
     capture = capture or ring()
-    write_pictures(folder / "images", capture)
+    write_images(folder / "images", capture)
     write_colmap(folder / "sparse/0", capture)
     return ColmapConfig().build(request(folder)).recording
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pycolmap
 import pytest
-from support.distorted_pictures import CENTER, DISTORTIONS, HEIGHT, WIDTH, lens, parameters
+from support.distorted_images import CENTER, DISTORTIONS, HEIGHT, WIDTH, lens, parameters
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.lens import COEFFICIENTS

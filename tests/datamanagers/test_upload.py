@@ -48,10 +48,10 @@ def test_neither_memory_is_lent_out_while_it_is_used(gpu):
     busy = torch.rand(2048, 2048, device=gpu)
     sums, wanted = [], []
     for number in range(200):
-        picture = torch.full((256, 256, 3), number % 251, dtype=torch.uint8)
+        image = torch.full((256, 256, 3), number % 251, dtype=torch.uint8)
         shipments = []
         thread = threading.Thread(
-            target=lambda p=picture, into=shipments: into.append(upload.send((p,)))
+            target=lambda p=image, into=shipments: into.append(upload.send((p,)))
         )
         thread.start()
         thread.join()
@@ -59,7 +59,7 @@ def test_neither_memory_is_lent_out_while_it_is_used(gpu):
             busy = (busy @ busy).clamp(0, 1)
         (there,) = upload.receive(shipments.pop())
         sums.append(there.long().sum())
-        wanted.append((number % 251) * picture.numel())
+        wanted.append((number % 251) * image.numel())
         del there
     assert torch.stack(sums).tolist() == wanted
     assert bool(busy.isfinite().all())

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.small_captures import HEIGHT, WIDTH, write_picture
-from support.small_videos import picture, shade, write_video
+from support.small_captures import HEIGHT, WIDTH, write_image
+from support.small_videos import image, shade, write_video
 
 from gsfw.core.errors import DataError, UnavailableError
 from gsfw.datamanagers.video import Video, is_video
@@ -31,7 +31,7 @@ def test_packets_tell_size_number_rate_times_and_key_frames(tmp_path):
 def test_every_image_is_the_one_of_its_number(tmp_path):
     video = Video.read(write_video(tmp_path / "a.mp4"))
     for number, pixels in video.images(range(10)):
-        assert np.abs(pixels.astype(int) - picture(number)).mean() < 3
+        assert np.abs(pixels.astype(int) - image(number)).mean() < 3
         assert abs(float(pixels[HEIGHT // 2 :].mean()) - (shade(number) - 7.5)) < 3
 
 
@@ -59,7 +59,7 @@ def test_other_containers_are_read(tmp_path, end):
     video = Video.read(write_video(tmp_path / f"a{end}", key_every=100))
     assert len(video) == 10
     video.check_even()
-    assert np.abs(video.image(6).astype(int) - picture(6)).mean() < 3
+    assert np.abs(video.image(6).astype(int) - image(6)).mean() < 3
 
 
 def test_an_mp4_called_mov_is_read_as_what_it_is(tmp_path):
@@ -161,7 +161,7 @@ def test_text_called_mp4_is_refused(tmp_path):
 
 
 def test_an_image_called_mp4_is_refused(tmp_path):
-    write_picture(tmp_path / "a.png")
+    write_image(tmp_path / "a.png")
     (tmp_path / "a.png").rename(tmp_path / "a.mp4")
     with pytest.raises(DataError, match=r"a\.mp4: the file \(piped png sequence\) is no video\."):
         Video.read(tmp_path / "a.mp4")

@@ -31,7 +31,7 @@ def temporary(tmp_path, monkeypatch):
     return folder
 
 
-def pictures(tmp_path, room=None, masked=False, stride=1):
+def images(tmp_path, room=None, masked=False, stride=1):
     """Those of two videos, which are numbered through, and what ``finish`` was called for."""
     videos = [Video.read(write_video(tmp_path / f"{name}.mp4")) for name in "ab"]
     shots = [Shot(video, number) for video in videos for number in range(0, 10, stride)]
@@ -56,7 +56,7 @@ def wait_for(condition):
 
 
 def test_images_are_the_same_first_and_later(temporary, tmp_path):
-    held, shots, finished = pictures(tmp_path)
+    held, shots, finished = images(tmp_path)
     order = [13, 2, 19, 7, 0, 11, 9, 15]
     first = [held.get(index).pixels for index in order]
     wait_for(lambda: len(held._kept) == 20)
@@ -70,7 +70,7 @@ def test_images_are_the_same_first_and_later(temporary, tmp_path):
 
 
 def test_only_the_segments_that_were_asked_for_are_decoded(temporary, tmp_path):
-    held, _, finished = pictures(tmp_path)
+    held, _, finished = images(tmp_path)
     held.get(5)
     wait_for(lambda: held._kept == {4, 5, 6, 7})
     assert set(finished) == {4, 5, 6, 7}
@@ -78,7 +78,7 @@ def test_only_the_segments_that_were_asked_for_are_decoded(temporary, tmp_path):
 
 
 def test_images_that_no_frame_shows_are_not_kept(temporary, tmp_path):
-    held, _, finished = pictures(tmp_path, stride=3)
+    held, _, finished = images(tmp_path, stride=3)
     for index in range(8):
         held.get(index)
     wait_for(lambda: len(held._kept) == 8)
@@ -87,7 +87,7 @@ def test_images_that_no_frame_shows_are_not_kept(temporary, tmp_path):
 
 
 def test_masks_are_kept_too(temporary, tmp_path):
-    held, _, _ = pictures(tmp_path, masked=True)
+    held, _, _ = images(tmp_path, masked=True)
     mask = held.get(1).mask
     wait_for(lambda: 1 in held._kept)
     assert np.array_equal(held.get(1).mask, mask)
@@ -95,7 +95,7 @@ def test_masks_are_kept_too(temporary, tmp_path):
 
 
 def test_what_has_no_room_is_decoded_again(temporary, tmp_path):
-    held, shots, _ = pictures(tmp_path, room=3 * SIZE)
+    held, shots, _ = images(tmp_path, room=3 * SIZE)
     for _ in range(2):
         for index in (9, 1, 15, 4):
             assert np.array_equal(
@@ -114,7 +114,7 @@ def test_a_full_disk_is_no_error(temporary, tmp_path, monkeypatch):
     def refuse(*_):
         raise OSError(28, "No space left on device")
 
-    held, _, _ = pictures(tmp_path)
+    held, _, _ = images(tmp_path)
     monkeypatch.setattr(np, "save", refuse)
     assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
     assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
@@ -127,7 +127,7 @@ def test_what_fits_only_partly_leaves_nothing(temporary, tmp_path, monkeypatch):
         file.write_bytes(array.tobytes()[:9])
         raise OSError(28, "No space left on device")
 
-    held, _, _ = pictures(tmp_path, masked=True)
+    held, _, _ = images(tmp_path, masked=True)
     monkeypatch.setattr(np, "save", half)
     assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
     wait_for(lambda: not list(temporary.glob("*/*")))
@@ -135,7 +135,7 @@ def test_what_fits_only_partly_leaves_nothing(temporary, tmp_path, monkeypatch):
 
 
 def test_a_place_that_cannot_be_written_is_no_error(temporary, tmp_path):
-    held, _, _ = pictures(tmp_path)
+    held, _, _ = images(tmp_path)
     temporary.rmdir()
     assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
     assert held.get(3).pixels.shape == (HEIGHT, WIDTH, 3)
@@ -151,7 +151,7 @@ def test_what_killed_processes_left_is_removed_and_nothing_else(temporary, tmp_p
     others = {f"{FOLDERS}{os.getppid()}-x", f"{FOLDERS}x-x", f"gsfw-video-elsewhere-{ended.pid}-x"}
     for name in others:
         (temporary / name).mkdir()
-    held, _, _ = pictures(tmp_path)
+    held, _, _ = images(tmp_path)
     held.get(3)
     found = {path.name for path in temporary.iterdir()} - others
     assert len(found) == 1
@@ -161,7 +161,7 @@ def test_what_killed_processes_left_is_removed_and_nothing_else(temporary, tmp_p
 
 
 def test_closing_removes_the_folder_and_opening_again_works(temporary, tmp_path):
-    held, _, _ = pictures(tmp_path)
+    held, _, _ = images(tmp_path)
     before = held.get(3).pixels
     assert len(list(Path(temporary).iterdir())) == 1
     held.close()
@@ -172,7 +172,7 @@ def test_closing_removes_the_folder_and_opening_again_works(temporary, tmp_path)
 
 
 def test_notes_say_what_is_kept_where(temporary, tmp_path):
-    held, _, _ = pictures(tmp_path)
+    held, _, _ = images(tmp_path)
     assert held.notes() == (
         f"20 images of 2 videos: decoded once and kept in {temporary} while training (0 MB)",
     )
@@ -180,7 +180,7 @@ def test_notes_say_what_is_kept_where(temporary, tmp_path):
 
 
 def test_a_damaged_segment_is_the_error_of_who_asks_for_it(temporary, tmp_path):
-    held, shots, _ = pictures(tmp_path)
+    held, shots, _ = images(tmp_path)
     path = shots[0].video.path
     path.write_bytes(path.read_bytes()[:600])
     with pytest.raises(DataError, match=r"a\.mp4"):

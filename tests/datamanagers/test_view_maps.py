@@ -14,7 +14,7 @@ from support.small_captures import (
     request,
     ring,
     write_colmap,
-    write_pictures,
+    write_images,
     write_transforms,
 )
 
@@ -40,7 +40,7 @@ PLACES = np.stack([X, Y, X + Y], axis=2).astype(np.float32)
 @pytest.fixture
 def folder(tmp_path):
     """A COLMAP data set of four pinhole images."""
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     write_colmap(tmp_path / "sparse/0", ring())
     return tmp_path
 
@@ -127,12 +127,12 @@ def test_maps_larger_than_the_image_are_shrunk(folder):
 def test_small_maps_stay_small_in_the_cache_and_in_half_precision(folder):
     write_maps(folder / "f", np.ones((HEIGHT // 8, WIDTH // 8, 16), np.float16))
     data = opened(folder, "m:f")
-    picture = data._decode(0)
-    assert picture.maps["m"].values.shape == (HEIGHT // 8, WIDTH // 8, 16)
-    assert picture.maps["m"].values.dtype == np.float16
+    image = data._decode(0)
+    assert image.maps["m"].values.shape == (HEIGHT // 8, WIDTH // 8, 16)
+    assert image.maps["m"].values.dtype == np.float16
     stored = [
-        picture.pixels,
-        *(part for m in picture.maps.values() for part in (m.values, m.known)),
+        image.pixels,
+        *(part for m in image.maps.values() for part in (m.values, m.known)),
     ]
     assert sum(part.nbytes for part in stored) == data._loader._cache.sizes[0]
     assert only(data).values.shape == (1, HEIGHT, WIDTH, 16)
@@ -140,7 +140,7 @@ def test_small_maps_stay_small_in_the_cache_and_in_half_precision(folder):
 
 @pytest.mark.parametrize("downscale", [1.0, 2.5])
 def test_maps_follow_distorted_lenses_as_the_image_does(tmp_path, downscale):
-    write_pictures(tmp_path, ring())
+    write_images(tmp_path, ring())
     write_transforms(tmp_path / "transforms.json", ring(), k1=-0.2, k2=0.05)
     write_maps(tmp_path / "f")
     write_maps(tmp_path / "quarter", PLACES.reshape(12, 4, 16, 4, 3).mean(axis=(1, 3)))
@@ -289,7 +289,7 @@ class RgbdConfig(CaptureConfig):
 
 def test_a_format_of_a_plugin_lists_maps_and_gets_them_fitted(tmp_path):
     capture = ring()
-    write_pictures(tmp_path, capture)
+    write_images(tmp_path, capture)
     depth = (1 + X / 50).astype(np.float32)
     depth[:10] = 0
     write_maps(tmp_path / "depth", depth)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.distorted_pictures import (
+from support.distorted_images import (
     DISTORTIONS,
     HEIGHT,
     WIDTH,
@@ -40,17 +40,17 @@ def fit(straightened: Warp, pixels, valid=None, shrunk: float = 1):
 def test_rays_show_where_the_undistorted_camera_puts_them(model, rule):
     straightened = warp(model, rule)
     target = straightened.undistortion.target
-    picture = fit(straightened, spots(lens(model), target, slopes_on_grid())).pixels
-    errors = spot_errors(picture, target.project(slopes_on_grid()))
+    image = fit(straightened, spots(lens(model), target, slopes_on_grid())).pixels
+    errors = spot_errors(image, target.project(slopes_on_grid()))
     assert np.abs(errors).max() < 0.01
 
 
 def test_rays_show_where_they_should_in_shrunk_images():
     straightened = warp("OPENCV")
     target = straightened.undistortion.target
-    picture = fit(straightened, spots(lens("OPENCV"), target, slopes_on_grid()), shrunk=2).pixels
-    small = target.resized(picture.shape[1], picture.shape[0])
-    errors = spot_errors(picture, small.project(slopes_on_grid()), spread=2.5)
+    image = fit(straightened, spots(lens("OPENCV"), target, slopes_on_grid()), shrunk=2).pixels
+    small = target.resized(image.shape[1], image.shape[0])
+    errors = spot_errors(image, small.project(slopes_on_grid()), spread=2.5)
     assert np.abs(errors).max() < 0.02
 
 
@@ -69,12 +69,12 @@ def test_a_straight_gradient_in_front_of_the_lens_is_straight_again():
 def test_pixels_that_were_not_seen_are_masked_and_others_are_not():
     straightened = warp("OPENCV", LensRule(blank_pixels=1.0))
     pixels = np.full((HEIGHT, WIDTH, 3), 200, np.uint8)
-    picture = fit(straightened, pixels)
-    assert picture.mask is not None
-    assert 0.5 < picture.mask.mean() < 1
-    assert not picture.mask[0, 0]
-    assert picture.mask[picture.mask.shape[0] // 2, picture.mask.shape[1] // 2]
-    assert (picture.pixels == 200).all()
+    image = fit(straightened, pixels)
+    assert image.mask is not None
+    assert 0.5 < image.mask.mean() < 1
+    assert not image.mask[0, 0]
+    assert image.mask[image.mask.shape[0] // 2, image.mask.shape[1] // 2]
+    assert (image.pixels == 200).all()
     assert fit(warp("OPENCV"), pixels).mask is None
 
 

@@ -147,7 +147,7 @@ def test_bands_above_the_active_degree_are_not_written(tmp_path):
 
 
 @pytest.mark.parametrize("antialias", [False, True])
-def test_an_exported_file_draws_the_same_picture(tmp_path, antialias):
+def test_an_exported_file_draws_the_same_image(tmp_path, antialias):
     given = splats(60, 3)
     again = read(write(tmp_path / "a.ply", given)).splats
     camera = front_camera(dtype=torch.float64)

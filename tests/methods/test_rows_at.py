@@ -1,4 +1,4 @@
-"""New rows where the picture lacks something: every method puts them where they are asked for."""
+"""New rows where the image lacks something: every method puts them where they are asked for."""
 
 from dataclasses import replace
 

@@ -105,14 +105,14 @@ class Course:
         self.refiners = Refiners(self.method.refiners(self.scene, self.model))
         self.camera = camera_at(0.0)
 
-    def picture(self, time: float) -> torch.Tensor:
+    def image(self, time: float) -> torch.Tensor:
         with torch.no_grad():
             drifted = self.truth.splats(torch.tensor(max(time - 0.5, 0.0)))
             return self.rasterizer.render(drifted, self.camera, WHITE).color
 
     def one_step(self, time: float) -> float:
         camera = replace(self.camera, time=torch.tensor([time]))
-        batch = Batch(self.picture(time), camera, (0,))
+        batch = Batch(self.image(time), camera, (0,))
         self.method.prepare(self.step, self.model, self.optimizer, time)
         splats = self.model.splats(batch.time)
         output = self.rasterizer.render(splats, camera, WHITE)

@@ -82,7 +82,7 @@ def test_a_missing_parent_is_named(tmp_path):
 def test_an_empty_folder_has_its_own_message(tmp_path):
     assert data_refusal(tmp_path) == (
         f"data={tmp_path}: the folder is empty.\n"
-        "Give the folder that holds the pictures and their cameras."
+        "Give the folder that holds the images and their cameras."
     )
 
 
@@ -239,7 +239,7 @@ class Lost:
 class Odd(Source):
     @classmethod
     def detect(cls, path):
-        raise IndexError("no picture")
+        raise IndexError("no image")
 
 
 class OddRasterizer(Base):
@@ -275,7 +275,7 @@ def test_a_third_partys_data_manager_or_rasterizer_that_fails_harms_nobody(tmp_p
         "fast",
     )
     assert [(item.name, item.reason) for item in registry.broken][1:] == [
-        ("odd", "it failed with IndexError: no picture"),
+        ("odd", "it failed with IndexError: no image"),
         ("odd", "it failed with RuntimeError: no driver"),
     ]
 

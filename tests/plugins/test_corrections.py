@@ -73,7 +73,7 @@ def test_poses_that_are_a_degree_and_two_percent_wrong_are_found_again(tmp_path)
 
 
 @pytest.mark.slow
-def test_gains_of_pictures_are_found_again(tmp_path):
+def test_gains_of_images_are_found_again(tmp_path):
     given = open_data(settings_of())
     gains = 0.7 + 0.6 * torch.rand(12, 3, generator=torch.Generator().manual_seed(4))
     gains = gains / gains.mean(dim=0)

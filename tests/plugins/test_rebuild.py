@@ -83,7 +83,7 @@ def reloaded(restored, path, changed=None):
     return rebuild(read_model_file(path), path, installed(), changed)
 
 
-def picture(run):
+def image(run):
     """What a held-out camera sees, decoded."""
     parts, settings = run.composition.parts, run.composition.plan.settings
     camera = parts.data.views(Split.EVAL).cameras[1]
@@ -103,9 +103,9 @@ def test_every_registered_method_is_tested():
 def test_a_rebuilt_model_is_the_same_to_the_last_bit_at_all_times(name, tmp_path):
     run = trained(MODELS[name], tmp_path)
     again = reloaded(run, tmp_path / "model.gsfw")
-    pictures = [picture(run), picture(again)]
-    assert torch.equal(*pictures)
-    assert float(pictures[0].std()) > 0.01
+    images = [image(run), image(again)]
+    assert torch.equal(*images)
+    assert float(images[0].std()) > 0.01
     model, other = run.composition.parts.model, again.composition.parts.model
     assert again.step == 7
     assert_same_bits(dict(model.state_dict()), dict(other.state_dict()))

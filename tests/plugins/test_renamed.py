@@ -10,6 +10,7 @@ from support.fake_parts import Demo, FakePlugin, Grow, registry_of
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.config_file import read_config, write_config
 from gsfw.plugins.keys import current_key
+from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 from gsfw.plugins.specs import Spec, hookimpl
 
@@ -27,6 +28,7 @@ class NewDemo(Demo):
     renamed: ClassVar[Mapping[str, str]] = {
         "edges": "border", "border": "mode",  # Renamed twice.
         "inside": "inner", "gone": "",
+        "mode=firm": "mode=hard",
     }  # fmt: skip
 
     inner: Inner = field(default_factory=Inner)
@@ -76,6 +78,29 @@ def test_a_run_with_old_names_opens_silently(tmp_path, everything):
     assert (found.flat()["mode"], found.flat()["strategy.every"]) == ("hard", 7)
     assert {"mode", "strategy.every"} <= set(found.given)
     assert found.notes == ()
+
+
+def test_an_old_value_on_the_command_line_works_with_a_note():
+    found = settings(method="demo", edges="firm")
+    assert found.flat()["mode"] == "hard"
+    assert found.notes == ("edges was renamed to mode.", "mode=firm was renamed to mode=hard.")
+
+
+@pytest.mark.parametrize("everything", [True, False])
+def test_a_run_with_an_old_value_opens_silently(tmp_path, everything):
+    path = tmp_path / "config.yaml"
+    text = write_config(settings(method="demo", mode="hard"), ["train"])
+    path.write_text(text.replace("mode: hard", "mode: firm"))
+    found = settings(read_config(path, everything=everything))
+    assert found.flat()["mode"] == "hard"
+    assert "mode" in found.given
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize("method", ["3dgs", "4dgs", "4d-rotor", "spacetime", "dynamic3dgs"])
+def test_sh_same_of_old_runs_is_uniform(method):
+    old = Layer("config.yaml of an old run", {"method": method, "sh": "same"})
+    assert resolve(installed(), [old]).flat()["sh"] == "uniform"
 
 
 def test_a_setting_under_both_names_is_refused():

@@ -32,7 +32,7 @@ def test_a_motion_of_three_pixels_takes_half_of_what_tells_directions_apart(grey
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.0, 2.0])
-def test_sharp_pictures_and_round_blur_have_no_direction(grey, sigma):
+def test_sharp_images_and_round_blur_have_no_direction(grey, sigma):
     assert direction_of_blur(ndimage.gaussian_filter(grey, sigma))[1] > 1.5 * DIRECTED
 
 
@@ -41,6 +41,6 @@ def test_vertical_lines_are_not_blurred():
     assert direction_of_blur(np.tile(lines, (240, 1)))[1] > DIRECTED
 
 
-def test_pictures_without_detail_or_smaller_than_a_block_have_no_direction():
+def test_images_without_detail_or_smaller_than_a_block_have_no_direction():
     assert direction_of_blur(np.full((240, 320), 0.4)) == (0.0, 1.0)
     assert direction_of_blur(np.random.default_rng(0).random((BLOCK - 1, 200))) == (0.0, 1.0)

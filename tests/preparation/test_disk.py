@@ -11,7 +11,6 @@ from gsfw.preparation import disk
 from gsfw.preparation.features import FeatureSettings, extract_features
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import PairPlan
-from gsfw.preparation.progress import Silent
 
 
 @pytest.fixture
@@ -29,13 +28,11 @@ def full(monkeypatch):
 @pytest.mark.parametrize("looks", [0, 1, 2])
 def test_features_are_not_written_to_a_full_disk(tmp_path, full, looks):
     grey = np.full((48, 64, 3), 128, np.uint8)
-    pictures = captured.image_set(captured.write(tmp_path / "photos", [grey, grey // 2]))
+    images = captured.image_set(captured.write(tmp_path / "photos", [grey, grey // 2]))
     database = tmp_path / "d.db"
     full(looks)
     with pytest.raises(OutputError) as caught:
-        extract_features(
-            database, pictures, captured.one_group(pictures), FeatureSettings(), Silent()
-        )
+        extract_features(database, images, captured.one_group(images), FeatureSettings())
     assert str(caught.value) == (
         f"the disk is nearly full: {database} may need 32 MB more, and 5 MB are free.\n"
         "Free some space, and the same command goes on; or choose another place with out=DIR."
@@ -45,4 +42,4 @@ def test_features_are_not_written_to_a_full_disk(tmp_path, full, looks):
 def test_matches_are_not_written_to_a_full_disk(tmp_path, full):
     full(0)
     with pytest.raises(OutputError, match="the disk is nearly full"):
-        match_pairs(tmp_path / "d.db", PairPlan((), ""), 1, Silent())
+        match_pairs(tmp_path / "d.db", PairPlan((), ""), 1)

@@ -45,7 +45,7 @@ def test_what_a_phone_writes_is_read(tmp_path, extension):
     assert exif.names_camera
 
 
-def test_a_picture_without_exif_says_nothing(tmp_path):
+def test_an_image_without_exif_says_nothing(tmp_path):
     Image.new("RGB", (8, 6)).save(tmp_path / "plain.png")
     assert read_exif(tmp_path / "plain.png") == Exif()
     assert not Exif(exposure_seconds=0.1, taken="2024:05:01 12:30:00").names_camera
@@ -93,7 +93,7 @@ def test_a_unit_that_does_not_exist_says_nothing(tmp_path):
     assert read_exif(save(tmp_path / "photo.jpg", tags)).focal_pixels(8, 6) is None
 
 
-def test_the_focal_length_of_a_resized_picture_is_resized(tmp_path):
+def test_the_focal_length_of_a_resized_image_is_resized(tmp_path):
     tags = {
         Base.FocalLength: 4.0,
         Base.FocalPlaneXResolution: 508.0,
@@ -145,7 +145,7 @@ def test_damaged_exif_is_empty_and_warns_of_nothing(tmp_path, damaged):
     assert read_exif(tmp_path / "photo.jpg") == Exif()
 
 
-def test_no_picture_at_all_says_nothing(tmp_path):
+def test_no_image_at_all_says_nothing(tmp_path):
     (tmp_path / "text.jpg").write_text("no image")
     assert read_exif(tmp_path / "text.jpg") == Exif()
     assert read_exif(tmp_path / "missing.jpg") == Exif()

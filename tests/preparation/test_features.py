@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from support import captured
 
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
+from gsfw.core.progress import shown_by
 from gsfw.datamanagers.images import Header, read_header
 from gsfw.preparation import features
 from gsfw.preparation.camera_grouping import CameraGroup
@@ -19,7 +20,6 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.image_set import ImageSet, SourceImage
-from gsfw.preparation.progress import Progress, Silent
 from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features
 
 SETTINGS = FeatureSettings(max_size=320, count=1000, jobs=1)
@@ -83,7 +83,7 @@ def assert_same(first: Path, second: Path) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-class Interrupting(Progress):
+class Interrupting:
     """Ctrl-C when so many images are done."""
 
     def __init__(self, at: int) -> None:
@@ -105,11 +105,8 @@ class Interrupting(Progress):
         if done == self._at:
             raise KeyboardInterrupt
 
-    def say(self, text: str) -> None:
-        raise AssertionError(text)
 
-
-def test_keypoints_of_a_shrunk_picture_lie_where_those_of_the_whole_one_do(tmp_path):
+def test_keypoints_of_a_shrunk_image_lie_where_those_of_the_whole_one_do(tmp_path):
     # Twice as large an image of the same thing, with other sizes along x and y after shrinking.
     small = texture(240, 161)
     path = save(tmp_path / "large.png", np.kron(small, np.ones((2, 2, 1), np.uint8))[:, :479])
@@ -141,7 +138,7 @@ def test_a_blob_is_found_at_its_centre(tmp_path):
     assert np.abs(found[:, :2] - [61.3, 47.8]).max(axis=1).min() < 0.2
 
 
-def test_a_picture_turned_by_exif_has_the_features_of_the_upright_one(tmp_path):
+def test_an_image_turned_by_exif_has_the_features_of_the_upright_one(tmp_path):
     upright = texture(160, 120)
     exif = Image.Exif()
     exif[0x0112] = 6  # The camera was turned: the file's rows are columns.
@@ -154,7 +151,7 @@ def test_a_picture_turned_by_exif_has_the_features_of_the_upright_one(tmp_path):
     assert one.quality == other.quality
 
 
-def test_nothing_is_found_where_a_picture_is_transparent(tmp_path):
+def test_nothing_is_found_where_an_image_is_transparent(tmp_path):
     pixels = np.dstack([texture(160, 120), np.full((120, 160), 255, np.uint8)])
     pixels[:, :80, 3] = 0
     path = save(tmp_path / "cut.png", pixels)
@@ -166,73 +163,73 @@ def test_nothing_is_found_where_a_picture_is_transparent(tmp_path):
 
 
 def test_the_database_has_one_camera_for_a_group_and_frames_that_colmap_understands(tmp_path):
-    pictures = three(tmp_path / "photos")
-    a, b, c = (picture.name for picture in pictures.images)
+    images = three(tmp_path / "photos")
+    a, b, c = (image.name for image in images.images)
     groups = (
         CameraGroup(1, "SIMPLE_RADIAL", 160, 120, 150.0, "EXIF", (a, c)),
         CameraGroup(2, "OPENCV", 160, 120, 190.0, "", (b,)),
     )
-    reports = extract_features(tmp_path / "d.db", pictures, groups, SETTINGS, Silent())
+    reports = extract_features(tmp_path / "d.db", images, groups, SETTINGS)
     assert list(reports) == [a, b, c]
     with pycolmap.Database.open(tmp_path / "d.db") as opened:
         first, second = opened.read_all_cameras()
         assert (first.model.name, second.model.name) == ("SIMPLE_RADIAL", "OPENCV")
         assert (first.focal_length, first.principal_point_x) == (150.0, 80.0)
         assert (first.has_prior_focal_length, second.has_prior_focal_length) == (True, False)
-        images = opened.read_all_images()
-        assert [(one.image_id, one.name, one.camera_id) for one in images] == [
+        rows = opened.read_all_images()
+        assert [(one.image_id, one.name, one.camera_id) for one in rows] == [
             (1, a, 1),
             (2, b, 2),
             (3, c, 1),
         ]
         assert [rig.ref_sensor_id.id for rig in opened.read_all_rigs()] == [1, 2]
         assert [frame.rig_id for frame in opened.read_all_frames()] == [1, 2, 1]
-        for image, report in zip(images, reports.values(), strict=True):
-            assert opened.num_keypoints_for_image(image.image_id) == report.count > 50
+        for row, report in zip(rows, reports.values(), strict=True):
+            assert opened.num_keypoints_for_image(row.image_id) == report.count > 50
 
 
-def test_a_picture_that_does_not_decode_is_reported_and_not_in_the_database(tmp_path):
-    pictures = three(tmp_path / "photos")
-    broken = pictures.images[1].path
+def test_an_image_that_does_not_decode_is_reported_and_not_in_the_database(tmp_path):
+    images = three(tmp_path / "photos")
+    broken = images.images[1].path
     broken.write_bytes(broken.read_bytes()[:900])
     database = tmp_path / "d.db"
-    reports = extract_features(database, pictures, captured.one_group(pictures), SETTINGS, Silent())
+    reports = extract_features(database, images, captured.one_group(images), SETTINGS)
     assert [bool(report.failure) for report in reports.values()] == [False, True, False]
     assert reports["b.png"].failure.startswith(f"{broken}: the image does not decode: ")
     assert (reports["b.png"].count, reports["b.png"].blur_direction) == (0, None)
     with pycolmap.Database.open(database) as opened:
         assert [image.image_id for image in opened.read_all_images()] == [1, 3]
-    again = extract_features(database, pictures, captured.one_group(pictures), SETTINGS, Silent())
+    again = extract_features(database, images, captured.one_group(images), SETTINGS)
     assert again == reports
 
 
-def test_a_picture_that_was_replaced_meanwhile_is_reported(tmp_path):
-    pictures = three(tmp_path / "photos")
-    save(pictures.images[0].path, texture(100, 100))
-    groups = captured.one_group(pictures)
-    reports = extract_features(tmp_path / "d.db", pictures, groups, SETTINGS, Silent())
+def test_an_image_that_was_replaced_meanwhile_is_reported(tmp_path):
+    images = three(tmp_path / "photos")
+    save(images.images[0].path, texture(100, 100))
+    groups = captured.one_group(images)
+    reports = extract_features(tmp_path / "d.db", images, groups, SETTINGS)
     assert reports["a.png"].failure == (
-        f"{pictures.images[0].path}: the image was replaced while it was prepared."
+        f"{images.images[0].path}: the image was replaced while it was prepared."
     )
 
 
-def test_a_uniform_picture_has_no_features_and_no_direction_of_blur(tmp_path):
+def test_a_uniform_image_has_no_features_and_no_direction_of_blur(tmp_path):
     path = save(tmp_path / "grey.png", np.full((120, 160, 3), 90, np.uint8))
-    pictures = captured.image_set([path])
-    groups = captured.one_group(pictures)
-    report = extract_features(tmp_path / "d.db", pictures, groups, SETTINGS, Silent())["grey.png"]
+    images = captured.image_set([path])
+    groups = captured.one_group(images)
+    report = extract_features(tmp_path / "d.db", images, groups, SETTINGS)["grey.png"]
     assert (report.count, report.blur_direction, report.blur_ratio) == (0, None, 1.0)
     assert report.failure == ""
 
 
 @pytest.mark.parametrize("torn", [False, True])
 def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn, monkeypatch):
-    pictures = three(tmp_path / "photos")
-    groups = captured.one_group(pictures)
+    images = three(tmp_path / "photos")
+    groups = captured.one_group(images)
     whole, part = tmp_path / "whole" / "d.db", tmp_path / "part" / "d.db"
-    expected = extract_features(whole, pictures, groups, SETTINGS, Silent())
-    with pytest.raises(KeyboardInterrupt):
-        extract_features(part, pictures, groups, SETTINGS, Interrupting(2))
+    expected = extract_features(whole, images, groups, SETTINGS)
+    with pytest.raises(KeyboardInterrupt), shown_by(Interrupting(2).stage):
+        extract_features(part, images, groups, SETTINGS)
     log = part.with_name("features.jsonl")
     assert len(log.read_text().splitlines()) == 2
     if torn:  # The process was killed while it wrote the second line.
@@ -244,31 +241,31 @@ def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn
         return find_features(one)
 
     monkeypatch.setattr(features, "find_features", watched)
-    assert extract_features(part, pictures, groups, SETTINGS, Silent()) == expected
+    assert extract_features(part, images, groups, SETTINGS) == expected
     assert looked_at == (["b.png", "c.png"] if torn else ["c.png"])
     assert_same(whole, part)
 
 
 @pytest.mark.slow
 def test_two_processes_find_the_same_bits_as_one(tmp_path, monkeypatch):
-    pictures = three(tmp_path / "photos")
-    groups = captured.one_group(pictures)
+    images = three(tmp_path / "photos")
+    groups = captured.one_group(images)
     alone, together = tmp_path / "alone" / "d.db", tmp_path / "together" / "d.db"
     monkeypatch.setattr(features, "WORKER_SECONDS", 0.0)
-    first = extract_features(alone, pictures, groups, SETTINGS, Silent())
+    first = extract_features(alone, images, groups, SETTINGS)
     two = dataclasses.replace(SETTINGS, jobs=2)
-    assert extract_features(together, pictures, groups, two, Silent()) == first
+    assert extract_features(together, images, groups, two) == first
     assert_same(alone, together)
 
 
 def test_a_process_that_is_ended_from_outside_is_named(tmp_path, monkeypatch):
-    pictures = three(tmp_path / "photos")
+    images = three(tmp_path / "photos")
 
     monkeypatch.setattr(features, "WORKER_SECONDS", 0.0)
     monkeypatch.setattr(features, "start_worker", sys.exit)
     two = dataclasses.replace(SETTINGS, jobs=2)
     with pytest.raises(UnavailableError) as caught:
-        extract_features(tmp_path / "d.db", pictures, captured.one_group(pictures), two, Silent())
+        extract_features(tmp_path / "d.db", images, captured.one_group(images), two)
     assert str(caught.value) == (
         "one of 2 processes that look for features was ended from outside, most likely because "
         "memory ran out.\nRun the same command again with fewer processes (jobs=1): it goes on "
@@ -278,12 +275,10 @@ def test_a_process_that_is_ended_from_outside_is_named(tmp_path, monkeypatch):
 
 
 def test_a_file_that_is_no_database_is_refused(tmp_path):
-    pictures = three(tmp_path / "photos")
+    images = three(tmp_path / "photos")
     (tmp_path / "d.db").write_text("something else")
     with pytest.raises(DataError, match="COLMAP could not open the features with"):
-        extract_features(
-            tmp_path / "d.db", pictures, captured.one_group(pictures), SETTINGS, Silent()
-        )
+        extract_features(tmp_path / "d.db", images, captured.one_group(images), SETTINGS)
 
 
 def test_a_report_survives_json():
@@ -300,7 +295,7 @@ def test_settings_are_chosen_for_the_machine_and_said():
     )
 
 
-def test_the_sentence_suits_a_single_picture():
+def test_the_sentence_suits_a_single_image():
     _, how = FeatureSettings.for_machine(imagined(1), 1, None, None)
     assert how.startswith("features: at most 4000 in the only image, on up to 1600 pixels, with")
 
@@ -328,7 +323,7 @@ def test_too_few_features_or_more_than_can_be_matched_are_refused(size, count, m
     assert str(caught.value) == f"{message}\nLeave it out to have it chosen."
 
 
-def test_features_do_not_depend_on_the_picture_before():
+def test_features_do_not_depend_on_the_image_before():
     def found(name: str, pixels: np.ndarray, folder: Path) -> ImageFeatures:
         path = save(folder / name, pixels)
         return find_features(ImageTask(name, path, read_header(path), 320, 1000, 320))

@@ -60,7 +60,7 @@ def test_none_is_nearer_than_the_least_change():
     assert (np.diff(positions[chosen]) >= NEAREST).all()
 
 
-def test_pictures_that_are_stored_twice_are_taken_once():
+def test_images_that_are_stored_twice_are_taken_once():
     chosen = choose(np.repeat(np.linspace(0, 2, 100), 2), 200)
     assert len(chosen) == 100
     assert len(set(chosen // 2)) == 100
@@ -79,6 +79,6 @@ def test_those_that_may_not_be_taken_are_not():
     assert (choose(np.linspace(0, 2, 200), 50, usable=usable) % 2 == 0).all()
 
 
-def test_a_single_picture_is_taken():
+def test_a_single_image_is_taken():
     assert choose([0.0], 5).tolist() == [0]
     assert choose([0.0, 0.0, 0.0], 5, sharpness=[1, 3, 2]).tolist() == [1]

@@ -11,7 +11,6 @@ from gsfw.preparation.exif import Exif
 from gsfw.preparation.frames import frames_of_videos
 from gsfw.preparation.image_set import SourceImage
 from gsfw.preparation.journal import Journal
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.workspace import Workspace
 
 
@@ -34,7 +33,7 @@ def taken(tmp_path):
         place = Workspace(tmp_path / "out")
         beside = [photo(name) for name in photos]
         journal = Journal(place.journal)
-        frames = frames_of_videos(paths, 3, beside, place, journal, Silent())
+        frames = frames_of_videos(paths, 3, beside, place, journal, lambda text: None)
         return {frame.name.rpartition("/")[0] for frame in frames}, {
             frame.group for frame in frames
         }

@@ -15,7 +15,6 @@ from gsfw.preparation.features import FeatureSettings, extract_features
 from gsfw.preparation.match_list import MARK, listable, listable_names
 from gsfw.preparation.matching import forget_matches, match_more, match_pairs
 from gsfw.preparation.pairs import PairPlan
-from gsfw.preparation.progress import Silent
 
 COUNT = 5
 SIZE = (240, 180)
@@ -30,10 +29,10 @@ def found(tmp_path_factory) -> Path:
     paths = list(captured.write(folder / "photos", views))
     for number, name in enumerate(("#1.png", "in the  garden.png", "left over.png")):
         paths[number] = paths[number].rename(paths[number].with_name(name))
-    pictures = captured.image_set(paths)
+    images = captured.image_set(paths)
     settings = FeatureSettings(max_size=240, count=600, jobs=1)
-    groups = captured.one_group(pictures, 250.0)
-    extract_features(folder / "d.db", pictures, groups, settings, Silent())
+    groups = captured.one_group(images, 250.0)
+    extract_features(folder / "d.db", images, groups, settings)
     return folder / "d.db"
 
 
@@ -69,12 +68,12 @@ def assert_same(one: dict, other: dict) -> None:
 @pytest.fixture(scope="module")
 def all_matches(found, tmp_path_factory) -> dict[tuple[int, int], np.ndarray]:
     database = Path(shutil.copy(found, tmp_path_factory.mktemp("all") / "d.db"))
-    match_pairs(database, every_pair(database), 1, Silent())
+    match_pairs(database, every_pair(database), 1)
     return inliers(database)
 
 
 def test_neighbours_have_many_verified_matches_and_names_stay_as_they_were(found, database):
-    match_pairs(database, every_pair(database), 1, Silent())
+    match_pairs(database, every_pair(database), 1)
     matches = inliers(database)
     assert len(matches) == COUNT * (COUNT - 1) // 2
     assert all(len(matches[(number, number + 1)]) > 100 for number in range(1, COUNT))
@@ -103,13 +102,13 @@ def test_matches_lie_on_the_epipolar_lines_of_the_true_cameras(found, all_matche
 
 def test_matches_do_not_depend_on_threads_or_blocks(database, all_matches, monkeypatch):
     monkeypatch.setattr(matching, "BLOCK", 3)
-    match_pairs(database, every_pair(database), 2, Silent())
+    match_pairs(database, every_pair(database), 2)
     assert_same(inliers(database), all_matches)
 
 
 def test_pairs_that_are_there_are_not_matched_again(database, all_matches, monkeypatch):
     plan = every_pair(database)
-    match_pairs(database, PairPlan(plan.pairs[:4], ""), 1, Silent())
+    match_pairs(database, PairPlan(plan.pairs[:4], ""), 1)
     assert len(inliers(database)) == 4
     matched = []
     really = matching._match
@@ -121,7 +120,7 @@ def test_pairs_that_are_there_are_not_matched_again(database, all_matches, monke
     # Turned around, twice, with itself, and with an image that is not there: still the same.
     more = tuple((second, first) for first, second in plan.pairs)
     odd = ((plan.pairs[0][0], plan.pairs[0][0]), (plan.pairs[0][0], "missing.png"))
-    match_pairs(database, PairPlan((*more, *plan.pairs, *odd), ""), 1, Silent())
+    match_pairs(database, PairPlan((*more, *plan.pairs, *odd), ""), 1)
     assert set(matched) == set(plan.pairs[4:])
     assert_same(inliers(database), all_matches)
 
@@ -132,7 +131,7 @@ def test_names_are_restored_after_a_process_was_killed(found, database, all_matc
         opened.executemany("update images set name = ? where name = ?", marked)
         opened.commit()
     assert any(name.startswith(MARK) for name in names(database))
-    match_pairs(database, every_pair(found), 1, Silent())
+    match_pairs(database, every_pair(found), 1)
     assert names(database) == names(found)
     assert_same(inliers(database), all_matches)
 
@@ -150,8 +149,8 @@ def test_names_are_restored_after_an_interruption(found, database):
 
 def test_matching_more_finds_more_in_pairs_that_were_there(database, all_matches):
     plan = every_pair(database)
-    match_pairs(database, plan, 1, Silent())
-    match_more(database, plan.pairs[:2], 1, Silent())
+    match_pairs(database, plan, 1)
+    match_more(database, plan.pairs[:2], 1)
     more = inliers(database)
     assert more.keys() == all_matches.keys()
     for number, pair in enumerate(all_matches):
@@ -159,7 +158,7 @@ def test_matching_more_finds_more_in_pairs_that_were_there(database, all_matches
 
 
 def test_forgetting_matches_keeps_the_features(found, database, all_matches):
-    match_pairs(database, every_pair(database), 1, Silent())
+    match_pairs(database, every_pair(database), 1)
     forget_matches(database)
     assert inliers(database) == {}
     with pycolmap.Database.open(database) as one, pycolmap.Database.open(found) as other:
@@ -172,16 +171,16 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
     path = tmp_path / "d.db"
     path.write_text("something else")
     with pytest.raises(DataError, match="COLMAP could not match features with"):
-        match_pairs(path, PairPlan((), ""), 1, Silent())
+        match_pairs(path, PairPlan((), ""), 1)
 
 
 @pytest.mark.slow
 def test_all_photos_of_the_shared_capture_register(tmp_path):
-    database, pictures, cameras = captured.database(tmp_path, n=6)
+    database, images, cameras = captured.database(tmp_path, n=6)
     (tmp_path / "models").mkdir()
     pycolmap.set_random_seed(0)
     models = pycolmap.incremental_mapping(database, tmp_path / "photos", tmp_path / "models")
     assert [model.num_reg_images() for model in models.values()] == [6]
-    assert len(pictures.images) == len(cameras.world_to_camera) == 6
+    assert len(images.images) == len(cameras.world_to_camera) == 6
     focal = next(iter(models[0].cameras.values())).focal_length
     assert focal == pytest.approx(captured.FOCAL, rel=0.03)

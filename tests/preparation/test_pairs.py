@@ -14,7 +14,6 @@ from gsfw.preparation.feature_database import FeatureDatabase
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.pairs import MatchingRule, PairPlan, plan_pairs
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.sift import ImageFeatures
 
 
@@ -31,12 +30,12 @@ def imagined(groups: dict[str, int], in_order: bool = False) -> ImageSet:
     )
 
 
-def stored(folder: Path, pictures: ImageSet, leave_out: str = "") -> Path:
+def stored(folder: Path, images: ImageSet, leave_out: str = "") -> Path:
     """A database of the images without any feature."""
-    names = tuple(picture.name for picture in pictures.images)
+    names = tuple(image.name for image in images.images)
     group = CameraGroup(1, "SIMPLE_RADIAL", 160, 120, 150.0, "", names)
     nothing = ImageQuality(0.0, 0.0, 0.0, 0.0)
-    with FeatureDatabase(folder / "d.db", pictures, (group,)) as database:
+    with FeatureDatabase(folder / "d.db", images, (group,)) as database:
         for name in names:
             if name != leave_out:
                 keypoints, descriptors = np.zeros((0, 6), np.float32), np.zeros((0, 128), np.uint8)
@@ -48,7 +47,7 @@ def stored(folder: Path, pictures: ImageSet, leave_out: str = "") -> Path:
 def nearest_by_number(monkeypatch):
     """Likeness goes by numbers, groups come in order: none knows of the other."""
 
-    def ranked(database, vocabulary, progress):
+    def ranked(database, vocabulary):
         with pycolmap.Database.open(database) as opened:
             names = [image.name for image in opened.read_all_images()]
         return {
@@ -62,9 +61,9 @@ def nearest_by_number(monkeypatch):
     monkeypatch.setattr(pairs, "look_alikes", ranked)
 
 
-def planned(folder: Path, pictures: ImageSet, rule: MatchingRule | None = None) -> PairPlan:
-    plan = plan_pairs(pictures, rule or MatchingRule(), stored(folder, pictures), Silent())
-    names = [picture.name for picture in pictures.images]
+def planned(folder: Path, images: ImageSet, rule: MatchingRule | None = None) -> PairPlan:
+    plan = plan_pairs(images, rule or MatchingRule(), stored(folder, images))
+    names = [image.name for image in images.images]
     # Every pair is there once, the earlier image first.
     assert len(set(plan.pairs)) == len(plan.pairs)
     assert all(names.index(first) < names.index(second) for first, second in plan.pairs)
@@ -78,16 +77,16 @@ def test_all_pairs_of_few_photos_are_compared(tmp_path, count, number):
     assert plan.how == (f"pairs: all {number} of {count} images, as there are at most 200.")
 
 
-def test_a_picture_that_could_not_be_decoded_is_in_no_pair(tmp_path):
-    pictures = imagined({"a": 4})
-    database = stored(tmp_path, pictures, leave_out="a001.png")
-    plan = plan_pairs(pictures, MatchingRule("exhaustive"), database, Silent())
+def test_an_image_that_could_not_be_decoded_is_in_no_pair(tmp_path):
+    images = imagined({"a": 4})
+    database = stored(tmp_path, images, leave_out="a001.png")
+    plan = plan_pairs(images, MatchingRule("exhaustive"), database)
     assert plan.pairs == tuple(combinations(("a000.png", "a002.png", "a003.png"), 2))
     assert plan.how == "pairs: all 3 of 3 images."
 
 
 @pytest.mark.parametrize("in_order", [False, True])
-def test_one_picture_has_no_pair(tmp_path, in_order):
+def test_one_image_has_no_pair(tmp_path, in_order):
     plan = planned(tmp_path, imagined({"a": 1}, in_order))
     assert plan == PairPlan((), "pairs: none, as there are no two images to compare.")
 

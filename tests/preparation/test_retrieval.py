@@ -7,7 +7,6 @@ from support import captured
 
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.features import FeatureSettings, extract_features
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.retrieval import build_vocabulary, check_vocabulary, look_alikes
 
 # Seconds each; .ci/run runs them.
@@ -24,9 +23,9 @@ def arc(tmp_path_factory) -> Path:
     pycolmap.logging.minloglevel = 2
     folder = tmp_path_factory.mktemp("arc")
     views = captured.photos(captured.arc(COUNT, step=STEP, width=240, height=180))
-    pictures = captured.image_set(captured.write(folder / "photos", views))
+    images = captured.image_set(captured.write(folder / "photos", views))
     settings = FeatureSettings(max_size=240, count=800, jobs=1)
-    extract_features(folder / "d.db", pictures, captured.one_group(pictures), settings, Silent())
+    extract_features(folder / "d.db", images, captured.one_group(images), settings)
     return folder / "d.db"
 
 
@@ -40,7 +39,7 @@ def vocabulary(tmp_path_factory) -> Path:
 
 
 def test_neighbours_are_the_most_alike(arc):
-    ranked = look_alikes(arc, None, Silent())
+    ranked = look_alikes(arc, None)
     assert len(ranked) == COUNT
     hits, expected = 0, 0
     for name, others in ranked.items():
@@ -54,26 +53,26 @@ def test_neighbours_are_the_most_alike(arc):
 
 
 def test_the_same_features_give_the_same_order(arc):
-    assert look_alikes(arc, None, Silent()) == look_alikes(arc, None, Silent())
+    assert look_alikes(arc, None) == look_alikes(arc, None)
 
 
 def test_nothing_is_left_beside_the_database(arc):
     before = sorted(arc.parent.iterdir())
-    look_alikes(arc, None, Silent())
+    look_alikes(arc, None)
     assert sorted(arc.parent.iterdir()) == before
 
 
 def test_a_vocabulary_can_be_given(arc, vocabulary):
-    assert len(look_alikes(arc, vocabulary, Silent())) == COUNT
+    assert len(look_alikes(arc, vocabulary)) == COUNT
 
 
 def test_too_few_features_for_a_vocabulary_give_no_look_alikes(tmp_path):
-    pictures = captured.image_set(
+    images = captured.image_set(
         captured.write(tmp_path / "photos", [np.full((60, 80, 3), 90, np.uint8)] * 2)
     )
-    groups = captured.one_group(pictures)
-    extract_features(tmp_path / "d.db", pictures, groups, FeatureSettings(), Silent())
-    assert look_alikes(tmp_path / "d.db", None, Silent()) == {}
+    groups = captured.one_group(images)
+    extract_features(tmp_path / "d.db", images, groups, FeatureSettings())
+    assert look_alikes(tmp_path / "d.db", None) == {}
 
 
 def test_building_a_vocabulary_says_nothing(capfd, tmp_path):

@@ -37,7 +37,7 @@ def written(path: Path, content: bytes) -> Path:
 
 
 def names(source: Source) -> list[str]:
-    return [picture.name for picture in source.images.images]
+    return [image.name for image in source.images.images]
 
 
 def only_left_out(source: Source) -> LeftOut:
@@ -51,7 +51,7 @@ def folder(tmp_path) -> Path:
     return photos(tmp_path / "shots", "a.png", "b.png")
 
 
-def test_pictures_are_sorted_by_the_numbers_in_their_names(tmp_path):
+def test_images_are_sorted_by_the_numbers_in_their_names(tmp_path):
     source = read_source([photos(tmp_path, "img_10.png", "img_9.jpg", "img_2.webp")])
     assert names(source) == ["img_2.webp", "img_9.jpg", "img_10.png"]
     assert source.notes == ()
@@ -98,7 +98,7 @@ def test_what_another_preparation_has_only_begun_is_not_used(folder):
     assert source.notes == (f"{folder / 'scene'} is not used: it is a result of gsfw prepare",)
 
 
-def test_of_a_result_only_its_pictures_are_used(tmp_path):
+def test_of_a_result_only_its_images_are_used(tmp_path):
     photos(tmp_path / "images", "a.png")
     photos(tmp_path, "prepare.png", "work/frames/b.png")
     (tmp_path / "prepare.json").touch()
@@ -114,33 +114,33 @@ def test_copies_of_one_name_are_told_apart_by_their_folders(tmp_path):
     )
 
 
-def test_sizes_are_those_of_the_upright_picture(tmp_path):
+def test_sizes_are_those_of_the_upright_image(tmp_path):
     exif = Image.Exif()
     exif[Base.Orientation] = 6
     exif[Base.Model] = "Phone"
     photo(tmp_path / "a.jpg", exif=exif)
-    (picture,) = read_source([tmp_path]).images.images
-    assert (picture.header.width, picture.header.height) == (6, 8)
-    assert picture.header.orientation == 6
-    assert picture.exif.model == "Phone"
+    (image,) = read_source([tmp_path]).images.images
+    assert (image.header.width, image.header.height) == (6, 8)
+    assert image.header.orientation == 6
+    assert image.exif.model == "Phone"
 
 
 def test_folders_in_a_folder_are_groups(tmp_path):
     photos(tmp_path, "cam10/a.png", "cam2/a.png", "cam2/deep/a.png", "a.png")
     source = read_source([tmp_path])
     assert names(source) == ["a.png", "cam2/a.png", "cam2/deep/a.png", "cam10/a.png"]
-    groups = [picture.group for picture in source.images.images]
+    groups = [image.group for image in source.images.images]
     assert groups == ["", "cam2", "cam2/deep", "cam10"]
 
 
 def test_a_single_folder_in_a_folder_is_no_group(tmp_path):
     source = read_source([photos(tmp_path, "day/a.png", "day/b.png")])
     assert names(source) == ["day/a.png", "day/b.png"]
-    assert {picture.group for picture in source.images.images} == {""}
+    assert {image.group for image in source.images.images} == {""}
 
 
 @pytest.mark.parametrize("inner", ["images", "input"])
-def test_the_picture_folder_of_a_data_set_is_entered(tmp_path, inner):
+def test_the_image_folder_of_a_data_set_is_entered(tmp_path, inner):
     photos(tmp_path, f"{inner}/a.png")
     written(tmp_path / "sparse" / "0" / "cameras.bin", b"1234")
     source = read_source([tmp_path])
@@ -148,7 +148,7 @@ def test_the_picture_folder_of_a_data_set_is_entered(tmp_path, inner):
     assert source.notes == ()
 
 
-def test_shrunk_copies_beside_the_pictures_of_a_data_set_are_not_read(tmp_path):
+def test_shrunk_copies_beside_the_images_of_a_data_set_are_not_read(tmp_path):
     photos(tmp_path, "images/a.png", "images_2/a.png", "masks/a.png")
     source = read_source([tmp_path])
     assert names(source) == ["a.png"]
@@ -158,7 +158,7 @@ def test_shrunk_copies_beside_the_pictures_of_a_data_set_are_not_read(tmp_path):
     )
 
 
-def test_results_beside_the_pictures_of_a_data_set_are_no_photos(tmp_path):
+def test_results_beside_the_images_of_a_data_set_are_no_photos(tmp_path):
     photos(tmp_path, "images/a.png", "out/images/a.png", "old/images/a.png")
     written(tmp_path / "old" / "prepare.json", b"{}")
     source = read_source([tmp_path], out=tmp_path / "out")
@@ -170,7 +170,7 @@ def test_raw_input_comes_before_images_that_were_made_of_it(tmp_path):
     assert names(read_source([tmp_path])) == ["b.png"]
 
 
-def test_images_is_a_folder_like_others_where_pictures_lie_beside_it(tmp_path):
+def test_images_is_a_folder_like_others_where_images_lie_beside_it(tmp_path):
     photos(tmp_path, "a.png", "images/b.png")
     assert names(read_source([tmp_path])) == ["a.png", "images/b.png"]
 
@@ -180,7 +180,7 @@ def test_several_folders_are_told_apart_by_their_names(tmp_path):
     photos(tmp_path / "day 2", "a.png", "sub/a.png")
     source = read_source([tmp_path / "day 2", tmp_path / "day 1"])
     assert names(source) == ["day 1/a.png", "day 2/a.png", "day 2/sub/a.png"]
-    groups = [picture.group for picture in source.images.images]
+    groups = [image.group for image in source.images.images]
     assert groups == ["day 1", "day 2", "day 2/sub"]
 
 
@@ -190,12 +190,12 @@ def test_folders_of_one_name_are_numbered(tmp_path):
     assert names(read_source(inputs)) == ["Photos/a.png", "Photos_2/a.png", "photos_3/a.png"]
 
 
-def test_picture_folders_are_told_apart_by_their_data_sets(tmp_path):
+def test_image_folders_are_told_apart_by_their_data_sets(tmp_path):
     inputs = [photos(tmp_path / place / "images", "a.png") for place in ("fox", "owl")]
     assert names(read_source(inputs)) == ["fox/a.png", "owl/a.png"]
 
 
-def test_single_pictures_can_be_given(tmp_path):
+def test_single_images_can_be_given(tmp_path):
     photos(tmp_path, "a.png", "b.png", "c.png")
     source = read_source([tmp_path / "c.png", tmp_path / "a.png"])
     assert names(source) == ["a.png", "c.png"]
@@ -265,7 +265,7 @@ def test_results_and_masks_in_a_folder_are_not_read(folder):
     )
 
 
-def test_a_picture_is_named_by_its_content(folder):
+def test_an_image_is_named_by_its_content(folder):
     photo(folder / "c.jpg", content="PNG")
     photo(folder / "d.txt", content="JPEG")
     photo(folder / "e", content="WEBP")
@@ -313,7 +313,7 @@ def test_previews_behind_a_jpeg_are_no_pages(tmp_path):
     assert (names(source), source.notes) == (["a.jpg"], ())
 
 
-def test_much_smaller_pictures_are_used_and_told_of(tmp_path):
+def test_much_smaller_images_are_used_and_told_of(tmp_path):
     for name in "abc":
         photo(tmp_path / f"{name}.png", (64, 48))
     photo(tmp_path / "d.png", (16, 12))
@@ -400,7 +400,7 @@ def test_what_cannot_be_used_is_left_out_with_a_reason(folder, name, content, re
     assert source.notes == ()
 
 
-def test_a_raw_file_with_a_thumbnail_is_no_picture(folder):
+def test_a_raw_file_with_a_thumbnail_is_no_image(folder):
     photo(folder / "x.dng", content="TIFF")
     assert only_left_out(read_source([folder])).reason == "camera RAW files are not read"
 
@@ -414,7 +414,7 @@ def test_pixels_of_floating_point_are_left_out(folder):
     )
 
 
-def test_a_picture_of_too_many_pixels_is_left_out(folder, monkeypatch):
+def test_an_image_of_too_many_pixels_is_left_out(folder, monkeypatch):
     photo(folder / "x.png", (40, 30))
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 100)
     assert only_left_out(read_source([folder])) == LeftOut(
@@ -449,7 +449,7 @@ def test_equal_videos_are_used_once(tmp_path):
     assert only_left_out(source) == LeftOut("b.mp4", "it is the same file as a.mp4")
 
 
-def test_raw_files_beside_pictures_of_the_same_shot_need_no_advice(folder):
+def test_raw_files_beside_images_of_the_same_shot_need_no_advice(folder):
     written(folder / "a.NEF", b"raw")
     written(folder / "A.heic", b"heic")
     assert [str(item.reason) for item in read_source([folder]).images.left_out] == [
@@ -511,7 +511,7 @@ def test_a_folder_without_anything_usable_says_what_is_in_it(tmp_path):
     )
 
 
-def test_a_single_file_that_is_no_picture_is_refused(tmp_path):
+def test_a_single_file_that_is_no_image_is_refused(tmp_path):
     path = written(tmp_path / "notes.txt", b"text")
     assert refusal(path) == (
         f"{path}: there is no image and no video that can be used; found 1 x it is no PNG, "
@@ -530,5 +530,5 @@ def test_a_folder_that_cannot_be_read_is_refused(tmp_path, monkeypatch):
     )
 
 
-def test_one_picture_is_no_error_here(tmp_path):
+def test_one_image_is_no_error_here(tmp_path):
     assert names(read_source([photo(tmp_path / "a.png")])) == ["a.png"]

@@ -10,8 +10,8 @@ from gsfw.preparation.view_change import KNOWN, NO_OVERLAP, ViewPath, is_plain, 
 
 def small(grey):
     """As the view is followed on: 160 pixels wide."""
-    picture = Image.fromarray(grey.astype(np.float32)).resize((160, 120), Image.Resampling.BOX)
-    return np.asarray(picture, np.float32)
+    image = Image.fromarray(grey.astype(np.float32)).resize((160, 120), Image.Resampling.BOX)
+    return np.asarray(image, np.float32)
 
 
 def noisy(grey, number, size=3.0):
@@ -38,7 +38,7 @@ def test_exposure_is_no_movement():
     assert overlap(small(view(200)), small(0.5 * view(200) + 10)).shift == 0
 
 
-def test_unrelated_pictures_have_nothing_in_common():
+def test_unrelated_images_have_nothing_in_common():
     for number in range(5):
         found = overlap(small(view(100 * number)), small(view(100 * number, seed=1)))
         assert found.seen < KNOWN / 2
@@ -87,7 +87,7 @@ def test_a_cut_is_a_jump():
     assert not any(path.strange)
 
 
-def test_flashes_and_plain_pictures_are_strange_and_change_nothing_else():
+def test_flashes_and_plain_images_are_strange_and_change_nothing_else():
     views = [view(4 * number) for number in range(40)]
     plain = followed(views).positions
     views[10] = np.full_like(views[0], 255.0)
@@ -105,19 +105,19 @@ def test_a_long_look_elsewhere_is_a_scene_of_its_own():
     assert not any(path.strange)
 
 
-def test_pictures_that_never_match_are_all_jumps():
+def test_images_that_never_match_are_all_jumps():
     path = followed([view(100, seed=seed) for seed in range(8)])
     assert path.jumps == list(range(1, 8))
     assert not any(path.strange)
 
 
-def test_plain_pictures_are_told():
+def test_plain_images_are_told():
     assert is_plain(np.full((90, 160), 77, np.float32))
     assert not is_plain(small(view(0)))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (5, 3), (20, 160)])
-def test_tiny_pictures_are_compared_as_well_as_may_be(shape):
+def test_tiny_images_are_compared_as_well_as_may_be(shape):
     generator = np.random.default_rng(0)
     path = ViewPath()
     for _ in range(3):

@@ -27,7 +27,7 @@ def draw(
 
 @pytest.mark.parametrize("model", list(CameraModel))
 @pytest.mark.parametrize("antialias", [False, True])
-def test_the_picture_is_the_one_that_loops_draw(rasterizer, model, antialias):
+def test_the_image_is_the_one_that_loops_draw(rasterizer, model, antialias):
     splats = random_splats(25, 1, seed=3, dtype=torch.float64)
     splats = replace(splats, extra=torch.linspace(-1, 1, 50, dtype=torch.float64).view(25, 2))
     camera = turned_camera(model)
@@ -40,7 +40,7 @@ def test_the_picture_is_the_one_that_loops_draw(rasterizer, model, antialias):
 
 
 @pytest.mark.parametrize("profile", [GSPLAT_1_5, DEFAULT.without_cutoffs()])
-def test_the_picture_is_right_with_other_cut_offs(rasterizer, profile):
+def test_the_image_is_right_with_other_cut_offs(rasterizer, profile):
     splats = random_splats(25, 1, seed=4, dtype=torch.float64)
     splats = replace(splats, opacities=splats.opacities.sqrt().sqrt())
     camera = turned_camera(CameraModel.PINHOLE)

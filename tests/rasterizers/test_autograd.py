@@ -40,27 +40,27 @@ def test_one_input_alone_gets_the_gradient_that_it_gets_among_all(rasterizer, wa
     output = rasterizer.render(scene, front_camera(), RenderSettings())
     generator = torch.Generator().manual_seed(0)
     loss = torch.zeros(())
-    for picture in (output.color, output.alpha, output.extra):
-        weights = torch.randn(picture.shape, generator=generator, dtype=torch.float64)
-        loss = loss + (picture * weights.float()).sum()
+    for image in (output.color, output.alpha, output.extra):
+        weights = torch.randn(image.shape, generator=generator, dtype=torch.float64)
+        loss = loss + (image * weights.float()).sum()
     loss.backward()
     torch.testing.assert_close(leaf.grad, everything[f"gradient of {wanted}"])
 
 
-@pytest.mark.parametrize("picture", ["color", "alpha", "depth", "extra"])
-def test_one_picture_alone_can_be_differentiated(rasterizer, picture):
+@pytest.mark.parametrize("image", ["color", "alpha", "depth", "extra"])
+def test_one_image_alone_can_be_differentiated(rasterizer, image):
     settings = RenderSettings(depth=Depth.EXPECTED)
     splats = leaves(
         replace(random_splats(8, 1, dtype=torch.float64), extra=torch.rand(8, 1).double())
     )
     output = rasterizer.render(splats, front_camera(24, 18, dtype=torch.float64), settings)
-    getattr(output, picture).sum().backward()
+    getattr(output, image).sum().backward()
     change = 1e-7
 
     def total(shift: float) -> float:
         moved = replace(splats, opacities=splats.opacities.detach() + shift)
         drawn = rasterizer.render(moved, front_camera(24, 18, dtype=torch.float64), settings)
-        return getattr(drawn, picture).sum().item()
+        return getattr(drawn, image).sum().item()
 
     slope = (total(change) - total(-change)) / (2 * change)
     assert splats.opacities.grad.sum().item() == pytest.approx(slope, rel=1e-3, abs=1e-3)

@@ -1,4 +1,4 @@
-"""The conventions of splatting, each pinned by a picture that can be worked out on paper."""
+"""The conventions of splatting, each pinned by an image that can be worked out on paper."""
 
 import math
 from collections.abc import Callable

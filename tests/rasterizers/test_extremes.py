@@ -74,7 +74,7 @@ def test_every_image_size_is_drawn(rasterizer, size, count):
         assert output.alpha.max() > 0
 
 
-def test_a_large_picture_is_a_window_of_the_same_as_a_small_one(rasterizer):
+def test_a_large_image_is_a_window_of_the_same_as_a_small_one(rasterizer):
     splats = random_splats(20, 1, dtype=torch.float64)
     small = front_camera(17, 31, dtype=torch.float64)
     large = replace(small, width=64, height=48)

@@ -34,10 +34,10 @@ def no_encoder(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", refuse)
 
 
-def test_a_picture_is_clamped_and_rounded(tmp_path):
+def test_an_image_is_clamped_and_rounded(tmp_path):
     values = torch.tensor([[[-1.0, 0.5, 2.0]]])
-    with Image.open(write_image(tmp_path / "a.png", values)) as picture:
-        assert picture.getpixel((0, 0)) == (0, 128, 255)
+    with Image.open(write_image(tmp_path / "a.png", values)) as image:
+        assert image.getpixel((0, 0)) == (0, 128, 255)
 
 
 def test_a_webp_shows_every_frame_for_its_time(frames, tmp_path):
@@ -57,9 +57,9 @@ def test_an_mp4_has_every_frame_and_an_even_size(frames, tmp_path):
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         assert (stream.codec_context.name, stream.average_rate) == ("h264", 25)
-        pictures = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
-    assert [picture.shape for picture in pictures] == [(30, 44, 3)] * 3
-    means = [picture.mean() / 255 for picture in pictures]
+        images = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+    assert [image.shape for image in images] == [(30, 44, 3)] * 3
+    means = [image.mean() / 255 for image in images]
     assert means == pytest.approx([0.2, 0.5, 0.8], abs=0.02)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["film.mp4", "frames"]
 

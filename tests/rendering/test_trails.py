@@ -25,7 +25,7 @@ def path_of(*xs: float, opacities=None) -> Tracks:
 
 
 def drawn(tracks: Tracks, depth=None, length: int = 10, frame: int | None = None) -> torch.Tensor:
-    """How much each pixel of a white picture of 32 x 24 changes."""
+    """How much each pixel of a white image of 32 x 24 changes."""
     trails = Trails(tracks, torch.tensor([0]), length, tracks.positions[0, :1])
     white = torch.ones(24, 32, 3)
     frame = len(tracks.times) - 1 if frame is None else frame
@@ -71,7 +71,7 @@ def test_a_surface_in_front_hides_a_trail_and_one_behind_does_not():
     assert int(columns.max()) >= 22
 
 
-def test_nothing_outside_the_picture_is_drawn():
+def test_nothing_outside_the_image_is_drawn():
     assert not bool(drawn(path_of(50.0, 60.0)).any())
     assert bool(drawn(path_of(-0.2, 50.0)).any()), "a part of it is inside"
 
@@ -125,11 +125,11 @@ def test_tracks_are_drawn_where_time_passes(moving_run, tmp_path):
     for tracks in ("false", "true"):
         arguments = ["render", str(moving_run), f"tracks={tracks}", f"out={tmp_path / tracks}"]
         assert main([*arguments, "frames=3", "video=none", "what=time"]) == 0
-    pictures = [
+    images = [
         np.asarray(Image.open(tmp_path / tracks / "time" / "0002.png")).astype(int)
         for tracks in ("false", "true")
     ]
-    assert np.abs(pictures[0] - pictures[1]).max() > 50
+    assert np.abs(images[0] - images[1]).max() > 50
 
 
 def test_tracks_of_what_does_not_move_are_refused(moving_run, capsys):

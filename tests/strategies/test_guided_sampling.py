@@ -1,4 +1,4 @@
-"""Guided sampling on pictures of which one patch is wrong."""
+"""Guided sampling on images of which one patch is wrong."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ from gsfw.strategies.guided_sampling import (
 from gsfw.strategies.rounds import RefinementRounds
 
 CONFIG = GuidedSamplingConfig(rounds=2, start=10, every=5, share=1e-3)
-"""Of the 12 patches of a picture the worst one gets rows."""
+"""Of the 12 patches of an image the worst one gets rows."""
 RED = torch.tensor([0.9, 0.2, 0.1])
 CAMERA = replace(front_camera(64, 48), time=torch.tensor([0.7]))
 """At z = -4, looking along z; its focal length is 76.8 pixels."""
@@ -43,7 +43,7 @@ def guided(config=CONFIG, scene=None):
     return GuidedSampling(config, scene or toy_scene(), RefinementRounds(0, 1, 1000))
 
 
-def picture(view=0, error=1.0, depth=3.0, drawn=1.0, step=9, camera=CAMERA, **batch):
+def image(view=0, error=1.0, depth=3.0, drawn=1.0, step=9, camera=CAMERA, **batch):
     """A context whose view should be red in the patch at row 1 and column 2, and is black."""
     target = torch.zeros(1, 48, 64, 3)
     target[:, 16:32, 32:48] = error * RED
@@ -82,7 +82,7 @@ def added(sampling, done=10, model=None, max_rows=0, seed=0):
 
 def test_rows_come_along_the_ray_of_the_worst_patch_around_the_surface_in_its_colour():
     sampling = guided()
-    look_at(sampling, picture())
+    look_at(sampling, image())
     rows, counts = added(sampling)
     assert counts == {"guided": DEPTHS}
     offsets = rows["means"] - torch.tensor([0.0, 0, -4])
@@ -97,7 +97,7 @@ def test_rows_come_along_the_ray_of_the_worst_patch_around_the_surface_in_its_co
 
 def test_a_row_is_as_large_as_its_patch_is_there():
     sampling = guided()
-    look_at(sampling, picture())
+    look_at(sampling, image())
     rows, _ = added(sampling)
     width = 16 / 76.8 * (rows["means"][:, 2] + 4)
     torch.testing.assert_close(rows["log_scales"][:, 0].exp(), SIZE * width, rtol=0.1, atol=0)
@@ -107,7 +107,7 @@ def test_parallel_rays_have_patches_of_one_size():
     intrinsics = torch.tensor([[[16.0, 0, 32], [0, 16, 24], [0, 0, 1]]])
     camera = replace(CAMERA, model=CameraModel.ORTHOGRAPHIC, intrinsics=intrinsics)
     sampling = guided()
-    look_at(sampling, picture(camera=camera))
+    look_at(sampling, image(camera=camera))
     rows, _ = added(sampling)
     torch.testing.assert_close(rows["means"][:, :2], torch.tensor([[0.5, 0.0]]).repeat(DEPTHS, 1))
     torch.testing.assert_close(rows["log_scales"].exp(), torch.full((DEPTHS, 3), SIZE))
@@ -121,7 +121,7 @@ def test_where_nothing_is_drawn_rows_are_between_the_camera_and_the_far_side_of_
     torch.testing.assert_close(low, torch.tensor([-0.5, -0.5, -4]), atol=0.03, rtol=0)
     torch.testing.assert_close(high, torch.tensor([0.5, 0.5, 0.5]), atol=0.03, rtol=0)
     sampling = guided(scene=scene)
-    look_at(sampling, picture(drawn=0.4))
+    look_at(sampling, image(drawn=0.4))
     rows, _ = added(sampling)
     depths = rows["means"][:, 2] + 4
     assert bool((depths.diff() > 0).all())
@@ -137,12 +137,12 @@ def test_a_scene_without_points_reaches_an_extent_beyond_its_cameras():
 def test_the_two_views_with_the_largest_errors_are_used_and_not_again_until_drawn_again():
     sampling = guided(replace(CONFIG, rounds=4))
     for view, error in enumerate((0.1, 0.4, 0.2, 0.3)):
-        look_at(sampling, picture(view, error))
+        look_at(sampling, image(view, error))
     assert added(sampling)[1] == {"guided": 2 * DEPTHS}
     assert sorted(sampling.state_dict()["seen"]) == [0, 2]
     assert added(sampling, 15)[1] == {"guided": 2 * DEPTHS}
     assert added(sampling, 20)[1] == {"guided": 0}
-    look_at(sampling, picture(1, 0.4))
+    look_at(sampling, image(1, 0.4))
     assert added(sampling, 25)[1] == {"guided": DEPTHS}
 
 
@@ -150,16 +150,16 @@ def test_rounds_are_as_many_and_as_far_apart_as_asked_for():
     sampling = guided()
     said = []
     for done in range(1, 40):
-        look_at(sampling, picture(step=done - 1))
+        look_at(sampling, image(step=done - 1))
         said.append(added(sampling, done)[1])
     assert [done for done, counts in enumerate(said, 1) if counts] == [10, 15]
     assert sampling.state_dict() == {"rounds": 2, "seen": {}}
 
 
-def test_pictures_are_looked_at_from_an_interval_before_the_first_round_until_the_last():
+def test_images_are_looked_at_from_an_interval_before_the_first_round_until_the_last():
     sampling = guided()
     assert next(step for step in range(20) if sampling.depth(step) is Depth.EXPECTED) == 5
-    look_at(sampling, picture(step=4))
+    look_at(sampling, image(step=4))
     assert sampling.state_dict()["seen"] == {}
     assert sampling.depth(998) is Depth.EXPECTED
     assert sampling.depth(999) is Depth.NONE, "no refinement follows"
@@ -180,8 +180,8 @@ def test_new_rows_are_at_the_time_of_their_view():
 
     model.rows_at = rows_at
     sampling = guided()
-    look_at(sampling, picture(0))
-    look_at(sampling, picture(1, error=0.5, camera=replace(CAMERA, time=None)))
+    look_at(sampling, image(0))
+    look_at(sampling, image(1, error=0.5, camera=replace(CAMERA, time=None)))
     added(sampling, model=model)
     assert asked == [pytest.approx(0.7), None]
 
@@ -197,13 +197,13 @@ def test_new_rows_are_at_the_time_of_their_view():
 )
 def test_what_carries_no_loss_or_is_background_gets_no_rows(batch):
     sampling = guided(replace(CONFIG, share=1.0))
-    look_at(sampling, picture(**batch))
+    look_at(sampling, image(**batch))
     assert added(sampling)[1] == {"guided": 0}
 
 
-def test_a_picture_that_is_not_finite_gets_no_rows_that_are_not():
+def test_an_image_that_is_not_finite_gets_no_rows_that_are_not():
     sampling = guided(replace(CONFIG, share=1.0))
-    context = picture()
+    context = image()
     broken = torch.full_like(context.rendered.color, torch.nan)
     look_at(sampling, replace(context, rendered=replace(context.rendered, color=broken)))
     assert added(sampling)[1] == {"guided": 0}
@@ -212,7 +212,7 @@ def test_a_picture_that_is_not_finite_gets_no_rows_that_are_not():
 def test_the_share_of_patches_and_the_limit_of_rows_are_kept():
     def rows(share, max_rows):
         sampling = guided(replace(CONFIG, share=share))
-        context = picture()
+        context = image()
         target = context.target + torch.rand(1, 48, 64, 3, generator=torch.Generator())
         look_at(sampling, replace(context, target=target))
         return added(sampling, max_rows=max_rows)[1]["guided"]
@@ -226,7 +226,7 @@ def test_the_share_of_patches_and_the_limit_of_rows_are_kept():
 def test_a_restored_one_adds_the_same_rows():
     sampling, other = guided(), guided()
     for view, error in enumerate((0.4, 0.6)):
-        look_at(sampling, picture(view, error))
+        look_at(sampling, image(view, error))
     other.load_state_dict(sampling.state_dict())
     assert_same_bits(other.state_dict(), sampling.state_dict())
     assert_same_bits(added(other), added(sampling))
@@ -241,7 +241,7 @@ def test_it_is_a_part_of_adc_that_is_off_by_default():
     assert on.needs().features == {Feature.SCREEN_GRADIENT, Feature.DEPTH}
     adc, model = StrategyRun(on), gaussians(4)
     assert adc.depth(9) is Depth.EXPECTED
-    context = picture()
+    context = image()
     adc.observe(context, context.rendered.statistics, model)
     other = StrategyRun(on)
     other.load_state_dict(adc.state_dict())
@@ -250,7 +250,7 @@ def test_it_is_a_part_of_adc_that_is_off_by_default():
     counts = adc.edit(9, table, model, torch.Generator().manual_seed(0))
     assert counts == {"cloned": 0, "split": 0, "pruned": 0, "guided": DEPTHS}
     assert len(table) == 4 + DEPTHS
-    adc.observe(picture(step=12), context.rendered.statistics, model)
+    adc.observe(image(step=12), context.rendered.statistics, model)
     assert list(adc.state_dict()["guided"]["seen"]) == [0]
     adc.edit(99, table, model, torch.Generator())
     assert adc.state_dict()["guided"]["seen"] == {}, "after the last refinement there is no round"

@@ -38,7 +38,7 @@ def members_at(model, mean):
     return (model.means.values == mean).all(1)
 
 
-def test_dead_rows_move_to_live_ones_and_the_picture_stays():
+def test_dead_rows_move_to_live_ones_and_the_image_stays():
     model = gaussians(6)
     set_rows(model, [0.9, 0.004, 0.001, 0.6, 0.005, 0.002], [0.1] * 6)
     means, opacities = model.means.values.detach().clone(), model.opacities()
@@ -92,7 +92,7 @@ def test_it_grows_by_a_share_up_to_the_limit():
         assert model.num_rows == expected
 
 
-def test_growth_leaves_the_picture_and_starts_fresh_moments():
+def test_growth_leaves_the_image_and_starts_fresh_moments():
     model = gaussians(4)
     set_rows(model, [0.9, 0.5, 0.3, 0.7], [0.1] * 4)
     means, opacities = model.means.values.detach().clone(), model.opacities()

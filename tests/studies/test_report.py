@@ -101,7 +101,7 @@ def test_nothing_is_written_without_results(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_plot_is_a_picture(tmp_path):
+def test_the_plot_is_an_image(tmp_path):
     written(tmp_path, *RESULTS)
     with Image.open(tmp_path / "study.png") as image:
         colors = {color for _, color in image.convert("RGB").getcolors(1 << 22)}

@@ -10,10 +10,10 @@ from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.studies.stress import drawn
 from gsfw.studies.stress.case import Drawing
-from gsfw.studies.stress.drawn import PICTURES, STATISTICS, Drawn, distance, leaves
+from gsfw.studies.stress.drawn import IMAGES, STATISTICS, Drawn, distance, leaves
 from gsfw.studies.stress.judgement import faults_of_float32, faults_of_float64
 
-__all__ = ["PICTURES", "STATISTICS", "Drawn", "distance", "leaves"]
+__all__ = ["IMAGES", "STATISTICS", "Drawn", "distance", "leaves"]
 
 FUSED = {"gradient of covariances": 1e-11}
 """Bounds of kernels that fuse multiply-adds in float64: of needles given by their covariance the
@@ -31,7 +31,7 @@ def as_float64(
 def draw_everything(
     rasterizer: Rasterizer, splats: Splats, cameras: Cameras, settings: RenderSettings
 ) -> Drawn:
-    """Draw, and go back from fixed random weights of every picture."""
+    """Draw, and go back from fixed random weights of every image."""
     return drawn.draw_everything(rasterizer, Drawing(splats, cameras, settings))
 
 

@@ -16,7 +16,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.maths.camera_path import look_at
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.synthetic.raycast import one_thread, rays
-from gsfw.datamanagers.synthetic.stage import Stage, solids
+from gsfw.datamanagers.synthetic.scene import SyntheticScene, solids
 from gsfw.datamanagers.synthetic.textures import Texture, Waves
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.exif import Exif
@@ -24,7 +24,6 @@ from gsfw.preparation.features import FeatureSettings, extract_features
 from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import MatchingRule, plan_pairs
-from gsfw.preparation.progress import Silent
 
 WIDTH, HEIGHT = 320, 240
 FOCAL = 343.0
@@ -51,14 +50,14 @@ class Speckled:
         return (self.texture(points) * (1 + 0.9 * noise)).clamp(0, 1)
 
 
-def stage() -> Stage:
+def speckled_scene() -> SyntheticScene:
     """The built-in scene, speckled."""
     generator = torch.Generator().manual_seed(5)
 
     def spots(size: float) -> tuple[Waves, ...]:
         return tuple(Waves.random(generator, 20.0 * size * times, 12) for times in (1, 2, 4))
 
-    return Stage(
+    return SyntheticScene(
         tuple(
             replace(solid, texture=Speckled(solid.texture, spots(2.0 if index == 0 else 1.0)))
             for index, solid in enumerate(solids(0))
@@ -82,7 +81,7 @@ def arc(count: int, first: float = 0.0, step: float = STEP, width=WIDTH, height=
 
 def photos(cameras: Cameras) -> list[np.ndarray]:
     """What the cameras see, [h, w, 3] in 8 bits, before mid-grey."""
-    scene, pictures = stage(), []
+    scene, images = speckled_scene(), []
     wide, high = cameras.width * SAMPLES, cameras.height * SAMPLES
     y, x = torch.meshgrid(torch.arange(high), torch.arange(wide), indexing="ij")
     positions = (torch.stack([x.flatten(), y.flatten()]) + 0.5) / SAMPLES
@@ -93,17 +92,15 @@ def photos(cameras: Cameras) -> list[np.ndarray]:
             colors = torch.where(hits.solid >= 0, scene.shade(hits, directions), 0.5)
             cells = colors.reshape(3, cameras.height, SAMPLES, cameras.width, SAMPLES)
             pixels = (cells.mean((2, 4)) * 255).round().to(torch.uint8)
-            pictures.append(pixels.permute(1, 2, 0).numpy())
-    return pictures
+            images.append(pixels.permute(1, 2, 0).numpy())
+    return images
 
 
-def write(
-    folder: Path, pictures: Iterable[np.ndarray], extension: str = ".png"
-) -> tuple[Path, ...]:
+def write(folder: Path, images: Iterable[np.ndarray], extension: str = ".png") -> tuple[Path, ...]:
     """Images as photo_000.png and so on; JPEGs with a quality of 95."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    for number, pixels in enumerate(pictures):
+    for number, pixels in enumerate(images):
         paths.append(folder / f"photo_{number:03d}{extension}")
         Image.fromarray(pixels).save(paths[-1], quality=95)
     return tuple(paths)
@@ -117,10 +114,10 @@ def image_set(paths: Iterable[Path], in_order: bool = False, group: str = "") ->
     )
 
 
-def one_group(pictures: ImageSet, focal: float = 1.2 * WIDTH) -> tuple[CameraGroup, ...]:
+def one_group(images: ImageSet, focal: float = 1.2 * WIDTH) -> tuple[CameraGroup, ...]:
     """One camera for all; the guess at its focal length is wrong by a tenth."""
-    header = pictures.images[0].header
-    names = tuple(picture.name for picture in pictures.images)
+    header = images.images[0].header
+    names = tuple(image.name for image in images.images)
     return (CameraGroup(1, "SIMPLE_RADIAL", header.width, header.height, focal, "", names),)
 
 
@@ -130,15 +127,15 @@ def database(folder: Path, n: int = 8) -> tuple[Path, ImageSet, Cameras]:
     Takes 5 s for 8 images: keep it for a session. All of them register.
     """
     cameras = arc(n)
-    pictures = image_set(write(folder / "photos", photos(cameras)))
+    images = image_set(write(folder / "photos", photos(cameras)))
     path = folder / "work" / "database.db"
-    match_all(path, pictures)
-    return path, pictures, cameras
+    match_all(path, images)
+    return path, images, cameras
 
 
-def match_all(path: Path, pictures: ImageSet) -> None:
+def match_all(path: Path, images: ImageSet) -> None:
     """Features and matches of all pairs of a set whose images have one size."""
     settings = FeatureSettings(max_size=1600, count=2000, jobs=1)
-    extract_features(path, pictures, one_group(pictures), settings, Silent())
-    plan = plan_pairs(pictures, MatchingRule("exhaustive"), path, Silent())
-    match_pairs(path, plan, 1, Silent())
+    extract_features(path, images, one_group(images), settings)
+    plan = plan_pairs(images, MatchingRule("exhaustive"), path)
+    match_pairs(path, plan, 1)

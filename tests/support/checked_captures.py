@@ -82,16 +82,16 @@ class Written:
             path = self.folder / "images" / self.capture.names[view]
             Image.fromarray(edit(np.asarray(Image.open(path)))).save(path)
 
-    def survey(self, pictures: int | None = None) -> Survey:
+    def survey(self, images: int | None = None) -> Survey:
         """Look at it."""
         data = ColmapConfig().build(DataRequest(self.folder))
-        survey = Survey.of(data, pictures)
+        survey = Survey.of(data, images)
         data.close()
         return survey
 
-    def findings(self, pictures: int | None = None) -> dict[str, Finding]:
+    def findings(self, images: int | None = None) -> dict[str, Finding]:
         """Everything that is found, by kind."""
-        return {finding.kind: finding for finding in judge(self.survey(pictures))}
+        return {finding.kind: finding for finding in judge(self.survey(images))}
 
 
 def write_ball(folder: Path, capture: SmallCapture | None = None, **model: object) -> Written:
@@ -125,11 +125,11 @@ def write_moving(folder: Path, times: Sequence[float], cameras: int, moves: floa
         still = photo(pose)
         to_world = np.linalg.inv(pose) @ np.diag([1.0, -1.0, -1.0, 1.0])
         for time in times:
-            picture = still.copy()
+            image = still.copy()
             left = int(WIDTH * (0.3 + moves * time))
-            picture[10:30, left : left + 10] = (250, 30, 30)
+            image[10:30, left : left + 10] = (250, 30, 30)
             name = f"c{number}_{round(1000 * time):04d}"
-            Image.fromarray(picture).save(folder / "train" / f"{name}.png")
+            Image.fromarray(image).save(folder / "train" / f"{name}.png")
             frames.append(
                 {
                     "file_path": f"train/{name}",

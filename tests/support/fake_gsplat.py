@@ -115,7 +115,7 @@ def rasterization(
         view.paint(held, index, centres, absgrad)
         for index, (view, held) in enumerate(zip(seen, channels, strict=True))
     ]
-    image = torch.stack([picture for picture, _ in painted])
+    image = torch.stack([image for image, _ in painted])
     alpha = 1 - torch.stack([left for _, left in painted])
     if backgrounds is not None:
         image = image + (1 - alpha) * backgrounds[:, None, None]

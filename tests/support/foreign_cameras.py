@@ -8,7 +8,7 @@ from gsfw.datamanagers.capture import Capture
 from support.small_captures import SmallCapture
 
 Formula = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""From x / z and y / z to pixels counted from the picture's corner."""
+"""From x / z and y / z to pixels counted from the image's corner."""
 
 
 def pixel_error(data: Capture, capture: SmallCapture, formula: Formula) -> float:
@@ -43,9 +43,9 @@ def equidistant(x, y):
 
 
 def undistorted_error(data: Capture, capture: SmallCapture) -> float:
-    """Pixels between where the loaded cameras of undistorted pictures see points and a lens does.
+    """Pixels between where the loaded cameras of undistorted images see points and a lens does.
 
-    The lens's pixels are led through the undistortion that pictures are warped with.
+    The lens's pixels are led through the undistortion that images are warped with.
     """
     worst = 0.0
     for frame in data.recording.frames:

@@ -13,7 +13,7 @@ from support.scenes import random_splats
 def look(
     contribution, views=(0,), step=0, steps=100, loss=0.0, rows=None, num_rows=None
 ) -> tuple[StepContext, RenderStatistics]:
-    """A batch of ``views`` in which splats had these contributions, in pixels of 3 x 2 pictures."""
+    """A batch of ``views`` in which splats had these contributions, in pixels of 3 x 2 images."""
     values = torch.tensor(contribution).reshape(len(views), -1)
     seen = RenderStatistics(
         values > 0, values, screen_gradient=torch.zeros_like(values), contribution=values

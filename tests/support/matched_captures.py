@@ -58,7 +58,7 @@ def _similarity(ours: np.ndarray, theirs: np.ndarray) -> tuple[float, np.ndarray
 
 def matched_capture(
     folder: Path,
-    pictures: int = 10,
+    images: int = 10,
     points: int = 200,
     linked: Callable[[int, int], bool] = lambda first, second: True,
     noise: float = NOISE,
@@ -78,14 +78,14 @@ def matched_capture(
     pycolmap.set_random_seed(seed)
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs = 1
-    options.num_frames_per_rig = pictures
+    options.num_frames_per_rig = images
     options.num_points3D = points
     added = pycolmap.SyntheticNoiseOptions()
     added.point2D_stddev = noise
     database = pycolmap.Database.open(path)
     truth = pycolmap.synthesize_dataset(options, database)
     pycolmap.synthesize_noise(added, truth, database)
-    for pair in combinations(range(1, pictures + 1), 2):
+    for pair in combinations(range(1, images + 1), 2):
         if not linked(*pair):
             database.delete_matches(*pair)
             database.delete_two_view_geometry(*pair)

@@ -1,4 +1,4 @@
-"""A small scene that moves: a model whose splats drift, pictures of it, and a method to train."""
+"""A small scene that moves: a model whose splats drift, images of it, and a method to train."""
 
 from dataclasses import dataclass, replace
 
@@ -98,8 +98,8 @@ def camera_at(time: float | None, distance: float = 3.0) -> Cameras:
     return camera if time is None else replace(camera, time=torch.tensor([time]))
 
 
-class MovingPictures(DataManager):
-    """True pictures of the balls; views are (time, distance) of each split."""
+class MovingImages(DataManager):
+    """True images of the balls; views are (time, distance) of each split."""
 
     def __init__(self, held_out, train=((0.0, 5.0), (1.0, 5.0)), mask=None, valid=None) -> None:
         self.mask, self.valid = mask, valid
@@ -111,7 +111,7 @@ class MovingPictures(DataManager):
             for split, moments in ((Split.TRAIN, train), (Split.EVAL, held_out))
         }
         truth, rasterizer = two_balls(), ReferenceRasterizer()
-        self.pictures = {
+        self.images = {
             split: [
                 render_model(
                     truth, rasterizer, c, WHITE, None if c.time is None else c.time[0]
@@ -138,7 +138,7 @@ class MovingPictures(DataManager):
         views = self.split[split]
         return [
             Batch(
-                torch.cat([self.pictures[split][i] for i in group]),
+                torch.cat([self.images[split][i] for i in group]),
                 Cameras.cat([views.cameras[i] for i in group]),
                 group,
                 mask=None if self.valid is None else self.valid[None],

@@ -17,7 +17,7 @@ DEVICE = "cuda"
 
 
 class OnCuda(Rasterizer):
-    """Moves what is drawn to the GPU, and pictures, gradients and statistics back."""
+    """Moves what is drawn to the GPU, and images, gradients and statistics back."""
 
     def __init__(self, rasterizer: Rasterizer) -> None:
         self._rasterizer = rasterizer

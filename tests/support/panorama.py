@@ -1,4 +1,4 @@
-"""A wide textured picture, and what a camera sees of it: views whose shifts are known exactly."""
+"""A wide textured image, and what a camera sees of it: views whose shifts are known exactly."""
 
 from functools import lru_cache
 
@@ -13,8 +13,8 @@ def panorama(seed: int = 0) -> np.ndarray:
     """Grey levels of waves and edges of all sizes, 1600x600 pixels."""
     noise = np.random.default_rng(seed).normal(size=(600, 1600))
     layers = [ndimage.gaussian_filter(noise, sigma, mode="wrap") for sigma in (1, 4, 16)]
-    picture = sum(layer / layer.std() for layer in layers)
-    return np.clip(128 + 30 * picture, 0, 255)
+    image = sum(layer / layer.std() for layer in layers)
+    return np.clip(128 + 30 * image, 0, 255)
 
 
 def view(x: float, y: float = 100, seed: int = 0) -> np.ndarray:

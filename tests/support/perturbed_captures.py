@@ -30,7 +30,7 @@ def around(index: int, width: int = 32, height: int = 24) -> Cameras:
 
 
 class FewViews(DataManager):
-    """Grey pictures by numbered cameras."""
+    """Grey images by numbered cameras."""
 
     def __init__(self, train: Sequence[int] = (0, 1, 2, 3), held: Sequence[int] = (4,)) -> None:
         self.split = {
@@ -68,7 +68,7 @@ def wrong_motions(data: DataManager, degrees: float, extents: float) -> Tensor:
 
 
 class WrongCapture(DataManager):
-    """A capture whose training cameras stand elsewhere, or whose training pictures are tinted."""
+    """A capture whose training cameras stand elsewhere, or whose training images are tinted."""
 
     def __init__(
         self, given: DataManager, motions: Tensor | None = None, gains: Tensor | None = None

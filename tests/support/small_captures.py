@@ -20,7 +20,7 @@ MODEL_NUMBERS = {name: number for number, (name, _) in enumerate(CAMERA_MODELS)}
 
 @dataclass(frozen=True)
 class SmallCapture:
-    """Poses (world to camera, OpenCV axes), points and colours, and the pictures' names."""
+    """Poses (world to camera, OpenCV axes), points and colours, and the images' names."""
 
     poses: list[np.ndarray]
     points: np.ndarray
@@ -28,7 +28,7 @@ class SmallCapture:
     colors: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
 
     def pixels(self, view: int, scale: float = 1.0) -> np.ndarray:
-        """Where the points fall into a picture, computed in float64 from the poses alone."""
+        """Where the points fall into an image, computed in float64 from the poses alone."""
         local = self.points @ self.poses[view][:3, :3].T + self.poses[view][:3, 3]
         return scale * (np.array(FOCAL) * local[:, :2] / local[:, 2:] + np.array(CENTER))
 
@@ -52,18 +52,18 @@ def ring(views: int = 4, size: float = 1.0, origin=(0.0, 0.0, 0.0)) -> SmallCapt
     return SmallCapture(poses, points, names, generator.integers(0, 256, (20, 3)).astype(np.uint8))
 
 
-def write_picture(path: Path, width: int = WIDTH, height: int = HEIGHT, mode: str = "RGB") -> None:
-    """A picture of a gradient."""
+def write_image(path: Path, width: int = WIDTH, height: int = HEIGHT, mode: str = "RGB") -> None:
+    """An image of a gradient."""
     path.parent.mkdir(parents=True, exist_ok=True)
     channels = len(mode)
     values = np.arange(width * height * channels) * 7 % 256
     Image.fromarray(values.astype(np.uint8).reshape(height, width, channels), mode).save(path)
 
 
-def write_pictures(folder: Path, capture: SmallCapture, width=WIDTH, height=HEIGHT) -> None:
-    """One picture for each view."""
+def write_images(folder: Path, capture: SmallCapture, width=WIDTH, height=HEIGHT) -> None:
+    """One image for each view."""
     for name in capture.names:
-        write_picture(folder / name, width, height)
+        write_image(folder / name, width, height)
 
 
 def write_colmap(

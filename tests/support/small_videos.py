@@ -11,12 +11,12 @@ from support.small_captures import HEIGHT, WIDTH, SmallCapture, ring
 
 
 def shade(number: int) -> int:
-    """How bright picture ``number`` of a video is, so that it can be told from the others."""
+    """How bright image ``number`` of a video is, so that it can be told from the others."""
     return 40 + 12 * number
 
 
-def picture(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
-    """What picture ``number`` shows: its shade, darker towards the right, with a bright corner."""
+def image(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
+    """What image ``number`` shows: its shade, darker towards the right, with a bright corner."""
     pixels = np.full((height, width, 3), shade(number), np.int64)
     pixels -= (np.arange(width) * 16 // width)[None, :, None]
     pixels[: height // 4, : width // 4] = 220
@@ -32,9 +32,9 @@ def write_video(
     key_every=4,
     stamps=None,
     index_first=True,
-    draw=picture,
+    draw=image,
 ) -> Path:
-    """H.264 with B frames, as cameras and editors write it; ``stamps`` in units of a picture."""
+    """H.264 with B frames, as cameras and editors write it; ``stamps`` in units of an image."""
     av = pytest.importorskip("av", reason="PyAV, which makes and reads videos, is not installed")
     path.parent.mkdir(parents=True, exist_ok=True)
     settings = {"qp": "4", "bf": "2", "g": str(key_every), "keyint_min": "1", "sc_threshold": "0"}
@@ -53,7 +53,7 @@ def write_video(
 
 
 def over_time(capture: SmallCapture, names: list[list[str]]) -> SmallCapture:
-    """The same cameras at several times: ``names`` has those of each camera's pictures."""
+    """The same cameras at several times: ``names`` has those of each camera's images."""
     return replace(
         capture,
         poses=[pose for pose, own in zip(capture.poses, names, strict=True) for _ in own],

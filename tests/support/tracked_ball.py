@@ -12,7 +12,7 @@ SLANT = 0.4
 
 
 def track_ball(folder: Path, points: int = 600, error: float = 0.0) -> Written:
-    """A COLMAP capture of 48 pictures.
+    """A COLMAP capture of 48 images.
 
     Args:
         folder: where it goes.

@@ -38,7 +38,7 @@ GSFW_FUNCTION N last_block(const N& high) {
   return round_down((high - N(T(0.5))) * N(T(1.0 / BLOCK)));
 }
 
-/// Where sixteen strips begin, in pixels from the first one.
+/// Starts of sixteen strips, in pixels from the first one.
 template <typename T>
 struct StripTable {
   T offset[LANES];

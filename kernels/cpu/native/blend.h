@@ -52,7 +52,7 @@ struct Chunk {
   int lengths[BLOCKS];
 };
 
-/// Where a tile lies, and its part of the image.
+/// Place of a tile, and its part of the image.
 struct TilePlace {
   int x, y, width, height;
 };

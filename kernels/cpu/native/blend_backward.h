@@ -15,7 +15,7 @@
 namespace gsfw {
 namespace GSFW_ISA {
 
-/// What backward keeps of one tile.
+/// State of one tile in the backward pass.
 template <typename T>
 struct BackwardState {
   /// [PIXELS]: B.
@@ -25,7 +25,7 @@ struct BackwardState {
   /// [CHUNK * BLOCKS, LANES] each, block after block: what the replay found.
   T* alphas;
   T* weights;
-  /// Where each block's part of these begins, and how much of it was rendered.
+  /// First element of each block's part, and the rendered part of it.
   int starts[BLOCKS];
   int rendered[BLOCKS];
 };

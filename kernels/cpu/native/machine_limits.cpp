@@ -1,4 +1,4 @@
-// What the machine can do at most with each instruction set, compiled once per set.
+// Limits of the machine with each instruction set, compiled once per set.
 #include "machine_limits.h"
 
 namespace gsfw {

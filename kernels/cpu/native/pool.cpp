@@ -27,11 +27,11 @@ void pause_briefly() {
 #endif
 }
 
-/// How often a waiting worker looks before it sleeps: some 20 microseconds, the gap between two
+/// Polls of a waiting worker before it sleeps: some 20 microseconds, the gap between two
 /// stages of a step. Longer spinning would take the core from torch's own threads.
 constexpr int LOOKS = 600;
 
-/// What all workers of one call share.
+/// State shared by all workers of one call.
 struct Work {
   TaskBody body;
   void* context;

@@ -34,7 +34,7 @@ template <typename T>
 struct ChannelReader {
   const SplatArrays<T>& splats;
   RowGroup rows;
-  /// Of SH, already clamped.
+  /// Colour of the SH, already clamped.
   Vector3<Pack<T>> sh_color;
   Pack<T> depth;
 

@@ -206,7 +206,7 @@ struct PoseSums {
   }
 };
 
-/// What blending says about a group of projected Gaussians.
+/// Gradients of a group of projected Gaussians from the sums of blending.
 template <typename T>
 GSFW_FUNCTION ProjectionGradient<Pack<T>> gradient_of(const Projection<Pack<T>>& splat,
                                                       const T* sums) {

@@ -92,7 +92,7 @@ GSFW_FUNCTION const T* weights_of(const SsimStrip<T>& at, bool masked, int64_t r
   return masked ? at.weights + slot(row) * at.stride : at.weights;
 }
 
-/// Where the strip with its borders lies in the image: numbers [first, last) of a row, the first
+/// Range of the strip with its borders in the image: numbers [first, last) of a row, the first
 /// of them at position ``lead``.
 struct SsimRange {
   int64_t first, last, lead;

@@ -1,4 +1,4 @@
-// What the stages of rendering hand to one another: plain structures, the same in every translation
+// Data between the stages of rendering: plain structures, the same in every translation
 // unit, and one table of functions per instruction set and type.
 #pragma once
 
@@ -32,7 +32,7 @@ enum SplatField {
   SPLAT_FIRST_SLOT, SPLAT_SLOTS, SPLAT_CHANNELS
 };
 
-/// What a slot sums over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2, g
+/// Sums of a slot over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2, g
 /// u v, g v^2, then weight times gradient for each channel, and if asked for the magnitudes of the
 /// gradient of x and y.
 enum SlotField { SLOT_G, SLOT_U, SLOT_V, SLOT_UU, SLOT_UV, SLOT_VV, SLOT_CHANNELS };
@@ -40,7 +40,7 @@ enum SlotField { SLOT_G, SLOT_U, SLOT_V, SLOT_UU, SLOT_UV, SLOT_VV, SLOT_CHANNEL
 /// One splat in one tile.
 struct Entry {
   uint32_t row;
-  /// Where its gradient goes: entries of one splat have neighbouring slots.
+  /// Slot of its gradient: entries of one splat have neighbouring slots.
   uint32_t slot;
   /// Bit b: the splat reaches block b of the tile.
   uint32_t blocks;
@@ -169,7 +169,7 @@ struct SplatArrays {
   int depth_channels;
 };
 
-/// Where the gradients of ``SplatArrays`` go, laid out like them; null where none is wanted.
+/// Gradients of ``SplatArrays``, laid out like them; null if not requested.
 template <typename T>
 struct SplatGradients {
   T* means;

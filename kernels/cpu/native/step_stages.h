@@ -1,4 +1,4 @@
-// What the native step besides rendering is asked to do: plain structures, the same in every
+// Arguments of the native step besides rendering: plain structures, the same in every
 // translation unit, and one table of functions per instruction set and type.
 #pragma once
 
@@ -39,7 +39,7 @@ struct SsimJob {
   int64_t strip_length, strips;
 };
 
-/// What one task of SSIM does: rows [top, bottom) of one image within one strip.
+/// A task of SSIM: rows [top, bottom) of one image within one strip.
 struct SsimTask {
   int64_t image, top, bottom, strip;
 };

@@ -96,7 +96,7 @@ struct EvenRows {
   GSFW_FUNCTION T* begin(int i) const { return first + int64_t(i) * stride; }
   GSFW_FUNCTION int length(int) const { return stride; }
   GSFW_FUNCTION bool all_end_at(int count) const { return count == stride; }
-  /// How many numbers a row has from ``first`` to ``last``, which is not beyond its end.
+  /// Number of values of a row from ``first`` to ``last``, which is not beyond its end.
   GSFW_FUNCTION int between(int, int first, int last) const { return last - first; }
 };
 

@@ -44,7 +44,7 @@ __device__ __forceinline__ void step_number(const AdamConstants<T>& is, T gradie
   value -= first / (square_root(second * is.correction2) + is.epsilon) * is.rate;
 }
 
-/// Where the arrays of a job begin.
+/// First elements of the arrays of a job.
 template <class T>
 struct AdamArrays {
   T *values, *first, *second;

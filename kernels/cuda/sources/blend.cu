@@ -12,7 +12,7 @@ namespace cuda {
 /// No splat reaches this level: the logarithm of alpha is at most 0.
 constexpr double CLOSED = 1e30;
 
-/// What one pixel has seen so far.
+/// State of one pixel during blending.
 template <class T, int CHANNELS>
 struct PixelState {
   T transmittance;
@@ -59,7 +59,7 @@ __device__ __forceinline__ T blend_splat(const T* splat, T alpha, int place, T s
   return weight;
 }
 
-/// What a pixel counts in the contributions.
+/// Weight of a pixel in the contributions.
 template <class T>
 __device__ __forceinline__ T pixel_weight_at(const BlendJob& job, const Pixel<T>& at) {
   return job.pixel_weights && at.inside ? static_cast<const T*>(job.pixel_weights)[at.index] : T(1);

@@ -24,7 +24,7 @@ constexpr int GROUP = 16;
 /// A row of 32 pixels and one more number, so that a column lies in as many banks.
 constexpr int PIXEL_ROW = WARP + 1;
 
-/// What a chunk's warp shares.
+/// Memory shared by a chunk's warp.
 template <class T, int CHANNELS, int CHUNK, bool ABSOLUTE>
 struct ChunkMemory {
   /// Sums per splat; an odd number of them, so that a field's column lies in different banks.
@@ -92,7 +92,7 @@ __device__ __forceinline__ int list_splats(const Entries<T, CHANNELS, CHUNK>& en
   return length;
 }
 
-/// What a pixel's gradient sees behind the chunk, per unit of transmittance.
+/// Gradient of a pixel times the colour behind the chunk, per unit of transmittance.
 template <class T, int CHANNELS>
 __device__ __forceinline__ T behind_chunk(const BlendBackwardJob& job, const ChunkPlace& place,
                                           const Pixel<T>& at, int subtile, bool stopped,
@@ -277,7 +277,7 @@ __device__ __forceinline__ void write_sums(
   // Neighbouring threads take neighbouring numbers of one splat, which share a line of memory.
   for (int item = lane_index(); item < place.count * FIELDS; item += WARP) {
     const int entry = item / FIELDS, k = item % FIELDS;
-    // What was rounded up to CHANNELS is left out, lest it take the place of the magnitudes.
+    // Padding up to CHANNELS is left out, lest it take the place of the magnitudes.
     const bool magnitude = k >= SUM_CHANNELS + CHANNELS;
     if (k >= SUM_CHANNELS + forward.channels && !magnitude) continue;
     const int64 pair = place.first + entry;

@@ -76,7 +76,7 @@ __device__ __forceinline__ void clear_numbers(int first, const WarpRows& rows, i
   }
 }
 
-/// Where numbers of this lane's row lie in a ragged array [m, 3]: none for lanes without a row.
+/// Range of this lane's row in a ragged array [m, 3]; empty for lanes without a row.
 struct RaggedRow {
   int64 begin, length;
 

@@ -11,7 +11,7 @@ struct alignas(16) Pack {
   T at[SIZE];
 };
 
-/// What a block reads: numbers [from, to) of one tensor.
+/// Part of a block: numbers [from, to) of one tensor.
 template <class T>
 struct Span {
   const T* numbers;

@@ -47,7 +47,7 @@ template <class T, int DEGREE>
 struct ChannelReader {
   const SplatArrays& splats;
   int64 row;
-  /// Of SH, already clamped.
+  /// Colour of the SH, already clamped.
   Vector3<T> sh_color;
   T depth;
 
@@ -97,7 +97,7 @@ __device__ __forceinline__ Vector3<T> sh_color_of(const SplatArrays& splats, con
   return {sh_color(sum.x), sh_color(sum.y), sh_color(sum.z)};
 }
 
-/// What is known of a row besides its projected splat.
+/// Write the results of a row besides its projected splat.
 template <class T>
 GSFW_FUNCTION void write_row(const ProjectJob& job, int64 row, bool visible, int tiles,
                              const Projection<T>& splat, const Extent<T>& extent) {

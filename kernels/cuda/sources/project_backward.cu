@@ -66,7 +66,7 @@ GSFW_FUNCTION void channels_backward(const ProjectBackwardJob& job, const Gradie
   }
 }
 
-/// What blending says about a projected Gaussian.
+/// Gradient of a projected Gaussian from the sums of blending.
 template <class T>
 GSFW_FUNCTION ProjectionGradient<T> gradient_of(const ProjectBackwardJob& job,
                                                 const Projection<T>& splat,

@@ -77,7 +77,7 @@ __device__ __forceinline__ Ellipse<T> from_lane(const Ellipse<T>& own, int lane)
           __shfl_sync(FULL_WARP, own.width, lane),  __shfl_sync(FULL_WARP, own.shrink, lane)};
 }
 
-/// How far beyond half its extent, in pixels, an ellipse counts as reaching.
+/// Margin beyond half the extent of an ellipse that counts as reached, in pixels.
 template <class T>
 __device__ __forceinline__ T slack_of(T extent) {
   return fma(T(0.01 * SLACK), extent, T(SLACK));
@@ -165,7 +165,7 @@ __device__ __forceinline__ TileRange tile_columns(const Ellipse<T>& ellipse, int
   return tiles_between(span.low, span.high, grid.columns);
 }
 
-/// How many tiles a splat intersects; 0 where not ``visible``.
+/// Number of tiles that a splat intersects; 0 if not ``visible``.
 ///
 /// A warp collective. ``splat`` is an array of the lane's own; each lane counts its own splat, but
 /// tall ones are counted by the whole warp, one after the other, lest one lane keep 31 waiting.

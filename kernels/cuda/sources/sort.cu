@@ -64,7 +64,7 @@ __device__ __forceinline__ uint32 lanes_alike(int digit, bool valid) {
   return alike;
 }
 
-/// How many keys of the warp before this one have its digit; counts it. ``counts`` are the warp's.
+/// Number of earlier keys of the warp with its digit; counts it. ``counts`` are the warp's.
 /// A warp collective.
 __device__ __forceinline__ int rank_in_warp(int digit, bool valid, int* counts) {
   const uint32 alike = lanes_alike(digit, valid);
@@ -91,8 +91,7 @@ __device__ __forceinline__ int sum_before(int value) {
   return before;
 }
 
-/// Where the keys of one digit, the number of this thread, begin in the block's order, and how many
-/// there are.
+/// Start and number of the keys of one digit, the number of this thread, in the block's order.
 struct DigitRun {
   int begin, count;
 };
@@ -115,7 +114,7 @@ __device__ __forceinline__ DigitRun order_digits(int (*counts)[DIGITS]) {
   return {begin, count};
 }
 
-/// What a block of ``scatter`` shares: first counts, then keys and payload in the block's order.
+/// Shared memory of ``scatter``: first counts, then keys and payload in the block's order.
 template <class Key>
 union SortMemory {
   int counts[SORT_WARPS][DIGITS];
@@ -125,13 +124,13 @@ union SortMemory {
   } ordered;
 };
 
-/// What one thread has of a block's keys. Each warp has a part of its own, lest a later warp's keys
+/// One thread's share of a block's keys. Each warp has a part of its own, lest a later warp's keys
 /// come before an earlier one's.
 template <class Key>
 struct Share {
   static constexpr int ITEMS = KEYS_PER_THREAD<Key>;
   Key keys[ITEMS];
-  /// How many keys of the warp come before each; then its place in the block's order.
+  /// Number of the warp's keys before each; then its place in the block's order.
   int places[ITEMS];
 };
 

@@ -1,4 +1,4 @@
-// What the host hands to the kernels that sort, mirrored field by field in
+// Arguments of the kernels that sort, mirrored field by field in
 // kernels/cuda/sort.py.
 #pragma once
 

@@ -30,7 +30,7 @@ GSFW_FUNCTION void load_shape(const SplatArrays& splats, int64 row, Axes<T>& sha
   shape.scales = load_vector<T>(splats.scales, row);
 }
 
-/// Of a covariance that is the symmetric part, which is all that its projection depends on.
+/// Load the symmetric part of a covariance; its projection depends on nothing else.
 template <class T>
 GSFW_FUNCTION void load_shape(const SplatArrays& splats, int64 row, Symmetric3<T>& shape) {
   const T* c = static_cast<const T*>(splats.covariances) + row * 9;

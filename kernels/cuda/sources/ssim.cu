@@ -41,7 +41,7 @@ __device__ __forceinline__ T window_weight(int tap) {
   return T(half[tap <= REACH ? tap : TAPS - 1 - tap]);
 }
 
-/// Where a block is: the image, and the first pixel of the tile.
+/// Place of a block: the image, and the first pixel of the tile.
 struct Tile {
   int64 image;
   int left, top;
@@ -137,7 +137,7 @@ __device__ __forceinline__ int run_row() { return int(threadIdx.x) % ROWS; }
 __device__ __forceinline__ int run_column() { return int(threadIdx.x) / ROWS * RUN; }
 __device__ __forceinline__ bool has_run() { return int(threadIdx.x) < RUNS; }
 
-/// What the windows of this thread's run cover of a map that was taken.
+/// Read the part of a map that the windows of this thread's run cover.
 template <class T>
 __device__ __forceinline__ void read_run(const T* map, T (&run)[RUN + TAPS - 1]) {
 #pragma unroll

@@ -1,4 +1,4 @@
-// What the host hands to the kernels that render: plain structures, mirrored field by field in
+// Arguments of the kernels that render: plain structures, mirrored field by field in
 // kernels/cuda/jobs.py. Every kernel takes one of them by value, and nothing else.
 //
 // Arrays are untyped here so that one structure serves every number type T, which the kernel's
@@ -30,7 +30,7 @@ enum SplatField {
   SPLAT_CHANNELS
 };
 
-/// What is summed over the pixels of a splat, with g = alpha dL/d alpha: g, g u, g v, g u^2, g u v,
+/// Sums over the pixels of a splat, with g = alpha dL/d alpha: g, g u, g v, g u^2, g u v,
 /// g v^2; then weight times gradient for each channel, and if asked for the magnitudes of the
 /// gradient of x and of y.
 enum SumField { SUM_G, SUM_U, SUM_V, SUM_UU, SUM_UV, SUM_VV, SUM_CHANNELS };
@@ -89,7 +89,7 @@ struct SplatArrays {
   int unused;
 };
 
-/// Where the gradients of ``SplatArrays`` go, laid out like them; null where none is wanted.
+/// Gradients of ``SplatArrays``, laid out like them; null if not requested.
 struct SplatGradients {
   void* means;
   void* quats;

@@ -15,7 +15,7 @@ constexpr int SSIM_HEIGHT = 16;
 constexpr int SSIM_THREADS = 256;
 /// Maps of what flows back from a similarity to the images that were compared.
 constexpr int SSIM_FLOWS = 3;
-/// What a block of ``ssim`` sums: |x - y|, 1 - SSIM, and pixels that count.
+/// Sums of a block of ``ssim``: |x - y|, 1 - SSIM, and pixels that count.
 constexpr int SSIM_SUMS = 3;
 
 /// Threads of a block of ``adam`` and ``adam_rows``, and the numbers each of them steps.

@@ -42,7 +42,7 @@ __device__ __forceinline__ Pixel<T> pixel_of(const Grid& grid, int tile, int sub
           inside ? int64(y) * grid.width + x : 0, inside};
 }
 
-/// What blending needs of a splat, next to one another: u and v at the middle of the tile; r, -w k
+/// Fields of a splat for blending, in order: u and v at the middle of the tile; r, -w k
 /// and w of the whitening; level; then the channels.
 enum BlendField { BLEND_U, BLEND_V, BLEND_R, BLEND_WK, BLEND_W, BLEND_LEVEL, BLEND_CHANNELS };
 
@@ -100,7 +100,7 @@ __device__ __forceinline__ T alpha_at(const T* splat, T x, T y, T level_min, T a
   return level >= level_min ? least(power_of_two(level), alpha_cap) : T(0);
 }
 
-/// Where the checkpoint in front of a chunk is kept, for one pixel: [1 + CHANNELS] numbers, 256
+/// Address of one pixel's checkpoint in front of a chunk: [1 + CHANNELS] numbers, 256
 /// apart.
 template <class T, int CHANNELS>
 __device__ __forceinline__ T* checkpoint_of(const BlendJob& job, int64 row, int pixel) {

@@ -81,7 +81,7 @@ class Experiment:
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """Of the rounds, as parts of the longest."""
+        """Lengths of the rounds, as parts of the longest."""
         return LENGTHS if STEPS in self._request.axes else LENGTHS[-1:]
 
     def size(self) -> Sizing:

@@ -11,10 +11,11 @@ from gsfw.core.loop.determinism import deterministic
 from gsfw.core.loop.evaluation import evaluate, render_model
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored, restore
+from gsfw.plugins.run_source import is_dynamic
 from gsfw.plugins.settings import Layer
 from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Result, ResultStore
-from gsfw.studies.tradeoff.finished_model import evenly, is_still
+from gsfw.studies.tradeoff.finished_model import evenly
 from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip
 from gsfw.studies.tradeoff.measurement import Turn
 from gsfw.studies.tradeoff.subject import Subject
@@ -126,7 +127,7 @@ class RunJudge:
         parts, plan = restored.composition.parts, restored.composition.plan
         cameras = parts.data.views(Split.EVAL).cameras
         chosen = cameras[:: max(1, len(cameras) // TIMED_VIEWS)][:TIMED_VIEWS]
-        still = is_still(restored.composition)
+        still = not is_dynamic(restored.composition)
         subject = Subject(parts.model, parts.rasterizer, plan.settings, still)
         parts.data.close()
         return Turn.of(subject, [camera.to(parts.device) for camera in chosen]), restored

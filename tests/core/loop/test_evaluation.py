@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from support.moving_scene import WHITE, MovingPictures, two_balls
+from support.moving_scene import WHITE, MovingImages, two_balls
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import evaluate
@@ -21,7 +21,7 @@ def run(data, model=None, split=Split.EVAL, on_view=None):
 
 
 def test_the_truth_is_perfect_everywhere_and_does_not_flicker():
-    found = run(MovingPictures(FIXED))
+    found = run(MovingImages(FIXED))
     assert found.means == {
         "psnr": 100.0, "ssim": 1.0, "moving_psnr": 100.0, "moving_ssim": 1.0,
         "flicker_static": 0.0, "flicker_moving": 0.0,
@@ -29,7 +29,7 @@ def test_the_truth_is_perfect_everywhere_and_does_not_flicker():
 
 
 def test_a_model_that_stands_still_fails_where_something_moves():
-    data = MovingPictures(FIXED)
+    data = MovingImages(FIXED)
     found = run(data, two_balls(velocity=0.0))
     first, _, last = found.per_view
     assert first["moving_psnr"] == 100.0
@@ -42,7 +42,7 @@ def test_a_model_that_stands_still_fails_where_something_moves():
 def test_moving_figures_are_means_over_moving_pixels():
     mask = torch.zeros(24, 32, 1, dtype=torch.bool)
     mask[:12, 16:] = True
-    data = MovingPictures(FIXED, mask=mask)
+    data = MovingImages(FIXED, mask=mask)
     pictures = []
     found = run(data, two_balls(velocity=0.3), on_view=pictures.append)
     for view, shown in zip(found.per_view, pictures, strict=True):
@@ -55,7 +55,7 @@ def test_moving_figures_are_means_over_moving_pixels():
 def test_pixels_that_are_not_valid_are_in_no_figure():
     valid = torch.ones(24, 32, 1, dtype=torch.bool)
     valid[:14] = False
-    found = run(MovingPictures(FIXED, valid=valid), two_balls(velocity=0.0))
+    found = run(MovingImages(FIXED, valid=valid), two_balls(velocity=0.0))
     # All that moves is in the upper rows: nothing is left to measure it by.
     assert found.means["psnr"] == pytest.approx(100.0, abs=30.0)
     assert "moving_psnr" not in found.means
@@ -64,7 +64,7 @@ def test_pixels_that_are_not_valid_are_in_no_figure():
 
 
 def test_the_curve_has_a_point_for_each_time_in_order():
-    data = MovingPictures([(1.0, 3.0), (0.0, 3.0), (0.25, 3.0), (1.0, 4.0)])
+    data = MovingImages([(1.0, 3.0), (0.0, 3.0), (0.25, 3.0), (1.0, 4.0)])
     curve = run(data, two_balls(velocity=0.2)).over_time
     assert [(point["time"], point["data_time"], point["views"]) for point in curve] == [
         (0.0, 10.0, 1), (0.25, 11.0, 1), (1.0, 14.0, 2),
@@ -77,9 +77,9 @@ def test_the_curve_has_a_point_for_each_time_in_order():
 
 
 def test_figures_stay_with_their_views_whatever_order_they_are_drawn_in():
-    shuffled = MovingPictures([(1.0, 3.0), (0.0, 4.0), (0.0, 3.0), (1.0, 4.0)])
+    shuffled = MovingImages([(1.0, 3.0), (0.0, 4.0), (0.0, 3.0), (1.0, 4.0)])
     found = run(shuffled, two_balls(velocity=0.1))
-    sorted_moments = MovingPictures([(0.0, 3.0), (1.0, 3.0), (0.0, 4.0), (1.0, 4.0)])
+    sorted_moments = MovingImages([(0.0, 3.0), (1.0, 3.0), (0.0, 4.0), (1.0, 4.0)])
     wanted = run(sorted_moments, two_balls(velocity=0.1))
     assert [found.per_view[i] for i in (2, 0, 1, 3)] == list(wanted.per_view)
     # Neighbours in time are paired, not neighbours in name.
@@ -88,7 +88,7 @@ def test_figures_stay_with_their_views_whatever_order_they_are_drawn_in():
 
 
 def test_a_monocular_capture_says_that_there_is_no_moving_region():
-    found = run(MovingPictures([(0.0, 3.0), (0.5, 3.1), (1.0, 3.2)]))
+    found = run(MovingImages([(0.0, 3.0), (0.5, 3.1), (1.0, 3.2)]))
     assert set(found.means) == {"psnr", "ssim"}
     document = found.document()
     assert document["moving_region"] == UNKNOWN
@@ -97,18 +97,18 @@ def test_a_monocular_capture_says_that_there_is_no_moving_region():
 
 
 def test_a_static_capture_has_none_of_this():
-    found = run(MovingPictures([(None, 3.0), (None, 3.5)], train=[(None, 4.0)]))
+    found = run(MovingImages([(None, 3.0), (None, 3.5)], train=[(None, 4.0)]))
     assert set(found.document()) == {"psnr", "ssim", "render_ms", "per_view"}
     assert found.time_document() == {}
 
 
 def test_no_views_give_no_figures():
-    found = run(MovingPictures([]))
+    found = run(MovingImages([]))
     assert (found.means, found.per_view, found.over_time) == ({}, (), ())
     assert found.render_ms == 0.0
 
 
 def test_the_training_views_can_be_evaluated_too():
-    found = run(MovingPictures(FIXED), split=Split.TRAIN)
+    found = run(MovingImages(FIXED), split=Split.TRAIN)
     assert found.views == ("train_0", "train_1")
     assert found.means["moving_psnr"] == 100.0

@@ -17,8 +17,8 @@ from support.small_captures import (
     ring,
     write_colmap,
     write_colmap_cameras,
-    write_picture,
-    write_pictures,
+    write_image,
+    write_images,
 )
 
 from gsfw.core.datamanager import Split
@@ -35,7 +35,7 @@ def build(path, config=None, **settings):
 def test_points_fall_where_they_should(tmp_path, suffix, folder):
     capture = ring(5, 3.0, origin=(40.0, -20.0, 7.0))
     write_colmap(tmp_path / folder, capture, suffix)
-    write_pictures(tmp_path / "images", capture)
+    write_images(tmp_path / "images", capture)
     data = build(tmp_path, eval_every_nth=3)
     assert data.views(Split.EVAL).names == ("view_000.png", "view_003.png")
     assert projection_error(data, capture) < 0.01
@@ -45,7 +45,7 @@ def test_points_fall_where_they_should(tmp_path, suffix, folder):
 
 def test_the_folder_of_the_model_finds_the_images_beside_it(tmp_path):
     write_colmap(tmp_path / "sparse/0", ring())
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     for folder in ("sparse/0", "sparse"):
         data = build(tmp_path / folder)
         assert len(data.views(Split.TRAIN)) == 4
@@ -55,7 +55,7 @@ def test_the_folder_of_the_model_finds_the_images_beside_it(tmp_path):
 def test_georeferenced_cameras_see_the_same_pixels(tmp_path):
     capture = ring(6, 30.0, origin=(5e6, 4.9e6, 300.0))
     write_colmap(tmp_path / "sparse/0", capture)
-    write_pictures(tmp_path / "images", capture)
+    write_images(tmp_path / "images", capture)
     assert projection_error(build(tmp_path), capture) < 0.01
 
 
@@ -63,13 +63,13 @@ def test_georeferenced_cameras_see_the_same_pixels(tmp_path):
 def test_scenes_of_any_size_see_the_same_pixels(tmp_path, size):
     capture = ring(4, size)
     write_colmap(tmp_path, capture)
-    write_pictures(tmp_path / "images", capture)
+    write_images(tmp_path / "images", capture)
     assert projection_error(build(tmp_path), capture) < 0.01
 
 
 def test_downscaled_cameras_see_the_points_at_the_scale(tmp_path):
     write_colmap(tmp_path, ring())
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     data = build(tmp_path, downscale=4.0)
     assert projection_error(data, ring(), scale=0.25) < 0.01
     (batch,) = data.load(Split.TRAIN, [0, 1, 2, 3], torch.device("cpu"))
@@ -78,7 +78,7 @@ def test_downscaled_cameras_see_the_points_at_the_scale(tmp_path):
 
 def test_images_that_are_already_smaller_scale_the_cameras(tmp_path):
     write_colmap(tmp_path, ring())
-    write_pictures(tmp_path / "images_2", ring(), WIDTH // 2, HEIGHT // 2)
+    write_images(tmp_path / "images_2", ring(), WIDTH // 2, HEIGHT // 2)
     data = build(tmp_path, ColmapConfig(images="images_2"))
     assert projection_error(data, ring(), scale=0.5) < 0.01
 
@@ -90,9 +90,9 @@ def test_several_cameras_sizes_and_folders_share_a_model(tmp_path):
         9: ("SIMPLE_PINHOLE", 40, 30, (50.0, 20.0, 15.0)),
     }
     write_colmap_cameras(tmp_path / "sparse/0", capture, cameras, [4, 4, 9])
-    write_picture(tmp_path / "images/left/a.png")
-    write_picture(tmp_path / "images/left/b.png")
-    write_picture(tmp_path / "images/right/a.png", 40, 30)
+    write_image(tmp_path / "images/left/a.png")
+    write_image(tmp_path / "images/left/b.png")
+    write_image(tmp_path / "images/right/a.png", 40, 30)
     data = build(tmp_path)
     batches = data.load(Split.TRAIN, [0, 2, 1], torch.device("cpu"))
     assert [batch.views for batch in batches] == [(0, 1), (2,)]
@@ -104,7 +104,7 @@ def test_several_cameras_sizes_and_folders_share_a_model(tmp_path):
 
 def test_images_that_are_missing_are_listed_and_left_out(tmp_path):
     write_colmap(tmp_path, ring())
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     (tmp_path / "images/view_001.png").unlink()
     data = build(tmp_path)
     assert data.views(Split.TRAIN).names == ("view_000.png", "view_002.png", "view_003.png")
@@ -131,7 +131,7 @@ def test_a_folder_of_images_that_does_not_exist_is_refused(tmp_path):
 def test_of_several_models_the_largest_is_used(tmp_path):
     write_colmap(tmp_path / "sparse/0", ring(2))
     write_colmap(tmp_path / "sparse/1", ring(6))
-    write_pictures(tmp_path / "images", ring(6))
+    write_images(tmp_path / "images", ring(6))
     data = build(tmp_path)
     assert len(data.views(Split.TRAIN)) == 6
     assert data.notes()[1] == (f"used the largest of 2 models; the others are {tmp_path}/sparse/0")
@@ -160,7 +160,7 @@ def test_a_model_with_only_some_of_its_files_is_refused(tmp_path):
 
 def test_a_model_without_points_has_none(tmp_path):
     write_colmap(tmp_path, ring())
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     (tmp_path / "points3D.bin").unlink()
     assert build(tmp_path).scene.points.shape == (0, 3)
 
@@ -187,14 +187,14 @@ def test_an_image_of_an_unknown_camera_is_refused(tmp_path):
 def test_a_distortion_of_zero_is_a_pinhole(tmp_path):
     params = (*FOCAL, *CENTER, 0.0, 0.0, 0.0, 0.0)
     write_colmap(tmp_path, ring(), model="OPENCV", params=params)
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     assert projection_error(build(tmp_path), ring()) < 0.01
 
 
 def test_an_image_of_another_size_is_refused_with_both_sizes(tmp_path):
     write_colmap(tmp_path, ring())
-    write_pictures(tmp_path / "images", ring())
-    write_picture(tmp_path / "images/view_002.png", 60, 48)
+    write_images(tmp_path / "images", ring())
+    write_image(tmp_path / "images/view_002.png", 60, 48)
     with pytest.raises(DataError) as error:
         build(tmp_path)
     assert error.value.message == (
@@ -217,12 +217,12 @@ def test_images_are_turned_upright_before_sizes_are_compared(tmp_path):
 
 def test_images_beside_the_model_are_found_too(tmp_path):
     write_colmap(tmp_path, ring())
-    write_pictures(tmp_path, ring())
+    write_images(tmp_path, ring())
     assert len(build(tmp_path).views(Split.TRAIN)) == 4
 
 
 def test_a_folder_without_a_model_says_what_was_looked_for(tmp_path):
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     with pytest.raises(DataError) as error:
         build(tmp_path)
     assert error.value.message.startswith(

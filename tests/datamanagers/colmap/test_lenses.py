@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 import torch
 from PIL import Image
-from support.distorted_pictures import (
+from support.distorted_images import (
     DISTORTIONS,
     HEIGHT,
     WIDTH,
@@ -17,7 +17,7 @@ from support.distorted_pictures import (
     spot_errors,
     spots,
 )
-from support.small_captures import SmallCapture, request, ring, write_colmap_cameras, write_picture
+from support.small_captures import SmallCapture, request, ring, write_colmap_cameras, write_image
 
 from gsfw.core.cameras import CameraModel
 from gsfw.core.datamanager import DataManager, Split
@@ -51,8 +51,8 @@ def write(folder: Path, cameras: list[Lens], rule: LensRule | None = None) -> Sm
     ):
         local = pose[:3, :3] @ point + pose[:3, 3]
         target = camera if camera.is_pinhole else undistortion_of(camera, rule or LensRule()).target
-        picture = spots(camera, target, (local[:2] / local[2])[None])
-        Image.fromarray(picture).save(folder / "images" / name)
+        image = spots(camera, target, (local[:2] / local[2])[None])
+        Image.fromarray(image).save(folder / "images" / name)
     return capture
 
 
@@ -113,7 +113,7 @@ def test_images_smaller_than_their_camera_are_undistorted_as_they_are(tmp_path):
     capture = write(tmp_path, [lens("OPENCV")] * 2)
     full = ColmapConfig().build(request(tmp_path)).views(Split.TRAIN).cameras[0]
     for name in capture.names:
-        write_picture(tmp_path / "images" / name, WIDTH // 2, HEIGHT // 2)
+        write_image(tmp_path / "images" / name, WIDTH // 2, HEIGHT // 2)
     data = ColmapConfig().build(request(tmp_path))
     small = data.views(Split.TRAIN).cameras[0]
     assert (small.width, small.height) == (full.width // 2, full.height // 2)
@@ -156,7 +156,7 @@ def test_a_lens_that_folds_its_image_over_names_its_camera(tmp_path):
 def test_panoramas_are_refused(tmp_path):
     cameras = {1: ("EQUIRECTANGULAR", 200, 100, (200.0, 100.0))}
     write_colmap_cameras(tmp_path, ring(1), cameras, [1])
-    write_picture(tmp_path / "images/view_000.png", 200, 100)
+    write_image(tmp_path / "images/view_000.png", 200, 100)
     with pytest.raises(DataError) as error:
         ColmapConfig().build(request(tmp_path))
     assert str(error.value) == (
@@ -171,7 +171,7 @@ def test_parameters_that_are_not_finite_name_their_camera(tmp_path, value):
     params = (*parameters(lens("OPENCV"))[:-1], value)
     cameras = {1: ("OPENCV", WIDTH, HEIGHT, params)}
     write_colmap_cameras(tmp_path, ring(1), cameras, [1])
-    write_picture(tmp_path / "images/view_000.png", WIDTH, HEIGHT)
+    write_image(tmp_path / "images/view_000.png", WIDTH, HEIGHT)
     with pytest.raises(DataError, match=r"camera 1 of .*cameras\.bin: its distortion, OPENCV"):
         ColmapConfig().build(request(tmp_path))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.small_captures import projection_error, request, ring, write_colmap, write_pictures
+from support.small_captures import projection_error, request, ring, write_colmap, write_images
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, DataError
@@ -28,7 +28,7 @@ def write(folder, times=range(TIMES)):
     for time in times:
         place = folder / f"colmap_{time}"
         write_colmap(place / "sparse/0", moved(time))
-        write_pictures(place / "images", moved(time))
+        write_images(place / "images", moved(time))
     return folder
 
 

@@ -3,7 +3,7 @@
 import struct
 
 import pytest
-from support.small_captures import request, ring, write_colmap, write_pictures
+from support.small_captures import request, ring, write_colmap, write_images
 
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.colmap.config import ColmapConfig
@@ -16,7 +16,7 @@ def write_tracks(folder, suffix):
     """Four images, and points with the tracks above and errors of 0.5, 1.5, ..."""
     capture = ring(4)
     write_colmap(folder / "sparse" / "0", capture, suffix)
-    write_pictures(folder / "images", capture)
+    write_images(folder / "images", capture)
     content, lines = struct.pack("<Q", len(TRACKS)), []
     for number, track in enumerate(TRACKS):
         error = number + 0.5

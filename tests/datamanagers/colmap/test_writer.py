@@ -11,7 +11,7 @@ from support.small_captures import (
     request,
     ring,
     write_colmap,
-    write_pictures,
+    write_images,
     write_transforms,
 )
 
@@ -28,7 +28,7 @@ SUFFIXES = (".bin", ".txt")
 
 def source(folder, **settings):
     """A capture in another format, loaded."""
-    write_pictures(folder / "images", ring())
+    write_images(folder / "images", ring())
     names = [f"images/{name}" for name in ring().names]
     write_transforms(folder / "transforms.json", replace(ring(), names=names), **settings)
     return TransformsConfig().build(request(folder))
@@ -46,7 +46,7 @@ def test_a_model_comes_back_as_it_was(tmp_path, suffix):
     write_colmap(
         tmp_path / "sparse/0", ring(), ".bin", "OPENCV", (70, 72, 31, 25, 0.1, 0.2, 0.01, 0)
     )
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     before = ColmapConfig().build(request(tmp_path)).recording
     write_model(before, tmp_path / "again/sparse/0", tmp_path / "images", suffix)
     (tmp_path / "images").rename(tmp_path / "again/images")

@@ -71,7 +71,7 @@ def test_any_number_of_threads_gives_the_same_bits(dtype, use_threads):
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 @pytest.mark.parametrize("brightness", [0.0, 1.0])
-def test_equal_flat_pictures_lose_nothing(dtype, brightness):
+def test_equal_flat_images_lose_nothing(dtype, brightness):
     flat = torch.full((1, 20, 30, 3), brightness, dtype=dtype)
     l1, dssim = CpuOperators().l1_dssim(flat, flat.clone())
     assert float(l1) == 0.0
@@ -101,7 +101,7 @@ def test_what_is_not_finite_is_not_hidden(bad, masked):
     assert not (l1 + dssim).isfinite()
 
 
-def test_pictures_that_are_not_contiguous_are_taken_too():
+def test_images_that_are_not_contiguous_are_taken_too():
     rendered, target, valid = images((1, 20, 24, 3), torch.float64)
     turned, other, mask = (tensor.transpose(1, 2) for tensor in (rendered, target, valid))
     found = CpuOperators().l1_dssim(turned, other, mask)

@@ -73,7 +73,7 @@ def test_any_order_of_threads_gives_the_same_bits(operators_of, dtype):
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 @pytest.mark.parametrize("brightness", [0.0, 1.0])
-def test_equal_flat_pictures_lose_nothing(operators, dtype, brightness):
+def test_equal_flat_images_lose_nothing(operators, dtype, brightness):
     flat = torch.full((1, 20, 30, 3), brightness, dtype=dtype)
     l1, dssim = operators.l1_dssim(flat, flat.clone())
     assert float(l1) == 0.0
@@ -83,7 +83,7 @@ def test_equal_flat_pictures_lose_nothing(operators, dtype, brightness):
     assert float(rendered.grad.abs().max()) < 1e-7
 
 
-def test_bright_pictures_that_hardly_differ_keep_their_digits(operators):
+def test_bright_images_that_hardly_differ_keep_their_digits(operators):
     generator = torch.Generator().manual_seed(7)
     target = torch.ones(1, 40, 40, 1)
     rendered = target + 1e-4 * torch.randn(target.shape, generator=generator)
@@ -116,7 +116,7 @@ def test_what_is_not_finite_is_not_hidden(operators, bad, masked):
     assert not (l1 + dssim).isfinite()
 
 
-def test_pictures_that_are_not_contiguous_are_taken_too(operators):
+def test_images_that_are_not_contiguous_are_taken_too(operators):
     rendered, target, valid = images((1, 20, 24, 3), torch.float64)
     turned, other, mask = (tensor.transpose(1, 2) for tensor in (rendered, target, valid))
     found = operators.l1_dssim(turned, other, mask)

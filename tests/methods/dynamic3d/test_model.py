@@ -18,13 +18,13 @@ from gsfw.methods.dynamic3d.model import TrackedGaussians
 
 
 def context(model: TrackedGaussians, step: int = 0, extent: float = 2.0) -> StepContext:
-    picture = torch.zeros(1, 30, 40, 3, dtype=torch.float64)
+    image = torch.zeros(1, 30, 40, 3, dtype=torch.float64)
     splats = model.splats()
     statistics = RenderStatistics.zeros(splats.means.detach(), 1, frozenset())
     return StepContext(
-        step=step, steps=10, batch=Batch(picture, front_camera(), (0,)),
-        splats=splats, rendered=RenderOutput(picture, picture[..., :1], statistics),
-        target=picture, num_rows=model.num_rows, share=1.0, extent=extent,
+        step=step, steps=10, batch=Batch(image, front_camera(), (0,)),
+        splats=splats, rendered=RenderOutput(image, image[..., :1], statistics),
+        target=image, num_rows=model.num_rows, share=1.0, extent=extent,
         operators=Operators(), render=no_views, contributions=no_contributions,
     )  # fmt: skip
 

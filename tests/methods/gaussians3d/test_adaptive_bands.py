@@ -43,7 +43,7 @@ def bands(model=None, views=4, share=0.4) -> AdaptiveBands:
 
 
 def cost(model, degrees) -> float:
-    """The squared error of the pictures when rows are cut at ``degrees``."""
+    """The squared error of the images when rows are cut at ``degrees``."""
     rows = (
         model.sh_rest.values.detach()
         .double()

@@ -122,7 +122,7 @@ def test_a_capture_without_times_is_refused_with_advice(num_times):
         DeformationConfig().build().check_scene(scene(num_times=num_times))
     assert str(caught.value) == (
         "method '4dgs' is for captures of several times, and 'toy' has one.\n"
-        "Use method=3dgs. If the scene does move, its data have to say when each picture was "
+        "Use method=3dgs. If the scene does move, its data have to say when each image was "
         'taken, such as by "time" in every frame of a transforms.json.'
     )
     DeformationConfig().build().check_scene(scene())

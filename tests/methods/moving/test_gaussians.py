@@ -1,4 +1,4 @@
-"""Moving Gaussians of which some stand still: pictures, gradients, and rows that come and go."""
+"""Moving Gaussians of which some stand still: images, gradients, and rows that come and go."""
 
 import math
 
@@ -38,7 +38,7 @@ def test_rows_that_stand_still_look_like_static_gaussians(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_row_that_begins_to_move_leaves_every_picture_as_it_was(method):
+def test_a_row_that_begins_to_move_leaves_every_image_as_it_was(method):
     model, table = standing(method)
     before = [model.splats(at(time)) for time in (0.0, 0.5, 1.0)]
     rows = torch.arange(0, 16, 2)

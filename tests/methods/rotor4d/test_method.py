@@ -73,7 +73,7 @@ def test_a_capture_of_one_time_is_refused_with_advice():
         method.check_scene(scene(num_times=1))
     assert str(caught.value) == (
         "method '4d-rotor' is for captures of several times, and 'toy' has one.\n"
-        "Use method=3dgs. If the scene does move, its data have to say when each picture was "
+        "Use method=3dgs. If the scene does move, its data have to say when each image was "
         'taken, such as by "time" in every frame of a transforms.json.'
     )
 
@@ -138,7 +138,7 @@ def test_the_degree_grows_with_the_step():
     assert model.active_bands() == 15
 
 
-def test_the_shortest_life_is_half_the_time_between_pictures():
+def test_the_shortest_life_is_half_the_time_between_images():
     assert min_duration(scene()) == 0.05
     assert min_duration(scene(num_times=2)) == 0.5
 

@@ -77,11 +77,11 @@ def space_time(model: SlicedGaussians, row: int) -> torch.Tensor:
 def regularized(model: SlicedGaussians, visible: torch.Tensor, time: float = 0.5, step: int = 0):
     splats = model.splats(at(time))
     statistics = RenderStatistics(visible[None], visible[None].float())
-    picture = torch.zeros(1, 4, 4, 3)
+    image = torch.zeros(1, 4, 4, 3)
     context = StepContext(
-        step=step, steps=10, batch=Batch(picture, front_camera(4, 4), (0,)),
-        splats=splats, rendered=RenderOutput(picture, picture[..., :1], statistics),
-        target=picture, num_rows=model.num_rows, share=1.0, extent=2.0, operators=Operators(),
+        step=step, steps=10, batch=Batch(image, front_camera(4, 4), (0,)),
+        splats=splats, rendered=RenderOutput(image, image[..., :1], statistics),
+        target=image, num_rows=model.num_rows, share=1.0, extent=2.0, operators=Operators(),
         render=no_views,
         contributions=no_contributions,
     )  # fmt: skip
@@ -154,7 +154,7 @@ def test_times_outside_of_the_sequence_have_slices_too(time):
         assert bool(tensor.isfinite().all())
 
 
-def test_a_time_at_which_nothing_is_there_is_an_empty_picture_with_gradients_of_zero():
+def test_a_time_at_which_nothing_is_there_is_an_empty_image_with_gradients_of_zero():
     model = gaussians(duration=0.06)
     drawn = model.splats(at(50.0))
     assert len(drawn) == 0

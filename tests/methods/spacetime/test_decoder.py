@@ -13,7 +13,7 @@ from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 BACKGROUND = RenderSettings(background=torch.tensor([0.2, 0.5, 0.9], dtype=torch.float64))
 
 
-def test_pictures_are_decoded_pixel_by_pixel_as_the_paper_says():
+def test_images_are_decoded_pixel_by_pixel_as_the_paper_says():
     model, camera = spacetime(colors="features"), turned_camera()
     splats = model.splats(at(0.4))
     drawn = ReferenceRasterizer().render(splats, camera, BACKGROUND)

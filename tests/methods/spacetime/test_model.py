@@ -154,7 +154,7 @@ def test_exactly_the_rows_that_no_pixel_can_show_are_left_out():
     assert shown(splats) == seen.nonzero()[:, 0].tolist()
 
 
-def test_leaving_rows_out_changes_neither_picture_nor_gradients(monkeypatch):
+def test_leaving_rows_out_changes_neither_image_nor_gradients(monkeypatch):
     def drawn(model):
         model.zero_grad()
         output = ReferenceRasterizer().render(
@@ -165,11 +165,11 @@ def test_leaving_rows_out_changes_neither_picture_nor_gradients(monkeypatch):
         return output.color.detach(), gradients
 
     model = spacetime(n=60)
-    picture, gradients = drawn(model)
+    image, gradients = drawn(model)
     monkeypatch.setattr(SpacetimeGaussians, "_visible", lambda self, opacities: None)
     assert len(model.splats(at(0.1))) == 60
     whole, of_all = drawn(model)
-    assert torch.equal(picture, whole)
+    assert torch.equal(image, whole)
     for found, expected in zip(gradients, of_all, strict=True):
         torch.testing.assert_close(found, expected)
 

@@ -35,14 +35,14 @@ def test_angles_between_views_are_those_of_the_ring(good):
     assert angles.widest > 120
 
 
-def test_three_pictures_do_not_train(tmp_path):
+def test_three_images_do_not_train(tmp_path):
     found = write_ball(tmp_path / "a", ball(count=3)).findings()
     assert found["few views"].weight is Weight.STOP  # One of the three is held out.
     assert found["few views"].found == "2 images to train on."
     assert "holdout_every=0" in found["few views"].advice
 
 
-def test_ten_pictures_train_with_limits(tmp_path):
+def test_ten_images_train_with_limits(tmp_path):
     assert write_ball(tmp_path / "a", ball(count=12)).findings()["few views"].weight is Weight.LIMIT
 
 
@@ -99,7 +99,7 @@ def test_pixels_that_are_not_square_are_told(tmp_path):
     assert found["pixels not square"].found.startswith("Pixels of 24 of 24 images are 0.778")
 
 
-def test_a_focal_length_for_each_picture_is_told(tmp_path):
+def test_a_focal_length_for_each_image_is_told(tmp_path):
     for spread, odd in ((1.0, True), (0.0, False)):
         capture = ball()
         written = write_ball(tmp_path / str(spread), capture)

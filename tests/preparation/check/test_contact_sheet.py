@@ -69,7 +69,7 @@ def test_captures_of_hardly_anything_are_drawn(tmp_path, count):
     sheet_of(survey, tmp_path / "check.png")
 
 
-def test_pictures_to_look_at_are_on_the_sheet_even_if_they_do_not_decode(tmp_path):
+def test_images_to_look_at_are_on_the_sheet_even_if_they_do_not_decode(tmp_path):
     written = write_ball(tmp_path / "a")
     before = sheet_of(written.survey(), tmp_path / "good.png")
     path = written.folder / "images" / "view_004.png"
@@ -78,10 +78,10 @@ def test_pictures_to_look_at_are_on_the_sheet_even_if_they_do_not_decode(tmp_pat
     assert (before[540:] != after[540 : len(before)]).any()
 
 
-def test_a_capture_without_cameras_has_a_sheet_of_its_pictures(tmp_path):
-    picture = Image.new("RGB", (40, 30), (200, 30, 30))
+def test_a_capture_without_cameras_has_a_sheet_of_its_images(tmp_path):
+    image = Image.new("RGB", (40, 30), (200, 30, 30))
     tiles = [
-        Tile("a.jpg", "blurred", Weight.LIMIT, picture),
+        Tile("a.jpg", "blurred", Weight.LIMIT, image),
         Tile("b.jpg", "does not decode", Weight.LIMIT, None, "does not decode"),
     ]
     write_contact_sheet(tmp_path / "a.png", "a", Verdict.WILL_NOT_TRAIN, None, tiles)

@@ -36,7 +36,7 @@ def written(tmp_path):
         ),
     ],
 )
-def test_bad_pictures_are_named(written, kind, edit):
+def test_bad_images_are_named(written, kind, edit):
     bad = (3, 7, 12)
     written.change(bad, lambda pixels: edit(pixels).astype(np.uint8))
     found = written.findings()[kind]
@@ -51,12 +51,12 @@ def test_a_capture_that_is_blurred_as_a_whole_is_told(written):
     assert "blurred images" not in found
 
 
-def test_pictures_without_anything_do_not_train(written):
+def test_images_without_anything_do_not_train(written):
     written.change(range(24), lambda pixels: np.full_like(pixels, 90))
     assert written.findings()["empty images"].weight is Weight.STOP
 
 
-def test_a_picture_that_does_not_decode_is_named(written):
+def test_an_image_that_does_not_decode_is_named(written):
     path = written.folder / "images" / "view_004.png"
     path.write_bytes(path.read_bytes()[:2000])
     found = written.findings()["damaged images"]
@@ -65,7 +65,7 @@ def test_a_picture_that_does_not_decode_is_named(written):
     assert str(path) in found.found
 
 
-def test_the_same_picture_twice_is_named(written):
+def test_the_same_image_twice_is_named(written):
     first = np.asarray(Image.open(written.folder / "images" / "view_002.png"))
     written.change([9], lambda pixels: first)
     assert written.findings()["copies"].images == ("view_009.png",)
@@ -81,15 +81,15 @@ def test_a_sample_is_spread_evenly_and_said_so(written):
 def test_exif_orientation_is_a_note(written):
     for view in range(24):
         path = written.folder / "images" / f"view_{view:03d}.png"
-        picture = Image.open(path)
+        image = Image.open(path)
         exif = Image.Exif()
         exif[274] = 3
-        picture.save(path, exif=exif)
+        image.save(path, exif=exif)
     found = written.findings()["turned images"]
     assert (found.weight, len(found.images)) == (Weight.NOTE, 24)
 
 
-def test_masks_that_leave_nothing_of_a_picture_are_told(written):
+def test_masks_that_leave_nothing_of_an_image_are_told(written):
     (written.folder / "masks").mkdir()
     for view in range(24):
         mask = np.zeros((48, 64), np.uint8) if view == 6 else np.full((48, 64), 255, np.uint8)

@@ -53,13 +53,13 @@ def test_one_camera_that_looks_away_is_named(tmp_path):
     assert (found.weight, found.images) == (Weight.LIMIT, ("view_005.png",))
 
 
-def test_pictures_in_another_order_contradict_the_points(tmp_path):
+def test_images_in_another_order_contradict_the_points(tmp_path):
     written = write_ball(tmp_path / "a")
     assert written.survey().agreement.scatter < 0.2
     names = written.capture.names
-    pictures = [(written.folder / "images" / name).read_bytes() for name in names]
-    for name, picture in zip(names, reversed(pictures), strict=True):
-        (written.folder / "images" / name).write_bytes(picture)
+    images = [(written.folder / "images" / name).read_bytes() for name in names]
+    for name, image in zip(names, reversed(images), strict=True):
+        (written.folder / "images" / name).write_bytes(image)
     assert "images contradict points" in written.findings()
 
 

@@ -18,7 +18,7 @@ def test_known_gains_and_offsets_are_found_up_to_their_mean():
     np.testing.assert_allclose(found.offsets, offsets - true * offsets.mean(0), atol=0.015)
 
 
-def test_pictures_of_one_exposure_are_left_alone():
+def test_images_of_one_exposure_are_left_alone():
     found = fitted(observed())
     np.testing.assert_allclose(found.gains, 1, atol=0.03)
     np.testing.assert_allclose(found.offsets, 0, atol=0.015)
@@ -33,7 +33,7 @@ def test_highlights_and_clipped_colours_do_not_move_it():
     np.testing.assert_allclose(found.gains, gains / gains.mean(0), atol=0.1)
 
 
-def test_a_picture_with_few_points_keeps_its_exposure():
+def test_an_image_with_few_points_keeps_its_exposure():
     colors, *_ = exposed(observed())
     last = colors.views.max()
     rare = np.flatnonzero(colors.views == last)[FEWEST - 1 :]
@@ -44,7 +44,7 @@ def test_a_picture_with_few_points_keeps_its_exposure():
     assert (found.gains[:last] != 1).all()
 
 
-def test_a_picture_of_one_colour_keeps_its_exposure_and_spoils_no_other():
+def test_an_image_of_one_colour_keeps_its_exposure_and_spoils_no_other():
     colors, gains, _ = exposed(observed())
     fog = colors.views == 3
     flat = colors.colors.copy()

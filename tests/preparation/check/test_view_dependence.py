@@ -111,7 +111,7 @@ def test_errors_are_those_of_fits_without_the_colour_that_is_foretold():
             torch.testing.assert_close(found[point, degree], torch.stack(misses).mean())
 
 
-def test_too_few_pictures_for_a_degree_are_an_infinite_error():
+def test_too_few_images_for_a_degree_are_an_infinite_error():
     points, directions, values = tensors(observed(points=3, views=16))
     found = degree_errors(points, directions, values)
     assert found[:, :2].isfinite().all()

@@ -39,7 +39,6 @@ from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.matching import match_pairs
 from gsfw.preparation.pairs import MatchingRule, plan_pairs
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.source import read_source
 
 # Seconds each; .ci/run runs them.
@@ -95,21 +94,21 @@ def prepare(folder: Path, files: Mapping[str, bytes | Pixels]) -> Diagnosis:
     for name, content in files.items():
         data = content if isinstance(content, bytes) else encoded(content, "PNG")
         (folder / "photos" / name).write_bytes(data)
-    pictures = read_source([folder / "photos"]).images
-    groups = group_cameras(pictures, CameraRule())
+    images = read_source([folder / "photos"]).images
+    groups = group_cameras(images, CameraRule())
     database = folder / "work" / "database.db"
     settings = FeatureSettings(max_size=320, count=1000)
-    features = extract_features(database, pictures, groups, settings, Silent())
-    plan = plan_pairs(pictures, MatchingRule("exhaustive"), database, Silent())
-    match_pairs(database, plan, 1, Silent())
-    mapping = map_cameras(database, folder / "work" / "models", MappingRule(), Silent())
-    diagnosis = diagnose(database, pictures, groups, features, mapping)
+    features = extract_features(database, images, groups, settings)
+    plan = plan_pairs(images, MatchingRule("exhaustive"), database)
+    match_pairs(database, plan, 1)
+    mapping = map_cameras(database, folder / "work" / "models", MappingRule())
+    diagnosis = diagnose(database, images, groups, features, mapping)
     json_text(diagnosis.document())
     return diagnosis
 
 
-def named(pictures: list[Pixels]) -> dict[str, Pixels]:
-    return {f"{number}.png": pixels for number, pixels in enumerate(pictures)}
+def named(images: list[Pixels]) -> dict[str, Pixels]:
+    return {f"{number}.png": pixels for number, pixels in enumerate(images)}
 
 
 def reasons(diagnosis: Diagnosis) -> dict[str, str]:
@@ -120,7 +119,7 @@ def kinds(diagnosis: Diagnosis) -> dict[str, Weight]:
     return {finding.kind: finding.weight for finding in diagnosis.findings}
 
 
-def test_every_picture_of_a_damaged_capture_has_its_own_reason(tmp_path, sharp):
+def test_every_image_of_a_damaged_capture_has_its_own_reason(tmp_path, sharp):
     truncated = encoded(sharp[6], "JPEG", quality=95)
     diagnosis = prepare(
         tmp_path,
@@ -189,7 +188,7 @@ def test_two_groups_that_show_different_things_are_told_with_a_bridge(tmp_path, 
     assert finding.images == ("4.png", "5.png", "6.png")
 
 
-def test_three_pictures_are_placed_and_two_are_too_few(tmp_path, sharp):
+def test_three_images_are_placed_and_two_are_too_few(tmp_path, sharp):
     (tmp_path / "three").mkdir()
     (tmp_path / "two").mkdir()
     three = prepare(tmp_path / "three", named(sharp[:3]))
@@ -207,13 +206,13 @@ def test_plain_walls_have_few_features(tmp_path):
     assert diagnosis.verdict is Verdict.WILL_NOT_TRAIN
 
 
-def test_black_and_white_pictures_were_exposed_wrongly(tmp_path, sharp):
+def test_black_and_white_images_were_exposed_wrongly(tmp_path, sharp):
     dark = [(pixels * 0.015).astype(np.uint8) for pixels in sharp[:2]]
     diagnosis = prepare(tmp_path, named([*dark, *map(bright, sharp[:3])]))
     assert list(reasons(diagnosis).values()) == ["too dark"] * 2 + ["over-exposed"] * 3
 
 
-def test_copies_of_one_picture_are_one_view(tmp_path, sharp):
+def test_copies_of_one_image_are_one_view(tmp_path, sharp):
     diagnosis = prepare(tmp_path, named([noisy(sharp[0], seed) for seed in range(4)]))
     assert set(reasons(diagnosis).values()) == {"duplicate"}
     finding = next(one for one in diagnosis.findings if one.kind == "one view")
@@ -267,13 +266,13 @@ def figures(**changes: object) -> ModelFigures:
 
 def found_in(model: ModelFigures) -> list[Finding]:
     header, exif = Header(1000, 800, False), Exif(make="Acme", model="One", focal_mm=4.2)
-    pictures = tuple(SourceImage(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))
+    images = tuple(SourceImage(name, Path(name), header, exif) for name in ("1.jpg", "2.jpg"))
     groups = tuple(
         CameraGroup(number, "SIMPLE_RADIAL", 1000, 800, 950.0, "EXIF", (f"{number}.jpg",))
         for number in (1, 2)
     )
     graph = MatchGraph(("1.jpg", "2.jpg"), ())
-    return list(camera_findings(Evidence(ImageSet(pictures), groups, {}, graph, (), model)))
+    return list(camera_findings(Evidence(ImageSet(images), groups, {}, graph, (), model)))
 
 
 def test_a_usual_model_has_no_findings():
@@ -286,7 +285,7 @@ def test_a_model_without_points_is_hollow():
     assert finding.found == "The cameras of 3 images rest on 1 point."
 
 
-def test_large_errors_and_the_pictures_that_have_them_are_told():
+def test_large_errors_and_the_images_that_have_them_are_told():
     errors = {"a.jpg": 0.7, "b.jpg": 0.7, "c.jpg": 0.8, "d.jpg": 2.5, "e.jpg": 3.0}
     all_of_it, some = found_in(figures(error=2.1, errors=errors, registered=5))
     assert all_of_it.found.startswith("Points are 2.1 pixels from where images show them (mean)")
@@ -303,7 +302,7 @@ def test_short_tracks_are_told():
     )
 
 
-def test_pictures_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter():
+def test_images_that_are_stretched_each_in_another_way_tell_of_a_rolling_shutter():
     (finding,) = found_in(figures(stretch=Stretch(0.8, 30.0, 1000)))
     assert finding.kind == "rolling shutter"
     assert finding.found == (

@@ -16,7 +16,7 @@ FLAT = int(pycolmap.TwoViewGeometryConfiguration.PLANAR_OR_PANORAMIC)
 DEEP = int(pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED)
 
 
-def pictures(*names: str) -> ImageSet:
+def images(*names: str) -> ImageSet:
     header = Header(1000, 500, False)
     return ImageSet(tuple(SourceImage(name, Path(name), header, Exif()) for name in names))
 
@@ -65,7 +65,7 @@ def turned(places: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 def test_links_tell_matches_and_how_far_they_move(tmp_path, places):
     path = tmp_path / "database.db"
     write(path, [places, places + np.array([30, 40])], DEEP)
-    (link,) = MatchGraph.read(path, pictures("a", "b", "c")).links
+    (link,) = MatchGraph.read(path, images("a", "b", "c")).links
     assert (link.first, link.second, link.matches, link.verified) == ("a", "b", 40, 40)
     assert link.shift == pytest.approx(0.05, abs=1e-6)
     assert link.joins
@@ -79,7 +79,7 @@ def test_a_camera_that_turned_is_told_from_one_that_moved_before_a_wall(tmp_path
         path = tmp_path / f"{step}.db"
         seen, homography = turned(places, step)
         write(path, [places, seen], FLAT, homography)
-        links += MatchGraph.read(path, pictures("a", "b")).links
+        links += MatchGraph.read(path, images("a", "b")).links
     assert [link.flat for link in links] == [True, True]
     assert [link.is_turn for link in links] == [True, False]
 
@@ -87,7 +87,7 @@ def test_a_camera_that_turned_is_told_from_one_that_moved_before_a_wall(tmp_path
 def test_a_view_that_is_the_same_is_still_and_no_turn(tmp_path, places):
     path = tmp_path / "database.db"
     write(path, [places, places + 0.2], FLAT, np.eye(3))
-    (link,) = MatchGraph.read(path, pictures("a", "b")).links
+    (link,) = MatchGraph.read(path, images("a", "b")).links
     assert link.is_still
     assert not link.is_turn
 
@@ -97,14 +97,14 @@ def test_what_stays_in_place_while_the_view_moves_is_told(tmp_path, places):
     later[:10] = places[:10]
     path = tmp_path / "database.db"
     write(path, [places, later], DEEP)
-    found = MatchGraph.read(path, pictures("a", "b"))
+    found = MatchGraph.read(path, images("a", "b"))
     assert found.still == pytest.approx(0.25)
     assert found.has_overlay
     assert not replace(found, still=0.05).has_overlay
 
 
 def test_without_a_database_there_are_no_links(tmp_path):
-    found = MatchGraph.read(tmp_path / "database.db", pictures("a", "b"))
+    found = MatchGraph.read(tmp_path / "database.db", images("a", "b"))
     assert found == MatchGraph(("a", "b"), ())
     assert found.components() == ()
     assert found.bridges(()) == ()
@@ -115,7 +115,7 @@ def test_a_damaged_database_is_named(tmp_path):
     path = tmp_path / "database.db"
     path.write_bytes(b"no database" * 1000)
     with pytest.raises(DataError) as raised:
-        MatchGraph.read(path, pictures("a", "b"))
+        MatchGraph.read(path, images("a", "b"))
     assert raised.value.message.startswith(f"COLMAP could not read the matches with {path}: ")
 
 

@@ -45,8 +45,8 @@ def reconstruction(
         pose = pycolmap.Rigid3d(rotation, -(rotation * np.array(center)))
         offset = np.array((offsets or {}).get(number, (0.0, 0.0)))
         places = []
-        for track, (position, pictures) in zip(tracks, points, strict=True):
-            if number in pictures:
+        for track, (position, images) in zip(tracks, points, strict=True):
+            if number in images:
                 track.append((number, len(places)))
                 places.append(camera.img_from_cam(pose * np.array(position)) + offset)
         image = pycolmap.Image(f"{number}.jpg", np.array(places).reshape(-1, 2), 1, number)
@@ -65,7 +65,7 @@ def degrees_between(distance: float, depth: float) -> float:
     return math.degrees(2 * math.atan2(distance / 2, depth))
 
 
-def test_pictures_points_and_tracks_are_counted() -> None:
+def test_images_points_and_tracks_are_counted() -> None:
     model = reconstruction(
         ROW, [((1, 0, 10), (1, 2, 3)), ((1, 1, 10), (1, 3)), ((1, 2, 8), (2, 3))]
     )
@@ -76,7 +76,7 @@ def test_pictures_points_and_tracks_are_counted() -> None:
     assert figures.tracks.share_of_pairs == pytest.approx(2 / 3)
 
 
-def test_errors_are_in_pixels_over_observations_and_by_picture() -> None:
+def test_errors_are_in_pixels_over_observations_and_by_image() -> None:
     points = [((1.0, y, 10.0), (1, 2, 3)) for y in (-1.0, 0.0, 1.0)] + [((1.0, 2.0, 9.0), (1, 2))]
     figures = ModelFigures.of(reconstruction(ROW, points, offsets={2: (3.0, 4.0)}))
     assert figures.errors == pytest.approx({"1.jpg": 0.0, "2.jpg": 5.0, "3.jpg": 0.0}, abs=1e-6)

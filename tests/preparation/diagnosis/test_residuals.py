@@ -9,7 +9,6 @@ from gsfw.preparation.diagnosis.model_figures import ModelFigures
 from gsfw.preparation.diagnosis.residuals import Stretch
 from gsfw.preparation.mapping.mapping import map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
-from gsfw.preparation.progress import Silent
 
 
 def roll(capture: MatchedCapture, degrees: float, generator: np.random.Generator) -> None:
@@ -39,7 +38,7 @@ def stretch(folder: Path, degrees: float, noise: float) -> Stretch:
     capture = matched_capture(folder, noise=noise)
     if degrees:
         roll(capture, degrees, np.random.default_rng(0))
-    mapping = map_cameras(capture.database, folder / "models", MappingRule(), Silent())
+    mapping = map_cameras(capture.database, folder / "models", MappingRule())
     assert mapping.sizes == (10,)
     return ModelFigures.of(pycolmap.Reconstruction(mapping.models[0])).stretch
 

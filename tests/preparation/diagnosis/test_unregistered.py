@@ -35,14 +35,14 @@ def why(
     """Why image x is not placed, beside a usual a, b, c and d."""
     names = ("a", "b", "c", "d", "x")
     header = Header(1000, 500, False)
-    pictures = ImageSet(tuple(SourceImage(n, Path(n), header, Exif()) for n in names))
+    images = ImageSet(tuple(SourceImage(n, Path(n), header, Exif()) for n in names))
     reports = {name: report() for name in names[:-1]} | {"x": other}
     graph = MatchGraph(names, links, still)
     largest = (frozenset(placed),) if placed else ()
-    return why_unregistered(pictures, reports, graph, (*largest, *models))[-1]
+    return why_unregistered(images, reports, graph, (*largest, *models))[-1]
 
 
-def test_a_picture_that_does_not_decode_says_why():
+def test_an_image_that_does_not_decode_says_why():
     found = why(report(0, failure="x.jpg: the image does not decode: truncated."))
     assert found.reason == "does not decode"
     assert found.found == "x.jpg: the image does not decode: truncated."
@@ -50,7 +50,7 @@ def test_a_picture_that_does_not_decode_says_why():
     assert found.path == Path("x")
 
 
-def test_dark_and_bright_pictures_are_not_called_empty():
+def test_dark_and_bright_images_are_not_called_empty():
     black = why(report(0, 0.0, brightness=0.0, contrast=0.0, clipped=1.0))
     assert black.reason == "too dark"
     assert black.found == (
@@ -87,11 +87,11 @@ def test_blur_along_a_line_is_motion_and_may_leave_more_sharpness():
     assert why(report(300, 9e-4, blur=0.05)).reason == "few matches"
 
 
-def test_a_darker_picture_is_not_called_blurred():
+def test_a_darker_image_is_not_called_blurred():
     assert why(report(900, 1e-3 / 9, brightness=0.5 / 3)).reason == "few matches"
 
 
-def test_looks_are_not_to_blame_where_a_placed_picture_shows_the_same():
+def test_looks_are_not_to_blame_where_a_placed_image_shows_the_same():
     found = why(report(600, 1e-4), Link("a", "x", 200, 120, 0.1))
     assert found.reason == "matched, but not placed"
     assert found.found == (
@@ -128,7 +128,7 @@ def test_a_model_of_its_own_is_a_group_even_if_some_matches_lead_elsewhere():
     assert found.advice == "Take photos between b and d (32 verified matches)."
 
 
-def test_copies_are_told_apart_from_pictures_that_share_a_caption():
+def test_copies_are_told_apart_from_images_that_share_a_caption():
     assert why(report(), Link("a", "x", 1900, 1800, 1e-4)).found == (
         "It shows a once more: their 1800 verified matches do not move."
     )

@@ -12,10 +12,10 @@ from support import captured
 from support.matched_captures import MatchedCapture, matched_capture, pose_errors
 
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.progress import Advance, shown_by
 from gsfw.preparation.mapping.incremental_mapping import LEAST_POINTS, solid
 from gsfw.preparation.mapping.mapping import Mapping, continue_mapping, map_cameras
 from gsfw.preparation.mapping.mapping_rule import MappingRule
-from gsfw.preparation.progress import Advance, Progress, Silent
 
 # Seconds each; .ci/run runs them.
 pytestmark = pytest.mark.slow
@@ -24,7 +24,7 @@ RULE = MappingRule()
 SHARED_DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
-class Watched(Progress):
+class Watched:
     """Keeps what it is told; may press Ctrl-C when so many images are done."""
 
     def __init__(self, interrupt_at: int | None = None) -> None:
@@ -42,9 +42,6 @@ class Watched(Progress):
                 _thread.interrupt_main()
 
         yield advance
-
-    def say(self, text: str) -> None:
-        raise AssertionError(text)
 
 
 def poses(model: Path) -> dict[str, np.ndarray]:
@@ -83,11 +80,10 @@ def fox(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return path, capture / "sparse" / "0"
 
 
-def test_all_pictures_get_their_poses_up_to_a_similarity(
-    ten: MatchedCapture, tmp_path: Path
-) -> None:
+def test_all_images_get_their_poses_up_to_a_similarity(ten: MatchedCapture, tmp_path: Path) -> None:
     watched = Watched()
-    mapping = map_cameras(ten.database, tmp_path / "models", RULE, watched)
+    with shown_by(watched.stage):
+        mapping = map_cameras(ten.database, tmp_path / "models", RULE)
     assert mapping.sizes == (10,)
     assert mapping.models == (tmp_path / "models" / "0",)
     assert mapping.merged == 0
@@ -106,7 +102,7 @@ def test_the_global_mapper_finds_the_same_poses_and_leaves_the_database_alone(
 ) -> None:
     before = content(ten.database)
     rule = MappingRule(mapper="global")
-    mapping = map_cameras(ten.database, tmp_path, rule, Silent())
+    mapping = map_cameras(ten.database, tmp_path, rule)
     assert mapping.sizes == (10,)
     assert mapping.how == "global mapping (GLOMAP)"
     rotation, distance = ten.errors(pycolmap.Reconstruction(mapping.models[0]))
@@ -117,10 +113,10 @@ def test_the_global_mapper_finds_the_same_poses_and_leaves_the_database_alone(
 
 
 def test_rendered_photos_give_the_poses_that_they_were_rendered_with(tmp_path: Path) -> None:
-    database, pictures, cameras = captured.database(tmp_path, 6)
-    mapping = map_cameras(database, tmp_path / "models", RULE, Silent())
+    database, images, cameras = captured.database(tmp_path, 6)
+    mapping = map_cameras(database, tmp_path / "models", RULE)
     assert mapping.sizes == (6,)
-    names = [picture.name for picture in pictures.images]
+    names = [image.name for image in images.images]
     truth = dict(zip(names, cameras.world_to_camera[:, :3].numpy(), strict=True))
     rotation, distance = pose_errors(pycolmap.Reconstruction(mapping.models[0]), truth)
     assert rotation < 0.5
@@ -131,7 +127,7 @@ def test_photos_of_a_phone_give_the_poses_that_are_known_of_them(
     fox: tuple[Path, Path], tmp_path: Path
 ) -> None:
     database, known = fox
-    mapping = map_cameras(database, tmp_path, RULE, Silent())
+    mapping = map_cameras(database, tmp_path, RULE)
     assert mapping.sizes == (10,)
     images = pycolmap.Reconstruction(known).images.values()
     truth = {image.name: image.cam_from_world().matrix() for image in images}
@@ -143,10 +139,10 @@ def test_photos_of_a_phone_give_the_poses_that_are_known_of_them(
 def test_the_same_database_gives_the_same_bits_and_replaces_old_models(
     ten: MatchedCapture, tmp_path: Path
 ) -> None:
-    first = map_cameras(ten.database, tmp_path, RULE, Silent())
+    first = map_cameras(ten.database, tmp_path, RULE)
     old = poses(first.models[0])
     (tmp_path / "7").mkdir()
-    new = poses(map_cameras(ten.database, tmp_path, RULE, Silent()).models[0])
+    new = poses(map_cameras(ten.database, tmp_path, RULE).models[0])
     assert old.keys() == new.keys()
     assert all((old[name] == new[name]).all() for name in old)
     assert [path.name for path in tmp_path.iterdir()] == ["0"]
@@ -156,36 +152,36 @@ def test_groups_without_common_matches_become_two_models_the_larger_first(tmp_pa
     capture = matched_capture(
         tmp_path, 11, linked=lambda first, second: (first < 5) == (second < 5)
     )
-    mapping = map_cameras(capture.database, tmp_path / "models", RULE, Silent())
+    mapping = map_cameras(capture.database, tmp_path / "models", RULE)
     assert mapping.sizes == (7, 4)
     assert [path.name for path in mapping.models] == ["0", "1"]
     assert set(pycolmap.Reconstruction(mapping.models[0]).reg_image_ids()) == set(range(5, 12))
 
 
-def test_pictures_without_matches_give_no_model_and_no_error(tmp_path: Path) -> None:
+def test_images_without_matches_give_no_model_and_no_error(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, linked=lambda first, second: False)
     for mapper in ("incremental", "global"):
         rule = MappingRule(mapper=mapper)
-        mapping = map_cameras(capture.database, tmp_path / mapper, rule, Silent())
+        mapping = map_cameras(capture.database, tmp_path / mapper, rule)
         assert (mapping.models, mapping.sizes, mapping.merged) == ((), (), 0)
     assert "global" in mapping.how
 
 
-def test_three_pictures_are_enough(tmp_path: Path) -> None:
+def test_three_images_are_enough(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, 3)
-    mapping = map_cameras(capture.database, tmp_path / "models", RULE, Silent())
+    mapping = map_cameras(capture.database, tmp_path / "models", RULE)
     assert mapping.sizes == (3,)
     assert capture.errors(pycolmap.Reconstruction(mapping.models[0]))[0] < 0.1
 
 
-def test_two_pictures_are_not_enough(tmp_path: Path) -> None:
+def test_two_images_are_not_enough(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, 2)
-    assert map_cameras(capture.database, tmp_path / "models", RULE, Silent()).models == ()
+    assert map_cameras(capture.database, tmp_path / "models", RULE).models == ()
 
 
 def test_few_matches_are_tried_again_with_relaxed_thresholds(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, points=20)
-    mapping = map_cameras(capture.database, tmp_path / "models", RULE, Silent())
+    mapping = map_cameras(capture.database, tmp_path / "models", RULE)
     assert mapping.sizes == (10,)
     assert mapping.how == (
         "incremental mapping (COLMAP), relaxed thresholds (0 images by usual ones)"
@@ -196,9 +192,9 @@ def test_few_matches_are_tried_again_with_relaxed_thresholds(tmp_path: Path) -> 
 def test_a_principal_point_moves_only_where_that_is_asked_for(
     ten: MatchedCapture, tmp_path: Path
 ) -> None:
-    fixed = map_cameras(ten.database, tmp_path / "fixed", RULE, Silent())
+    fixed = map_cameras(ten.database, tmp_path / "fixed", RULE)
     rule = MappingRule(refine_principal_point=True)
-    free = map_cameras(ten.database, tmp_path / "free", rule, Silent())
+    free = map_cameras(ten.database, tmp_path / "free", rule)
     assert list(pycolmap.Reconstruction(fixed.models[0]).camera(1).params[1:3]) == [512, 384]
     moved = pycolmap.Reconstruction(free.models[0]).camera(1).params[1:3]
     assert 0 < np.abs(moved - [512, 384]).max() < 8
@@ -209,24 +205,24 @@ def test_a_focal_length_that_is_given_stays(
     ten: MatchedCapture, tmp_path: Path, mapper: str
 ) -> None:
     rule = MappingRule(mapper=mapper, refine_focal=False)
-    mapping = map_cameras(ten.database, tmp_path, rule, Silent())
+    mapping = map_cameras(ten.database, tmp_path, rule)
     assert pycolmap.Reconstruction(mapping.models[0]).camera(1).params[0] == 1280
 
 
 def test_ctrl_c_ends_mapping_and_the_next_run_gives_what_an_uninterrupted_one_does(
     ten: MatchedCapture, tmp_path: Path
 ) -> None:
-    whole = map_cameras(ten.database, tmp_path / "whole", RULE, Silent())
+    whole = map_cameras(ten.database, tmp_path / "whole", RULE)
     watched = Watched(interrupt_at=4)
-    with pytest.raises(KeyboardInterrupt):
-        map_cameras(ten.database, tmp_path / "models", RULE, watched)
+    with pytest.raises(KeyboardInterrupt), shown_by(watched.stage):
+        map_cameras(ten.database, tmp_path / "models", RULE)
     assert list((tmp_path / "models").iterdir()) == []
-    again = map_cameras(ten.database, tmp_path / "models", RULE, Silent())
+    again = map_cameras(ten.database, tmp_path / "models", RULE)
     old, new = poses(whole.models[0]), poses(again.models[0])
     assert all((old[name] == new[name]).all() for name in old)
 
 
-def test_continuing_adds_pictures_that_have_been_matched_since(tmp_path: Path) -> None:
+def test_continuing_adds_images_that_have_been_matched_since(tmp_path: Path) -> None:
     (tmp_path / "few").mkdir()
     (tmp_path / "all").mkdir()
     few = matched_capture(
@@ -234,9 +230,9 @@ def test_continuing_adds_pictures_that_have_been_matched_since(tmp_path: Path) -
     )
     whole = matched_capture(tmp_path / "all")
     models = tmp_path / "models"
-    before = map_cameras(few.database, models, RULE, Silent())
+    before = map_cameras(few.database, models, RULE)
     assert before.sizes == (6, 4)
-    after = continue_mapping(whole.database, models, before, RULE, Silent())
+    after = continue_mapping(whole.database, models, before, RULE)
     assert after.sizes == (10,)
     assert after.merged == 1
     assert after.seconds > before.seconds
@@ -252,8 +248,8 @@ def test_continuing_adds_pictures_that_have_been_matched_since(tmp_path: Path) -
 
 def test_continuing_where_nothing_fits_keeps_the_models(tmp_path: Path) -> None:
     capture = matched_capture(tmp_path, linked=lambda first, second: (first < 5) == (second < 5))
-    before = map_cameras(capture.database, tmp_path / "models", RULE, Silent())
-    after = continue_mapping(capture.database, tmp_path / "models", before, RULE, Silent())
+    before = map_cameras(capture.database, tmp_path / "models", RULE)
+    after = continue_mapping(capture.database, tmp_path / "models", before, RULE)
     assert [path.name for path in after.models] == ["joined-0", "joined-1"]
     assert (after.sizes, after.merged) == (before.sizes, 0)
 
@@ -275,7 +271,7 @@ def test_a_mapping_survives_as_plain_data_in_a_folder_that_moved() -> None:
 
 def test_rules_that_make_no_sense_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as unknown:
-        map_cameras(tmp_path, tmp_path, MappingRule(mapper="magic"), Silent())
+        map_cameras(tmp_path, tmp_path, MappingRule(mapper="magic"))
     assert str(unknown.value) == ("mapper=magic: expected one of incremental, global.")
     with pytest.raises(ConfigError) as idle:
         MappingRule(jobs=0).check()
@@ -285,7 +281,7 @@ def test_rules_that_make_no_sense_are_refused(tmp_path: Path) -> None:
 def test_a_missing_database_is_named_and_not_created(tmp_path: Path) -> None:
     path = tmp_path / "database.db"
     with pytest.raises(DataError) as missing:
-        map_cameras(path, tmp_path, RULE, Silent())
+        map_cameras(path, tmp_path, RULE)
     assert str(missing.value) == (
         f"{path} is missing: it holds the features and matches of the images.\n"
         "Run the same command with a new out=DIR, so that they are computed anew."
@@ -297,7 +293,7 @@ def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "database.db"
     path.write_bytes(b"not a database" * 100)
     with pytest.raises(DataError, match=r"COLMAP could not read the images with .*database\.db: "):
-        map_cameras(path, tmp_path, RULE, Silent())
+        map_cameras(path, tmp_path, RULE)
 
 
 @pytest.mark.parametrize("mapper", ["incremental", "global"])
@@ -307,6 +303,6 @@ def test_what_colmap_throws_is_said_without_a_traceback(tmp_path: Path, mapper: 
         opened.execute("UPDATE cameras SET params = x'00'")
         opened.commit()
     with pytest.raises(DataError) as failure:
-        map_cameras(capture.database, tmp_path / "models", MappingRule(mapper=mapper), Silent())
+        map_cameras(capture.database, tmp_path / "models", MappingRule(mapper=mapper))
     assert "COLMAP could not compute camera poses" in failure.value.message
     assert "Run the same command with a new out=DIR" in failure.value.advice

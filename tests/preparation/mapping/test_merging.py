@@ -30,7 +30,7 @@ def merged(
 
 
 @pytest.mark.parametrize("shared", [1, 2, 4])
-def test_models_that_share_pictures_become_one_with_right_poses(
+def test_models_that_share_images_become_one_with_right_poses(
     capture: MatchedCapture, tmp_path: Path, shared: int
 ) -> None:
     models, joined = merged(capture, tmp_path, range(1, 8), range(8 - shared, 13))
@@ -55,7 +55,7 @@ def test_models_that_share_nothing_stay_apart(capture: MatchedCapture, tmp_path:
     assert ([model.num_reg_images() for model in models], joined) == ([7, 5], 0)
 
 
-def test_a_model_of_pictures_that_the_largest_has_disappears(
+def test_a_model_of_images_that_the_largest_has_disappears(
     capture: MatchedCapture, tmp_path: Path
 ) -> None:
     models, joined = merged(capture, tmp_path, range(1, 13), range(3, 9))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.distorted_pictures import HEIGHT, WIDTH, lens
+from support.distorted_images import HEIGHT, WIDTH, lens
 
 from gsfw.preparation.writing.camera_plan import (
     STRAIGHT,

@@ -17,7 +17,7 @@ from support.small_captures import (
     request,
     ring,
     write_colmap,
-    write_pictures,
+    write_images,
     write_transforms,
 )
 from support.small_videos import cameras
@@ -28,7 +28,6 @@ from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.llff import LlffConfig
 from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.transforms import TransformsConfig
-from gsfw.preparation.progress import Silent
 from gsfw.preparation.writing.conversion import ConversionRule, convert
 from gsfw.preparation.writing.image_output import OutputRule
 
@@ -52,13 +51,13 @@ def fixtures(module: str):
 
 
 def colmap(folder, **camera):
-    write_pictures(folder / "images", ring())
+    write_images(folder / "images", ring())
     write_colmap(folder / "sparse/0", ring(), **camera)
     return ColmapConfig().build(request(folder))
 
 
 def transforms(folder, capture=None, **settings):
-    write_pictures(folder, capture or ring())
+    write_images(folder, capture or ring())
     write_transforms(folder / "transforms.json", capture or ring(), **settings)
     return TransformsConfig(depth=True).build(request(folder))
 
@@ -121,7 +120,7 @@ MOVING = {
 
 def again(data, out, **rule):
     """A loaded data set, converted and loaded again, and what the conversion says."""
-    found = convert(data.recording, out, ConversionRule(**rule), Silent())
+    found = convert(data.recording, out, ConversionRule(**rule))
     config = LAYOUTS[found.layout]()
     if found.layout == "transforms":
         config = TransformsConfig(depth=True)
@@ -207,7 +206,7 @@ def test_what_moves_goes_to_a_transforms_file_by_itself(tmp_path, name):
         assert after.scene.num_times == before.scene.num_times
 
 
-def test_pictures_of_videos_become_files(tmp_path):
+def test_images_of_videos_become_files(tmp_path):
     before = MOVING["synchronised-videos"](tmp_path / "given")
     after, found = again(before, tmp_path / "out")
     frame = by_name(after)[0]
@@ -249,7 +248,7 @@ def test_inverted_masks_are_written_bright_where_pixels_count(tmp_path):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_masks_are_undistorted_with_their_pictures(tmp_path, layout):
+def test_masks_are_undistorted_with_their_images(tmp_path, layout):
     before = masked(tmp_path / "given", **BROWN)
     after, _ = again(before, tmp_path / "out", layout=layout, output=OutputRule("pinhole"))
     assert by_name(after)[0].lens.model == "PINHOLE"
@@ -307,14 +306,14 @@ def test_a_split_that_colmap_cannot_hold_is_listed_and_named(tmp_path):
     assert held.views(Split.EVAL).names == ("test/r_3.png",)
 
 
-def test_many_held_out_pictures_are_named_by_a_command(tmp_path):
+def test_many_held_out_images_are_named_by_a_command(tmp_path):
     data = transforms(tmp_path / "given", replace(ring(8)))
     frames = [
         replace(frame, split=Split.TRAIN if number < 1 else Split.EVAL)
         for number, frame in enumerate(data.recording.frames)
     ]
     out = tmp_path / "out"
-    found = convert(replace(data.recording, frames=tuple(frames)), out, ConversionRule(), Silent())
+    found = convert(replace(data.recording, frames=tuple(frames)), out, ConversionRule())
     command = f'train with holdout="$(paste -sd, {out}/sparse/0/test.txt)", or use'
     assert command in found.notes[-1]
 
@@ -334,7 +333,7 @@ def test_points_without_tracks_are_noted(tmp_path):
     )
 
 
-def test_times_of_pictures_that_are_left_out_are_noted(tmp_path):
+def test_times_of_images_that_are_left_out_are_noted(tmp_path):
     made = fixtures("test_blender")
     before = made.build(
         made.write(tmp_path / "given", ("train", "test", "val"), [0, 1, 2, 3, 4, 0])
@@ -366,7 +365,7 @@ def test_cameras_that_only_the_data_set_told_apart_stay_apart(tmp_path):
 def test_names_that_lead_elsewhere_or_lack_a_suffix_become_names_below_images(tmp_path):
     capture: SmallCapture = ring()
     (tmp_path / "given/inner").mkdir(parents=True)
-    write_pictures(tmp_path / "given", capture)
+    write_images(tmp_path / "given", capture)
     names = [f"../{name.removesuffix('.png')}" for name in capture.names]
     path = write_transforms(tmp_path / "given/inner/transforms.json", replace(capture, names=names))
     before = TransformsConfig().build(request(path.parent))
@@ -388,10 +387,10 @@ def test_a_second_conversion_leaves_nothing_of_the_first(tmp_path):
     }
 
 
-def test_pictures_are_never_written_over(tmp_path):
+def test_images_are_never_written_over(tmp_path):
     before = colmap(tmp_path)
     with pytest.raises(OutputError) as error:
-        convert(before.recording, tmp_path, ConversionRule(), Silent())
+        convert(before.recording, tmp_path, ConversionRule())
     assert str(error.value) == (
         f"{tmp_path}/images/view_000.png is one of the images that are read, and would be "
         "written over.\nChoose another place with out=DIR."

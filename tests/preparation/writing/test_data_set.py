@@ -12,18 +12,18 @@ import pytest
 import torch
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
-from support.distorted_pictures import HEIGHT, WIDTH, lens, parameters
+from support.distorted_images import HEIGHT, WIDTH, lens, parameters
 from support.small_captures import request, ring
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError, OutputError
+from gsfw.core.progress import shown_by
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.colmap.reader import read_model
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.undistortion import LensRule
 from gsfw.preparation.exif import Exif
 from gsfw.preparation.image_set import ImageSet, SourceImage
-from gsfw.preparation.progress import Progress, Silent
 from gsfw.preparation.writing.camera_plan import CameraPlan
 from gsfw.preparation.writing.data_set import write_data_set
 from gsfw.preparation.writing.image_output import OutputRule
@@ -35,7 +35,7 @@ VIEWS = 4
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
-def picture(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
+def image(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
     """Red tells the column, green the row, so that mixed colours tell a position."""
     pixels = np.zeros((height, width, 3), np.uint8)
     pixels[..., 0], pixels[..., 1] = np.arange(width), np.arange(height)[:, None]
@@ -87,7 +87,7 @@ def photos(folder: Path, names=None, **settings) -> ImageSet:
         name = names[view] if names else f"view_{view}.png"
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(picture(view)).save(path, **settings)
+        Image.fromarray(image(view)).save(path, **settings)
         taken.append(SourceImage(name, path, read_header(path), Exif()))
     return ImageSet(tuple(taken))
 
@@ -122,8 +122,8 @@ def check_tracks(model: pycolmap.Reconstruction) -> None:
 def test_undistorted_data_sets_are_what_training_makes_of_distorted_ones(tmp_path, model):
     taken = photos(tmp_path / "photos")
     estimated = estimate(lens(model))
-    write_data_set(estimated, taken, tmp_path / "pinhole", OutputRule(), Silent())
-    write_data_set(estimated, taken, tmp_path / "keep", KEEP, Silent())
+    write_data_set(estimated, taken, tmp_path / "pinhole", OutputRule())
+    write_data_set(estimated, taken, tmp_path / "keep", KEEP)
     flat, bent = loaded(tmp_path / "pinhole"), loaded(tmp_path / "keep")
     assert {frame.lens.model for frame in frames(flat)} == {"PINHOLE"}
     assert {frame.lens.model for frame in frames(bent)} == {model}
@@ -138,7 +138,7 @@ def test_undistorted_data_sets_are_what_training_makes_of_distorted_ones(tmp_pat
 @pytest.mark.parametrize("model", MODELS)
 def test_points_land_on_their_moved_observations(tmp_path, model):
     taken = photos(tmp_path / "photos")
-    found = write_data_set(estimate(lens(model)), taken, tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimate(lens(model)), taken, tmp_path, OutputRule())
     written = pycolmap.Reconstruction(tmp_path / "sparse/0")
     check_tracks(written)
     assert (found.images, found.points) == (VIEWS, written.num_points3D())
@@ -159,7 +159,7 @@ def test_what_falls_outside_leaves_the_tracks(tmp_path):
     ]
     lost = estimated.add_point3D([0.0, 0.0, 0.0], pycolmap.Track(corners))
     taken = photos(tmp_path / "photos")
-    found = write_data_set(estimated, taken, tmp_path / "out", OutputRule(), Silent())
+    found = write_data_set(estimated, taken, tmp_path / "out", OutputRule())
     written = pycolmap.Reconstruction(tmp_path / "out/sparse/0")
     check_tracks(written)
     assert lost not in written.points3D
@@ -177,7 +177,7 @@ def test_what_falls_outside_leaves_the_tracks(tmp_path):
 @pytest.mark.parametrize("rule", [OutputRule(), KEEP], ids=["pinhole", "keep"])
 def test_points_have_the_mean_colour_of_where_they_were_seen(tmp_path, rule):
     estimated = estimate(lens("OPENCV"))
-    write_data_set(estimated, photos(tmp_path / "photos"), tmp_path, rule, Silent())
+    write_data_set(estimated, photos(tmp_path / "photos"), tmp_path, rule)
     written = pycolmap.Reconstruction(tmp_path / "sparse/0")
     for number, point in written.points3D.items():
         colors = []
@@ -188,7 +188,7 @@ def test_points_have_the_mean_colour_of_where_they_were_seen(tmp_path, rule):
         assert np.abs(point.color - np.mean(colors, axis=0)).max() <= 0.5 + 1e-9
 
 
-def test_pictures_of_pinholes_are_copied(tmp_path):
+def test_images_of_pinholes_are_copied(tmp_path):
     taken = photos(tmp_path / "photos")
     for model, distortion in (
         ("PINHOLE", ()),
@@ -196,9 +196,7 @@ def test_pictures_of_pinholes_are_copied(tmp_path):
         ("OPENCV", (1e-5, 0.0, 0.0, 0.0)),
     ):
         out = tmp_path / model
-        found = write_data_set(
-            estimate(lens(model, distortion)), taken, out, OutputRule(), Silent()
-        )
+        found = write_data_set(estimate(lens(model, distortion)), taken, out, OutputRule())
         assert {frame.lens.model for frame in frames(loaded(out))} == {"PINHOLE"}
         for one in taken.images:
             assert (out / "images" / one.name).read_bytes() == one.path.read_bytes()
@@ -209,7 +207,7 @@ def test_pictures_of_pinholes_are_copied(tmp_path):
 def test_kept_files_stay_byte_for_byte(tmp_path):
     names = [f"view_{view}.jpg" for view in range(VIEWS)]
     taken = photos(tmp_path / "photos", names, quality=80)
-    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, KEEP, Silent())
+    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, KEEP)
     for one in taken.images:
         assert (tmp_path / "images" / one.name).read_bytes() == one.path.read_bytes()
     assert found.lens == "OPENCV as given"
@@ -221,7 +219,7 @@ def test_kept_files_stay_byte_for_byte(tmp_path):
 
 
 def test_all_readers_find_the_model(tmp_path):
-    write_data_set(estimate(lens("OPENCV")), photos(tmp_path / "p"), tmp_path, KEEP, Silent())
+    write_data_set(estimate(lens("OPENCV")), photos(tmp_path / "p"), tmp_path, KEEP)
     ours = read_model(tmp_path / "sparse/0")
     theirs = pycolmap.Reconstruction(tmp_path / "sparse/0")
     assert [image.name for image in ours.images] == [f"view_{view}.png" for view in range(VIEWS)]
@@ -239,27 +237,27 @@ def turned(folder: Path, names) -> ImageSet:
     for view, name in enumerate(names):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        lying = Image.fromarray(picture(view)).transpose(Image.Transpose.ROTATE_90)
+        lying = Image.fromarray(image(view)).transpose(Image.Transpose.ROTATE_90)
         lying.save(path, quality=98, subsampling=0, exif=exif, icc_profile=PROFILE)
         taken.append(SourceImage(name, path, read_header(path), Exif()))
     return ImageSet(tuple(taken))
 
 
 @pytest.mark.parametrize("rule", [OutputRule(), KEEP], ids=["pinhole", "keep"])
-def test_turned_pictures_are_written_upright_without_the_tag(tmp_path, rule):
+def test_turned_images_are_written_upright_without_the_tag(tmp_path, rule):
     names = [f"view_{view}.JPG" for view in range(VIEWS)]
     taken = turned(tmp_path / "photos", names)
-    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", rule, Silent())
-    with Image.open(tmp_path / "out/images/view_1.JPG") as image:
-        assert image.format == "JPEG"
-        assert image.size == found.sizes[0]
-        exif = image.getexif()
+    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", rule)
+    with Image.open(tmp_path / "out/images/view_1.JPG") as opened:
+        assert opened.format == "JPEG"
+        assert opened.size == found.sizes[0]
+        exif = opened.getexif()
         assert Base.Orientation not in exif
         assert exif[Base.Make] == "A maker"
-        assert image.info["icc_profile"] == PROFILE
-        assert [layer[1:3] for layer in image.layer] == [(1, 1)] * 3
+        assert opened.info["icc_profile"] == PROFILE
+        assert [layer[1:3] for layer in opened.layer] == [(1, 1)] * 3
         if rule is KEEP:
-            assert np.abs(np.asarray(image).astype(int) - picture(1)).max() < 12
+            assert np.abs(np.asarray(opened).astype(int) - image(1)).max() < 12
     assert "4 images that only an EXIF tag turned are stored upright" in found.notes
     assert loaded(tmp_path / "out").views(Split.TRAIN).names == tuple(names)
 
@@ -268,19 +266,19 @@ def test_a_turned_tiff_becomes_an_upright_png(tmp_path):
     names = [f"view_{view}.tif" for view in range(VIEWS)]
     taken = photos(tmp_path / "photos", names)
     for one in taken.images:
-        with Image.open(one.path) as image:
-            lying = image.transpose(Image.Transpose.ROTATE_90)
+        with Image.open(one.path) as opened:
+            lying = opened.transpose(Image.Transpose.ROTATE_90)
         lying.save(one.path, tiffinfo={Base.Orientation.value: 6})
-    write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", KEEP, Silent())
+    write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path / "out", KEEP)
     assert loaded(tmp_path / "out").views(Split.TRAIN).names[0] == "view_0.png"
-    with Image.open(tmp_path / "out/images/view_1.png") as image:
-        assert np.array_equal(np.asarray(image), picture(1))
+    with Image.open(tmp_path / "out/images/view_1.png") as opened:
+        assert np.array_equal(np.asarray(opened), image(1))
 
 
 def test_names_may_have_folders_and_fit_what_is_written(tmp_path):
     names = ["left/a.webp", "left/a.png", "right/a.webp", "right/b.bmp"]
     taken = photos(tmp_path / "photos", names)
-    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimate(lens("OPENCV"), names), taken, tmp_path, OutputRule())
     new = ["left/a.png", "left/a_2.png", "right/a.png", "right/b.png"]
     assert sorted(loaded(tmp_path).views(Split.TRAIN).names) == new
     written = [item for item in (tmp_path / "images").rglob("*") if item.is_file()]
@@ -298,9 +296,9 @@ def test_alpha_is_kept(tmp_path):
     for one in taken.images:
         alpha = np.full((HEIGHT, WIDTH, 1), 255, np.uint8)
         alpha[:, :100] = 0
-        Image.fromarray(np.concatenate([picture(0), alpha], axis=2)).save(one.path)
+        Image.fromarray(np.concatenate([image(0), alpha], axis=2)).save(one.path)
     taken = ImageSet(tuple(replace(one, header=read_header(one.path)) for one in taken.images))
-    write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
+    write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule())
     (batch,) = loaded(tmp_path / "out").load(Split.TRAIN, [0], CPU)
     assert batch.alpha is not None
     assert (float(batch.alpha.min()), float(batch.alpha.max())) == (0.0, 1.0)
@@ -311,7 +309,7 @@ def test_what_no_lens_saw_is_masked(tmp_path, monkeypatch):
     wide = LensRule(blank_pixels=1.0)
     monkeypatch.setattr("gsfw.preparation.writing.camera_plan.LensRule", lambda: wide)
     taken = photos(tmp_path / "photos")
-    found = write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule())
     CameraPlan.of.cache_clear()
     assert "masks/ marks what lenses did not see" in found.notes
     assert (found.images, found.masks) == (4, 4)
@@ -325,7 +323,7 @@ def test_the_number_of_jobs_changes_nothing(tmp_path):
     contents = []
     for jobs in (1, 3):
         out = tmp_path / str(jobs)
-        write_data_set(estimated, taken, out, OutputRule(), Silent(), jobs)
+        write_data_set(estimated, taken, out, OutputRule(), jobs)
         files = sorted(path for path in out.rglob("*") if path.is_file())
         contents.append([(path.relative_to(out), path.read_bytes()) for path in files])
     assert contents[0] == contents[1]
@@ -335,7 +333,7 @@ def test_the_number_of_jobs_changes_nothing(tmp_path):
 def test_images_that_are_not_registered_are_left_out(tmp_path):
     estimated = estimate(lens("OPENCV"))
     estimated.deregister_frame(estimated.images[2].frame_id)
-    found = write_data_set(estimated, photos(tmp_path / "p"), tmp_path, OutputRule(), Silent())
+    found = write_data_set(estimated, photos(tmp_path / "p"), tmp_path, OutputRule())
     names = ("view_0.png", "view_2.png", "view_3.png")
     assert loaded(tmp_path).views(Split.TRAIN).names == names
     assert sorted(item.name for item in (tmp_path / "images").iterdir()) == [*names]
@@ -344,16 +342,16 @@ def test_images_that_are_not_registered_are_left_out(tmp_path):
 
 def test_nothing_of_an_earlier_estimate_stays(tmp_path):
     taken = photos(tmp_path / "photos")
-    write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
+    write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule())
     before = (tmp_path / "images/view_0.png").read_bytes()
     fewer = estimate(lens("OPENCV", (-0.2, 0.05, 0.0, 0.0)))
     fewer.deregister_frame(fewer.images[2].frame_id)
-    write_data_set(fewer, taken, tmp_path, OutputRule(), Silent())
+    write_data_set(fewer, taken, tmp_path, OutputRule())
     assert (tmp_path / "images/view_0.png").read_bytes() != before
     assert not (tmp_path / "images/view_1.png").exists()
 
 
-class Interrupted(Progress):
+class Interrupted:
     """Somebody presses Ctrl-C after the second image."""
 
     @contextmanager
@@ -366,20 +364,17 @@ class Interrupted(Progress):
 
         yield advance
 
-    def say(self, text):
-        """Nothing."""
-
 
 def test_an_interrupted_data_set_has_no_model_and_is_completed_later(tmp_path):
     taken, estimated = photos(tmp_path / "photos"), estimate(lens("OPENCV"))
-    write_data_set(estimated, taken, tmp_path / "whole", OutputRule(), Silent())
+    write_data_set(estimated, taken, tmp_path / "whole", OutputRule())
     out = tmp_path / "out"
-    write_data_set(estimate(lens("SIMPLE_RADIAL")), taken, out, OutputRule(), Silent())
-    with pytest.raises(KeyboardInterrupt):
-        write_data_set(estimated, taken, out, OutputRule(), Interrupted())
+    write_data_set(estimate(lens("SIMPLE_RADIAL")), taken, out, OutputRule())
+    with pytest.raises(KeyboardInterrupt), shown_by(Interrupted().stage):
+        write_data_set(estimated, taken, out, OutputRule())
     assert not (out / "sparse/0/cameras.bin").exists()
     assert len(list((out / "images").iterdir())) == 2
-    write_data_set(estimated, taken, out, OutputRule(), Silent())
+    write_data_set(estimated, taken, out, OutputRule())
     for item in (tmp_path / "whole").rglob("*.*"):
         same = out / item.relative_to(tmp_path / "whole")
         assert same.read_bytes() == item.read_bytes()
@@ -393,7 +388,7 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
 
     monkeypatch.setattr("gsfw.core.files.atomic.os.fsync", full)
     with pytest.raises(OutputError) as error:
-        write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule(), Silent())
+        write_data_set(estimate(lens("OPENCV")), taken, tmp_path / "out", OutputRule())
     assert str(error.value) == (
         f"the disk is full: {tmp_path}/out/work/written.txt could not be written.\n"
         "Free some space, or choose another place with out=DIR."
@@ -404,27 +399,25 @@ def test_photos_are_never_written_over(tmp_path):
     taken = photos(tmp_path / "images")
     before = [one.path.read_bytes() for one in taken.images]
     with pytest.raises(OutputError, match=r"view_0.png is one of the images that are read"):
-        write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule(), Silent())
+        write_data_set(estimate(lens("OPENCV")), taken, tmp_path, OutputRule())
     assert [one.path.read_bytes() for one in taken.images] == before
 
 
-def test_a_lens_that_folds_the_picture_is_refused(tmp_path):
+def test_a_lens_that_folds_the_image_is_refused(tmp_path):
     taken = photos(tmp_path / "photos")
     with pytest.raises(
         DataError,
         match=r"(?s)camera 1 of sparse/0/cameras.bin: its distortion, .* folds.*"
         r"\nCompute it with fewer parameters \(camera_model=SIMPLE_RADIAL\)",
     ):
-        write_data_set(
-            estimate(lens("SIMPLE_RADIAL", (-0.9,))), taken, tmp_path, OutputRule(), Silent()
-        )
+        write_data_set(estimate(lens("SIMPLE_RADIAL", (-0.9,))), taken, tmp_path, OutputRule())
 
 
 def test_the_quality_is_that_of_rewritten_jpegs(tmp_path):
     names = [f"view_{view}.jpg" for view in range(VIEWS)]
     taken, estimated = photos(tmp_path / "photos", names), estimate(lens("OPENCV"), names)
     sizes = [
-        write_data_set(estimated, taken, tmp_path, OutputRule(jpeg_quality=quality), Silent()).bytes
+        write_data_set(estimated, taken, tmp_path, OutputRule(jpeg_quality=quality)).bytes
         for quality in (60, 95)
     ]
     assert sizes[0] < sizes[1]

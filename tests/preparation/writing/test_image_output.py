@@ -19,8 +19,8 @@ def stored(path, mode="RGB", **settings) -> StoredImage:
     return StoredImage.read(path, read_header(path))
 
 
-def rewritten(picture: StoredImage) -> Image.Image:
-    return Image.open(io.BytesIO(picture.rewritten(PIXELS, 95)))
+def rewritten(image: StoredImage) -> Image.Image:
+    return Image.open(io.BytesIO(image.rewritten(PIXELS, 95)))
 
 
 @pytest.mark.parametrize(
@@ -28,23 +28,23 @@ def rewritten(picture: StoredImage) -> Image.Image:
     [("jpg", "JPEG"), ("png", "PNG"), ("webp", "PNG"), ("tif", "PNG"), ("bmp", "PNG")],
 )
 def test_jpeg_stays_jpeg_and_all_else_becomes_png(tmp_path, suffix, format_name):
-    picture = stored(tmp_path / f"a.{suffix}")
-    assert rewritten(picture).format == picture.rewritten_format == format_name
+    image = stored(tmp_path / f"a.{suffix}")
+    assert rewritten(image).format == image.rewritten_format == format_name
     if format_name == "PNG":
-        assert np.array_equal(np.asarray(rewritten(picture)), PIXELS)
+        assert np.array_equal(np.asarray(rewritten(image)), PIXELS)
 
 
 def test_formats_are_told_by_content(tmp_path):
     Image.fromarray(PIXELS).save(tmp_path / "a.png", "JPEG")
-    picture = StoredImage.read(tmp_path / "a.png", read_header(tmp_path / "a.png"))
-    assert picture.format == "JPEG"
+    image = StoredImage.read(tmp_path / "a.png", read_header(tmp_path / "a.png"))
+    assert image.format == "JPEG"
 
 
-def test_several_pictures_in_one_jpeg_count_as_a_jpeg(tmp_path):
-    image = Image.fromarray(PIXELS)
-    image.save(tmp_path / "a.jpg", "MPO", save_all=True, append_images=[image])
-    picture = StoredImage.read(tmp_path / "a.jpg", read_header(tmp_path / "a.jpg"))
-    assert picture.format == picture.rewritten_format == "JPEG"
+def test_several_images_in_one_jpeg_count_as_a_jpeg(tmp_path):
+    pixels = Image.fromarray(PIXELS)
+    pixels.save(tmp_path / "a.jpg", "MPO", save_all=True, append_images=[pixels])
+    image = StoredImage.read(tmp_path / "a.jpg", read_header(tmp_path / "a.jpg"))
+    assert image.format == image.rewritten_format == "JPEG"
 
 
 def test_profiles_of_other_colours_are_dropped(tmp_path):
@@ -57,17 +57,17 @@ def test_profiles_of_other_colours_are_dropped(tmp_path):
 def test_exif_that_cannot_be_written_is_dropped(tmp_path):
     exif = Image.Exif()
     exif[Base.Make] = "A maker"
-    picture = stored(tmp_path / "a.webp", exif=exif)
-    assert rewritten(picture).getexif()[Base.Make] == "A maker"
+    image = stored(tmp_path / "a.webp", exif=exif)
+    assert rewritten(image).getexif()[Base.Make] == "A maker"
     exif[Base.ImageDescription] = "x" * 100_000
     assert not rewritten(stored(tmp_path / "a.png", exif=exif)).getexif()
 
 
 @pytest.mark.filterwarnings("ignore:Corrupt EXIF data")
 def test_broken_exif_is_dropped(tmp_path):
-    picture = stored(tmp_path / "a.jpg", exif=b"Exif\0\0II*\0\x08\0\0\0\xff\xff")
-    assert rewritten(picture).format == "JPEG"
-    assert not rewritten(picture).getexif()
+    image = stored(tmp_path / "a.jpg", exif=b"Exif\0\0II*\0\x08\0\0\0\xff\xff")
+    assert rewritten(image).format == "JPEG"
+    assert not rewritten(image).getexif()
 
 
 def test_masks_are_read_as_they_were(tmp_path):

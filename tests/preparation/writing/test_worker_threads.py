@@ -36,7 +36,7 @@ def test_an_error_comes_where_its_result_would_have():
         next(results)
 
 
-def test_large_pictures_are_worked_on_one_at_a_time():
+def test_large_images_are_worked_on_one_at_a_time():
     assert workers_for(100_000_000, 8) == 1
     assert workers_for(12_000_000, 8) == 4
     assert workers_for(12_000_000, 2) == 2

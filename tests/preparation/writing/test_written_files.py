@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from support.small_captures import request, ring, write_colmap, write_pictures
+from support.small_captures import request, ring, write_colmap, write_images
 
 from gsfw.core.errors import OutputError
 from gsfw.datamanagers.colmap.config import ColmapConfig
@@ -20,7 +20,7 @@ def test_only_what_an_earlier_run_wrote_is_removed(tmp_path):
     assert (tmp_path / "work/written.txt").read_text() == "images/c.jpg\n"
 
 
-def test_a_removed_picture_or_part_of_the_model_is_noticed(tmp_path):
+def test_a_removed_image_or_part_of_the_model_is_noticed(tmp_path):
     names = ["images/a.jpg", "masks/a.jpg.png"]
     start_over(tmp_path, names)
     for name in [*names, *(f"sparse/0/{part}.bin" for part in ("images", "points3D", "cameras"))]:
@@ -31,7 +31,7 @@ def test_a_removed_picture_or_part_of_the_model_is_noticed(tmp_path):
 
 
 def test_a_model_of_any_parts_is_put_in_place(tmp_path):
-    write_pictures(tmp_path / "images", ring())
+    write_images(tmp_path / "images", ring())
     size = place_model(lambda folder: write_colmap(folder, ring()), 4, 20, tmp_path)
     assert size == sum(item.stat().st_size for item in (tmp_path / "sparse/0").iterdir())
     assert not (tmp_path / "sparse/.part").exists()

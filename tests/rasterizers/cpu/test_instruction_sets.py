@@ -35,7 +35,7 @@ def test_it_agrees_with_the_reference(instruction_set, kind):
     check_float32(draw_everything(CpuRasterizer(), *narrow), expected, narrow[2].profile)
 
 
-def test_it_may_change_between_a_picture_and_its_way_back(instruction_set):
+def test_it_may_change_between_an_image_and_its_way_back(instruction_set):
     splats, cameras, settings = KINDS[0].scene(torch.float32)
     module = pytest.importorskip("gsfw.kernels.cpu._native")
     expected = draw_everything(CpuRasterizer(), splats, cameras, settings)

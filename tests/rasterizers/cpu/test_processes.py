@@ -77,7 +77,7 @@ assert torch.equal(draw()[0], expected[0])
     assert run(program) == "(True, 1)\n0\n" * 3
 
 
-def test_an_interrupt_during_a_picture_is_delivered_when_it_is_done():
+def test_an_interrupt_during_an_image_is_delivered_when_it_is_done():
     program = """
 drawn = []
 stop = threading.Event()
@@ -102,7 +102,7 @@ print(draw()[0].isfinite().all().item())
     assert run(program) == "interrupted True\nTrue\n"
 
 
-def test_other_python_threads_go_on_while_a_picture_is_drawn():
+def test_other_python_threads_go_on_while_an_image_is_drawn():
     program = """
 ticks, drawing = [], threading.Event()
 splats = random_splats(5000, 1)
@@ -128,7 +128,7 @@ print(len(inside) > 3)
     assert run(program) == "True\n"
 
 
-def test_pictures_of_several_python_threads_are_those_of_one():
+def test_images_of_several_python_threads_are_those_of_one():
     program = """
 expected = [draw(1000 + 500 * i) for i in range(4)]
 found = [None] * 4

@@ -57,7 +57,7 @@ def test_any_number_of_threads_gives_the_same_bits(use_threads, dtype):
 
 
 @DTYPES
-def test_repeating_gives_the_same_bits_after_other_pictures(dtype):
+def test_repeating_gives_the_same_bits_after_other_images(dtype):
     scene = large_scene(dtype)
     other = Kind(5, (33, 9), CameraModel.FISHEYE, layout="channels", channels=16).scene(dtype)
     rasterizer = CpuRasterizer()
@@ -100,7 +100,7 @@ def test_going_back_twice_gives_the_same_bits():
     assert torch.equal(output.statistics.screen_gradient, statistic)
 
 
-def test_pictures_that_are_alive_together_do_not_disturb_one_another():
+def test_images_that_are_alive_together_do_not_disturb_one_another():
     scenes = [Kind(seed, (40, 30), CameraModel.PINHOLE).scene(torch.float32) for seed in range(4)]
     means = [splats.means.clone().requires_grad_() for splats, _, _ in scenes]
 

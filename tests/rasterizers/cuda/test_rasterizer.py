@@ -48,7 +48,7 @@ def test_when_deterministic_any_order_of_threads_gives_the_same_bits():
             assert torch.equal(found[name], tensor), name
 
 
-def test_pictures_have_the_same_bits_even_when_gradients_have_not():
+def test_images_have_the_same_bits_even_when_gradients_have_not():
     scene = deep_scene()
     expected = draw_everything(emulated(0, deterministic=True), *scene)
     found = draw_everything(emulated(1), *scene)
@@ -84,7 +84,7 @@ class _Reads(TorchDispatchMode):
 
 
 @pytest.mark.parametrize("deterministic", [False, True])
-def test_the_host_reads_one_number_per_picture(deterministic):
+def test_the_host_reads_one_number_per_image(deterministic):
     rasterizer = emulated(deterministic=deterministic)
     splats = random_splats(50, 1).map(lambda tensor: tensor.requires_grad_())
     settings = replace(EVERYTHING, validation=Validation.CHEAP)

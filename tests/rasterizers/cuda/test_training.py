@@ -1,4 +1,4 @@
-"""A training whose pictures, losses and steps all come from the CUDA kernels, on the emulation."""
+"""A training whose images, losses and steps all come from the CUDA kernels, on the emulation."""
 
 import json
 from pathlib import Path

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 from hypothesis import HealthCheck, Phase, given, settings
-from support.agreement import PICTURES, Drawn, as_float64, check_float32, draw_everything
+from support.agreement import IMAGES, Drawn, as_float64, check_float32, draw_everything
 from support.random_scenes import CHANNELS, Kind, kinds
 from support.scenes import front_camera, random_splats
 
@@ -50,12 +50,12 @@ def check(adapter, kind: Kind) -> None:
         found = {**found, "depth": expected["depth"]}
         if expected["alpha"].max() < FAINT:
             # Then none are left in its gradient, which is 0 where one splat is all there is.
-            found, expected = _pictures(found), _pictures(expected)
+            found, expected = _images(found), _images(expected)
     check_float32(found, expected, GSPLAT_1_5)
 
 
-def _pictures(drawn: Drawn) -> Drawn:
-    return {name: drawn[name] for name in PICTURES if name in drawn}
+def _images(drawn: Drawn) -> Drawn:
+    return {name: drawn[name] for name in IMAGES if name in drawn}
 
 
 def test_a_single_faint_splat_agrees_at_its_expected_depth(adapter):

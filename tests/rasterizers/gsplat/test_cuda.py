@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from support.agreement import PICTURES, STATISTICS, as_float64, distance, draw_everything
+from support.agreement import IMAGES, STATISTICS, as_float64, distance, draw_everything
 from support.on_cuda import OnCuda
 from support.random_scenes import Kind
 
@@ -27,7 +27,7 @@ pytestmark = [
 
 GRADIENTS = frozenset({Statistic.SCREEN_GRADIENT, Statistic.ABSGRAD})
 
-PICTURE_TOLERANCE = 1e-3
+IMAGE_TOLERANCE = 1e-3
 GRADIENT_TOLERANCE = 2e-2
 """Relative, in L2. gsplat is compiled with fast maths, and divides by 1 - alpha on the way back."""
 
@@ -76,7 +76,7 @@ def test_the_real_one_agrees(real, name):
             )
             assert distance(theirs, ours, part) <= GRADIENT_TOLERANCE, part
             continue
-        tolerance = PICTURE_TOLERANCE if part in PICTURES else GRADIENT_TOLERANCE
+        tolerance = IMAGE_TOLERANCE if part in IMAGES else GRADIENT_TOLERANCE
         assert found[part].isfinite().all(), part
         assert distance(found[part], tensor, part) <= tolerance, part
     # gsplat rounds radii up, by which a splat may just reach the image.

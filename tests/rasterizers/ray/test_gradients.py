@@ -66,7 +66,7 @@ def test_gradients_of_covariances_are_those_of_finite_differences(mode):
 
 
 @pytest.mark.parametrize("mode", ["mean", "volume"])
-def test_many_chunks_have_the_picture_and_the_gradient_of_one(mode):
+def test_many_chunks_have_the_image_and_the_gradient_of_one(mode):
     splats = random_splats(40, 1, seed=5, dtype=torch.float64)
     camera = front_camera(9, 7, distance=2.5, dtype=torch.float64)
     colors, gradients = [], []

@@ -47,7 +47,7 @@ def eye_camera(width, height, focal, model=CameraModel.PINHOLE):
 
 @pytest.mark.parametrize("form", ["axes", "covariances"])
 @pytest.mark.parametrize("settings", [RenderSettings(), SMOOTH], ids=["cut-offs", "smooth"])
-def test_orthographic_pictures_are_those_of_the_reference(form, settings):
+def test_orthographic_images_are_those_of_the_reference(form, settings):
     # Parallel rays make the projection affine, and splatting exact.
     splats = random_splats(60, 2, dtype=torch.float64)
     if form == "covariances":
@@ -75,14 +75,14 @@ def test_orthographic_pictures_are_those_of_the_reference(form, settings):
 
 @pytest.mark.parametrize("model", [CameraModel.PINHOLE, CameraModel.FISHEYE])
 def test_the_difference_from_splatting_falls_with_the_angle_that_a_gaussian_spans(model):
-    # The affine approximation leaves out what is quadratic in extent over distance; pictures keep
+    # The affine approximation leaves out what is quadratic in extent over distance; images keep
     # their size in pixels while that ratio falls by 4 each time.
     errors = []
     for zoom in (1.0, 4.0, 16.0):
         splats = lone((0.0, 0.0, 4.0 * zoom), (0.3, 0.1, 0.2), quat=(0.9, 0.3, -0.2, 0.4))
         camera = eye_camera(40, 30, 80.0 * zoom, model)
-        pictures = [r.render(splats, camera, SMOOTH).color for r in (RAY, REFERENCE)]
-        errors.append((pictures[0] - pictures[1]).abs().max().item())
+        images = [r.render(splats, camera, SMOOTH).color for r in (RAY, REFERENCE)]
+        errors.append((images[0] - images[1]).abs().max().item())
     assert errors[0] > 1e-2
     assert errors[1] < errors[0] / 3
     assert errors[2] < errors[1] / 3
@@ -94,8 +94,8 @@ def test_distant_small_gaussians_agree_with_splatting():
     intrinsics = camera.intrinsics.clone()
     intrinsics[0, [0, 1], [0, 1]] = 20_000.0
     camera = replace(camera, intrinsics=intrinsics)
-    pictures = [r.render(splats, camera, SMOOTH).color for r in (RAY, REFERENCE)]
-    assert (pictures[0] - pictures[1]).abs().max() < 5e-3
+    images = [r.render(splats, camera, SMOOTH).color for r in (RAY, REFERENCE)]
+    assert (images[0] - images[1]).abs().max() < 5e-3
 
 
 @pytest.mark.parametrize("model", list(CameraModel))
@@ -189,10 +189,8 @@ def test_the_order_by_ray_sorts_what_the_means_do_not():
     by_mean = RayRasterizer(Peak("mean")).render(splats, camera, settings)
     by_ray = RayRasterizer(Peak("ray")).render(splats, camera, settings)
     left, right = (slice(None), slice(12, 16)), (slice(None), slice(24, 28))
-    for picture, sides in ((by_mean.color[0, 15:16], "one"), (by_ray.color[0, 15:16], "both")):
-        first = [
-            bool((picture[side][..., 0] > picture[side][..., 1]).all()) for side in (left, right)
-        ]
+    for image, sides in ((by_mean.color[0, 15:16], "one"), (by_ray.color[0, 15:16], "both")):
+        first = [bool((image[side][..., 0] > image[side][..., 1]).all()) for side in (left, right)]
         assert (first[0] == first[1]) == (sides == "one")
     torch.testing.assert_close(by_mean.alpha, by_ray.alpha)
     depth = by_mean.depth[by_mean.alpha > 0.5]
@@ -203,9 +201,9 @@ def test_the_order_by_ray_sorts_what_the_means_do_not():
 def test_what_is_behind_the_near_plane_or_the_eye_is_not_drawn():
     camera = eye_camera(20, 20, 5.0)
     for depth, seen in ((0.02, True), (0.005, False), (-1.0, False)):
-        picture = RAY.render(lone((0.0, 0.0, depth), (0.5,) * 3), camera)
-        assert bool(picture.alpha.max() > 0) == seen
-        assert bool(picture.statistics.visible.item()) == seen
+        image = RAY.render(lone((0.0, 0.0, depth), (0.5,) * 3), camera)
+        assert bool(image.alpha.max() > 0) == seen
+        assert bool(image.statistics.visible.item()) == seen
     sideways = lone((2.0, 0.0, 0.1), (0.5,) * 3)
     assert BARE.render(sideways, camera).alpha[0, :, :2].max() == 0, "rays away from it"
     assert BARE.render(sideways, camera).alpha[0, :, -1].max() > 0.2
@@ -214,6 +212,6 @@ def test_what_is_behind_the_near_plane_or_the_eye_is_not_drawn():
 def test_a_fisheye_sees_nothing_beyond_180_degrees():
     splats = lone((0.0, 0.0, 1.0), (50.0,) * 3, 0.9)
     focal = 40 / (2 * math.pi)  # The image's edge is 180 degrees from its axis.
-    picture = RAY.render(splats, eye_camera(60, 60, focal, CameraModel.FISHEYE), SMOOTH).alpha[0]
-    assert picture[30, 30] > 0.8
-    assert picture[0, 0] == 0
+    image = RAY.render(splats, eye_camera(60, 60, focal, CameraModel.FISHEYE), SMOOTH).alpha[0]
+    assert image[30, 30] > 0.8
+    assert image[0, 0] == 0

@@ -117,17 +117,17 @@ def test_ragged_coefficients_and_channels_are_drawn():
     ragged = dense.colors.of_degrees(degrees)
     cut = dense.colors.coefficients.clone()
     cut[degrees == 0, 1:] = 0
-    pictures = [
+    images = [
         RayRasterizer().render(replace(dense, colors=colors), camera).color
         for colors in (ragged, Sh(cut, 1))
     ]
-    assert torch.equal(pictures[0], pictures[1])
+    assert torch.equal(images[0], images[1])
     flat = replace(dense, colors=dense.opacities[:, None].repeat(1, 7))
     assert RayRasterizer().render(flat, camera).color.shape == (1, 30, 40, 7)
 
 
 @pytest.mark.parametrize("mode", [Peak("ray"), Volume(8, 0)], ids=["peak", "volume"])
-def test_repeating_a_picture_and_its_gradient_gives_the_same_bits(mode):
+def test_repeating_an_image_and_its_gradient_gives_the_same_bits(mode):
     splats, camera = random_splats(60, 1), front_camera()
     found = []
     for _ in range(2):

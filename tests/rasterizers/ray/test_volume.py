@@ -65,9 +65,9 @@ def test_a_lone_gaussian_has_the_alpha_of_splatting_along_the_ray_through_its_ce
         quats=torch.tensor([quat], dtype=torch.float64),
     )
     for matched in (True, False):
-        picture = RayRasterizer(Volume(64), matched).render(splats, one_pixel(), SMOOTH)
-        assert picture.alpha.item() == pytest.approx(opacity, abs=1e-6)
-        assert picture.color.item() == pytest.approx(opacity, abs=1e-6)
+        image = RayRasterizer(Volume(64), matched).render(splats, one_pixel(), SMOOTH)
+        assert image.alpha.item() == pytest.approx(opacity, abs=1e-6)
+        assert image.color.item() == pytest.approx(opacity, abs=1e-6)
 
 
 def test_beside_the_centre_transmittance_is_a_power_of_what_splatting_has_there():
@@ -75,8 +75,8 @@ def test_beside_the_centre_transmittance_is_a_power_of_what_splatting_has_there(
     splats = in_a_row([4.0], [0.5], [0.8], [0.6])
     falloff = math.exp(-0.5 * (0.6 / 0.5) ** 2)
     # The ray passes the sphere, whose section is the same from all sides.
-    picture = RayRasterizer(Volume(64), matched=False).render(splats, one_pixel(), SMOOTH)
-    assert picture.alpha.item() == pytest.approx(1 - 0.2**falloff, abs=1e-6)
+    image = RayRasterizer(Volume(64), matched=False).render(splats, one_pixel(), SMOOTH)
+    assert image.alpha.item() == pytest.approx(1 - 0.2**falloff, abs=1e-6)
     peak = RayRasterizer(Peak(), matched=False).render(splats, one_pixel(), SMOOTH)
     assert peak.alpha.item() == pytest.approx(0.8 * falloff, abs=1e-12)
 
@@ -86,10 +86,10 @@ def test_two_gaussians_mix_where_they_overlap_and_hide_each_other_where_not(gap)
     depths, deviations, opacities = (3.0, 3.0 + gap), (0.3, 0.2), (0.7, 0.9)
     splats = in_a_row(depths, deviations, opacities)
     expected, depth, alpha = integral(depths, deviations, opacities)
-    picture = RayRasterizer(Volume(2048), matched=False).render(splats, one_pixel(), SMOOTH)
-    torch.testing.assert_close(picture.color[0, 0, 0], expected, rtol=0, atol=1e-5)
-    assert picture.alpha.item() == pytest.approx(alpha.item(), abs=1e-6)
-    assert picture.depth.item() == pytest.approx(depth.item(), abs=1e-4)
+    image = RayRasterizer(Volume(2048), matched=False).render(splats, one_pixel(), SMOOTH)
+    torch.testing.assert_close(image.color[0, 0, 0], expected, rtol=0, atol=1e-5)
+    assert image.alpha.item() == pytest.approx(alpha.item(), abs=1e-6)
+    assert image.depth.item() == pytest.approx(depth.item(), abs=1e-4)
     # Alpha is what splatting has, whatever the order; colours are so only when they are apart.
     assert alpha.item() == pytest.approx(1 - 0.3 * 0.1, abs=1e-9)
     painted = (
@@ -143,9 +143,9 @@ def test_the_order_of_rows_and_depths_does_not_matter(model):
     splats = random_splats(20, 1, dtype=torch.float64)
     camera = turned_camera(model).resized(12, 9)
     ray = RayRasterizer(Volume(16))
-    picture = ray.render(splats, camera).color
+    image = ray.render(splats, camera).color
     turned = ray.render(splats.map(lambda tensor: tensor.flip(0)), camera).color
-    torch.testing.assert_close(picture, turned, rtol=0, atol=1e-12)
+    torch.testing.assert_close(image, turned, rtol=0, atol=1e-12)
 
 
 def test_weights_contributions_and_background_add_up():
@@ -166,6 +166,6 @@ def test_weights_contributions_and_background_add_up():
 
 def test_what_reaches_behind_the_eye_counts_from_the_eye_on():
     splats = in_a_row([0.5], [0.5], [0.8])
-    picture = RayRasterizer(Volume(256), matched=False).render(splats, one_pixel(), SMOOTH)
+    image = RayRasterizer(Volume(256), matched=False).render(splats, one_pixel(), SMOOTH)
     seen = 1 - 0.5 * math.erfc(1 / math.sqrt(2))
-    assert picture.alpha.item() == pytest.approx(1 - 0.2**seen, abs=1e-4)
+    assert image.alpha.item() == pytest.approx(1 - 0.2**seen, abs=1e-4)

@@ -1,4 +1,4 @@
-"""Draws the same picture twice with two threads and prints the names of what differs in any bit.
+"""Draws the same image twice with two threads and prints the names of what differs in any bit.
 
 A process of its own, because threads that spin while they wait make this very slow on a busy
 machine, and how they wait is settled when torch is loaded. Argument: 1 for deterministic
@@ -21,7 +21,7 @@ from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 
 def everything(splats: Splats) -> dict[str, torch.Tensor | None]:
-    """All values and gradients of one picture."""
+    """All values and gradients of one image."""
     inputs = {name: t.clone().requires_grad_() for name, t in splats.tensors().items()}
     camera = front_camera(16, 12, distance=2.0)
     view = camera.world_to_camera.requires_grad_()

@@ -9,7 +9,7 @@ from support.scenes import front_camera, random_splats
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 
-def test_many_chunks_have_the_picture_and_the_gradient_of_one():
+def test_many_chunks_have_the_image_and_the_gradient_of_one():
     splats = random_splats(150, 1, seed=5, dtype=torch.float64)
     camera = front_camera(24, 18, distance=2.5, dtype=torch.float64)
     colors, gradients = [], []

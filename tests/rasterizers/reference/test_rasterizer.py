@@ -18,7 +18,7 @@ from gsfw.rasterizers.reference.config import ReferenceConfig
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deterministic", [False, True])
-def test_repeating_a_picture_of_more_than_50000_rows_gives_the_same_bits(deterministic):
+def test_repeating_an_image_of_more_than_50000_rows_gives_the_same_bits(deterministic):
     script = Path(__file__).with_name("repeat.py")
     environment = os.environ | {"PYTHONPATH": str(script.parents[2])}
     result = subprocess.run(

@@ -16,7 +16,7 @@ CPU = torch.device("cpu")
 
 
 class Off(ReferenceRasterizer):
-    """Adds something to every picture."""
+    """Adds something to every image."""
 
     def __init__(self, error: float) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ def entrant(rasterizer) -> Entrant:
 
 def test_the_reference_in_float32_is_near_to_itself():
     errors = agreement(entrant(ReferenceRasterizer()), random_splats(20), front_camera(16, 12))
-    assert {"picture", "largest", "flips", "gradient of means", "gradient of pose"} <= errors.keys()
+    assert {"image", "largest", "flips", "gradient of means", "gradient of pose"} <= errors.keys()
     assert all(error < 1e-4 for name, error in errors.items() if name != "flips")
     assert errors["flips"] == 0
 
@@ -53,6 +53,6 @@ def test_of_random_scenes_the_worst_counts_and_flips_add_up(monkeypatch):
 
 
 def test_what_is_not_a_number_is_not_hidden(monkeypatch):
-    found = iter([{"picture": 1.0}, {"picture": math.nan}, {"picture": 2.0}])
+    found = iter([{"image": 1.0}, {"image": math.nan}, {"image": 2.0}])
     monkeypatch.setattr(bench_agreement, "agreement", lambda *given: next(found))
-    assert math.isnan(agreement_at_random(entrant(Off(0.0)), 3, CPU)["picture"])
+    assert math.isnan(agreement_at_random(entrant(Off(0.0)), 3, CPU)["image"])

@@ -1,4 +1,4 @@
-"""What a new process takes to its first picture is measured in new processes."""
+"""What a new process takes to its first image is measured in new processes."""
 
 import subprocess
 
@@ -17,7 +17,7 @@ def test_each_part_is_measured_with_an_empty_and_a_filled_cache():
         assert list(seconds) == [
             "torch_seconds",
             "gsfw_seconds",
-            "first_picture_seconds",
+            "first_image_seconds",
             "first_backward_seconds",
         ]
         assert all(value >= 0.0 for value in seconds.values())

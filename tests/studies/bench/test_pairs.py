@@ -1,4 +1,4 @@
-"""The contributing pairs of a picture, counted pixel by pixel."""
+"""The contributing pairs of an image, counted pixel by pixel."""
 
 import math
 

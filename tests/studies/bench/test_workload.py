@@ -165,7 +165,7 @@ def test_copies_lie_side_by_side_around_the_one_that_is_seen(tmp_path):
     assert workload.copied(1) is workload
 
 
-def test_another_size_stretches_the_picture(tmp_path):
+def test_another_size_stretches_the_image(tmp_path):
     workload = read_workload(write(tmp_path)).sized(64, 12)
     assert workload.description.endswith("one camera of 64x12")
     expected = torch.tensor([[60.0, 0.0, 32.0], [0.0, 15.0, 6.0], [0.0, 0.0, 1.0]])

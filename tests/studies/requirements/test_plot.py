@@ -33,7 +33,7 @@ def test_rows_are_the_groups_with_floats_shares_and_worth():
     )
 
 
-def test_every_thing_to_say_makes_the_picture_taller():
+def test_every_thing_to_say_makes_the_image_taller():
     heights = [
         len(plot(replace(REQUIREMENTS, **more)))
         for more in (

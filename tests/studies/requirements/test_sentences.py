@@ -15,7 +15,7 @@ ADAPTIVE = Census(
     {}, rows_by_degree=(61, 31, 8), highest_degree=3, rows_without_time=25,
 )  # fmt: skip
 OTHER = Census({"points": 1500}, {}, (), highest_degree=0, rows_without_time=0)
-SETTINGS = {"sh_degree": 3, "sh": "same", "strategy.budget": "none"}
+SETTINGS = {"sh_degree": 3, "sh": "uniform", "strategy.budget": "none"}
 
 
 def worth(bands=(), least_useful=(), motion=None):

@@ -1,4 +1,4 @@
-"""What is left out of a model whose pictures are known costs what it must."""
+"""What is left out of a model whose images are known costs what it must."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -32,7 +32,7 @@ def gaussians(splats, degree=3, kind=StaticGaussians):
 
 
 class DrawnData(DataManager):
-    """Its pictures are what a model looks like: without errors, PSNR is as high as it gets."""
+    """Its images are what a model looks like: without errors, PSNR is as high as it gets."""
 
     def __init__(self, model, views=2, times=0, held_out=True):
         self._times = times
@@ -42,7 +42,7 @@ class DrawnData(DataManager):
             self._views.append(replace(front_camera(24, 18, 4.0 + number), time=moment))
         self._held_out = held_out
         subject = subject_of(model, times)
-        self._pictures = [
+        self._images = [
             subject.image(subject.splats(camera.time[0] if times else None), camera)
             for camera in self._views
         ]
@@ -59,7 +59,7 @@ class DrawnData(DataManager):
 
     def load(self, split, indices, device):
         views = self._views
-        return [Batch(self._pictures[i][None], Cameras.cat([views[i]]), (i,)) for i in indices]
+        return [Batch(self._images[i][None], Cameras.cat([views[i]]), (i,)) for i in indices]
 
 
 class Plain(ReferenceRasterizer):

@@ -34,10 +34,10 @@ def test_planes_are_measured_and_drawn(tmp_path):
         for number in (0, 1)
     ]
     depths, opacities, exact, _ = found
-    assert max(max(row) for row in depths.picture) < 1e-5
-    assert opacities.picture[0] == (EMPTY, EMPTY, EMPTY), "an opacity of 0.002 is cut off"
-    assert max(max(row) for row in exact.picture) == 0.0
-    assert opacities.document()["picture"][0] == [None, None, None]
+    assert max(max(row) for row in depths.image) < 1e-5
+    assert opacities.image[0] == (EMPTY, EMPTY, EMPTY), "an opacity of 0.002 is cut off"
+    assert max(max(row) for row in exact.image) == 0.0
+    assert opacities.document()["image"][0] == [None, None, None]
     write_heat_map(tmp_path / "deep" / "map.png", found)
     found_colors = colors(tmp_path / "deep" / "map.png")
     assert found_colors[ImageColor.getrgb(SCALE[0][1])] > 1000, "errors of 0"
@@ -59,4 +59,4 @@ def test_what_is_refused_or_not_finite_is_black(tmp_path):
     errors = plane_errors(backend, "float32", plane, oracle)
     write_heat_map(tmp_path / "map.png", [errors])
     assert colors(tmp_path / "map.png")[ImageColor.getrgb(NOT_FINITE)] > 300
-    assert errors.document()["picture"] == [["not finite"]]
+    assert errors.document()["image"] == [["not finite"]]

@@ -99,7 +99,7 @@ def int32_counts(drawing: Drawing, draw: Draw) -> RenderOutput:
     tiles = -(-cameras.width // TILE) * -(-cameras.height // TILE)
     count = int(torch.tensor(len(drawing.splats) * tiles).to(torch.int32))
     if count * 64 > 4096 * 2**20:
-        raise ConfigError(f"this picture needs {64 * count} bytes for {count} pairs.")
+        raise ConfigError(f"this image needs {64 * count} bytes for {count} pairs.")
     like, shape = drawing.splats.means, (1, cameras.height, cameras.width)
     color = like.sum() * like.new_zeros(*shape, drawing.splats.channels)
     return RenderOutput(color, like.new_zeros(*shape, 1), RenderStatistics.zeros(like, 1, set()))

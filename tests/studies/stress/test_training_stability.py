@@ -55,11 +55,11 @@ STRATEGIES = {
 
 @dataclass
 class Capture(DataManager):
-    """Pictures of known splats, with something wrong."""
+    """Images of known splats, with something wrong."""
 
     views_count: int = 4
     factor: float = 1.0
-    """Of the pictures; 0: black."""
+    """Of the images; 0: black."""
     mask: MaskMode | None = None
     """Of a mask that lets no pixel through."""
     points: torch.Tensor | None = None
@@ -83,10 +83,10 @@ class Capture(DataManager):
         for group in self.split[split].groups(indices):
             cameras = Cameras.cat([self.split[split].cameras[i] for i in group])
             with torch.no_grad():
-                pictures = self.factor * ReferenceRasterizer().render(TRUTH, cameras).color
-            batch = Batch(pictures.clamp(0, 1), cameras, group)
+                images = self.factor * ReferenceRasterizer().render(TRUTH, cameras).color
+            batch = Batch(images.clamp(0, 1), cameras, group)
             if self.mask is not None:
-                nothing = torch.zeros(*pictures.shape[:3], 1, dtype=torch.bool)
+                nothing = torch.zeros(*images.shape[:3], 1, dtype=torch.bool)
                 batch = replace(batch, mask=nothing, mask_mode=self.mask)
             batches.append(batch)
         return batches

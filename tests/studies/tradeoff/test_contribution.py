@@ -1,4 +1,4 @@
-"""Contributions are what a splat adds to pictures, and pruning keeps the highest of them."""
+"""Contributions are what a splat adds to images, and pruning keeps the highest of them."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ class StillModel:
         return settings
 
 
-def test_contributions_are_what_each_splat_adds_to_the_pictures():
+def test_contributions_are_what_each_splat_adds_to_the_images():
     splats = random_splats(8)
     cameras = [front_camera(), front_camera(distance=3.0)]
     rasterizer = ReferenceRasterizer()

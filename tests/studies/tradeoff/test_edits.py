@@ -105,7 +105,7 @@ def converted(subject, rows):
     return replace(subject, edits=(StaticConversion.of(subject, rows),))
 
 
-def picture(subject, time):
+def image(subject, time):
     return subject.render(subject.splats(time), front_camera(dtype=torch.float64)).color
 
 
@@ -113,7 +113,7 @@ def test_no_row_is_the_model_as_it_is():
     subject = subject_of(spacetime())
     none = converted(subject, torch.arange(0))
     for time in TIMES:
-        assert torch.equal(picture(none, time), picture(subject, time))
+        assert torch.equal(image(none, time), image(subject, time))
     assert none.num_floats() == subject.num_floats()
 
 
@@ -122,8 +122,8 @@ def test_all_rows_are_the_model_in_the_middle_at_every_time(settings):
     subject = subject_of(spacetime(**settings))
     still = converted(subject, torch.arange(20))
     for time in TIMES:
-        assert torch.equal(picture(still, time), picture(subject, at(0.5)))
-    assert not torch.equal(picture(subject, at(0.0)), picture(subject, at(0.5)))
+        assert torch.equal(image(still, time), image(subject, at(0.5)))
+    assert not torch.equal(image(subject, at(0.0)), image(subject, at(0.5)))
 
 
 def by_row(splats):

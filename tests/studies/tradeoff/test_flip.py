@@ -15,22 +15,22 @@ def package():
     return pytest.importorskip(module.PACKAGE)
 
 
-def pictures(noise):
+def images(noise):
     """A photo of 24x32, and the same with noise of this deviation."""
     generator = torch.Generator().manual_seed(1)
     photo = torch.rand(24, 32, 3, generator=generator)
     return photo + noise * torch.randn(photo.shape, generator=generator), photo
 
 
-def test_equal_pictures_do_not_differ_and_worse_ones_differ_more(package):
-    _, photo = pictures(0.0)
-    found = [flip(pictures(noise)[0], photo, None) for noise in (0.0, 0.05, 0.2)]
+def test_equal_images_do_not_differ_and_worse_ones_differ_more(package):
+    _, photo = images(0.0)
+    found = [flip(images(noise)[0], photo, None) for noise in (0.0, 0.05, 0.2)]
     assert found[0] == 0.0
     assert 0.0 < found[1] < found[2] < 1.0
 
 
 def test_without_a_mask_it_is_the_mean_of_the_package(package):
-    rendered, photo = (picture.clamp(0, 1) for picture in pictures(0.1))
+    rendered, photo = (image.clamp(0, 1) for image in images(0.1))
     _, expected, _ = package.evaluate(
         photo.numpy(), rendered.numpy(), "LDR", inputsRGB=True, applyMagma=False
     )
@@ -38,13 +38,13 @@ def test_without_a_mask_it_is_the_mean_of_the_package(package):
 
 
 def test_values_out_of_range_are_those_at_its_ends(package):
-    _, photo = pictures(0.0)
+    _, photo = images(0.0)
     beyond = photo.where(photo > 0.1, -3.0).where(photo < 0.9, 3.0)
     assert flip(beyond, photo, None) == flip(beyond.clamp(0, 1), photo, None) > 0.0
 
 
 def test_pixels_that_are_not_valid_do_not_count(package):
-    _, photo = pictures(0.0)
+    _, photo = images(0.0)
     valid = torch.ones(24, 32, 1, dtype=torch.bool)
     valid[:, :10] = False
     wrong_outside, wrong_inside = photo.clone(), photo.clone()

@@ -47,7 +47,7 @@ def test_nothing_asked_for_is_the_smallest_file_that_loses_little():
     )
 
 
-def test_a_target_takes_the_smallest_file_and_a_budget_the_best_picture():
+def test_a_target_takes_the_smallest_file_and_a_budget_the_best_image():
     assert recommend(RECORDS, Wish(psnr=27.5), "r").command == "gsfw export r sh_degree=0"
     assert recommend(RECORDS, Wish(megabytes=5.0), "r").command == "gsfw export r sh_degree=1"
     assert recommend(RECORDS, Wish(ms=4.0), "r").command == "gsfw render r scale=0.5"

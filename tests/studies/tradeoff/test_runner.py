@@ -72,8 +72,8 @@ def test_sh_truncation_has_the_accuracy_of_zeroed_coefficients(model, records):
     with torch.no_grad():
         copy.parts.model.sh_rest.values[:, 3:] = 0
     (batch,) = copy.parts.data.load(Split.EVAL, [0], copy.device)
-    picture = copy.subject.image(copy.subject.splats(), batch.cameras)
-    expected = psnr(picture, batch.target(copy.subject.settings.background)[0])
+    image = copy.subject.image(copy.subject.splats(), batch.cameras)
+    expected = psnr(image, batch.target(copy.subject.settings.background)[0])
     record = records[("sh", "degree 1")]
     assert record.per_view[0]["psnr"] == pytest.approx(expected, abs=1e-4)
     assert record.floats == 150 * (11 + 12)
@@ -132,12 +132,12 @@ def test_half_the_resolution_is_drawn_and_enlarged(model, variants):
     half = variants[("resolution", "1/2, enlarged")].change(model.subject)
     splats = half.splats()
     small = model.subject.image(splats, camera.resized(16, 12))
-    picture = half.image(splats, camera)
-    assert picture.shape == (24, 32, 3)
-    # Pixels of the small picture lie at odd positions of a grid of quarters: 9, 3, 3 and 1 of 16.
+    image = half.image(splats, camera)
+    assert image.shape == (24, 32, 3)
+    # Pixels of the small image lie at odd positions of a grid of quarters: 9, 3, 3 and 1 of 16.
     corners = small[2:4, 4:6]
     weights = torch.tensor([[9.0, 3.0], [3.0, 1.0]])[..., None] / 16
-    torch.testing.assert_close(picture[5, 9], (corners * weights).sum((0, 1)))
+    torch.testing.assert_close(image[5, 9], (corners * weights).sum((0, 1)))
 
 
 def test_what_is_measured_is_not_measured_again(model, variants, records, tmp_path):

@@ -94,7 +94,7 @@ def test_too_little_time_says_how_much_is_needed():
     )
 
 
-def test_pictures_keep_64_pixels():
+def test_images_keep_64_pixels():
     assert list(sizes(400, 300)) == [1.0, 2.0, 4.0]
     assert list(sizes(40, 30)) == [1.0]
 
@@ -103,6 +103,6 @@ def test_steps_have_two_digits():
     assert [round_down(steps) for steps in (1799.0, 99.5, 7.2, -3.0)] == [1700, 99, 7, 0]
 
 
-def test_small_pictures_have_no_use_for_many_gaussians_at_random():
+def test_small_images_have_no_use_for_many_gaussians_at_random():
     assert [enough_to_start(800 * 800 / f**2) for f in (1, 2, 4, 8)] == [320000, 80000, 20000, 5000]
     assert enough_to_start(1.0) == 1

@@ -1,4 +1,4 @@
-"""Lenses of every model, and pictures in which known rays show as round spots."""
+"""Lenses of every model, and images in which known rays show as round spots."""
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def slopes_on_grid() -> np.ndarray:
 
 
 def spots(camera: Lens, target: Lens, slopes: np.ndarray) -> np.ndarray:
-    """What the camera sees where each ray shows as a spot that is round in the target's picture."""
+    """What the camera sees where each ray shows as a spot that is round in the target's image."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     seen = target.project(camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1)))
     offsets = np.nan_to_num(seen[:, None] - target.project(slopes), nan=1e6)
@@ -66,12 +66,12 @@ def spots(camera: Lens, target: Lens, slopes: np.ndarray) -> np.ndarray:
     return colors.reshape(camera.height, camera.width, 3)
 
 
-def spot_errors(picture: np.ndarray, expected: np.ndarray, spread: float = SPREAD) -> np.ndarray:
+def spot_errors(image: np.ndarray, expected: np.ndarray, spread: float = SPREAD) -> np.ndarray:
     """[m, 2]: pixels between spots and where they are expected.
 
     Under a weight as wide as a spot, its centre of gravity moves half as far as the spot.
     """
-    values = picture.astype(np.float64).mean(axis=2)
+    values = image.astype(np.float64).mean(axis=2)
     x, y = np.arange(values.shape[1]) + 0.5, np.arange(values.shape[0]) + 0.5
     errors = []
     for center in expected:

@@ -1,4 +1,4 @@
-"""Stage: the solids of the built-in scene, and what rays see of them at a time.
+"""SyntheticScene: the solids of the built-in scene, traced and shaded at one time.
 
 Points, directions and colours are columns, [3, n].
 """
@@ -32,7 +32,7 @@ LIFT = 1e-3
 
 @dataclass(frozen=True)
 class Solid:
-    """One thing in the scene."""
+    """An object of the scene."""
 
     name: str
     shape: Shape
@@ -44,17 +44,17 @@ class Solid:
     """First and last time at which it is there."""
 
     def is_present(self, time: float) -> bool:
-        """Whether it is there at a time."""
+        """True if the solid is present at a time."""
         return self.present[0] <= time <= self.present[1]
 
     @property
     def changes(self) -> bool:
-        """Whether it ever moves, deforms, appears or vanishes."""
+        """True if the solid ever moves, deforms, appears or vanishes."""
         return not isinstance(self.motion, Still) or self.present != (0.0, 1.0)
 
 
 def solids(seed: int) -> tuple[Solid, ...]:
-    """The scene: a disc at z = 0, and what stands on it; ``seed`` draws the noise of textures."""
+    """The solids: a disc at z = 0, and those on it; ``seed`` draws the noise of textures."""
     generator = torch.Generator().manual_seed(seed)
 
     def noise(frequency: float) -> Waves:
@@ -101,7 +101,7 @@ def solids(seed: int) -> tuple[Solid, ...]:
 
 @dataclass(frozen=True)
 class Hits:
-    """What ``n`` rays meet first."""
+    """First hits of ``n`` rays."""
 
     solid: Int[Tensor, " n"]
     """Index among all solids; -1 where a ray meets nothing."""
@@ -110,7 +110,7 @@ class Hits:
 
 
 @dataclass(frozen=True)
-class Stage:
+class SyntheticScene:
     """The solids as they are at one time."""
 
     solids: tuple[Solid, ...]

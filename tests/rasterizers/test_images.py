@@ -1,4 +1,4 @@
-"""Rasterizers as a whole: trusted pictures, batches, forms, refusals."""
+"""Rasterizers as a whole: trusted images, batches, forms, refusals."""
 
 import json
 import struct
@@ -31,7 +31,7 @@ def read_safetensors(path: Path) -> dict[str, torch.Tensor]:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("case", ["tiny_case", "basic_case"])
-def test_pictures_of_a_trusted_rasterizer_are_reproduced(rasterizer, shared_data, case, dtype):
+def test_images_of_a_trusted_rasterizer_are_reproduced(rasterizer, shared_data, case, dtype):
     named = read_safetensors(shared_data / "reference" / f"{case}.safetensors")
     expected = named["out_img"]
     named = {name: tensor.to(dtype) for name, tensor in named.items()}
