@@ -65,7 +65,7 @@ def run(tokens: list[str]) -> int:
     found = find_run(arguments.words[0])
     if found.model_file is not None:
         raise ConfigError(
-            f"{found.name} cannot go on: a model file has no optimizer and no pictures.",
+            f"{found.name} cannot go on: a model file has no optimizer and no images.",
             "Give the folder of the run that it was exported from.",
         )
     with stage(f"opening {found.name}"):

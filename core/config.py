@@ -356,7 +356,7 @@ class MethodConfig(ABC):
         if self.resolution_schedule == AUTO and self.resolution_steps >= self.steps:
             raise ConfigError(
                 f"resolution_steps={self.resolution_steps}: expected less than steps={self.steps}, "
-                "so that training ends on full-size pictures.",
+                "so that training ends on full-size images.",
                 "Leave it out to have it follow from steps (not with rescale=false), or give less.",
             )
 

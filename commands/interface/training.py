@@ -71,7 +71,7 @@ def _fit(trainer: Trainer, report: RequirementsReport) -> dict[str, Any]:
         raise TrainingError(
             f"the GPU's memory is full after {trainer.step} steps, with "
             f"{len(trainer.parts.table):,} Gaussians.",
-            "Keep no pictures there (gpu_cache_mb=0), shrink them (downscale=2), or limit the "
+            "Keep no images there (gpu_cache_mb=0), shrink them (downscale=2), or limit the "
             "number of Gaussians (strategy=mcmc strategy.cap_max=500000).",
         ) from None
 

@@ -61,7 +61,7 @@ class CaptureCorrections(nn.Module):
         """Notes on the corrections, for held-out figures; empty if nothing is corrected."""
         said: dict[str, str] = {}
         if self.exposures is not None:
-            said["exposure"] = "learnt for training pictures, held-out ones are drawn without"
+            said["exposure"] = "learnt for training images; held-out images are rendered without it"
         if self.poses is not None:
             said["poses"] = "training cameras are refined, held-out ones stand as given"
         return said

@@ -66,6 +66,6 @@ class Exposures(nn.Module):
         """Plain data for a file."""
         matrices = self.matrices.cpu().tolist()
         return {
-            "about": "a colour x of the scene, in [0, 1], is A x + b in the picture; rows [A | b]",
+            "about": "a colour x of the scene, in [0, 1], is A x + b in the image; rows [A | b]",
             "exposures": dict(zip(self.names, matrices, strict=True)),
         }

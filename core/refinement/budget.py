@@ -201,7 +201,7 @@ class Budget(Refiner):
         """True if every view was rendered, or so many images that the sampler omits some views."""
         if self._seen is None:
             return False
-        enough = self._seen.num_pictures >= PASSES * self._num_views
+        enough = self._seen.num_images >= PASSES * self._num_views
         return enough or self._seen.num_views >= self._num_views
 
     def _before_growth(self, done: int, num_rows: int) -> None:

@@ -52,7 +52,7 @@ class Contributions:
         return len(self._views)
 
     @property
-    def num_pictures(self) -> int:
+    def num_images(self) -> int:
         """Number of images, some of the same views."""
         return self._pictures
 

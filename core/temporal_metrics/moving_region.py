@@ -18,7 +18,7 @@ MIN_DEVIATION = 0.02
 well above the noise of rendered and of compressed images (measured: below 2 levels)."""
 
 FROM_MASKS = "masks of the data set"
-FROM_VARIANCE = "temporal variance of all pictures of the same fixed camera"
+FROM_VARIANCE = "temporal variance of all images of the same fixed camera"
 UNKNOWN = "not available: the camera shows no other time, and the data set has no mask"
 
 

@@ -125,7 +125,7 @@ def _drifting(survey: Survey) -> Iterator[Finding]:
             f"A point's colours differ by {before:.1f} grey levels, and by {after:.1f} once each "
             "image has its own gains and offsets.",
             "Without these, spherical harmonics learn the exposure of each side as if it shone.",
-            "exposure=true gives images their own (held-out ones are drawn without, and measure "
+            "exposure=true gives images their own (held-out ones are rendered without, and measure "
             "lower); next time fix exposure and white balance.",
         )
 

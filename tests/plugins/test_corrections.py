@@ -117,5 +117,8 @@ def test_refining_poses_asks_for_a_rasterizer_with_pose_gradients():
 def test_the_protocol_says_what_became_of_held_out_views():
     settings = settings_of(steps="2", exposure="true", refine_poses="true")
     protocol = compose(settings, installed()).protocol()
-    assert protocol["exposure"] == "learnt for training pictures, held-out ones are drawn without"
+    assert (
+        protocol["exposure"]
+        == "learnt for training images; held-out images are rendered without it"
+    )
     assert protocol["poses"] == "training cameras are refined, held-out ones stand as given"

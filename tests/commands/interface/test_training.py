@@ -29,7 +29,7 @@ def test_a_full_gpu_says_what_to_turn(out, capsys, monkeypatch):
     assert main(["train", *SMALL, f"out={out}"]) == 1
     assert capsys.readouterr().err == (
         "error: the GPU's memory is full after 0 steps, with 150 Gaussians.\n"
-        "Keep no pictures there (gpu_cache_mb=0), shrink them (downscale=2), or limit the number "
+        "Keep no images there (gpu_cache_mb=0), shrink them (downscale=2), or limit the number "
         "of Gaussians (strategy=mcmc strategy.cap_max=500000).\n"
     )
 

@@ -35,7 +35,7 @@ def test_a_model_that_stands_still_fails_where_something_moves():
     assert first["moving_psnr"] == 100.0
     assert last["moving_psnr"] < last["psnr"] - 3
     assert found.means["flicker_static"] < 0.01 < found.means["flicker_moving"]
-    assert found.notes["moving_region"].startswith("temporal variance of all pictures of the same")
+    assert found.notes["moving_region"].startswith("temporal variance of all images of the same")
     assert found.notes["flicker"] == "2 pairs of neighbouring times, 0.5 apart on average"
 
 
