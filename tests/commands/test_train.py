@@ -74,7 +74,7 @@ def test_a_resolution_schedule_that_cannot_be_is_explained(capsys):
     )
     assert refusal(capsys, *SMALL, "resolution_schedule=auto", "resolution_steps=4") == (
         "error: resolution_steps=4: expected less than steps=4, so that training ends on full-size "
-        "pictures.\nLeave it out to have it follow from steps (not with rescale=false), or give "
+        "images.\nLeave it out to have it follow from steps (not with rescale=false), or give "
         "less.\n"
     )
     assert refusal(capsys, *SMALL, "resolution_steps=-1") == (
