@@ -9,12 +9,20 @@ import torch
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
+from torch.nn.functional import linear, relu
 
+from gsfw.core.maths.interpolation import interpolate
 from gsfw.core.maths.ssim import masked_mean, ssim
+from gsfw.core.maths.variation import mean_squared_difference
 from gsfw.core.progress import stage
 
 GRADIENT_LIMIT = 1e18
 """Upper bound of gradients, whose square is still finite in float32."""
+PLANE_AXES = ((0, 1), (0, 2), (1, 2))
+"""Axes of the planes of space: xy, xz, yz."""
+
+Layer = tuple[Float[Tensor, "_ _"], Float[Tensor, " _"]]
+"""Weights [outputs, inputs] and biases [outputs] of a fully connected layer, y = W x + b."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,64 @@ class Operators:
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
         """True if all values of the tensors (at least one tensor) are finite."""
         return torch.stack([tensor.isfinite().all() for tensor in tensors]).all()
+
+    def plane_product(
+        self,
+        places: Float[Tensor, "n 3"],
+        planes: Sequence[Float[Tensor, "3 _ _ d"]],
+        lines: Sequence[Float[Tensor, "3 _ d"]],
+        scale: float,
+    ) -> Float[Tensor, "n f"]:
+        """Products of six interpolated features, for each resolution and channel; differentiable.
+
+        Args:
+            places: coordinates in [-1, 1], between the first and the last cell; constant beyond.
+            planes: planes xy, xz and yz [3, r, r, d], by resolution.
+            lines: time planes xt, yt and zt [3, r, d], read at one time, by resolution.
+            scale: factor of all products.
+        """
+        axes = places.T.contiguous()
+        pairs = torch.stack([torch.stack([axes[a], axes[b]]) for a, b in PLANE_AXES], dim=1)
+        features = []
+        for plane, line in zip(planes, lines, strict=True):
+            first, second, third = interpolate(plane, pairs) * interpolate(line, axes[None])
+            features.append(first * second * third)
+        return torch.cat(features, dim=1) * scale
+
+    def relu_network(
+        self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]
+    ) -> tuple[Float[Tensor, "n _"], ...]:
+        """Output of each head of a network; differentiable.
+
+        Args:
+            inputs: inputs of the first layer.
+            layers: layers in sequence, each followed by a ReLU; at least one.
+            heads: linear layers, each on its own equal part of the last layer's output.
+        """
+        for weights, biases in layers:
+            inputs = relu(linear(inputs, weights, biases))
+        parts = inputs.chunk(len(heads), dim=1)
+        return tuple(linear(part, *head) for part, head in zip(parts, heads, strict=True))
+
+    def squared_differences(
+        self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
+    ) -> Float[Tensor, ""]:
+        """Mean squared differences of neighbouring cells, summed over ``axes``; differentiable.
+
+        Args:
+            grid: values of the cells.
+            axes: axes along which neighbours are compared; those of less than two cells add 0.
+            order: 1 for first differences, 2 for second ones.
+            weight: factor of the result.
+        """
+        means = [mean_squared_difference(grid, axis, order) for axis in axes]
+        return weight * torch.stack(means).sum()
+
+    def mean_distance(
+        self, values: Float[Tensor, "*cells"], center: float, weight: float
+    ) -> Float[Tensor, ""]:
+        """``weight`` times the mean of |value - center|; differentiable."""
+        return weight * (values - center).abs().mean()
 
     def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:
         """Distances to the ``k`` nearest other points, nearest first; inf where there are fewer."""

@@ -89,3 +89,63 @@ def adam(
 
 def all_finite(numbers: Tensor, threads: int) -> bool:
     """True if all numbers of [n] are finite."""
+
+def plane_product(
+    places: Tensor,
+    planes: list[Tensor],
+    lines: list[Tensor],
+    scale: float,
+    features: Tensor,
+    threads: int,
+) -> None:
+    """Write to ``features`` [n, levels * d] the products of six features at ``places`` [n, 3]."""
+
+def plane_product_backward(
+    places: Tensor,
+    planes: list[Tensor],
+    lines: list[Tensor],
+    scale: float,
+    gradient: Tensor,
+    places_gradient: Tensor,
+    planes_gradients: list[Tensor],
+    lines_gradients: list[Tensor],
+    threads: int,
+) -> None:
+    """Add the gradients of places, planes and lines to arrays of zeros."""
+
+def network(
+    inputs: Tensor,
+    weights: list[Tensor],
+    biases: list[Tensor],
+    trunk: int,
+    outputs: list[Tensor],
+    threads: int,
+) -> None:
+    """Write the outputs of heads after ``trunk`` layers with ReLU."""
+
+def network_backward(
+    inputs: Tensor,
+    weights: list[Tensor],
+    biases: list[Tensor],
+    trunk: int,
+    gradients: list[Tensor],
+    inputs_gradient: Tensor | None,
+    weights_gradient: Tensor,
+    threads: int,
+) -> None:
+    """Write the gradients of each layer's weights and biases in turn, and add the inputs'."""
+
+def grid_variation(
+    grid: Tensor,
+    order: int,
+    first_weight: float,
+    second_weight: float,
+    gradient: Tensor | None,
+    threads: int,
+) -> float:
+    """Weighted sum of squared differences of [o, a, b, i] along a and b (order 1) or a (2)."""
+
+def grid_distance(
+    values: Tensor, center: float, weight: float, gradient: Tensor | None, threads: int
+) -> float:
+    """Sum of |value - center|; ``gradient`` receives ``weight`` times its sign."""

@@ -11,7 +11,8 @@ from torch import Tensor
 from torch.autograd import forward_ad
 from torch.autograd.graph import increment_version
 
-from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Operators
+from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Layer, Operators
+from gsfw.kernels.cpu import field
 from gsfw.kernels.cpu.native_module import native
 from gsfw.kernels.cpu.threads import num_threads
 
@@ -84,6 +85,46 @@ class CpuOperators(Operators):
             all(module.all_finite(tensor.detach().view(-1), threads) for tensor in served)
         )
         return finite & super().all_finite(others) if others else finite
+
+    def plane_product(
+        self,
+        places: Float[Tensor, "n 3"],
+        planes: Sequence[Float[Tensor, "3 _ _ d"]],
+        lines: Sequence[Float[Tensor, "3 _ d"]],
+        scale: float,
+    ) -> Float[Tensor, "n f"]:
+        """Products of six interpolated features; native for a multiple of 16 channels."""
+        tensors = [places, *planes, *lines]
+        fits = planes[0].shape[-1] % field.LANES == 0 and len(places) > 0
+        if not fits or not _served(tensors) or _tangents(tensors):
+            return super().plane_product(places, planes, lines, scale)
+        return field.plane_product(places, planes, lines, scale)
+
+    def relu_network(
+        self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]
+    ) -> tuple[Float[Tensor, "n _"], ...]:
+        """Outputs of a network; native if all layers have a multiple of 16 inputs."""
+        tensors = [inputs, *(tensor for layer in (*layers, *heads) for tensor in layer)]
+        fits = all(weights.shape[1] % field.LANES == 0 for weights, _ in (*layers, *heads))
+        if not fits or len(inputs) == 0 or not _served(tensors) or _tangents(tensors):
+            return super().relu_network(inputs, layers, heads)
+        return field.relu_network(inputs, layers, heads)
+
+    def squared_differences(
+        self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
+    ) -> Float[Tensor, ""]:
+        """Mean squared differences of neighbouring cells; native for one axis, or two in turn."""
+        served = grid.numel() > 0 and _served([grid]) and not _tangents([grid])
+        found = field.squared_differences(grid, axes, order, weight) if served else None
+        return super().squared_differences(grid, axes, order, weight) if found is None else found
+
+    def mean_distance(
+        self, values: Float[Tensor, "*cells"], center: float, weight: float
+    ) -> Float[Tensor, ""]:
+        """``weight`` times the mean of |value - center|."""
+        if values.numel() == 0 or not _served([values]) or _tangents([values]):
+            return super().mean_distance(values, center, weight)
+        return field.mean_distance(values, center, weight)
 
 
 class _L1Dssim(torch.autograd.Function):

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import relu
+from torch.nn.functional import linear as linear_function
 
+from gsfw.core.operators import Layer, Operators
 from gsfw.methods.gaussians4d.layers import linear, zero_linear
 
 
@@ -24,6 +25,7 @@ class Decoder(nn.Module):
         width: int,
         depth: int,
         outputs: Mapping[str, int],
+        operators: Operators,
         generator: torch.Generator,
     ) -> None:
         """Initialise the layers at random.
@@ -33,9 +35,11 @@ class Decoder(nn.Module):
             width: width of all hidden layers.
             depth: number of shared layers; with 0 outputs are linear in the features.
             outputs: number of values of each quantity, by name.
+            operators: for the network.
             generator: generator on the CPU.
         """
         super().__init__()
+        self._operators = operators
         counts = [features, *[width] * depth]
         self.shared = nn.ModuleList([linear(inputs, width, generator) for inputs in counts[:depth]])
         # The hidden layers of all quantities are one matrix: a single product instead of several.
@@ -46,11 +50,15 @@ class Decoder(nn.Module):
 
     def forward(self, features: Float[Tensor, "n f"]) -> dict[str, Float[Tensor, "n _"]]:
         """Values of each quantity."""
-        for position, layer in enumerate(self.shared):
-            features = layer(relu(features) if position > 0 else features)
-        given = [features] * len(self.outputs)
-        if self.hidden is not None:
-            hidden = relu(self.hidden(relu(features)))
-            given = list(hidden.chunk(len(self.outputs), dim=1))
-        named = zip(self.outputs.items(), given, strict=True)
-        return {name: output(inputs) for (name, output), inputs in named}
+        heads = [_parameters(output) for output in self.outputs.values()]
+        if self.hidden is None:
+            values = tuple(linear_function(features, *head) for head in heads)
+        else:
+            layers = [_parameters(layer) for layer in (*self.shared, self.hidden)]
+            values = self._operators.relu_network(features, layers, heads)
+        return dict(zip(self.outputs, values, strict=True))
+
+
+def _parameters(layer: nn.Module) -> Layer:
+    assert isinstance(layer, nn.Linear)
+    return layer.weight, layer.bias

@@ -16,8 +16,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gsfw.core.maths.interpolation import corners, weighted_rows
 from gsfw.methods.gaussians4d.encoder import Encoder
-from gsfw.methods.gaussians4d.interpolation import corners, weighted_rows
 from gsfw.methods.gaussians4d.layers import uniform
 
 if TYPE_CHECKING:

@@ -19,10 +19,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from gsfw.core.operators import PLANE_AXES, Operators
 from gsfw.methods.gaussians4d.encoder import Encoder
-from gsfw.methods.gaussians4d.interpolation import interpolate
 from gsfw.methods.gaussians4d.layers import uniform
-from gsfw.methods.gaussians4d.variation import mean_squared_difference
 
 if TYPE_CHECKING:
     from gsfw.methods.gaussians4d.config import HexPlaneConfig
@@ -33,8 +32,6 @@ time (K-Planes, and the released code)."""
 UNIT = (sum(SPACE_START) / 2) ** -3
 """Scale that makes the product start around 1. It is 0.03 in the paper, too small for the network:
 22.6 instead of 25.0 dB (built-in moving scene, 96 x 72, 1500 splats, 600 steps)."""
-PAIRS = ((0, 1), (0, 2), (1, 2))
-"""Axes of the space planes: xy, xz, yz. Time planes are xt, yt, zt."""
 
 
 class HexPlane(Encoder):
@@ -42,16 +39,23 @@ class HexPlane(Encoder):
 
     detached = False
 
-    def __init__(self, config: HexPlaneConfig, times: int, generator: torch.Generator) -> None:
+    def __init__(
+        self,
+        config: HexPlaneConfig,
+        times: int,
+        operators: Operators,
+        generator: torch.Generator,
+    ) -> None:
         """Initialise the planes at random.
 
         Args:
             config: sizes and weights.
             times: corners of cells along time, the first at time 0 and the last at time 1.
+            operators: for products of planes.
             generator: generator on the CPU.
         """
         super().__init__()
-        self._config = config
+        self._config, self._operators = config, operators
         self.features = config.channels * len(config.multipliers)
         sides = [config.resolution * factor for factor in config.multipliers]
         depth = config.channels
@@ -68,35 +72,30 @@ class HexPlane(Encoder):
         self, places: Float[Tensor, "n 3"], time: Float[Tensor, ""]
     ) -> Float[Tensor, "n f"]:
         """The product of six planes at each resolution."""
-        axes = places.T.contiguous()
-        pairs = torch.stack([torch.stack([axes[a], axes[b]]) for a, b in PAIRS], dim=1)
-        features = []
-        for space, over_time in zip(self.space, self.time, strict=True):
-            planes = interpolate(space, pairs)
-            lines = interpolate(_at(over_time, time), axes[None])
-            first, second, third = planes * lines
-            features.append(first * second * third)
-        return torch.cat(features, dim=1) * UNIT
+        lines = [_at(over_time, time) for over_time in self.time]
+        return self._operators.plane_product(places, [*self.space], lines, UNIT)
 
     def regularizers(self) -> Mapping[str, Tensor]:
         """Variation over space, roughness over time, and distance of time planes from 1.
 
         Each is a mean over the entries of a plane, summed over planes and resolutions.
         """
-        config, planes = self._config, len(PAIRS)
-        variation = [mean_squared_difference(p, axis) for p in self.space for axis in (1, 2)]
-        roughness = [mean_squared_difference(p, axis=0, order=2) for p in self.time]
-        change = [(1 - p).abs().mean() for p in self.time]
-        terms = {
-            "plane_tv": (config.plane_tv, variation),
-            "time_smoothness": (config.time_smoothness, roughness),
-            "time_l1": (config.time_l1, change),
-        }
-        return {
-            name: weight * planes * torch.stack(values).sum()
-            for name, (weight, values) in terms.items()
-            if weight > 0
-        }
+        config, planes, operators = self._config, len(PLANE_AXES), self._operators
+        terms: dict[str, list[Tensor]] = {}
+        if config.plane_tv > 0:
+            weight = planes * config.plane_tv
+            terms["plane_tv"] = [
+                operators.squared_differences(plane, (1, 2), 1, weight) for plane in self.space
+            ]
+        if config.time_smoothness > 0:
+            weight = planes * config.time_smoothness
+            terms["time_smoothness"] = [
+                operators.squared_differences(plane, (0,), 2, weight) for plane in self.time
+            ]
+        if config.time_l1 > 0:
+            weight = planes * config.time_l1
+            terms["time_l1"] = [operators.mean_distance(plane, 1.0, weight) for plane in self.time]
+        return {name: torch.stack(values).sum() for name, values in terms.items()}
 
 
 def _at(planes: Float[Tensor, "t g r d"], time: Float[Tensor, ""]) -> Float[Tensor, "g r d"]:

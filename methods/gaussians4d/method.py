@@ -59,8 +59,9 @@ class DeformationMethod(MovingMethod):
         config = self._config
         canonical = self._static.build_model(scene, operators, generator, initial)
         box = SpaceBox(canonical.means.values.detach(), scene.extent)
-        encoder = _encoder(config, scene.num_times, generator)
-        field = DeformationField(box, encoder, _decoder(config, encoder, canonical, generator))
+        encoder = _encoder(config, scene.num_times, operators, generator)
+        decoder = _decoder(config, encoder, canonical, operators, generator)
+        field = DeformationField(box, encoder, decoder)
         return DeformedGaussians(
             canonical,
             field,
@@ -78,11 +79,13 @@ class DeformationMethod(MovingMethod):
         super().prepare(step, model, optimizer, time)
 
 
-def _encoder(config: DeformationConfig, num_times: int, generator: torch.Generator) -> Encoder:
+def _encoder(
+    config: DeformationConfig, num_times: int, operators: Operators, generator: torch.Generator
+) -> Encoder:
     """The chosen encoder, initialised at random."""
     captured = min(max(num_times, 2), MAX_TIMES)
     if config.encoder == "hexplane":
-        return HexPlane(config.hexplane, config.hexplane.times or captured, generator)
+        return HexPlane(config.hexplane, config.hexplane.times or captured, operators, generator)
     if config.encoder == "hash":
         return HashGrid(config.hash, config.hash.times or captured, generator)
     return FrequencyMlp(config.mlp, generator)
@@ -92,6 +95,7 @@ def _decoder(
     config: DeformationConfig,
     encoder: Encoder,
     canonical: StaticGaussians,
+    operators: Operators,
     generator: torch.Generator,
 ) -> Decoder:
     """The decoder of that encoder's features."""
@@ -101,6 +105,6 @@ def _decoder(
     if config.deform_sh:
         outputs["sh"] = 3 * (canonical.degree + 1) ** 2
     if config.encoder == "mlp":  # Its layers are the encoder's own, and its outputs are linear.
-        return Decoder(encoder.features, encoder.features, 0, outputs, generator)
+        return Decoder(encoder.features, encoder.features, 0, outputs, operators, generator)
     sizes = config.hexplane if config.encoder == "hexplane" else config.hash
-    return Decoder(encoder.features, sizes.width, sizes.depth, outputs, generator)
+    return Decoder(encoder.features, sizes.width, sizes.depth, outputs, operators, generator)

@@ -99,9 +99,11 @@ def compile_engine(
         flags: besides those of each set.
         folder: where the objects go.
     """
-    jobs = [(f"{name}_kernels", one) for one in sets for name in ("render", "step")]
-    jobs.append(("render_kernels_float64", "scalar"))
-    jobs += [(name, "") for name in ("render_pass", "sort", "pool", "instruction_sets", "step")]
+    jobs = [(f"{name}_kernels", one) for one in sets for name in ("render", "step", "field")]
+    jobs += [("render_kernels_float64", "scalar"), ("field_kernels_float64", "scalar")]
+    jobs += [
+        (name, "") for name in ("render_pass", "sort", "pool", "instruction_sets", "step", "field")
+    ]
 
     def build(job: tuple[str, str]) -> Path:
         name, instruction_set = job

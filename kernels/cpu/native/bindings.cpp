@@ -41,4 +41,5 @@ NB_MODULE(_native, module) {
              "Powers of two of one thread with the set in use, in 10^9 per second.");
   gsfw::bind_render(module);
   gsfw::bind_step(module);
+  gsfw::bind_field(module);
 }

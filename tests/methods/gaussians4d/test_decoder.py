@@ -3,13 +3,14 @@
 import torch
 from torch.nn.functional import linear, relu
 
+from gsfw.core.operators import Operators
 from gsfw.methods.gaussians4d.decoder import Decoder
 
 OUTPUTS = {"means": 3, "quats": 4}
 
 
 def decoder(depth: int, seed: int = 0) -> Decoder:
-    return Decoder(6, 5, depth, OUTPUTS, torch.Generator().manual_seed(seed))
+    return Decoder(6, 5, depth, OUTPUTS, Operators(), torch.Generator().manual_seed(seed))
 
 
 def test_outputs_begin_at_zero_whatever_is_given():

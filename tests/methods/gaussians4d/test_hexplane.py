@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch.nn.functional import grid_sample
 
+from gsfw.core.operators import Operators
 from gsfw.methods.gaussians4d.config import HexPlaneConfig
 from gsfw.methods.gaussians4d.hexplane import UNIT, HexPlane
 
@@ -14,7 +15,7 @@ SMALL = HexPlaneConfig(channels=8, resolution=5, multipliers=(1, 2))
 
 def planes(times: int = 4, config: HexPlaneConfig = SMALL) -> HexPlane:
     generator = torch.Generator().manual_seed(0)
-    encoder = HexPlane(config, times, generator).double()
+    encoder = HexPlane(config, times, Operators(), generator).double()
     with torch.no_grad():
         for plane in encoder.time:
             plane.add_(0.3 * torch.randn(plane.shape, generator=generator, dtype=torch.float64))
@@ -67,7 +68,7 @@ def test_times_outside_are_those_of_the_ends():
 
 
 def test_features_do_not_depend_on_time_before_training():
-    encoder = HexPlane(SMALL, 7, torch.Generator().manual_seed(0))
+    encoder = HexPlane(SMALL, 7, Operators(), torch.Generator().manual_seed(0))
     points = places().float()
     first, other = encoder(points, torch.tensor(0.1)), encoder(points, torch.tensor(0.83))
     torch.testing.assert_close(first, other)

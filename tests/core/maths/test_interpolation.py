@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.nn.functional import grid_sample
 
-from gsfw.methods.gaussians4d.interpolation import WIDE, interpolate, weighted_rows
+from gsfw.core.maths.interpolation import WIDE, interpolate, weighted_rows
 
 
 def uniform(*shape: int, seed: int = 0) -> torch.Tensor:

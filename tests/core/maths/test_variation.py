@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from gsfw.methods.gaussians4d.variation import mean_squared_difference
+from gsfw.core.maths.variation import mean_squared_difference
 
 
 def grid() -> torch.Tensor:

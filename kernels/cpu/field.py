@@ -1,0 +1,212 @@
+"""Temporal fields in native code: products of planes, networks and regularisers, with gradients.
+
+Rows whose incoming gradient is zero (no pixel shows them) cost nothing in the backward pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from gsfw.core.operators import Layer
+from gsfw.kernels.cpu.native_module import native
+from gsfw.kernels.cpu.threads import num_threads
+
+LANES = 16
+"""Numbers of features and widths of layers that kernels take are multiples of it."""
+
+
+def plane_product(
+    places: Float[Tensor, "n 3"],
+    planes: Sequence[Float[Tensor, "3 _ _ d"]],
+    lines: Sequence[Float[Tensor, "3 _ d"]],
+    scale: float,
+) -> Float[Tensor, "n f"]:
+    """``Operators.plane_product`` for channels that are a multiple of 16."""
+    features: Tensor = _PlaneProduct.apply(places, scale, *planes, *lines)
+    return features
+
+
+def relu_network(
+    inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]
+) -> tuple[Float[Tensor, "n _"], ...]:
+    """``Operators.relu_network`` for layers with a multiple of 16 inputs."""
+    parameters = [parameter for layer in (*layers, *heads) for parameter in layer]
+    outputs: tuple[Tensor, ...] = _ReluNetwork.apply(inputs, len(layers), *parameters)
+    return outputs
+
+
+def squared_differences(
+    grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
+) -> Float[Tensor, ""] | None:
+    """``Operators.squared_differences``; ``None`` for axes that native code does not take."""
+    cells = _four_axes(grid.shape, axes, order)
+    if cells is None:
+        return None
+    sizes = [grid.numel() * max(n - order, 0) // n for n in cells[1:3]]
+    weights = [weight / size if size > 0 else 0.0 for size in sizes]
+    found: Tensor = _Variation.apply(grid.contiguous().view(cells), order, *weights)
+    return found
+
+
+def _four_axes(shape: Sequence[int], axes: Sequence[int], order: int) -> list[int] | None:
+    """Shape with the compared axes as second and third of four; ``None`` if there is none."""
+    first = axes[0]
+    single, double = len(axes) == 1, order == 1 and tuple(axes) == (first, first + 1)
+    if not (single or double) or order not in (1, 2):
+        return None
+    second = shape[first + 1] if double else 1
+    inner = math.prod(shape[first + (2 if double else 1) :])
+    return [math.prod(shape[:first]), shape[first], second, inner]
+
+
+def mean_distance(
+    values: Float[Tensor, "*cells"], center: float, weight: float
+) -> Float[Tensor, ""]:
+    """``Operators.mean_distance``."""
+    share = weight / values.numel()
+    found: Tensor = _Distance.apply(values.contiguous().view(-1), center, share)
+    return found
+
+
+class _Variation(torch.autograd.Function):
+    """Weighted sum of squared differences; forward computes the gradient too."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        grid: Tensor,
+        order: int,
+        first_weight: float,
+        second_weight: float,
+    ) -> Tensor:
+        gradient = torch.empty_like(grid) if ctx.needs_input_grad[0] else None
+        total = _module().grid_variation(
+            grid.detach(), order, first_weight, second_weight, gradient, num_threads()
+        )
+        ctx.save_for_backward(gradient)
+        return grid.new_tensor(total)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        (own,) = ctx.saved_tensors
+        return own if gradient == 1 else own * gradient, None, None, None
+
+
+class _Distance(torch.autograd.Function):
+    """Weighted sum of distances; forward computes the gradient too."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        values: Tensor,
+        center: float,
+        weight: float,
+    ) -> Tensor:
+        gradient = torch.empty_like(values) if ctx.needs_input_grad[0] else None
+        total = _module().grid_distance(values.detach(), center, weight, gradient, num_threads())
+        ctx.save_for_backward(gradient)
+        return values.new_tensor(weight * total)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        (own,) = ctx.saved_tensors
+        return own if gradient == 1 else own * gradient, None, None
+
+
+class _PlaneProduct(torch.autograd.Function):
+    """Interpolates six factors and multiplies them; backward interpolates them again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        places: Tensor,
+        scale: float,
+        *tables: Tensor,
+    ) -> Tensor:
+        levels = len(tables) // 2
+        places, tables = places.contiguous(), tuple(table.contiguous() for table in tables)
+        features = places.new_empty(len(places), levels * tables[0].shape[-1])
+        planes, lines = _plain(tables[:levels]), _plain(tables[levels:])
+        _module().plane_product(places.detach(), planes, lines, scale, features, num_threads())
+        ctx.save_for_backward(places, *tables)
+        ctx.scale = scale
+        return features
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        places, *tables = ctx.saved_tensors
+        levels = len(tables) // 2
+        to_places = torch.zeros_like(places)
+        to_tables = [torch.zeros_like(table) for table in tables]
+        _module().plane_product_backward(
+            places.detach(),
+            _plain(tables[:levels]),
+            _plain(tables[levels:]),
+            ctx.scale,
+            gradient.contiguous(),
+            to_places,
+            to_tables[:levels],
+            to_tables[levels:],
+            num_threads(),
+        )
+        return to_places, None, *to_tables
+
+
+class _ReluNetwork(torch.autograd.Function):
+    """Runs tiles of rows through all layers; backward runs them again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        inputs: Tensor,
+        trunk: int,
+        *parameters: Tensor,
+    ) -> tuple[Tensor, ...]:
+        inputs = inputs.contiguous()
+        parameters = tuple(parameter.contiguous() for parameter in parameters)
+        weights, biases = _plain(parameters[::2]), _plain(parameters[1::2])
+        outputs = [inputs.new_empty(len(inputs), len(head)) for head in weights[trunk:]]
+        _module().network(inputs.detach(), weights, biases, trunk, outputs, num_threads())
+        ctx.save_for_backward(inputs, *parameters)
+        ctx.trunk = trunk
+        return tuple(outputs)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        inputs, *parameters = ctx.saved_tensors
+        to_inputs = torch.zeros_like(inputs) if ctx.needs_input_grad[0] else None
+        to_parameters = inputs.new_empty(sum(parameter.numel() for parameter in parameters))
+        _module().network_backward(
+            inputs.detach(),
+            _plain(parameters[::2]),
+            _plain(parameters[1::2]),
+            ctx.trunk,
+            [gradient.contiguous() for gradient in gradients],
+            to_inputs,
+            to_parameters,
+            num_threads(),
+        )
+        parts = to_parameters.split([parameter.numel() for parameter in parameters])
+        shaped = (part.view_as(like) for part, like in zip(parts, parameters, strict=True))
+        return to_inputs, None, *shaped
+
+
+def _plain(tensors: Sequence[Tensor]) -> list[Tensor]:
+    return [tensor.detach() for tensor in tensors]
+
+
+def _module() -> Any:  # noqa: ANN401 - the module's stub is for its own users
+    module = native()
+    assert module is not None, "these operators are chosen only where the module is there"
+    return module

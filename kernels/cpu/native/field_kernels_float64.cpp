@@ -1,0 +1,19 @@
+// The kernels of temporal fields in float64, which serve all instruction sets: they are for
+// accuracy.
+#include "field_stages.h"
+#include "grid_variation.h"
+#include "network.h"
+#include "plane_product.h"
+
+namespace gsfw {
+namespace GSFW_ISA {
+
+extern const FieldKernels<double> field_float64;
+
+const FieldKernels<double> field_float64 = {
+    plane_product<double>, plane_product_backward<double>, grid_variation<double>,
+    grid_distance<double>, network_scratch<double>,        network<double>,
+    network_backward<double>};
+
+}  // namespace GSFW_ISA
+}  // namespace gsfw

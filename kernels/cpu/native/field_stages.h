@@ -1,0 +1,120 @@
+// Plain structures of the temporal field's kernels, the same in every translation unit, and one
+// table of functions per instruction set and type.
+#pragma once
+
+#include <stdint.h>
+
+namespace gsfw {
+
+/// Planes of a resolution: their values, and the gradients that the backward pass adds to.
+template <typename T>
+struct PlaneLevel {
+  /// [3, side, side, channels]: planes xy, xz and yz.
+  const T* planes;
+  /// [3, side, channels]: the time planes xt, yt and zt at one time.
+  const T* lines;
+  T* planes_gradient;
+  T* lines_gradient;
+  int64_t side;
+};
+
+/// Products of six planes' features at some places.
+template <typename T>
+struct PlaneProductJob {
+  /// [n, 3] in [-1, 1]; constant beyond.
+  const T* places;
+  const PlaneLevel<T>* levels;
+  int64_t level_count;
+  /// Features of a cell, a multiple of 16.
+  int64_t channels;
+  /// Factor of every product.
+  T scale;
+};
+
+/// Rows of the backward pass.
+template <typename T>
+struct PlaneProductRows {
+  /// [count]: rows whose gradient is not zero.
+  const int64_t* rows;
+  int64_t count;
+  /// [n, levels * channels]: gradient of the features.
+  const T* gradient;
+};
+
+/// Weights of a fully connected layer: y = W x + b.
+template <typename T>
+struct DenseLayer {
+  /// Multiples of 16, but for the outputs of a head.
+  int64_t inputs, outputs;
+  /// [outputs, inputs], as torch has them.
+  const T* weights;
+  /// [inputs, padded outputs] and [padded outputs], zero where padded to a multiple of 16.
+  const T* transposed;
+  const T* biases;
+  /// Where its gradients lie among those of the network: [outputs, inputs], then [outputs].
+  int64_t gradient;
+};
+
+/// A network of ReLU layers, the trunk, and linear heads on equal parts of its last output.
+template <typename T>
+struct NetworkJob {
+  /// [n, inputs of the first layer]
+  const T* inputs;
+  /// The trunk's layers, at least one, and then the heads.
+  const DenseLayer<T>* layers;
+  int64_t trunk, heads;
+  /// By head: [n, outputs]; in the backward pass ``gradients`` are theirs.
+  T* const* outputs;
+  const T* const* gradients;
+};
+
+/// A chunk of rows of the network's backward pass.
+template <typename T>
+struct NetworkChunk {
+  /// [count]: rows whose gradient is not zero.
+  const int64_t* rows;
+  int64_t count;
+  /// [n, inputs]: gradient of the inputs; null if not wanted.
+  T* inputs_gradient;
+  /// Gradients of all weights and biases, which are added to.
+  T* weights_gradient;
+};
+
+/// An axis of a grid along which neighbours are compared.
+template <typename T>
+struct GridAxis {
+  /// Cells along it, and numbers from a cell to the next.
+  int64_t cells, stride;
+  /// Factor of the squared differences.
+  T weight;
+};
+
+/// Squared differences of the cells of a grid [outer, first, second, inner].
+template <typename T>
+struct GridVariationJob {
+  const T* grid;
+  /// Like the grid; null if not wanted.
+  T* gradient;
+  GridAxis<T> first, second;
+  /// Numbers of a cell.
+  int64_t inner;
+  /// 1 for first differences along both axes, 2 for second differences along the first.
+  int order;
+};
+
+/// See plane_product.h, network.h and grid_variation.h.
+template <typename T>
+struct FieldKernels {
+  void (*plane_product)(const PlaneProductJob<T>& job, int64_t begin, int64_t end, T* features);
+  /// ``moved`` [count, 3]: gradient of the places by sixteen channels of a level.
+  void (*plane_product_backward)(const PlaneProductJob<T>& job, const PlaneProductRows<T>& rows,
+                                 int64_t level, int64_t channel, T* moved);
+  double (*grid_variation)(const GridVariationJob<T>& job, int64_t begin, int64_t end);
+  double (*grid_distance)(const T* values, int64_t count, T center, T weight, T* gradient);
+  /// Working memory of one thread, in numbers of T.
+  int64_t (*network_scratch)(const NetworkJob<T>& job);
+  void (*network)(const NetworkJob<T>& job, int64_t begin, int64_t end, T* scratch);
+  void (*network_backward)(const NetworkJob<T>& job, const NetworkChunk<T>& chunk, T* scratch);
+};
+
+}  // namespace gsfw

@@ -1,0 +1,146 @@
+// Checks of temporal fields that need no Python, for sanitizers and emulators.
+//
+// Results must be the same bits for any number of threads, and finite. It prints what is not and
+// exits with 1, or exits with 0.
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "field.h"
+#include "instruction_sets.h"
+
+namespace gsfw {
+namespace {
+
+constexpr int64_t CHANNELS = 32, SIDES[] = {2, 9};
+
+template <typename T>
+std::vector<T> uniform(int64_t size, unsigned seed, double low, double high) {
+  std::mt19937 bits(seed);
+  std::vector<T> numbers(static_cast<size_t>(size));
+  for (T& x : numbers) x = T(low + (high - low) * double(bits()) / double(std::mt19937::max()));
+  return numbers;
+}
+
+template <typename T>
+void append(std::vector<T>& to, const std::vector<T>& from) {
+  to.insert(to.end(), from.begin(), from.end());
+}
+
+/// Features and gradients of places, some of which lie beyond the planes or are NaN.
+template <typename T>
+std::vector<T> products(int64_t count, int threads) {
+  std::vector<T> places = uniform<T>(3 * count, 1, -1.3, 1.3);
+  if (count > 2) places[4] = T(NAN);
+  std::vector<std::vector<T>> planes, lines, to_planes, to_lines;
+  std::vector<PlaneLevel<T>> levels;
+  for (const int64_t side : SIDES) {
+    planes.push_back(uniform<T>(3 * side * side * CHANNELS, 2, 0.1, 0.5));
+    lines.push_back(uniform<T>(3 * side * CHANNELS, 3, 0.5, 1.5));
+    to_planes.emplace_back(planes.back().size(), T(0));
+    to_lines.emplace_back(lines.back().size(), T(0));
+  }
+  for (size_t i = 0; i < planes.size(); ++i) {
+    levels.push_back({planes[i].data(), lines[i].data(), to_planes[i].data(), to_lines[i].data(),
+                      SIDES[i]});
+  }
+  const PlaneProductJob<T> job = {places.data(), levels.data(), 2, CHANNELS, T(2)};
+  std::vector<T> features(static_cast<size_t>(2 * CHANNELS * count)), moved(places.size(), T(0));
+  plane_product(job, count, features.data(), threads);
+  plane_product_backward(job, count, features.data(), moved.data(), threads);
+  append(features, moved);
+  for (size_t i = 0; i < planes.size(); ++i) {
+    append(features, to_planes[i]);
+    append(features, to_lines[i]);
+  }
+  return features;
+}
+
+/// Outputs and gradients of a network with two layers and two heads.
+template <typename T>
+std::vector<T> networks(int64_t count, int threads) {
+  constexpr int64_t SHAPES[][2] = {{16, 32}, {32, 64}, {32, 3}, {32, 17}};
+  std::vector<std::vector<T>> numbers;
+  int64_t size = 0;
+  for (const auto& shape : SHAPES) {
+    numbers.push_back(uniform<T>(shape[0] * shape[1], 4, -0.3, 0.3));
+    numbers.push_back(uniform<T>(shape[1], 5, -0.3, 0.3));
+    size += shape[1] * (shape[0] + 1);
+  }
+  NetworkWeights<T> weights;
+  weights.trunk = 2;
+  for (size_t i = 0; i < 4; ++i) {
+    weights.layers.push_back(
+        {numbers[2 * i].data(), numbers[2 * i + 1].data(), SHAPES[i][0], SHAPES[i][1]});
+  }
+  const std::vector<T> inputs = uniform<T>(16 * count, 6, -1, 1);
+  std::vector<T> first(static_cast<size_t>(3 * count)), second(static_cast<size_t>(17 * count));
+  network<T>(weights, inputs.data(), count, {first.data(), second.data()}, threads);
+  std::vector<T> to_inputs(inputs.size(), T(0)), to_weights(static_cast<size_t>(size));
+  network_backward<T>(weights, inputs.data(), count, {first.data(), second.data()},
+                      to_inputs.data(), to_weights.data(), threads);
+  append(first, second);
+  append(first, to_inputs);
+  append(first, to_weights);
+  return first;
+}
+
+/// Values and gradients of the regularisers.
+template <typename T>
+std::vector<T> regularisers(int64_t inner, int threads) {
+  const std::vector<T> grid = uniform<T>(5 * 3 * inner, 7, 0, 1);
+  std::vector<T> gradient(grid.size()), results;
+  for (const int order : {1, 2}) {
+    const GridVariationJob<T> job = {grid.data(),       gradient.data(), {5, 3 * inner, T(0.5)},
+                                     {3, inner, T(2)}, inner,           order};
+    results.push_back(T(grid_variation(job, 15, threads)));
+    append(results, gradient);
+  }
+  const int64_t count = int64_t(grid.size());
+  results.push_back(T(grid_distance(grid.data(), count, 0.5, 2.0, gradient.data(), threads)));
+  append(results, gradient);
+  return results;
+}
+
+template <typename T>
+int check(const char* name, std::vector<T> (*of)(int64_t, int), int64_t count) {
+  int failures = 0;
+  const std::vector<T> one = of(count, 1), three = of(count, 3);
+  if (std::memcmp(one.data(), three.data(), one.size() * sizeof(T)) != 0) {
+    ++failures;
+    std::printf("%s of %d rows: other bits with three threads\n", name, int(count));
+  }
+  for (const T x : one) {
+    if (std::isfinite(x)) continue;
+    ++failures;
+    std::printf("%s of %d rows: not finite\n", name, int(count));
+    break;
+  }
+  return failures;
+}
+
+template <typename T>
+int check_all() {
+  int failures = 0;
+  for (const int64_t count : {1, 15, 64, 1300}) {
+    failures += check<T>("products", products<T>, count);
+    failures += check<T>("networks", networks<T>, count);
+    failures += check<T>("regularisers", regularisers<T>, count);
+  }
+  return failures;
+}
+
+}  // namespace
+}  // namespace gsfw
+
+int main() {
+  int failures = 0;
+  for (const std::string& set : gsfw::instruction_sets()) {
+    gsfw::use_instruction_set(set);
+    failures += gsfw::check_all<float>() + gsfw::check_all<double>();
+  }
+  return failures ? 1 : 0;
+}

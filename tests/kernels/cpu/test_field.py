@@ -1,0 +1,170 @@
+"""Native temporal fields against plain torch: products of planes, networks and regularisers."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from gsfw.core.operators import Operators
+from gsfw.kernels.cpu.operators import CpuOperators
+
+pytestmark = pytest.mark.usefixtures("instruction_set")
+
+NATIVE, TORCH = CpuOperators(), Operators()
+SIDES = (7, 12)
+
+
+def numbers(*shape: int, seed: int, dtype: torch.dtype = torch.float64) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.rand(shape, generator=generator, dtype=torch.float64).to(dtype)
+
+
+def planes(places: Tensor, channels: int = 32) -> list[Tensor]:
+    """Places, planes of two resolutions, and lines of two resolutions."""
+    dtype = places.dtype
+    return [
+        places,
+        *(numbers(3, s, s, channels, seed=s, dtype=dtype) + 0.5 for s in SIDES),
+        *(numbers(3, s, channels, seed=s + 1, dtype=dtype) + 0.5 for s in SIDES),
+    ]
+
+
+def product(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor]:
+    return (operators.plane_product(tensors[0], tensors[1:3], tensors[3:], 1.7),)
+
+
+def network_tensors(rows: int, dtype: torch.dtype, sizes=(64, 32, 96)) -> list[Tensor]:
+    """Inputs, two layers, and three heads."""
+    inputs, width, last = sizes
+    shapes = [(width, inputs), (last, width), *((outputs, last // 3) for outputs in (3, 1, 20))]
+    tensors = [numbers(rows, inputs, seed=1, dtype=dtype) - 0.5]
+    for seed, (outputs, given_) in enumerate(shapes):
+        tensors.append((numbers(outputs, given_, seed=seed + 2, dtype=dtype) - 0.5) / 4)
+        tensors.append(numbers(outputs, seed=seed + 9, dtype=dtype) - 0.5)
+    return tensors
+
+
+def network(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
+    layers = list(zip(tensors[1::2], tensors[2::2], strict=True))
+    return operators.relu_network(tensors[0], layers[:2], layers[2:])
+
+
+def results(function, operators: Operators, tensors: list[Tensor], silent: int = 3):
+    """Outputs and all gradients; every ``silent``-th row has an incoming gradient of zero."""
+    leaves = [tensor.clone().requires_grad_() for tensor in tensors]
+    outputs = function(operators, leaves)
+    flows = [numbers(*o.shape, seed=20 + i, dtype=o.dtype) for i, o in enumerate(outputs)]
+    for flow in flows:
+        flow[::silent] = 0
+    torch.autograd.backward(outputs, flows)
+    return [output.detach() for output in outputs] + [leaf.grad for leaf in leaves]
+
+
+def assert_agree(found: list[Tensor], expected: list[Tensor], terms: int) -> None:
+    """Within the rounding of sums of so many terms."""
+    for one, other in zip(found, expected, strict=True):
+        scale = float(other.abs().max()) * torch.finfo(other.dtype).eps
+        assert float((one - other).abs().max()) <= 4 * terms**0.5 * scale
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("channels", [16, 32])
+def test_products_of_planes_and_all_their_gradients_are_those_of_torch(dtype, channels):
+    tensors = planes(2.2 * numbers(1100, 3, seed=0, dtype=dtype) - 1.1, channels)
+    found, expected = (results(product, kind, tensors) for kind in (NATIVE, TORCH))
+    assert_agree(found, expected, terms=1100)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("rows", [1, 64, 1100])
+def test_networks_and_all_their_gradients_are_those_of_torch(dtype, rows):
+    tensors = network_tensors(rows, dtype)
+    found, expected = (results(network, kind, tensors, 2) for kind in (NATIVE, TORCH))
+    assert_agree(found, expected, terms=1100)
+
+
+@pytest.mark.parametrize("function", [product, network])
+def test_results_are_the_same_bits_for_any_number_of_threads(function, use_threads):
+    tensors = (
+        planes(2 * numbers(3000, 3, seed=0, dtype=torch.float32) - 1)
+        if function is product
+        else network_tensors(3000, torch.float32)
+    )
+    found = []
+    for threads in (1, 2, 5):
+        use_threads(threads)
+        found.append(results(function, NATIVE, tensors))
+    for other in found[1:]:
+        assert all(torch.equal(one, two) for one, two in zip(found[0], other, strict=True))
+
+
+def test_rows_without_a_gradient_are_left_out_of_the_backward_pass():
+    tensors = planes(2 * numbers(50, 3, seed=0) - 1)
+    tensors[0][::3] = float("nan")
+    *_, to_places, _, _, _, _ = found = results(product, NATIVE, tensors)
+    assert to_places is found[1]
+    assert not to_places[::3].any()
+    assert all(gradient.isfinite().all() for gradient in found[1:])
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e30, -1.0, 1.0])
+def test_no_place_reads_or_writes_beyond_the_planes(value):
+    tensors = planes(torch.full((20, 3), value, dtype=torch.float64))
+    found = results(product, NATIVE, tensors)
+    assert found[0].isfinite().all()
+    if not math.isnan(value):  # torch has no cell for NaN.
+        assert_agree(found, results(product, TORCH, tensors), terms=20)
+
+
+def test_sizes_that_are_no_multiple_of_sixteen_are_left_to_torch():
+    tensors = planes(2 * numbers(9, 3, seed=0) - 1, channels=6)
+    assert_equal(product(NATIVE, tensors), product(TORCH, tensors))
+    tensors = network_tensors(9, torch.float64, sizes=(20, 32, 96))
+    assert_equal(network(NATIVE, tensors), network(TORCH, tensors))
+
+
+def assert_equal(found: tuple[Tensor, ...], expected: tuple[Tensor, ...]) -> None:
+    assert all(torch.equal(one, other) for one, other in zip(found, expected, strict=True))
+
+
+def test_no_rows_have_no_features():
+    assert product(NATIVE, planes(torch.zeros(0, 3)))[0].shape == (0, 64)
+
+
+def test_heads_that_do_not_fit_the_trunk_are_refused():
+    tensors = network_tensors(4, torch.float64)
+    tensors[5] = tensors[5][:, :16].contiguous()
+    with pytest.raises(ValueError, match="a layer does not fit"):
+        network(NATIVE, tensors)
+
+
+VARIATIONS = [
+    ((3, 7, 9, 32), (1, 2), 1), ((25, 3, 6, 32), (0,), 2), ((25, 3, 6, 5), (0,), 1),
+    ((2, 3, 6, 5), (0,), 2), ((4, 5, 6), (2,), 2), ((1, 4, 4, 3), (0, 1), 1),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("shape", "axes", "order"), VARIATIONS)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_regularisers_of_grids_and_their_gradients_are_those_of_torch(shape, axes, order, dtype):
+    def terms(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor]:
+        variation = operators.squared_differences(tensors[0], axes, order, 0.3)
+        return ((variation + 2 * operators.mean_distance(tensors[0], 0.5, 0.7))[None],)
+
+    grid = [numbers(*shape, seed=3, dtype=dtype)]
+    found, expected = (results(terms, kind, grid, silent=2) for kind in (NATIVE, TORCH))
+    assert_agree(found, expected, terms=grid[0].numel())
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 70), st.integers(1, 40), st.integers(0, 2**31))
+def test_any_number_of_rows_and_outputs_agrees_with_torch(rows, outputs, seed):
+    inputs = numbers(rows, 16, seed=seed) - 0.5
+    layer = (numbers(32, 16, seed=seed + 1) - 0.5, numbers(32, seed=seed + 2))
+    heads = [(numbers(k, 16, seed=seed + k) - 0.5, numbers(k, seed=seed)) for k in (outputs, 1)]
+    found = NATIVE.relu_network(inputs, [layer], heads)
+    for one, other in zip(found, TORCH.relu_network(inputs, [layer], heads), strict=True):
+        torch.testing.assert_close(one, other, atol=1e-13, rtol=1e-13)
