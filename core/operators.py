@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 from torch.nn.functional import linear, relu
 
+from gsfw.core.maths.hash_features import hash_features
 from gsfw.core.maths.interpolation import interpolate
 from gsfw.core.maths.ssim import masked_mean, ssim
 from gsfw.core.maths.variation import mean_squared_difference
@@ -133,6 +134,24 @@ class Operators:
             first, second, third = interpolate(plane, pairs) * interpolate(line, axes[None])
             features.append(first * second * third)
         return torch.cat(features, dim=1) * scale
+
+    def hash_features(
+        self,
+        places: Float[Tensor, "n 3"],
+        time: Float[Tensor, ""],
+        tables: Sequence[Float[Tensor, "_ d"]],
+        sizes: Sequence[tuple[int, int]],
+    ) -> Float[Tensor, "n f"]:
+        """Interpolated rows of a hash grid's tables; differentiable in the tables only.
+
+        Args:
+            places: coordinates in [-1, 1]; constant beyond.
+            time: time in [0, 1]; constant beyond.
+            tables: rows of features, by resolution.
+            sizes: corners along each axis of space, and along time, by resolution.
+        """
+        levels = zip(tables, sizes, strict=True)
+        return torch.cat([hash_features(places, time, *level) for level in levels], dim=1)
 
     def relu_network(
         self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]

@@ -135,6 +135,29 @@ def network_backward(
 ) -> None:
     """Write the gradients of each layer's weights and biases in turn, and add the inputs'."""
 
+def hash_features(
+    places: Tensor,
+    time: float,
+    tables: list[Tensor],
+    sizes: list[tuple[int, int]],
+    primes: list[int],
+    features: Tensor,
+    threads: int,
+) -> None:
+    """Write to ``features`` [n, levels * d] the rows of ``tables`` interpolated at ``places``."""
+
+def hash_features_backward(
+    places: Tensor,
+    time: float,
+    tables: list[Tensor],
+    sizes: list[tuple[int, int]],
+    primes: list[int],
+    gradient: Tensor,
+    tables_gradients: list[Tensor],
+    threads: int,
+) -> None:
+    """Add the gradients of the tables to arrays of zeros."""
+
 def grid_variation(
     grid: Tensor,
     order: int,

@@ -14,12 +14,17 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from gsfw.core.maths.hash_features import PRIMES
 from gsfw.core.operators import Layer
 from gsfw.kernels.cpu.native_module import native
 from gsfw.kernels.cpu.threads import num_threads
 
 LANES = 16
 """Numbers of features and widths of layers that kernels take are multiples of it."""
+
+
+MOST_CORNERS = 2**15
+"""More corners than this along an axis of a hash grid are left to torch."""
 
 
 def plane_product(
@@ -40,6 +45,17 @@ def relu_network(
     parameters = [parameter for layer in (*layers, *heads) for parameter in layer]
     outputs: tuple[Tensor, ...] = _ReluNetwork.apply(inputs, len(layers), *parameters)
     return outputs
+
+
+def hash_features(
+    places: Float[Tensor, "n 3"],
+    time: float,
+    tables: Sequence[Float[Tensor, "_ d"]],
+    sizes: Sequence[tuple[int, int]],
+) -> Float[Tensor, "n f"]:
+    """``Operators.hash_features``."""
+    features: Tensor = _HashFeatures.apply(places.detach(), time, tuple(sizes), *tables)
+    return features
 
 
 def squared_differences(
@@ -160,6 +176,35 @@ class _PlaneProduct(torch.autograd.Function):
             num_threads(),
         )
         return to_places, None, *to_tables
+
+
+class _HashFeatures(torch.autograd.Function):
+    """Interpolates rows of tables; backward finds the rows again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        places: Tensor,
+        time: float,
+        sizes: tuple[tuple[int, int], ...],
+        *tables: Tensor,
+    ) -> Tensor:
+        places, tables = places.contiguous(), tuple(table.contiguous() for table in tables)
+        features = places.new_empty(len(places), len(tables) * tables[0].shape[1])
+        ctx.cells = (time, _plain(tables), list(sizes), list(PRIMES))
+        _module().hash_features(places, *ctx.cells, features, num_threads())
+        ctx.save_for_backward(places, *tables)
+        return features
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        places, *tables = ctx.saved_tensors  # Refuses tables that were changed in between.
+        to_tables = [torch.zeros_like(table) for table in tables]
+        _module().hash_features_backward(
+            places, *ctx.cells, gradient.contiguous(), to_tables, num_threads()
+        )
+        return None, None, None, *to_tables
 
 
 class _ReluNetwork(torch.autograd.Function):

@@ -100,6 +100,20 @@ class CpuOperators(Operators):
             return super().plane_product(places, planes, lines, scale)
         return field.plane_product(places, planes, lines, scale)
 
+    def hash_features(
+        self,
+        places: Float[Tensor, "n 3"],
+        time: Float[Tensor, ""],
+        tables: Sequence[Float[Tensor, "_ d"]],
+        sizes: Sequence[tuple[int, int]],
+    ) -> Float[Tensor, "n f"]:
+        """Interpolated rows of a hash grid's tables."""
+        tensors = [places, *tables]
+        fits = len(places) > 0 and max(max(size) for size in sizes) < field.MOST_CORNERS
+        if not fits or not _served(tensors) or _tangents(tensors):
+            return super().hash_features(places, time, tables, sizes)
+        return field.hash_features(places, float(time), tables, sizes)
+
     def relu_network(
         self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]
     ) -> tuple[Float[Tensor, "n _"], ...]:

@@ -87,7 +87,7 @@ def _encoder(
     if config.encoder == "hexplane":
         return HexPlane(config.hexplane, config.hexplane.times or captured, operators, generator)
     if config.encoder == "hash":
-        return HashGrid(config.hash, config.hash.times or captured, generator)
+        return HashGrid(config.hash, config.hash.times or captured, operators, generator)
     return FrequencyMlp(config.mlp, generator)
 
 

@@ -166,7 +166,7 @@ void plane_product_backward(const PlaneProductJob<T>& job, int64_t count, const 
   sort_along_curve(job.places, rows);
   const int64_t active = int64_t(rows.size()), packs = job.channels / LANES;
   const int64_t tasks = job.level_count * packs;
-  const PlaneProductRows<T> of = {rows.data(), active, gradient};
+  const FieldRows<T> of = {rows.data(), active, gradient};
   T* const moved = scratch_of_thread<T>(tasks * active * 3);
   parallel(tasks, threads, [&](int64_t task, int) {
     kernels<T>().plane_product_backward(job, of, task / packs, task % packs * LANES,
@@ -178,6 +178,24 @@ void plane_product_backward(const PlaneProductJob<T>& job, int64_t count, const 
       for (int64_t task = 0; task < tasks; ++task) total += moved[task * active * 3 + i];
       places_gradient[3 * rows[size_t(i / 3)] + i % 3] = total;
     }
+  });
+}
+
+template <typename T>
+void hash_features(const HashJob<T>& job, int64_t count, T* features, int threads) {
+  parallel_pieces(count, TASK_ROWS, threads, [&](int64_t begin, int64_t end, int) {
+    kernels<T>().hash_features(job, begin, end, features);
+  });
+}
+
+template <typename T>
+void hash_features_backward(const HashJob<T>& job, int64_t count, const T* gradient, int threads) {
+  auto rows = rows_with_gradient<T>({{gradient, job.level_count * job.channels}}, count, threads);
+  sort_along_curve(job.places, rows);
+  const FieldRows<T> of = {rows.data(), int64_t(rows.size()), gradient};
+  parallel(job.level_count, threads, [&](int64_t task, int) {
+    // The finest level first: its rows lie farthest apart.
+    kernels<T>().hash_features_backward(job, of, job.level_count - 1 - task);
   });
 }
 
@@ -247,6 +265,8 @@ void network_backward(const NetworkWeights<T>& weights, const T* inputs, int64_t
 #define GSFW_FOR_TYPE(T)                                                                          \
   template void plane_product(const PlaneProductJob<T>&, int64_t, T*, int);                       \
   template void plane_product_backward(const PlaneProductJob<T>&, int64_t, const T*, T*, int);    \
+  template void hash_features(const HashJob<T>&, int64_t, T*, int);                                \
+  template void hash_features_backward(const HashJob<T>&, int64_t, const T*, int);                \
   template double grid_variation(const GridVariationJob<T>&, int64_t, int);                       \
   template double grid_distance(const T*, int64_t, double, double, T*, int);                      \
   template void network(const NetworkWeights<T>&, const T*, int64_t, const std::vector<T*>&, int); \

@@ -1,4 +1,5 @@
-// Temporal fields: products of planes, small networks and regularisers, forward and backward.
+// Temporal fields: products of planes, hash grids, small networks and regularisers, forward and
+// backward.
 //
 // Results are the same to the bit for any number of threads: rows are computed by themselves, and
 // sums over rows are taken in chunks whose size depends on the number of rows only, in order.
@@ -19,6 +20,14 @@ void plane_product(const PlaneProductJob<T>& job, int64_t count, T* features, in
 template <typename T>
 void plane_product_backward(const PlaneProductJob<T>& job, int64_t count, const T* gradient,
                             T* places_gradient, int threads);
+
+/// Features [n, levels * channels] of ``count`` places.
+template <typename T>
+void hash_features(const HashJob<T>& job, int64_t count, T* features, int threads);
+
+/// Gradients of the tables, which are zero before.
+template <typename T>
+void hash_features_backward(const HashJob<T>& job, int64_t count, const T* gradient, int threads);
 
 /// Weighted sum of squared differences of a grid of ``cells`` cells.
 template <typename T>

@@ -3,10 +3,12 @@
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
 #include <optional>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "field.h"
@@ -90,6 +92,75 @@ void bound_plane_product_backward(const Array<const T, 2>& places, const Arrays<
   T* const to = places_gradient.data();
   nb::gil_scoped_release unlocked;
   plane_product_backward(job, count, from, to, threads);
+}
+
+/// Levels of tables [rows, channels] for corners of cells along space and time.
+template <typename T>
+std::vector<HashLevel<T>> hash_levels(const Arrays<const T, 2>& tables,
+                                      const std::vector<std::pair<int64_t, int64_t>>& sizes,
+                                      const std::vector<uint64_t>& primes,
+                                      Arrays<T, 2>* gradients) {
+  require(!tables.empty() && tables.size() == sizes.size() && primes.size() == 4,
+          "expected a size for each table, and four factors");
+  require(gradients == nullptr || gradients->size() == tables.size(),
+          "gradients do not fit the tables");
+  std::vector<HashLevel<T>> levels;
+  for (size_t i = 0; i < tables.size(); ++i) {
+    const uint64_t rows = tables[i].shape(0), side = uint64_t(sizes[i].first);
+    const uint64_t times = uint64_t(sizes[i].second);
+    require(sizes[i].first >= 2 && sizes[i].second >= 2 && side < 1 << 15 && times < 1 << 15 &&
+                tables[i].shape(1) == tables[0].shape(1),
+            "a table or its size does not fit");
+    const bool dense = side * side * side * times <= rows;
+    require(dense || (rows > 0 && (rows & (rows - 1)) == 0), "a hashed table is no power of two");
+    require(gradients == nullptr || ((*gradients)[i].shape(0) == rows &&
+                                     (*gradients)[i].shape(1) == tables[0].shape(1)),
+            "a gradient has another shape than its table");
+    HashLevel<T> level = {tables[i].data(), gradients ? (*gradients)[i].data() : nullptr,
+                          int64_t(rows), int64_t(side), int64_t(times), dense,
+                          {primes[0], primes[1], primes[2], primes[3]}};
+    if (dense) {
+      const uint64_t strides[4] = {1, side, side * side, side * side * side};
+      for (int axis = 0; axis < 4; ++axis) level.factors[axis] = strides[axis];
+    }
+    levels.push_back(level);
+  }
+  return levels;
+}
+
+template <typename T>
+void bound_hash_features(const Array<const T, 2>& places, double time,
+                         const Arrays<const T, 2>& tables,
+                         const std::vector<std::pair<int64_t, int64_t>>& sizes,
+                         const std::vector<uint64_t>& primes, const Array<T, 2>& features,
+                         int threads) {
+  const auto levels = hash_levels<T>(tables, sizes, primes, nullptr);
+  const int64_t channels = int64_t(tables[0].shape(1)), count = int64_t(places.shape(0));
+  require(places.shape(1) == 3 && int64_t(features.shape(0)) == count &&
+              int64_t(features.shape(1)) == channels * int64_t(levels.size()),
+          "places or features do not fit");
+  const HashJob<T> job = {places.data(), T(time), levels.data(), int64_t(levels.size()), channels};
+  T* const to = features.data();
+  nb::gil_scoped_release unlocked;
+  hash_features(job, count, to, threads);
+}
+
+template <typename T>
+void bound_hash_features_backward(const Array<const T, 2>& places, double time,
+                                  const Arrays<const T, 2>& tables,
+                                  const std::vector<std::pair<int64_t, int64_t>>& sizes,
+                                  const std::vector<uint64_t>& primes,
+                                  const Array<const T, 2>& gradient, Arrays<T, 2> to_tables,
+                                  int threads) {
+  const auto levels = hash_levels<T>(tables, sizes, primes, &to_tables);
+  const int64_t channels = int64_t(tables[0].shape(1)), count = int64_t(places.shape(0));
+  require(places.shape(1) == 3 && int64_t(gradient.shape(0)) == count &&
+              int64_t(gradient.shape(1)) == channels * int64_t(levels.size()),
+          "places or gradients do not fit");
+  const HashJob<T> job = {places.data(), T(time), levels.data(), int64_t(levels.size()), channels};
+  const T* const from = gradient.data();
+  nb::gil_scoped_release unlocked;
+  hash_features_backward(job, count, from, threads);
 }
 
 template <typename T>
@@ -215,6 +286,12 @@ void bind_type(nb::module_& module) {
              "planes"_a, "lines"_a, "scale"_a, "gradient"_a.noconvert(),
              "places_gradient"_a.noconvert(), "planes_gradients"_a, "lines_gradients"_a,
              "threads"_a, "Add the gradients of places, planes and lines to zeroed arrays.");
+  module.def("hash_features", &bound_hash_features<T>, "places"_a.noconvert(), "time"_a,
+             "tables"_a, "sizes"_a, "primes"_a, "features"_a.noconvert(), "threads"_a,
+             "Write the interpolated rows of every table.");
+  module.def("hash_features_backward", &bound_hash_features_backward<T>, "places"_a.noconvert(),
+             "time"_a, "tables"_a, "sizes"_a, "primes"_a, "gradient"_a.noconvert(),
+             "tables_gradients"_a, "threads"_a, "Add the tables' gradients to arrays of zeros.");
   module.def("grid_variation", &bound_grid_variation<T>, "grid"_a.noconvert(), "order"_a,
              "first_weight"_a, "second_weight"_a, "gradient"_a.noconvert().none(), "threads"_a,
              "Weighted sum of squared differences along axes 1 and 2, and its gradient.");

@@ -2,6 +2,7 @@
 // accuracy.
 #include "field_stages.h"
 #include "grid_variation.h"
+#include "hash_features.h"
 #include "network.h"
 #include "plane_product.h"
 
@@ -11,9 +12,16 @@ namespace GSFW_ISA {
 extern const FieldKernels<double> field_float64;
 
 const FieldKernels<double> field_float64 = {
-    plane_product<double>, plane_product_backward<double>, grid_variation<double>,
-    grid_distance<double>, network_scratch<double>,        network<double>,
-    network_backward<double>};
+    plane_product<double>,
+    plane_product_backward<double>,
+    hash_features<double>,
+    hash_features_backward<double>,
+    grid_variation<double>,
+    grid_distance<double>,
+    network_scratch<double>,
+    network<double>,
+    network_backward<double>,
+};
 
 }  // namespace GSFW_ISA
 }  // namespace gsfw

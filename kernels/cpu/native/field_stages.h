@@ -33,12 +33,38 @@ struct PlaneProductJob {
 
 /// Rows of the backward pass.
 template <typename T>
-struct PlaneProductRows {
+struct FieldRows {
   /// [count]: rows whose gradient is not zero.
   const int64_t* rows;
   int64_t count;
   /// [n, levels * channels]: gradient of the features.
   const T* gradient;
+};
+
+/// A table of a hash grid.
+template <typename T>
+struct HashLevel {
+  /// [rows, channels], and its gradient, which the backward pass adds to.
+  const T* table;
+  T* gradient;
+  int64_t rows;
+  /// Corners along each axis of space, and along time; at least 2.
+  int64_t side, times;
+  /// Each corner has a row of its own; the factors are then distances in rows, else those of a
+  /// hash, and the rows a power of two.
+  bool dense;
+  uint64_t factors[4];
+};
+
+/// Features of some places at one time.
+template <typename T>
+struct HashJob {
+  /// [n, 3] in [-1, 1]; constant beyond.
+  const T* places;
+  /// In [0, 1].
+  T time;
+  const HashLevel<T>* levels;
+  int64_t level_count, channels;
 };
 
 /// Weights of a fully connected layer: y = W x + b.
@@ -102,13 +128,15 @@ struct GridVariationJob {
   int order;
 };
 
-/// See plane_product.h, network.h and grid_variation.h.
+/// See plane_product.h, hash_features.h, grid_variation.h and network.h.
 template <typename T>
 struct FieldKernels {
   void (*plane_product)(const PlaneProductJob<T>& job, int64_t begin, int64_t end, T* features);
   /// ``moved`` [count, 3]: gradient of the places by sixteen channels of a level.
-  void (*plane_product_backward)(const PlaneProductJob<T>& job, const PlaneProductRows<T>& rows,
+  void (*plane_product_backward)(const PlaneProductJob<T>& job, const FieldRows<T>& rows,
                                  int64_t level, int64_t channel, T* moved);
+  void (*hash_features)(const HashJob<T>& job, int64_t begin, int64_t end, T* features);
+  void (*hash_features_backward)(const HashJob<T>& job, const FieldRows<T>& rows, int64_t level);
   double (*grid_variation)(const GridVariationJob<T>& job, int64_t begin, int64_t end);
   double (*grid_distance)(const T* values, int64_t count, T center, T weight, T* gradient);
   /// Working memory of one thread, in numbers of T.

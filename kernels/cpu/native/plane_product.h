@@ -146,7 +146,7 @@ GSFW_FUNCTION void scatter(const PlaneLevel<T>& level, const Corners<T>& at, int
 /// Gradients of the sixteen channels from ``channel`` on of a level, row by row in the order of
 /// ``rows``; those of the places, as far as they follow from these channels, go to ``moved``.
 template <typename T>
-void plane_product_backward(const PlaneProductJob<T>& job, const PlaneProductRows<T>& rows,
+void plane_product_backward(const PlaneProductJob<T>& job, const FieldRows<T>& rows,
                             int64_t number, int64_t channel, T* moved) {
   const PlaneLevel<T>& level = job.levels[number];
   const int64_t features = job.level_count * job.channels;

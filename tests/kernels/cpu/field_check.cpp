@@ -59,6 +59,26 @@ std::vector<T> products(int64_t count, int threads) {
   return features;
 }
 
+/// Features and gradients of a hash grid with a row for each corner, and of one without.
+template <typename T>
+std::vector<T> hashes(int64_t count, int threads) {
+  constexpr int64_t WIDTH = 4, ROWS = 256;
+  std::vector<T> places = uniform<T>(3 * count, 1, -1.3, 1.3);
+  if (count > 2) places[4] = T(NAN);
+  const std::vector<T> table = uniform<T>(ROWS * WIDTH, 2, -1, 1);
+  std::vector<T> dense(table.size(), T(0)), shared(table.size(), T(0));
+  const HashLevel<T> levels[] = {
+      {table.data(), dense.data(), ROWS, 4, 3, true, {1, 4, 16, 64}},
+      {table.data(), shared.data(), ROWS, 20, 9, false, {1, 2654435761u, 805459861u, 3674653429u}}};
+  const HashJob<T> job = {places.data(), T(1), levels, 2, WIDTH};
+  std::vector<T> features(static_cast<size_t>(2 * WIDTH * count));
+  hash_features(job, count, features.data(), threads);
+  hash_features_backward(job, count, features.data(), threads);
+  append(features, dense);
+  append(features, shared);
+  return features;
+}
+
 /// Outputs and gradients of a network with two layers and two heads.
 template <typename T>
 std::vector<T> networks(int64_t count, int threads) {
@@ -127,6 +147,7 @@ int check_all() {
   int failures = 0;
   for (const int64_t count : {1, 15, 64, 1300}) {
     failures += check<T>("products", products<T>, count);
+    failures += check<T>("hash grids", hashes<T>, count);
     failures += check<T>("networks", networks<T>, count);
     failures += check<T>("regularisers", regularisers<T>, count);
   }

@@ -141,6 +141,50 @@ def test_heads_that_do_not_fit_the_trunk_are_refused():
         network(NATIVE, tensors)
 
 
+SIZES = ((5, 3), (9, 4), (40, 7))
+
+
+def hashed(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor]:
+    time = torch.tensor(0.3, dtype=torch.float64)
+    return (operators.hash_features(tensors[0].detach(), time, tensors[1:], SIZES),)
+
+
+def hash_tables(rows: int, dtype: torch.dtype, channels: int = 4) -> list[Tensor]:
+    """Places, two tables with a row for each corner, and one with a hash."""
+    tables = [
+        numbers(count, channels, seed=i, dtype=dtype) for i, count in enumerate((375, 4096, 1024))
+    ]
+    return [2.2 * numbers(rows, 3, seed=0, dtype=dtype) - 1.1, *tables]
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("channels", [1, 4, 6])
+def test_hash_features_and_their_gradients_are_those_of_torch(dtype, channels):
+    tensors = hash_tables(700, dtype, channels)
+
+    def with_places(operators: Operators, given_: list[Tensor]) -> tuple[Tensor]:
+        return hashed(operators, [tensors[0], *given_])
+
+    found, expected = (results(with_places, kind, tensors[1:]) for kind in (NATIVE, TORCH))
+    assert_agree(found, expected, terms=700)
+
+
+def test_hash_features_are_the_same_bits_for_any_number_of_threads(use_threads):
+    places, *tables = hash_tables(3000, torch.float32)
+    found = []
+    for threads in (1, 2, 5):
+        use_threads(threads)
+        found.append(results(lambda o, t: hashed(o, [places, *t]), NATIVE, tables))
+    assert all(torch.equal(one, two) for one, two in zip(found[0], found[1], strict=True))
+    assert all(torch.equal(one, two) for one, two in zip(found[0], found[2], strict=True))
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1e30])
+def test_no_place_reads_beyond_the_tables(value):
+    places, *tables = hash_tables(20, torch.float64)
+    assert hashed(NATIVE, [torch.full_like(places, value), *tables])[0].isfinite().all()
+
+
 VARIATIONS = [
     ((3, 7, 9, 32), (1, 2), 1), ((25, 3, 6, 32), (0,), 2), ((25, 3, 6, 5), (0,), 1),
     ((2, 3, 6, 5), (0,), 2), ((4, 5, 6), (2,), 2), ((1, 4, 4, 3), (0, 1), 1),

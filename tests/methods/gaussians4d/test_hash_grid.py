@@ -5,15 +5,17 @@ from itertools import product
 import pytest
 import torch
 
+from gsfw.core.maths.hash_features import PRIMES
+from gsfw.core.operators import Operators
 from gsfw.methods.gaussians4d.config import HashConfig
-from gsfw.methods.gaussians4d.hash_grid import PRIMES, HashGrid
+from gsfw.methods.gaussians4d.hash_grid import HashGrid
 
 SMALL = HashConfig(levels=3, features=2, log2_rows=8, coarsest=2, finest=8)
 
 
 def tables(config: HashConfig = SMALL, times: int = 4) -> HashGrid:
     generator = torch.Generator().manual_seed(0)
-    grid = HashGrid(config, times, generator).double()
+    grid = HashGrid(config, times, Operators(), generator).double()
     for table in grid.tables:
         torch.nn.init.normal_(table, generator=generator)
     return grid
@@ -84,7 +86,7 @@ def test_times_outside_are_those_of_the_ends():
 
 
 def test_resolutions_grow_geometrically_and_tables_have_their_limit():
-    grid = HashGrid(HashConfig(), 10, torch.Generator().manual_seed(0))
+    grid = HashGrid(HashConfig(), 10, Operators(), torch.Generator().manual_seed(0))
     assert [size for size, _ in grid._sizes] == [9, 13, 19, 27, 40, 59, 87, 129]
     assert {times for _, times in grid._sizes} == {9, 10}
     assert max(len(table) for table in grid.tables) == 2**15
