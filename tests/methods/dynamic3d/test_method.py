@@ -11,7 +11,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.methods.dynamic3d.config import TrackedGaussiansConfig
-from gsfw.methods.dynamic3d.method import first_points
+from gsfw.methods.dynamic3d.method import first_points, view_notes
 from gsfw.methods.dynamic3d.model import TrackedGaussians
 
 
@@ -123,3 +123,19 @@ def test_only_points_of_the_first_time_are_started_from():
     assert first_points(untimed) is untimed
     unknown = replace(scene, point_times=torch.full((6,), torch.nan))
     assert first_points(unknown) is unknown
+
+
+def test_times_with_few_views_are_named_with_the_remedy():
+    remedy = (
+        "Hold out whole cameras (datamanager.eval_cameras=NAME, holdout=NAMES) or fewer images "
+        "(holdout_every=N)."
+    )
+    assert view_notes({0.0: 5, 0.5: 5, 1.0: 5}) == view_notes({}) == ()
+    assert view_notes({0.0: 4, 0.5: 5}) == (
+        "method dynamic3dgs builds all Gaussians on the first time, which has 4 training views "
+        f"where another time has 5. {remedy}",
+    )
+    assert view_notes({0.0: 5, 0.25: 3, 0.5: 2}) == (
+        "2 of 3 times have fewer than 4 training views, the first of them time 0.25 with 3: method "
+        f"dynamic3dgs follows only what several views show. {remedy}",
+    )
