@@ -5,7 +5,8 @@ and rotate (and change their constant colour a little), constrained to local rig
 
 Differences from the released code: no masks are needed, as all rows take part in rigidity and there
 are neither background nor floor terms; colours have spherical harmonics; learning rates restart at
-every time and decay within it, so that short runs converge like long ones.
+every time and decay within it, so that short runs converge like long ones; a body that turns is
+expected to turn on, where the paper expects every row to go straight on.
 """
 
 from __future__ import annotations
