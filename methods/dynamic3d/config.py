@@ -52,9 +52,10 @@ class TrackedGaussiansConfig(GaussiansConfig):
     Measured on the built-in moving scene (480 x 360, 3000 steps, seed 42; median error of moving
     points in scene units / PSNR / PSNR where things move): 0.0089 / 28.81 / 24.37 dB with one view,
     rotation=4, isometry=2, tracked_means_lr=3e-3, tracked_decay=0.1 and straight extrapolation;
-    0.0074 / 28.96 / 24.30 dB as here. Not chosen, at 160 x 120: rigid=16 rotation=16 isometry=8 with the former rates (1500
-    steps), 0.0121 after 0.0094 and 25.45 after 27.32 dB; three views, rigid=6, isometry=6 and
-    tracked_decay=0.01 (3000 steps), 0.0067 after 0.0085 and 29.46 after 29.83 dB."""
+    0.0074 / 28.96 / 24.30 dB as here. Not chosen, at 160 x 120: rigid=16 rotation=16 isometry=8
+    with the former rates (1500 steps), 0.0121 after 0.0094 and 25.45 after 27.32 dB; three views,
+    rigid=6, isometry=6 and tracked_decay=0.01 (3000 steps), 0.0067 after 0.0085 and 29.46 after
+    29.83 dB."""
 
     colors: Literal["soft", "fixed"] = "soft"
     """Change constant colours with time, at a cost (color_change)."""
