@@ -114,7 +114,7 @@ def _tell(
         figures += f", of what moves PSNR {summary['moving_psnr']:.2f} dB"
     console.say(
         f"done: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
-        f"{summary['num_gaussians']:,} Gaussians"
+        f"{summary['num_gaussians']:,} Gaussians{_size(summary)}"
     )
     console.say(f"held-out views: {summary['views']}{figures}")
     if requirements:
@@ -127,3 +127,11 @@ def _tell(
         f"  gsfw render {run}\n"
         f"  gsfw export {run} format=ply"
     )
+
+
+def _size(summary: Mapping[str, Any]) -> str:
+    """The size of a model of a moving scene; nothing for a static one."""
+    if "bytes_per_time" not in summary:
+        return ""
+    model, time = summary["model_bytes"] / 1e6, summary["bytes_per_time"] / 1e6
+    return f", {model:.2f} MB, {time:.3f} MB per captured time"

@@ -74,6 +74,8 @@ class Requirements:
     """Growing fractions; empty if contributions cannot be measured."""
     motion: Motion | None = None
     """``None`` for a static model."""
+    num_times: int = 0
+    """Number of captured times; 0 for a static capture."""
     left_out: tuple[str, ...] = ()
     """Parts that the model does not have, as sentences."""
     could_go: tuple[str, ...] = ()
@@ -92,6 +94,11 @@ class Requirements:
         """Number of floats that rendering needs."""
         return sum(group.floats for group in self.groups)
 
+    @property
+    def floats_per_time(self) -> float | None:
+        """Mean number of floats of a captured time; ``None`` for a static capture."""
+        return round(self.total_floats / self.num_times, 1) if self.num_times > 1 else None
+
     def document(self) -> dict[str, Any]:
         """Plain data for ``requirements.json``."""
         total = max(self.total_floats, 1)
@@ -102,6 +109,7 @@ class Requirements:
             "step": self.step,
             "num_gaussians": self.num_gaussians,
             "total_floats": self.total_floats,
+            "floats_per_time": self.floats_per_time,
             "sh_floats": self.sh_floats,
             "sh_floats_full": self.sh_floats_full,
             "rows_by_sh_degree": list(self.rows_by_degree),

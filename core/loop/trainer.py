@@ -250,13 +250,20 @@ class Trainer:
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
             "skipped_steps": int(self._skipped),
-            **self.parts.model.summary(),
+            **self._sizes(),
             **self.parts.corrections.summary(),
             "optimizer_bytes": self.parts.optimizer.num_bytes(),
             **memory_summary(self.parts.device),
         }
         self.callbacks.on_end(self.step, summary)
         return summary
+
+    def _sizes(self) -> dict[str, int | float]:
+        """Figures of the model; of a moving scene also the mean bytes of a captured time."""
+        sizes, times = dict(self.parts.model.summary()), self.parts.data.scene.num_times
+        if times > 1:
+            sizes["bytes_per_time"] = round(sizes["model_bytes"] / times)
+        return sizes
 
     # State.
 

@@ -5,11 +5,13 @@ and rotate (and change their constant colour a little), constrained to local rig
 
 Differences from the released code: no masks are needed, as all rows take part in rigidity and there
 are neither background nor floor terms; colours have spherical harmonics; learning rates restart at
-every time and decay within it, so that short runs converge like long ones.
+every time and decay within it, so that short runs converge like long ones; a body that turns is
+expected to turn on, where the paper expects every row to go straight on.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -17,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.optimizer import Optimizer
@@ -30,6 +33,8 @@ from gsfw.methods.moving.method import MovingMethod
 if TYPE_CHECKING:
     from gsfw.methods.dynamic3d.config import TrackedGaussiansConfig
 
+ENOUGH_VIEWS = 4
+"""Fewer views leave most of a surface to be seen from one side; Luiten et al. have 27 cameras."""
 MOVING = ("means", "quats")
 """Columns whose moments are reset at every time."""
 
@@ -43,8 +48,17 @@ class TrackedGaussiansMethod(MovingMethod):
         super().__init__(config)
         self._config = config
         self._extent, self._num_times = 1.0, 0
+        self._views_at: Mapping[float, int] = {}
         self._first_step: int | None = None
         self._planned_steps = 0
+
+    def begin(self, scene: Scene, views: Views, model: PrimitiveModel) -> None:
+        """Count the training views of each time."""
+        self._views_at = dict(sorted(Counter(views.times or ()).items()))
+
+    def notes(self, scene: Scene) -> tuple[str, ...]:
+        """Notes on the initialisation, and on times that the hold-out leaves with few views."""
+        return (*super().notes(scene), *view_notes(self._views_at))
 
     def build_model(
         self,
@@ -132,6 +146,30 @@ class TrackedGaussiansMethod(MovingMethod):
         super().load_state_dict(state)
         self._first_step = state["first_step"]
         self._planned_steps = state["planned_steps"]
+
+
+def view_notes(views_at: Mapping[float, int]) -> tuple[str, ...]:
+    """Warnings about times with few training views, by the number of views at each time."""
+    if not views_at:
+        return ()
+    counts, most, found = list(views_at.values()), max(views_at.values()), []
+    remedy = (
+        "Hold out whole cameras (datamanager.eval_cameras=NAME, holdout=NAMES) or fewer images "
+        "(holdout_every=N)."
+    )
+    if counts[0] < most:
+        found.append(
+            f"method dynamic3dgs builds all Gaussians on the first time, which has {counts[0]} "
+            f"training views where another time has {most}. {remedy}"
+        )
+    few = [time for time, count in views_at.items() if count < ENOUGH_VIEWS]
+    if few:
+        found.append(
+            f"{len(few)} of {len(counts)} times have fewer than {ENOUGH_VIEWS} training views, the "
+            f"first of them time {few[0]:.4g} with {views_at[few[0]]}: method dynamic3dgs follows "
+            f"only what several views show. {remedy}"
+        )
+    return tuple(found)
 
 
 def first_points(scene: Scene) -> Scene:

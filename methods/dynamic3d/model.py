@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column
 from gsfw.core.context import StepContext
-from gsfw.core.maths.rotations import same_half
+from gsfw.core.maths.rotations import relative_quaternions, same_half, unit_matrices
 from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.dynamic3d.neighborhood import Neighborhood
@@ -86,14 +87,21 @@ class TrackedGaussians(DensifiableModel):
         self.trajectory.begin(time)
 
     def _move_on(self) -> None:
-        """Start at x + (x - x_prev) and q + (q - q_prev), the latter normalised."""
+        """Start at x + R (x - x_prev) and q + (q - q_prev), the latter normalised.
+
+        R is the row's own rotation since the previous time, so that bodies that turn stay on their
+        circle; the paper has R = 1.
+        """
         rows, count = self.canonical, self.trajectory.columns()["past_means"].values.shape[0]
         # As it was stored: its rounding must not look like a rotation.
         now = self.trajectory.stored(count - 1, rows.means.values)
         before = self.trajectory.stored(max(count - 2, 0), rows.means.values)
-        quats = 2 * now.quats - same_half(before.quats, now.quats)
-        rows.means.values.copy_(2 * now.means - before.means)
-        rows.quats.values.copy_(torch.nn.functional.normalize(quats, dim=1))
+        previous = same_half(before.quats, now.quats)
+        quats = 2 * now.quats - previous
+        turned = unit_matrices(normalize(relative_quaternions(now.quats, previous), dim=1))
+        shifts = torch.bmm(turned, (now.means - before.means)[:, :, None])[:, :, 0]
+        rows.means.values.copy_(now.means + shifts)
+        rows.quats.values.copy_(normalize(quats, dim=1))
 
     def splats(
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None

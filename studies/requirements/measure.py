@@ -66,6 +66,7 @@ def measure(
         psnr=worth.psnr,
         least_useful=worth.least_useful,
         motion=worth.motion,
+        num_times=parts.data.scene.num_times,
         headline=headline(census, worth, settings, parts.model.num_rows),
         left_out=left_out(census, parts.model.num_rows),
         could_go=could_go(census, worth, settings),

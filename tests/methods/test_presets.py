@@ -33,3 +33,11 @@ def test_opacities_are_not_reset_unless_someone_asks(method, preset):
 
 def test_static_methods_keep_their_resets():
     assert flat(method="3dgs", rescale=False)["strategy.reset_every"] == 3000
+
+
+@pytest.mark.parametrize("method", ["4dgs", "4d-rotor", "spacetime"])
+def test_growth_over_all_times_has_a_limit_unless_someone_gives_another(method):
+    assert flat(method=method, strategy="adc")["strategy.max_gaussians"] == 360_000
+    wider = {"strategy": "adc", "strategy.max_gaussians": 1_000_000}
+    assert flat(method=method, **wider)["strategy.max_gaussians"] == 1_000_000
+    assert "strategy.max_gaussians" not in flat(method=method, strategy="mcmc")

@@ -11,7 +11,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.methods.dynamic3d.config import TrackedGaussiansConfig
-from gsfw.methods.dynamic3d.method import first_points
+from gsfw.methods.dynamic3d.method import first_points, view_notes
 from gsfw.methods.dynamic3d.model import TrackedGaussians
 
 
@@ -79,10 +79,11 @@ def test_fixed_colours_are_frozen_too():
 
 def test_rates_decay_within_each_time_and_start_anew():
     method, model, optimizer = start(scene=moving_scene(num_times=8))
-    rate = TrackedGaussiansConfig().optim.tracked_means_lr * 2.0
+    optim = TrackedGaussiansConfig().optim
+    rate, decay = optim.tracked_means_lr * 2.0, optim.tracked_decay
     method.prepare(0, model, optimizer, 0.0)
     for first, time in ((30, 0.1), (40, 0.2)):
-        for step, expected in ((first, rate), (first + 5, rate * 0.1**0.5)):
+        for step, expected in ((first, rate), (first + 5, rate * decay**0.5)):
             method.prepare(step, model, optimizer, time)
             assert optimizer.learning_rates(step)["means"] == pytest.approx(expected)
 
@@ -90,10 +91,11 @@ def test_rates_decay_within_each_time_and_start_anew():
 def test_rates_decay_over_the_whole_of_a_time_where_other_times_are_held_out():
     """Of 21 times of the capture the sampler shows three, for 35 steps each after the first."""
     method, model, optimizer = start(scene=moving_scene(num_times=21))
-    last = TrackedGaussiansConfig().optim.tracked_means_lr * 2.0 * 0.1
+    optim = TrackedGaussiansConfig().optim
+    last = optim.tracked_means_lr * 2.0 * optim.tracked_decay
     for step, time in ((0, 0.0), (30, 0.5), (65, 1.0), (82, 1.0)):
         method.prepare(step, model, optimizer, time)
-    assert optimizer.learning_rates(82)["means"] > 2 * last
+    assert optimizer.learning_rates(82)["means"] > 1.5 * last
     assert optimizer.learning_rates(100)["means"] == pytest.approx(last)
 
 
@@ -123,3 +125,19 @@ def test_only_points_of_the_first_time_are_started_from():
     assert first_points(untimed) is untimed
     unknown = replace(scene, point_times=torch.full((6,), torch.nan))
     assert first_points(unknown) is unknown
+
+
+def test_times_with_few_views_are_named_with_the_remedy():
+    remedy = (
+        "Hold out whole cameras (datamanager.eval_cameras=NAME, holdout=NAMES) or fewer images "
+        "(holdout_every=N)."
+    )
+    assert view_notes({0.0: 5, 0.5: 5, 1.0: 5}) == view_notes({}) == ()
+    assert view_notes({0.0: 4, 0.5: 5}) == (
+        "method dynamic3dgs builds all Gaussians on the first time, which has 4 training views "
+        f"where another time has 5. {remedy}",
+    )
+    assert view_notes({0.0: 5, 0.25: 3, 0.5: 2}) == (
+        "2 of 3 times have fewer than 4 training views, the first of them time 0.25 with 3: method "
+        f"dynamic3dgs follows only what several views show. {remedy}",
+    )

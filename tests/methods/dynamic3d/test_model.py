@@ -1,5 +1,7 @@
 """Tracked Gaussians: advancing, drawing any time, rows, gradients, and what strategies ask for."""
 
+import math
+
 import pytest
 import torch
 from support.gaussians import no_contributions, no_views
@@ -68,13 +70,31 @@ def test_what_moves_is_expected_to_move_on():
     model.advance_(0.5)
     first = model.canonical.means.values.detach().clone()
     move_(model, (0.1, -0.2, 0.3))
-    with torch.no_grad():
-        model.canonical.quats.values.copy_(torch.tensor([0.0, 2.0, 0.0, 0.0]))
     model.advance_(0.6)
     expected = first + 2 * torch.tensor([0.1, -0.2, 0.3], dtype=torch.float64)
     torch.testing.assert_close(model.canonical.means.values.detach(), expected, atol=1e-6, rtol=0)
     norms = model.canonical.quats.values.norm(dim=1)
     torch.testing.assert_close(norms, torch.ones_like(norms))
+
+
+def test_a_body_that_turns_is_expected_to_stay_on_its_circle():
+    """By a sixth of a turn around z each time; half of that angle is in the quaternion."""
+    model, angle = tracked(), math.pi / 3
+    means, quats = model.canonical.means.values, model.canonical.quats.values
+
+    def turned(points: torch.Tensor, times: int) -> torch.Tensor:
+        cos, sin = math.cos(times * angle), math.sin(times * angle)
+        return points @ torch.tensor([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]).to(points)
+
+    first = means.detach().clone()
+    with torch.no_grad():
+        quats.copy_(torch.tensor([1.0, 0.0, 0.0, 0.0]))
+        model.advance_(0.0)
+        model.advance_(0.5)
+        means.copy_(turned(first, 1))
+        quats.copy_(torch.tensor([math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
+    model.advance_(0.6)
+    torch.testing.assert_close(means.detach(), turned(first, 2), atol=1e-3, rtol=0)
 
 
 @pytest.mark.parametrize("time", [-1e8, -10.0, 1.0, 10.0, 1e8])
@@ -184,7 +204,7 @@ def test_terms_have_their_weights_and_no_units():
         terms = model.regularizers(context(model, extent=extent))
         return {name: float(term.detach()) for name, term in terms.items()}
 
-    model = after((0.0, 0.5, 1.0))
+    model = after((0.0, 0.5, 1.0), rigid=4.0, rotation=4.0)
     terms = terms_of(model)
     assert set(terms) == {"rigid", "rotation", "isometry", "color_change"}
     heavier = after((0.0, 0.5, 1.0), rigid=8.0, rotation=4.0, isometry=0.0, color_change=0.02)

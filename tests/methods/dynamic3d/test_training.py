@@ -49,6 +49,33 @@ def test_rows_are_added_at_the_first_time_and_stay_after_it(tmp_path):
     assert {counts[step] for step in range(18, 43)} == {counts[18]}
 
 
+def test_the_end_of_a_run_states_the_bytes_of_a_captured_time(tmp_path, capsys):
+    figures = train(tmp_path / "run", *SHORT, "sampler.first_steps=18")
+    said, notes = capsys.readouterr()
+    per_time = round(figures["model_bytes"] / 4)
+    assert figures["bytes_per_time"] == per_time
+    assert f" MB, {per_time / 1e6:.3f} MB per captured time\n" in said
+    assert "4 of 4 times have fewer than 4 training views" in notes
+    report = json.loads(RunFolder(tmp_path / "run").requirements.read_text())
+    assert report["floats_per_time"] == pytest.approx(report["total_floats"] / 4, abs=0.1)
+
+
+@pytest.mark.parametrize("method", ["4dgs", "4d-rotor", "spacetime", "dynamic3dgs"])
+@pytest.mark.parametrize("budget", ["auto", "60"])
+def test_every_dynamic_method_trains_within_a_budget(tmp_path, method, budget):
+    """dynamic3dgs grows at its first time only; rows are removed while it tracks too."""
+    arguments = ("steps=80", "eval_every=0", "seed=3", "strategy.grow_gradient=1e-5")
+    arguments += ("strategy.refine_start=4", "strategy.refine_every=5", "strategy.refine_stop=20")
+    arguments += (f"method={method}", f"strategy.budget={budget}", "strategy.budget_every=5")
+    figures = train(tmp_path / "run", *arguments)
+    assert figures["completed"]
+    assert figures["skipped_steps"] == 0
+    if budget != "auto":
+        assert figures["num_gaussians"] == 60
+    report = json.loads(RunFolder(tmp_path / "run").requirements.read_text())
+    assert report["strategy"]["stopped_growing_at"] is not None
+
+
 def test_a_sampler_that_goes_back_is_refused_without_a_traceback(tmp_path, capsys):
     arguments = ["train", *MOVING, "method=dynamic3dgs", "sampler=uniform", "steps=40"]
     assert main([*arguments, f"out={tmp_path / 'run'}"]) == 2
