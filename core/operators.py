@@ -13,6 +13,7 @@ from torch.nn.functional import linear, relu
 
 from gsfw.core.maths.hash_features import hash_features
 from gsfw.core.maths.interpolation import interpolate
+from gsfw.core.maths.slices import Slices, slices
 from gsfw.core.maths.ssim import masked_mean, ssim
 from gsfw.core.maths.variation import mean_squared_difference
 from gsfw.core.progress import stage
@@ -152,6 +153,15 @@ class Operators:
         """
         levels = zip(tables, sizes, strict=True)
         return torch.cat([hash_features(places, time, *level) for level in levels], dim=1)
+
+    def slices(
+        self,
+        left: Float[Tensor, "n 4"],
+        right: Float[Tensor, "n 4"],
+        scales: Float[Tensor, "n 4"],
+    ) -> Slices:
+        """Slices of Gaussians of space and time; differentiable. See ``maths.slices``."""
+        return slices(left, right, scales)
 
     def relu_network(
         self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]

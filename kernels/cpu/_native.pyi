@@ -158,6 +158,31 @@ def hash_features_backward(
 ) -> None:
     """Add the gradients of the tables to arrays of zeros."""
 
+def slice(
+    left: Tensor,
+    right: Tensor,
+    scales: Tensor,
+    covariances: Tensor,
+    velocities: Tensor,
+    variances: Tensor,
+    threads: int,
+) -> None:
+    """Write the slices [n, 9], [n, 3], [n] of Gaussians with two quaternions and four scales."""
+
+def slice_backward(
+    left: Tensor,
+    right: Tensor,
+    scales: Tensor,
+    covariances: Tensor,
+    velocities: Tensor,
+    variances: Tensor,
+    to_left: Tensor,
+    to_right: Tensor,
+    to_scales: Tensor,
+    threads: int,
+) -> None:
+    """Write the gradients of quaternions and scales for those of the slices."""
+
 def grid_variation(
     grid: Tensor,
     order: int,

@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from gsfw.core.maths.hash_features import PRIMES
+from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import Layer
 from gsfw.kernels.cpu.native_module import native
 from gsfw.kernels.cpu.threads import num_threads
@@ -56,6 +57,13 @@ def hash_features(
     """``Operators.hash_features``."""
     features: Tensor = _HashFeatures.apply(places.detach(), time, tuple(sizes), *tables)
     return features
+
+
+def slices(
+    left: Float[Tensor, "n 4"], right: Float[Tensor, "n 4"], scales: Float[Tensor, "n 4"]
+) -> Slices:
+    """``Operators.slices``."""
+    return Slices(*_Slices.apply(left, right, scales))
 
 
 def squared_differences(
@@ -205,6 +213,36 @@ class _HashFeatures(torch.autograd.Function):
             places, *ctx.cells, gradient.contiguous(), to_tables, num_threads()
         )
         return None, None, None, *to_tables
+
+
+class _Slices(torch.autograd.Function):
+    """Slices rows; backward slices them again."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch has no type for it
+        *given: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        given = tuple(tensor.contiguous() for tensor in given)
+        count = len(given[0])
+        covariances = given[0].new_empty(count, 3, 3)
+        velocities, variances = covariances.new_empty(count, 3), covariances.new_empty(count)
+        _module().slice(
+            *_plain(given), covariances.view(count, 9), velocities, variances, num_threads()
+        )
+        ctx.save_for_backward(*given)
+        return covariances, velocities, variances
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, ...]:  # noqa: ANN401
+        given = ctx.saved_tensors
+        covariances, velocities, variances = (gradient.contiguous() for gradient in gradients)
+        found = [torch.empty_like(tensor) for tensor in given]
+        _module().slice_backward(
+            *_plain(given), covariances.view(-1, 9), velocities, variances, *found, num_threads()
+        )
+        return tuple(found)
 
 
 class _ReluNetwork(torch.autograd.Function):

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 from torch.autograd.graph import increment_version
 
+from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Layer, Operators
 from gsfw.kernels.cpu import field
 from gsfw.kernels.cpu.native_module import native
@@ -113,6 +114,18 @@ class CpuOperators(Operators):
         if not fits or not _served(tensors) or _tangents(tensors):
             return super().hash_features(places, time, tables, sizes)
         return field.hash_features(places, float(time), tables, sizes)
+
+    def slices(
+        self,
+        left: Float[Tensor, "n 4"],
+        right: Float[Tensor, "n 4"],
+        scales: Float[Tensor, "n 4"],
+    ) -> Slices:
+        """Slices of Gaussians of space and time."""
+        tensors = [left, right, scales]
+        if len(left) == 0 or not _served(tensors) or _tangents(tensors):
+            return super().slices(left, right, scales)
+        return field.slices(left, right, scales)
 
     def relu_network(
         self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]

@@ -54,6 +54,7 @@ class SlicedGaussiansMethod(MovingMethod):
             centers,
             config.optim.learning_rates(scene.extent),
             ROTATIONS[config.rotation](),
+            operators,
             # The splats of a file belong to every time.
             duration=config.init_duration if initial is None else MAX_DURATION,
             min_duration=min_duration(scene),

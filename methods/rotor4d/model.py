@@ -24,8 +24,10 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Rows
 from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.maths.slices import Conditional, Slices, conditional, time_variances, weights
 from gsfw.core.model import Children
 from gsfw.core.numerics import DEFAULT
+from gsfw.core.operators import Operators
 from gsfw.core.splats import Splats
 from gsfw.methods.gaussians3d.model import (
     MIN_LOG_SCALE,
@@ -39,12 +41,6 @@ from gsfw.methods.moving.covariances import covariances
 from gsfw.methods.moving.gaussians import MovingGaussians, moving_children
 from gsfw.methods.moving.presence import Presence
 from gsfw.methods.moving.still_rows import StillRows
-from gsfw.methods.rotor4d.conditional import (
-    Conditional,
-    conditional,
-    time_variances,
-    weights,
-)
 from gsfw.methods.rotor4d.neighbor_graph import NeighborGraph
 from gsfw.methods.rotor4d.rotation import Rotation
 
@@ -87,6 +83,7 @@ class SlicedGaussians(MovingGaussians):
         time_centers: Float[Tensor, " n"],
         rates: Mapping[str, LearningRate],
         rotation: Rotation,
+        operators: Operators,
         *,
         duration: float,
         min_duration: float,
@@ -100,6 +97,7 @@ class SlicedGaussians(MovingGaussians):
             time_centers: times of their largest opacity.
             rates: learning rate of every column.
             rotation: trained form of rotations.
+            operators: for slices.
             duration: initial standard deviation in time, in sequences.
             min_duration: the shortest standard deviation.
             regularization: weights of the regularizers.
@@ -107,6 +105,7 @@ class SlicedGaussians(MovingGaussians):
         """
         super().__init__(canonical, still)
         self._rotation, self._regularization = rotation, regularization
+        self._operators = operators
         self._min_variance = min_duration**2
         quats = canonical.quats.values.detach()
         first, second = rotation.of_space(quats)
@@ -164,14 +163,17 @@ class SlicedGaussians(MovingGaussians):
             return still
         return replace(still.take(rows), rows=rows)
 
-    def _sliced(self, rows: Int[Tensor, " r"] | None = None) -> Conditional:
+    def _sliced(self, rows: Int[Tensor, " r"] | None = None) -> Slices:
         """Slices of moving rows, at any time; of ``rows``, for a model in which all rows move."""
         columns = self.canonical.columns()
-        values = (
+        first, log_scales = (
             self.taken(_taken(columns[name].values, rows)) for name in ("quats", "log_scales")
         )
-        temporal = (_taken(c.values, rows) for c in (self.time_quats, self.log_durations))
-        return self._conditional(*values, *temporal)
+        second, log_durations = (
+            _taken(column.values, rows) for column in (self.time_quats, self.log_durations)
+        )
+        scales = torch.cat([log_scales, log_durations[:, None]], dim=1).exp()
+        return self._operators.slices(*self._rotation.sides(first, second), scales)
 
     def _conditional(
         self,

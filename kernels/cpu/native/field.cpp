@@ -200,6 +200,21 @@ void hash_features_backward(const HashJob<T>& job, int64_t count, const T* gradi
 }
 
 template <typename T>
+void slice(const SliceJob<T>& job, int64_t count, int threads) {
+  parallel_pieces(count, TASK_ROWS, threads, [&](int64_t begin, int64_t end, int) {
+    kernels<T>().slice(job, begin, end);
+  });
+}
+
+template <typename T>
+void slice_backward(const SliceJob<T>& job, const SliceGradients<T>& gradients, int64_t count,
+                    int threads) {
+  parallel_pieces(count, TASK_ROWS, threads, [&](int64_t begin, int64_t end, int) {
+    kernels<T>().slice_backward(job, gradients, begin, end);
+  });
+}
+
+template <typename T>
 double grid_variation(const GridVariationJob<T>& job, int64_t cells, int threads) {
   const int64_t grain = std::max<int64_t>(STREAM / job.inner, 1);
   std::vector<double> sums(size_t(divide_up(cells, grain)));
@@ -267,6 +282,8 @@ void network_backward(const NetworkWeights<T>& weights, const T* inputs, int64_t
   template void plane_product_backward(const PlaneProductJob<T>&, int64_t, const T*, T*, int);    \
   template void hash_features(const HashJob<T>&, int64_t, T*, int);                                \
   template void hash_features_backward(const HashJob<T>&, int64_t, const T*, int);                \
+  template void slice(const SliceJob<T>&, int64_t, int);                                          \
+  template void slice_backward(const SliceJob<T>&, const SliceGradients<T>&, int64_t, int);       \
   template double grid_variation(const GridVariationJob<T>&, int64_t, int);                       \
   template double grid_distance(const T*, int64_t, double, double, T*, int);                      \
   template void network(const NetworkWeights<T>&, const T*, int64_t, const std::vector<T*>&, int); \

@@ -29,6 +29,15 @@ void hash_features(const HashJob<T>& job, int64_t count, T* features, int thread
 template <typename T>
 void hash_features_backward(const HashJob<T>& job, int64_t count, const T* gradient, int threads);
 
+/// Slices of ``count`` Gaussians of space and time.
+template <typename T>
+void slice(const SliceJob<T>& job, int64_t count, int threads);
+
+/// Their gradients.
+template <typename T>
+void slice_backward(const SliceJob<T>& job, const SliceGradients<T>& gradients, int64_t count,
+                    int threads);
+
 /// Weighted sum of squared differences of a grid of ``cells`` cells.
 template <typename T>
 double grid_variation(const GridVariationJob<T>& job, int64_t cells, int threads);

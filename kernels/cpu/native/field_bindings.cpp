@@ -164,6 +164,44 @@ void bound_hash_features_backward(const Array<const T, 2>& places, double time,
 }
 
 template <typename T>
+void bound_slice(const Array<const T, 2>& left, const Array<const T, 2>& right,
+                 const Array<const T, 2>& scales, const Array<T, 2>& covariances,
+                 const Array<T, 2>& velocities, const Array<T, 1>& variances, int threads) {
+  const size_t count = left.shape(0);
+  const auto fits = [&](const auto& of, size_t width) {
+    return of.shape(0) == count && of.shape(1) == width;
+  };
+  require(fits(left, 4) && fits(right, 4) && fits(scales, 4) && fits(covariances, 9) &&
+              fits(velocities, 3) && variances.shape(0) == count,
+          "an array does not fit the number of rows");
+  const SliceJob<T> job = {left.data(),        right.data(),      scales.data(),
+                           covariances.data(), velocities.data(), variances.data()};
+  nb::gil_scoped_release unlocked;
+  slice(job, int64_t(count), threads);
+}
+
+template <typename T>
+void bound_slice_backward(const Array<const T, 2>& left, const Array<const T, 2>& right,
+                          const Array<const T, 2>& scales, const Array<const T, 2>& covariances,
+                          const Array<const T, 2>& velocities, const Array<const T, 1>& variances,
+                          const Array<T, 2>& to_left, const Array<T, 2>& to_right,
+                          const Array<T, 2>& to_scales, int threads) {
+  const size_t count = left.shape(0);
+  const auto fits = [&](const auto& of, size_t width) {
+    return of.shape(0) == count && of.shape(1) == width;
+  };
+  require(fits(left, 4) && fits(right, 4) && fits(scales, 4) && fits(covariances, 9) &&
+              fits(velocities, 3) && variances.shape(0) == count && fits(to_left, 4) &&
+              fits(to_right, 4) && fits(to_scales, 4),
+          "an array does not fit the number of rows");
+  const SliceJob<T> job = {left.data(), right.data(), scales.data(), nullptr, nullptr, nullptr};
+  const SliceGradients<T> gradients = {covariances.data(), velocities.data(), variances.data(),
+                                       to_left.data(),     to_right.data(),   to_scales.data()};
+  nb::gil_scoped_release unlocked;
+  slice_backward(job, gradients, int64_t(count), threads);
+}
+
+template <typename T>
 double bound_grid_variation(const Array<const T, 4>& grid, int order, double first_weight,
                             double second_weight, const std::optional<Array<T, 4>>& gradient,
                             int threads) {
@@ -292,6 +330,14 @@ void bind_type(nb::module_& module) {
   module.def("hash_features_backward", &bound_hash_features_backward<T>, "places"_a.noconvert(),
              "time"_a, "tables"_a, "sizes"_a, "primes"_a, "gradient"_a.noconvert(),
              "tables_gradients"_a, "threads"_a, "Add the tables' gradients to arrays of zeros.");
+  module.def("slice", &bound_slice<T>, "left"_a.noconvert(), "right"_a.noconvert(),
+             "scales"_a.noconvert(), "covariances"_a.noconvert(), "velocities"_a.noconvert(),
+             "variances"_a.noconvert(), "threads"_a, "Slice Gaussians of space and time.");
+  module.def("slice_backward", &bound_slice_backward<T>, "left"_a.noconvert(),
+             "right"_a.noconvert(), "scales"_a.noconvert(), "covariances"_a.noconvert(),
+             "velocities"_a.noconvert(), "variances"_a.noconvert(), "to_left"_a.noconvert(),
+             "to_right"_a.noconvert(), "to_scales"_a.noconvert(), "threads"_a,
+             "Write the gradients of quaternions and scales.");
   module.def("grid_variation", &bound_grid_variation<T>, "grid"_a.noconvert(), "order"_a,
              "first_weight"_a, "second_weight"_a, "gradient"_a.noconvert().none(), "threads"_a,
              "Weighted sum of squared differences along axes 1 and 2, and its gradient.");

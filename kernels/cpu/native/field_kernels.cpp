@@ -4,6 +4,7 @@
 #include "hash_features.h"
 #include "network.h"
 #include "plane_product.h"
+#include "slice.h"
 
 namespace gsfw {
 namespace GSFW_ISA {
@@ -15,6 +16,8 @@ const FieldKernels<float> field_float32 = {
     plane_product_backward<float>,
     hash_features<float>,
     hash_features_backward<float>,
+    slice<float>,
+    slice_backward<float>,
     grid_variation<float>,
     grid_distance<float>,
     network_scratch<float>,

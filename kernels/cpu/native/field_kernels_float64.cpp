@@ -5,6 +5,7 @@
 #include "hash_features.h"
 #include "network.h"
 #include "plane_product.h"
+#include "slice.h"
 
 namespace gsfw {
 namespace GSFW_ISA {
@@ -16,6 +17,8 @@ const FieldKernels<double> field_float64 = {
     plane_product_backward<double>,
     hash_features<double>,
     hash_features_backward<double>,
+    slice<double>,
+    slice_backward<double>,
     grid_variation<double>,
     grid_distance<double>,
     network_scratch<double>,

@@ -106,6 +106,22 @@ struct NetworkChunk {
   T* weights_gradient;
 };
 
+/// Slices of Gaussians of space and time; all rows lie next to one another.
+template <typename T>
+struct SliceJob {
+  /// [n, 4]: left and right quaternion, wxyz, of any norm; scales along x, y, z, t.
+  const T *left, *right, *scales;
+  /// [n, 9], [n, 3], [n]; not read in the backward pass.
+  T *covariances, *velocities, *variances;
+};
+
+/// Incoming gradients, and those of the inputs.
+template <typename T>
+struct SliceGradients {
+  const T *covariances, *velocities, *variances;
+  T *left, *right, *scales;
+};
+
 /// An axis of a grid along which neighbours are compared.
 template <typename T>
 struct GridAxis {
@@ -128,7 +144,7 @@ struct GridVariationJob {
   int order;
 };
 
-/// See plane_product.h, hash_features.h, grid_variation.h and network.h.
+/// See plane_product.h, hash_features.h, slice.h, grid_variation.h and network.h.
 template <typename T>
 struct FieldKernels {
   void (*plane_product)(const PlaneProductJob<T>& job, int64_t begin, int64_t end, T* features);
@@ -137,6 +153,9 @@ struct FieldKernels {
                                  int64_t level, int64_t channel, T* moved);
   void (*hash_features)(const HashJob<T>& job, int64_t begin, int64_t end, T* features);
   void (*hash_features_backward)(const HashJob<T>& job, const FieldRows<T>& rows, int64_t level);
+  void (*slice)(const SliceJob<T>& job, int64_t begin, int64_t end);
+  void (*slice_backward)(const SliceJob<T>& job, const SliceGradients<T>& gradients, int64_t begin,
+                         int64_t end);
   double (*grid_variation)(const GridVariationJob<T>& job, int64_t begin, int64_t end);
   double (*grid_distance)(const T* values, int64_t count, T center, T weight, T* gradient);
   /// Working memory of one thread, in numbers of T.

@@ -108,6 +108,26 @@ std::vector<T> networks(int64_t count, int threads) {
   return first;
 }
 
+/// Slices of Gaussians of space and time and their gradients; one quaternion is zero.
+template <typename T>
+std::vector<T> slices(int64_t count, int threads) {
+  std::vector<T> left = uniform<T>(4 * count, 1, -1, 1);
+  const std::vector<T> right = uniform<T>(4 * count, 2, -1, 1);
+  const std::vector<T> scales = uniform<T>(4 * count, 3, 0.01, 1);
+  for (int k = 0; k < 4; ++k) left[size_t(k)] = T(0);
+  std::vector<T> results(static_cast<size_t>(13 * count)), gradients(left.size() * 3);
+  T* const to = results.data();
+  const SliceJob<T> job = {left.data(), right.data(),     scales.data(),
+                           to,          to + 9 * count, to + 12 * count};
+  slice(job, count, threads);
+  T* const back = gradients.data();
+  slice_backward<T>(job, {to, to + 9 * count, to + 12 * count, back, back + 4 * count,
+                          back + 8 * count},
+                    count, threads);
+  append(results, gradients);
+  return results;
+}
+
 /// Values and gradients of the regularisers.
 template <typename T>
 std::vector<T> regularisers(int64_t inner, int threads) {
@@ -148,6 +168,7 @@ int check_all() {
   for (const int64_t count : {1, 15, 64, 1300}) {
     failures += check<T>("products", products<T>, count);
     failures += check<T>("hash grids", hashes<T>, count);
+    failures += check<T>("slices", slices<T>, count);
     failures += check<T>("networks", networks<T>, count);
     failures += check<T>("regularisers", regularisers<T>, count);
   }

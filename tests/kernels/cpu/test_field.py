@@ -185,6 +185,45 @@ def test_no_place_reads_beyond_the_tables(value):
     assert hashed(NATIVE, [torch.full_like(places, value), *tables])[0].isfinite().all()
 
 
+def sliced(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
+    return tuple(operators.slices(*tensors[:2], tensors[2].exp()))
+
+
+def quaternions_and_scales(rows: int, dtype: torch.dtype, low: float, high: float) -> list[Tensor]:
+    """Left and right quaternions, and logarithms of scales."""
+    left, right = (numbers(rows, 4, seed=i, dtype=dtype) - 0.5 for i in (1, 2))
+    return [left, right, low + (high - low) * numbers(rows, 4, seed=3, dtype=dtype)]
+
+
+@pytest.mark.parametrize("rows", [1, 16, 333])
+def test_slices_and_their_gradients_are_those_of_torch(rows):
+    tensors = quaternions_and_scales(rows, torch.float64, -3.0, 0.0)
+    found, expected = (results(sliced, kind, tensors) for kind in (NATIVE, TORCH))
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-12 * float(other.abs().max()))
+
+
+@pytest.mark.parametrize(("low", "high"), [(-9.0, 2.0), (-3.0, 18.0), (-18.0, 0.0)])
+def test_slices_in_float32_keep_their_digits_at_extreme_scales(low, high):
+    tensors = quaternions_and_scales(2000, torch.float32, low, high)
+    found, plain = sliced(NATIVE, tensors), sliced(TORCH, tensors)
+    exact = TORCH.slices(tensors[0].double(), tensors[1].double(), tensors[2].exp().double())
+    for one, other, true in zip(found, plain, exact, strict=True):
+        size = true.abs().view(2000, -1).amax(1)
+        errors = [(of - true).abs().view(2000, -1).amax(1) / size for of in (one, other)]
+        assert float(errors[0].median()) < 1e-6
+        # Rotations that turn almost all of time into space are as ill-conditioned for both.
+        assert float(errors[0].max()) <= 2 * float(errors[1].max())
+
+
+def test_a_quaternion_near_zero_is_the_identity_without_gradient():
+    tensors = quaternions_and_scales(20, torch.float64, -3.0, 0.0)
+    tensors[0][4] = 1e-13
+    found, expected = (results(sliced, kind, tensors) for kind in (NATIVE, TORCH))
+    assert not found[3][4].any()
+    assert_agree(found[:3], expected[:3], terms=400)
+
+
 VARIATIONS = [
     ((3, 7, 9, 32), (1, 2), 1), ((25, 3, 6, 32), (0,), 2), ((25, 3, 6, 5), (0,), 1),
     ((2, 3, 6, 5), (0,), 2), ((4, 5, 6), (2,), 2), ((1, 4, 4, 3), (0, 1), 1),

@@ -7,6 +7,7 @@ from support.scenes import random_splats
 
 from gsfw.core.column import Column, Layout
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.operators import Operators
 from gsfw.methods.gaussians3d.initialisation import from_splats
 from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.moving.center_gradient import center_gradients
@@ -52,7 +53,7 @@ def sliced(n: int = 12) -> SlicedGaussians:
     regularization = Regularization(0.0, 0.0, 100)
     centers = torch.linspace(0, 1, n)
     return SlicedGaussians(
-        canonical, centers, rates, Rotor(),
+        canonical, centers, rates, Rotor(), Operators(),
         duration=0.3, min_duration=0.05, regularization=regularization,
     )  # fmt: skip
 

@@ -15,6 +15,7 @@ from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
+from gsfw.kernels.cpu.operators import CpuOperators
 from gsfw.methods.gaussians3d.initialisation import from_splats
 from gsfw.methods.gaussians3d.model import StaticGaussians
 from gsfw.methods.rotor4d.config import SlicedGaussiansOptim
@@ -46,7 +47,7 @@ def gaussians(
         "regularization": Regularization(1e-3, 0.2, 100),
     } | options
     centers = torch.rand(n, generator=generator)
-    model = SlicedGaussians(canonical, centers, rates, form or Rotor(), **settings)
+    model = SlicedGaussians(canonical, centers, rates, form or Rotor(), CpuOperators(), **settings)
     with torch.no_grad():
         noise = torch.randn(n, 4, generator=generator)
         model.time_quats.values.add_(tilt * noise)

@@ -5,7 +5,8 @@ import itertools
 import pytest
 import torch
 
-from gsfw.methods.rotor4d.rotation import Rotation, normalised
+from gsfw.core.maths.slices import normalised
+from gsfw.methods.rotor4d.rotation import Rotation
 from gsfw.methods.rotor4d.rotor import Rotor
 from gsfw.methods.rotor4d.two_quaternions import TwoQuaternions
 

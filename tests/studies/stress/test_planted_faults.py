@@ -9,11 +9,12 @@ from torch import Tensor
 
 from gsfw.core.capabilities import Capabilities
 from gsfw.core.errors import ConfigError
+from gsfw.core.maths import slices
+from gsfw.core.maths.slices import Conditional, conditional
+from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.splats import Sh
-from gsfw.methods.rotor4d import model as sliced
-from gsfw.methods.rotor4d.conditional import Conditional, conditional
 from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference import project
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
@@ -212,17 +213,17 @@ def test_the_textbook_conditional_covariance_is_caught_by_a_named_case(monkeypat
     case = next(case for case in MOVING_CASES if case.name == name)
     model = moving_model("4d-rotor", installed())
     assert measure_moving(case, "4d-rotor", model, torch.float32).passed
-    monkeypatch.setattr(sliced, "conditional", textbook)
+    model._operators = Operators()
+    monkeypatch.setattr(slices, "conditional", textbook)
     faults = measure_moving(case, "4d-rotor", model, torch.float32).faults
     assert any("of the covariances are not positive semi-definite" in fault for fault in faults)
 
 
 def test_a_rotor_that_is_not_normalised_is_caught_by_a_named_case(monkeypatch):
-    from gsfw.methods.rotor4d import rotation
-
     case = next(case for case in MOVING_CASES if case.name == "time/rotors-1e-9")
     model = moving_model("4d-rotor", installed())
+    model._operators = Operators()
     monkeypatch.setattr(
-        rotation, "normalised", lambda quats: quats / (quats.norm(dim=1, keepdim=True) + 1e-6)
+        slices, "normalised", lambda quats: quats / (quats.norm(dim=1, keepdim=True) + 1e-6)
     )
     assert measure_moving(case, "4d-rotor", model, torch.float32).faults

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from gsfw.methods.rotor4d.conditional import conditional, weights
+from gsfw.core.maths.slices import conditional, weights
 from gsfw.methods.rotor4d.rotation import Rotation
 from gsfw.methods.rotor4d.rotor import Rotor
 from gsfw.methods.rotor4d.two_quaternions import TwoQuaternions
