@@ -61,8 +61,9 @@ class HexPlaneConfig:
     """Cells along x, y and z, at the coarsest resolution."""
     multipliers: tuple[int, ...] = (1, 2)
     """The resolutions, as multiples of the coarsest; time has the same cells at all."""
-    times: int = number(0, at_least=0)
-    """Cells along time; 0: as many as distinct times were captured, at most 100."""
+    times: int | Literal["auto"] = "auto"
+    """Cells along time. auto: a quarter of the training views, 0: as many as distinct times were
+    captured; both at most as many, and at most 100."""
     width: int = number(64, at_least=1)
     """Width of the network's layers."""
     depth: int = number(1, at_least=1)
@@ -103,8 +104,8 @@ class HashConfig:
     """Cells along an axis at the coarsest resolution."""
     finest: int = number(128, at_least=1)
     """Cells along an axis at the finest resolution."""
-    times: int = number(0, at_least=0)
-    """Most cells along time; 0: as many as distinct times were captured, at most 100."""
+    times: int | Literal["auto"] = "auto"
+    """Most cells along time: auto, 0 or a number, as hexplane.times."""
     width: int = number(64, at_least=1)
     """Width of the network's layers."""
     depth: int = number(1, at_least=1)
@@ -174,8 +175,10 @@ class DeformationConfig(MovingConfig):
                 "Use one of the two.",
             )
         for key, times in (("hexplane", self.hexplane.times), ("hash", self.hash.times)):
-            if times == 1:
-                raise ConfigError(f"{key}.times=1: expected 0, or a number of at least 2.")
+            if times != "auto" and (times < 0 or times == 1):
+                raise ConfigError(
+                    f"{key}.times={times}: expected auto, 0, or a number of at least 2."
+                )
         factors = self.hexplane.multipliers
         if not factors or min(factors) < 1:
             raise ConfigError(

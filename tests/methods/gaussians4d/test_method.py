@@ -29,6 +29,24 @@ def scene(num_points: int = 20, **options) -> Scene:
     return replace(moving, **options)
 
 
+TINY = DeformationConfig(
+    hexplane=HexPlaneConfig(channels=2, resolution=2, width=4),
+    hash=HashConfig(levels=1, coarsest=128, finest=128, log2_rows=4, width=4),
+)
+
+
+def time_cells(config: DeformationConfig, **capture) -> int:
+    """Cells along time of the encoder that is built for a capture."""
+    generator = torch.Generator().manual_seed(0)
+    model = config.build().build_model(scene(**capture), Operators(), generator, None)
+    encoder = model.field.encoder
+    if config.encoder == "hexplane":
+        (cells,) = {len(plane) for plane in encoder.time}
+    else:
+        ((_, cells),) = encoder._sizes
+    return cells
+
+
 def build(config: DeformationConfig, initial=None):
     method = config.build()
     seeded = torch.Generator().manual_seed(config.seed)
@@ -82,7 +100,7 @@ def test_presets_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset
         ),
         (
             {"hexplane": HexPlaneConfig(times=1)},
-            "hexplane.times=1: expected 0, or a number of at least 2.",
+            "hexplane.times=1: expected auto, 0, or a number of at least 2.",
         ),
         (
             {"hexplane": HexPlaneConfig(plane_tv=-1.0)},
@@ -165,7 +183,29 @@ def test_a_splat_file_keeps_its_degree_through_a_resume():
     assert model.canonical.active_degree == 2
 
 
-@pytest.mark.parametrize(("given", "rows"), [(0, 6), (3, 3)])
-def test_time_has_a_row_for_each_captured_time_unless_told_otherwise(given, rows):
-    _, model = build(DeformationConfig(hexplane=HexPlaneConfig(resolution=4, times=given)))
-    assert [len(plane) for plane in model.field.encoder.time] == [rows, rows]
+@pytest.mark.parametrize(
+    ("views", "times", "cells"),
+    [
+        (100, 100, 25),  # One camera per time: four times share a cell.
+        (216, 24, 24),  # Nine cameras per time: a cell for each time.
+        (12, 6, 3),
+        (5, 5, 2),  # No fewer than two, the first and the last time.
+        (2000, 1000, 100),
+    ],
+)
+@pytest.mark.parametrize("encoder", ["hexplane", "hash"])
+def test_a_cell_of_time_has_four_views_to_determine_it(encoder, views, times, cells):
+    config = replace(TINY, encoder=encoder)
+    assert time_cells(config, camera_centers=torch.rand(views, 3), num_times=times) == cells
+
+
+@pytest.mark.parametrize(("given", "cells"), [(7, 7), (0, 100)])
+@pytest.mark.parametrize("encoder", ["hexplane", "hash"])
+def test_a_given_number_of_time_cells_wins_and_0_is_one_per_captured_time(encoder, given, cells):
+    config = replace(
+        TINY,
+        encoder=encoder,
+        hexplane=replace(TINY.hexplane, times=given),
+        hash=replace(TINY.hash, times=given),
+    )
+    assert time_cells(config, camera_centers=torch.rand(100, 3), num_times=100) == cells
