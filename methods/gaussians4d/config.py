@@ -145,6 +145,9 @@ class DeformationConfig(MovingConfig):
     """Change colours with time."""
     ssim_weight: float = 0.0
     """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
+    squared_steps: int = steps_field(11_500)
+    """Steps in which the loss has the mean squared difference instead of the absolute one, under
+    which things vanish that are present less than half of the time, before the field moves them."""
     hexplane: HexPlaneConfig = field(default_factory=HexPlaneConfig)
     mlp: MlpConfig = field(default_factory=MlpConfig)
     hash: HashConfig = field(default_factory=HashConfig)
