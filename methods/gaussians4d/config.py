@@ -139,6 +139,8 @@ class DeformationConfig(MovingConfig):
     """Encoder of the field: planes, a network alone, or hash tables."""
     coarse_steps: int = steps_field(3000)
     """Steps of the training of static Gaussians, before the field is used."""
+    scale_change: Literal["factor", "sum"] = "factor"
+    """factor: the field multiplies scales (Wu et al.); sum: it adds to them (Yang et al.)."""
     deform_opacity: bool = False
     """Change opacities with time (for things that appear and vanish)."""
     deform_sh: bool = False

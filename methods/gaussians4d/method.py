@@ -72,6 +72,7 @@ class DeformationMethod(MovingMethod):
             config.optim.field_rates(config.coarse_steps),
             # Canonical rows have no time of their own, even if points have one.
             self.still_rows(replace(scene, point_times=None), canonical.num_rows, initial),
+            sum_of_scales=config.scale_change == "sum",
         )
 
     def prepare(
