@@ -149,7 +149,8 @@ class StaticGaussiansConfig(GaussiansConfig):
     coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
 
     ignore_time: bool = False
-    """Train on a capture of several times as if it had one; moving objects become blurred."""
+    """Train on a capture of several times as if it had one, by squared differences: moving objects
+    become blurred."""
 
     def build(self) -> Method:
         """Build the method."""

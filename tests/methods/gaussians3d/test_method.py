@@ -17,6 +17,7 @@ from gsfw.core.operators import Operators
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.scene import Scene
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig, StaticGaussiansOptim
+from gsfw.methods.gaussians3d.method import SQUARED_SCALE
 
 
 def scene(num_points: int = 30, **options) -> Scene:
@@ -158,13 +159,16 @@ def test_the_same_seed_gives_the_same_model():
     assert not torch.equal(first.means.values, other.means.values)
 
 
-def compared(step: int) -> tuple[StepContext, Tensor, Tensor, Tensor]:
+def compared(step: int, time: float | None = None) -> tuple[StepContext, Tensor, Tensor, Tensor]:
     """The context of a step, and its rendered image, its target and its valid pixels."""
     generator = torch.Generator().manual_seed(0)
     images, rendered = (torch.rand(1, 12, 16, 3, generator=generator) for _ in range(2))
     valid = torch.rand(1, 12, 16, 1, generator=generator) < 0.5
     statistics = RenderStatistics(torch.ones(1, 4, dtype=torch.bool), torch.ones(1, 4))
-    batch = Batch(images, front_camera(16, 12), (0,), mask=valid)
+    camera = front_camera(16, 12)
+    if time is not None:
+        camera = replace(camera, time=torch.tensor([time]))
+    batch = Batch(images, camera, (0,), mask=valid)
     context = StepContext(
         step=step, steps=10, batch=batch, splats=random_splats(4),
         rendered=RenderOutput(rendered, torch.ones(1, 12, 16, 1), statistics), target=images,
@@ -189,7 +193,7 @@ def test_squared_differences_take_the_place_of_l1_before_squared_steps():
     losses = method.losses(context)
     assert set(losses) == {"squared", "dssim"}
     squares = (rendered - target)[valid.expand_as(target)].square().mean()
-    torch.testing.assert_close(losses["squared"], 0.75 * squares)
+    torch.testing.assert_close(losses["squared"], 0.75 * SQUARED_SCALE * squares)
     torch.testing.assert_close(
         losses["dssim"], 0.25 * Operators().l1_dssim(rendered, target, valid)[1]
     )
@@ -199,3 +203,11 @@ def test_squared_differences_take_the_place_of_l1_before_squared_steps():
 def test_squared_differences_alone_need_no_ssim():
     losses = StaticGaussiansConfig(ssim_weight=0.0, squared_steps=5).build().losses(compared(0)[0])
     assert set(losses) == {"squared"}
+
+
+def test_times_treated_as_one_are_averaged_to_the_end():
+    method = StaticGaussiansConfig(ssim_weight=0.0, ignore_time=True).build()
+    assert set(method.losses(compared(step=9, time=0.5)[0])) == {"squared"}
+    assert set(method.losses(compared(step=9)[0])) == {"l1", "dssim"}
+    moving = StaticGaussiansConfig(ssim_weight=0.0).build()
+    assert set(moving.losses(compared(step=9, time=0.5)[0])) == {"l1", "dssim"}
