@@ -20,6 +20,7 @@ from gsfw.methods.gaussians4d.config import (
 )
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
+from gsfw.strategies.adc import AdcConfig
 
 
 def scene(num_points: int = 20, **options) -> Scene:
@@ -68,15 +69,42 @@ def test_the_defaults_are_those_of_the_paper_for_synthetic_scenes():
     assert step_settings(config)["optim.field_lr_steps"] == (20_000, 0)
 
 
-@pytest.mark.parametrize("preset", sorted(DeformationConfig.presets))
-def test_presets_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset):
-    values = {"method": "4dgs", "preset": preset, "steps": 2300, "device": "cpu"}
-    found = resolve(installed(), [Layer("test", values)])
-    assert found.flat()["strategy.reset_every"] == 0
-    config = found.config
+def resolved(**values: object) -> DeformationConfig:
+    """The settings of a run with these values."""
+    # Not of the built-in scene, which recommends a length of its own.
+    data = {"data": "folder", "datamanager": "blender", "device": "cpu"}
+    layer = Layer("test", {"method": "4dgs", **data, **values})
+    config = resolve(installed(), [layer]).config
     assert isinstance(config, DeformationConfig)
     config.check()
+    return config
+
+
+@pytest.mark.parametrize("preset", ["default", "fast"])
+def test_presets_of_wu_et_al_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset):
+    config = resolved(preset=preset, steps=2300)
+    assert isinstance(config.strategy, AdcConfig)
+    assert config.strategy.reset_every == 0
     assert config.coarse_steps == 300
+    assert config.squared_steps == 1150
+
+
+def test_the_preset_of_yang_et_al_has_their_schedule():
+    config = resolved(preset="mlp")
+    adc = config.strategy
+    assert isinstance(adc, AdcConfig)
+    assert (config.steps, config.coarse_steps, config.ssim_weight) == (40_000, 3000, 0.2)
+    assert (config.encoder, config.scale_change) == ("mlp", "sum")
+    assert (adc.absgrad, adc.grow_absgrad) == (True, 7e-4)
+    assert (adc.refine_stop, adc.reset_every) == (15_000, 0)
+    assert adc.refine_start == pytest.approx(500, rel=0.01)
+    assert adc.refine_every == pytest.approx(100, rel=0.01)
+    assert config.optim.means_lr_steps == 30_000
+    rate = config.optim.field_rates(config.coarse_steps)["network"]
+    assert rate.at(3000) == 8e-4
+    assert rate.at(40_000) == pytest.approx(8e-5)
+    short = resolved(preset="mlp", steps=4000)
+    assert (short.coarse_steps, short.optim.field_lr_steps) == (300, 3700)
 
 
 @pytest.mark.parametrize(
