@@ -39,10 +39,6 @@ from gsfw.methods.gaussians3d.model import GaussianParameters, StaticGaussians
 if TYPE_CHECKING:
     from gsfw.methods.gaussians3d.config import GaussiansConfig
 
-SQUARED_SCALE = 2.0
-"""Factor of squared differences: their gradient is that of absolute ones at a difference of 1/4,
-so that thresholds of density control and weights of regularizers keep their meaning. Measured as
-the ratio of both means: 0.28 on dynamic/robot (step 810 of 2300), 0.44 on mujoco_collision."""
 RANDOM_COST = (
     "This costs quality (built-in scene, 2000 steps and splats: 0.6 dB with strategy=adc, 3.7 dB "
     "with mcmc) and leaves floaters where few views look; a COLMAP model with points is better."
@@ -191,7 +187,7 @@ class StaticGaussiansMethod(Method):
         if context.step >= self._config.squared_steps and not blurs:
             l1, dssim = context.operators.l1_dssim(rendered, target, valid)
             return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
-        squares = SQUARED_SCALE * masked_mean((rendered - target).square(), valid)
+        squares = masked_mean((rendered - target).square(), valid)
         if weight == 0:
             return {"squared": squares}
         _, dssim = context.operators.l1_dssim(rendered, target, valid)

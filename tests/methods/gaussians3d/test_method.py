@@ -17,7 +17,6 @@ from gsfw.core.operators import Operators
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.scene import Scene
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig, StaticGaussiansOptim
-from gsfw.methods.gaussians3d.method import SQUARED_SCALE
 
 
 def scene(num_points: int = 30, **options) -> Scene:
@@ -193,7 +192,7 @@ def test_squared_differences_take_the_place_of_l1_before_squared_steps():
     losses = method.losses(context)
     assert set(losses) == {"squared", "dssim"}
     squares = (rendered - target)[valid.expand_as(target)].square().mean()
-    torch.testing.assert_close(losses["squared"], 0.75 * SQUARED_SCALE * squares)
+    torch.testing.assert_close(losses["squared"], 0.75 * squares)
     torch.testing.assert_close(
         losses["dssim"], 0.25 * Operators().l1_dssim(rendered, target, valid)[1]
     )
