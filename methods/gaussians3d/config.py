@@ -94,6 +94,9 @@ class GaussiansConfig(MethodConfig):
     """Steps in which the loss has the mean squared difference instead of the absolute one, for
     scenes that move: where something is present less than half of the time, the absolute
     difference is least without it."""
+    squared_weight: float = number(1.0, above=0, below=math.inf)
+    """Weight of squared differences. With 2 their gradient is that of absolute ones at a
+    difference of 1/4, so that more splats grow."""
     init_opacity: float = number(0.1, above=0, below=1)
     """Initial opacity of every splat."""
     init_scale: float = number(1.0, above=0)

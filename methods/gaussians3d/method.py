@@ -187,7 +187,7 @@ class StaticGaussiansMethod(Method):
         if context.step >= self._config.squared_steps and not blurs:
             l1, dssim = context.operators.l1_dssim(rendered, target, valid)
             return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
-        squares = masked_mean((rendered - target).square(), valid)
+        squares = self._config.squared_weight * masked_mean((rendered - target).square(), valid)
         if weight == 0:
             return {"squared": squares}
         _, dssim = context.operators.l1_dssim(rendered, target, valid)

@@ -187,12 +187,13 @@ def test_losses_are_weighted_l1_and_dssim_over_valid_pixels():
 
 
 def test_squared_differences_take_the_place_of_l1_before_squared_steps():
-    method = StaticGaussiansConfig(ssim_weight=0.25, squared_steps=5).build()
+    settings = StaticGaussiansConfig(ssim_weight=0.25, squared_steps=5, squared_weight=3.0)
+    method = settings.build()
     context, rendered, target, valid = compared(step=4)
     losses = method.losses(context)
     assert set(losses) == {"squared", "dssim"}
     squares = (rendered - target)[valid.expand_as(target)].square().mean()
-    torch.testing.assert_close(losses["squared"], 0.75 * squares)
+    torch.testing.assert_close(losses["squared"], 0.75 * 3.0 * squares)
     torch.testing.assert_close(
         losses["dssim"], 0.25 * Operators().l1_dssim(rendered, target, valid)[1]
     )

@@ -95,6 +95,7 @@ def test_the_preset_of_yang_et_al_has_their_schedule():
     assert isinstance(adc, AdcConfig)
     assert (config.steps, config.coarse_steps, config.ssim_weight) == (40_000, 3000, 0.2)
     assert (config.encoder, config.scale_change) == ("mlp", "sum")
+    assert (config.squared_steps, config.squared_weight) == (20_000, 2.0)
     assert (adc.absgrad, adc.grow_absgrad) == (True, 7e-4)
     assert (adc.refine_stop, adc.reset_every) == (15_000, 0)
     assert adc.refine_start == pytest.approx(500, rel=0.01)
