@@ -92,6 +92,13 @@ class GaussiansConfig(MethodConfig):
     """Steps after which one more degree is trained; 0: all from the first step."""
     ssim_weight: float = number(0.2, at_least=0, at_most=1)
     """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
+    squared_steps: int = steps_field(0)
+    """Steps in which the loss has the mean squared difference instead of the absolute one, for
+    scenes that move: where something is present less than half of the time, the absolute
+    difference is least without it."""
+    squared_weight: float = number(1.0, above=0, below=math.inf)
+    """Weight of squared differences. With 2 their gradient is that of absolute ones at a
+    difference of 1/4, so that more splats grow."""
     init_opacity: float = number(0.1, above=0, below=1)
     """Initial opacity of every splat."""
     init_scale: float = number(1.0, above=0)
@@ -147,7 +154,8 @@ class StaticGaussiansConfig(GaussiansConfig):
     coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
 
     ignore_time: bool = False
-    """Train on a capture of several times as if it had one; moving objects become blurred."""
+    """Train on a capture of several times as if it had one, by squared differences: moving objects
+    become blurred."""
 
     def build(self) -> Method:
         """Build the method."""

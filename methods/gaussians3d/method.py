@@ -19,6 +19,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.maths.focus import object_place
+from gsfw.core.maths.ssim import masked_mean
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
@@ -175,12 +176,22 @@ class StaticGaussiansMethod(Method):
         )
 
     def losses(self, context: StepContext) -> Mapping[str, Tensor]:
-        """(1 - w) L1 + w (1 - SSIM): equation 7, with D-SSIM as in the released code."""
+        """(1 - w) L1 + w (1 - SSIM): equation 7, with D-SSIM as in the released code.
+
+        Squared differences take the place of L1 before the step ``squared_steps``, and with several
+        times as one: L1 would show the median of all times, in which things that move are missing.
+        """
         weight = self._config.ssim_weight
-        l1, dssim = context.operators.l1_dssim(
-            context.rendered.color, context.target, context.batch.valid
-        )
-        return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
+        rendered, target, valid = context.rendered.color, context.target, context.batch.valid
+        blurs = self._ignore_time and context.batch.cameras.time is not None
+        if context.step >= self._config.squared_steps and not blurs:
+            l1, dssim = context.operators.l1_dssim(rendered, target, valid)
+            return {"l1": (1.0 - weight) * l1, "dssim": weight * dssim}
+        squares = self._config.squared_weight * masked_mean((rendered - target).square(), valid)
+        if weight == 0:
+            return {"squared": squares}
+        _, dssim = context.operators.l1_dssim(rendered, target, valid)
+        return {"squared": (1.0 - weight) * squares, "dssim": weight * dssim}
 
     def state_dict(self) -> dict[str, Any]:
         """The SH degree of a file's splats: a resumed run does not read that file."""

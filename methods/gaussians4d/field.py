@@ -15,11 +15,12 @@ from gsfw.methods.gaussians4d.encoder import Encoder
 
 @dataclass(frozen=True)
 class Deformation:
-    """Changes of parameters before their activation."""
+    """Changes of parameters before their activation; those of scales as the model adds them."""
 
     means: Float[Tensor, "n 3"]
     """Change of positions in scene units."""
-    log_scales: Float[Tensor, "n 3"]
+    scales: Float[Tensor, "n 3"]
+    """Change of the logarithms of scales, or of scales in units of the box."""
     quats: Float[Tensor, "n 4"]
     opacity_logits: Float[Tensor, " n"] | None
     """``None``: opacities do not change."""
@@ -47,7 +48,7 @@ class DeformationField(nn.Module):
         return Deformation(
             # The network's outputs are in units of the box, independent of the scene's unit.
             means=changes["means"] * self.box.size,
-            log_scales=changes["log_scales"],
+            scales=changes["log_scales"],
             quats=changes["quats"],
             opacity_logits=None if opacities is None else opacities[:, 0],
             sh=None if sh is None else sh.unflatten(1, (-1, 3)),

@@ -2,11 +2,13 @@
 
 Wu et al. 2024, section 4: positions, rotations and scales at a time are those of the canonical
 space plus what the field decodes there (equations 7 and 8); opacity and colour on request. All is
-added before activation (Yang et al. 2024 add to activated scales, which may become negative).
+added before activation, so that scales are multiplied. Yang et al. 2024 add to activated scales
+(``sum_of_scales``): a scale may then pass through zero, which logarithms never leave again.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -45,6 +47,8 @@ class DeformedGaussians(MovingGaussians):
         field: DeformationField,
         rates: Mapping[str, LearningRate],
         still: StillRows | None = None,
+        *,
+        sum_of_scales: bool = False,
     ) -> None:
         """Combine Gaussians and field.
 
@@ -53,8 +57,10 @@ class DeformedGaussians(MovingGaussians):
             field: deformation field of the Gaussians.
             rates: learning rates of the field's "grid" and "network".
             still: mask of static rows; ``None``: no row can be static.
+            sum_of_scales: add the field's changes to scales, in box units, not to logarithms.
         """
         super().__init__(canonical, still)
+        self._sum_of_scales = sum_of_scales
         self.field = field
         self._rates = rates
         self.deforming = True
@@ -83,16 +89,24 @@ class DeformedGaussians(MovingGaussians):
         change = self.field(self.taken(rows.means.values), time)
         if change.opacity_logits is not None:
             logits = self.moved(logits, change.opacity_logits)
-        log_scales = self.moved(rows.log_scales.values, change.log_scales)
         assert isinstance(still.colors, Sh)
         return replace(
             still,
             means=self.moved(rows.means.values, change.means),
             quats=self.moved(rows.quats.values, change.quats),
-            scales=log_scales.clamp(MIN_LOG_SCALE, MAX_LOG_SCALE).exp(),
+            scales=self._resized(rows.log_scales.values, change.scales),
             opacities=logits.sigmoid(),
             colors=still.colors if change.sh is None else self._shifted(still.colors, change.sh),
         )
+
+    def _resized(
+        self, log_scales: Float[Tensor, "n 3"], change: Float[Tensor, "m 3"]
+    ) -> Float[Tensor, "n 3"]:
+        """Scales with their changes. A negative sum renders like its absolute value."""
+        if self._sum_of_scales:
+            scales = self.moved(log_scales.exp(), change * self.field.box.size)
+            return scales.abs().clamp(math.exp(MIN_LOG_SCALE), math.exp(MAX_LOG_SCALE))
+        return self.moved(log_scales, change).clamp(MIN_LOG_SCALE, MAX_LOG_SCALE).exp()
 
     def _shifted(self, colors: Sh, change: Float[Tensor, "m k 3"]) -> Sh:
         """Add changes to the rendered coefficients of colours."""
@@ -165,11 +179,22 @@ class DeformedGaussians(MovingGaussians):
             still = start - self._average(still).means
         change = self._average(still)
         canonical.means.values[rows] = still
-        canonical.log_scales.values[rows] -= change.log_scales
+        canonical.log_scales.values[rows] = self._before(
+            canonical.log_scales.values[rows], change.scales
+        )
         canonical.quats.values[rows] -= change.quats
         if change.opacity_logits is not None:
             canonical.opacity_logits.values[rows] -= change.opacity_logits
         self._recolor_(rows, change, sign=-1.0)
+
+    def _before(
+        self, log_scales: Float[Tensor, "r 3"], change: Float[Tensor, "r 3"]
+    ) -> Float[Tensor, "r 3"]:
+        """Logarithms of the scales that ``change`` turns into these."""
+        if not self._sum_of_scales:
+            return log_scales - change
+        scales = (log_scales.exp() - change * self.field.box.size).abs()
+        return scales.log().clamp_min(MIN_LOG_SCALE)
 
     def end_(self, rows: Int[Tensor, " r"]) -> None:
         """Mean colours over the sequence."""
@@ -193,7 +218,7 @@ class DeformedGaussians(MovingGaussians):
 
         return Deformation(
             means=torch.stack([change.means for change in changes]).mean(0),
-            log_scales=torch.stack([change.log_scales for change in changes]).mean(0),
+            scales=torch.stack([change.scales for change in changes]).mean(0),
             quats=torch.stack([change.quats for change in changes]).mean(0),
             opacity_logits=mean([change.opacity_logits for change in changes]),
             sh=mean([change.sh for change in changes]),

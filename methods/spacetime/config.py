@@ -94,6 +94,12 @@ class SpacetimeConfig(MovingConfig):
     random_points=8000): growth by time gradients 23.99 to 23.92 dB with 3 % more rows, relocation
     by gradient 22.98 to 23.11 dB."""
 
+    squared_steps: int = steps_field(15_000)
+    """Steps in which the loss has the mean squared difference instead of the absolute one, under
+    which things vanish that are present less than half of the time."""
+    squared_weight: float = number(2.0, above=0, below=math.inf)
+    """Weight of squared differences. With 2 their gradient is that of absolute ones at a
+    difference of 1/4, so that as many splats grow."""
     motion_order: int = number(3, at_least=1, at_most=MAX_ORDER)
     """Degree of the polynomials along which splats move, 1 to 5."""
     spin: bool = True

@@ -26,6 +26,11 @@ CONFIGS = {
         deform_opacity=True,
         deform_sh=True,
     ),
+    "sum of scales": DeformationConfig(
+        sh_degree=1,
+        hexplane=HexPlaneConfig(channels=4, resolution=4, width=6),
+        scale_change="sum",
+    ),
 }
 
 

@@ -6,6 +6,7 @@ import pytest
 import torch
 from support.gaussians import no_contributions, no_views
 from support.scenes import front_camera, random_splats
+from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.config import step_settings
@@ -157,21 +158,56 @@ def test_the_same_seed_gives_the_same_model():
     assert not torch.equal(first.means.values, other.means.values)
 
 
-def test_losses_are_weighted_l1_and_dssim_over_valid_pixels():
+def compared(step: int, time: float | None = None) -> tuple[StepContext, Tensor, Tensor, Tensor]:
+    """The context of a step, and its rendered image, its target and its valid pixels."""
     generator = torch.Generator().manual_seed(0)
     images, rendered = (torch.rand(1, 12, 16, 3, generator=generator) for _ in range(2))
     valid = torch.rand(1, 12, 16, 1, generator=generator) < 0.5
     statistics = RenderStatistics(torch.ones(1, 4, dtype=torch.bool), torch.ones(1, 4))
-    operators = Operators()
-    batch = Batch(images, front_camera(16, 12), (0,), mask=valid)
+    camera = front_camera(16, 12)
+    if time is not None:
+        camera = replace(camera, time=torch.tensor([time]))
+    batch = Batch(images, camera, (0,), mask=valid)
     context = StepContext(
-        step=0, steps=10, batch=batch, splats=random_splats(4),
+        step=step, steps=10, batch=batch, splats=random_splats(4),
         rendered=RenderOutput(rendered, torch.ones(1, 12, 16, 1), statistics), target=images,
-        num_rows=4, share=1.0, extent=1.0, operators=operators,
+        num_rows=4, share=1.0, extent=1.0, operators=Operators(),
         render=no_views, contributions=no_contributions,
     )  # fmt: skip
+    return context, rendered, images, valid
+
+
+def test_losses_are_weighted_l1_and_dssim_over_valid_pixels():
+    context, *images = compared(step=0)
     losses = StaticGaussiansConfig(ssim_weight=0.25).build().losses(context)
-    l1, dssim = operators.l1_dssim(rendered, images, valid)
+    l1, dssim = Operators().l1_dssim(*images)
     assert set(losses) == {"l1", "dssim"}
     torch.testing.assert_close(losses["l1"], 0.75 * l1)
     torch.testing.assert_close(losses["dssim"], 0.25 * dssim)
+
+
+def test_squared_differences_take_the_place_of_l1_before_squared_steps():
+    settings = StaticGaussiansConfig(ssim_weight=0.25, squared_steps=5, squared_weight=3.0)
+    method = settings.build()
+    context, rendered, target, valid = compared(step=4)
+    losses = method.losses(context)
+    assert set(losses) == {"squared", "dssim"}
+    squares = (rendered - target)[valid.expand_as(target)].square().mean()
+    torch.testing.assert_close(losses["squared"], 0.75 * 3.0 * squares)
+    torch.testing.assert_close(
+        losses["dssim"], 0.25 * Operators().l1_dssim(rendered, target, valid)[1]
+    )
+    assert set(method.losses(compared(step=5)[0])) == {"l1", "dssim"}
+
+
+def test_squared_differences_alone_need_no_ssim():
+    losses = StaticGaussiansConfig(ssim_weight=0.0, squared_steps=5).build().losses(compared(0)[0])
+    assert set(losses) == {"squared"}
+
+
+def test_times_treated_as_one_are_averaged_to_the_end():
+    method = StaticGaussiansConfig(ssim_weight=0.0, ignore_time=True).build()
+    assert set(method.losses(compared(step=9, time=0.5)[0])) == {"squared"}
+    assert set(method.losses(compared(step=9)[0])) == {"l1", "dssim"}
+    moving = StaticGaussiansConfig(ssim_weight=0.0).build()
+    assert set(moving.losses(compared(step=9, time=0.5)[0])) == {"l1", "dssim"}

@@ -20,6 +20,7 @@ from gsfw.methods.gaussians4d.config import (
 )
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
+from gsfw.strategies.adc import AdcConfig
 
 
 def scene(num_points: int = 20, **options) -> Scene:
@@ -27,6 +28,24 @@ def scene(num_points: int = 20, **options) -> Scene:
     centers = torch.tensor([[0.0, 0, -4], [1, 0, -4]])
     moving = Scene("toy", points, points.clone(), centers, 2.0, time_range=(0.0, 9.0), num_times=6)
     return replace(moving, **options)
+
+
+TINY = DeformationConfig(
+    hexplane=HexPlaneConfig(channels=2, resolution=2, width=4),
+    hash=HashConfig(levels=1, coarsest=128, finest=128, log2_rows=4, width=4),
+)
+
+
+def time_cells(config: DeformationConfig, **capture) -> int:
+    """Cells along time of the encoder that is built for a capture."""
+    generator = torch.Generator().manual_seed(0)
+    model = config.build().build_model(scene(**capture), Operators(), generator, None)
+    encoder = model.field.encoder
+    if config.encoder == "hexplane":
+        (cells,) = {len(plane) for plane in encoder.time}
+    else:
+        ((_, cells),) = encoder._sizes
+    return cells
 
 
 def build(config: DeformationConfig, initial=None):
@@ -50,15 +69,43 @@ def test_the_defaults_are_those_of_the_paper_for_synthetic_scenes():
     assert step_settings(config)["optim.field_lr_steps"] == (20_000, 0)
 
 
-@pytest.mark.parametrize("preset", sorted(DeformationConfig.presets))
-def test_presets_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset):
-    values = {"method": "4dgs", "preset": preset, "steps": 2300, "device": "cpu"}
-    found = resolve(installed(), [Layer("test", values)])
-    assert found.flat()["strategy.reset_every"] == 0
-    config = found.config
+def resolved(**values: object) -> DeformationConfig:
+    """The settings of a run with these values."""
+    # Not of the built-in scene, which recommends a length of its own.
+    data = {"data": "folder", "datamanager": "blender", "device": "cpu"}
+    layer = Layer("test", {"method": "4dgs", **data, **values})
+    config = resolve(installed(), [layer]).config
     assert isinstance(config, DeformationConfig)
     config.check()
+    return config
+
+
+@pytest.mark.parametrize("preset", ["default", "fast"])
+def test_presets_of_wu_et_al_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset):
+    config = resolved(preset=preset, steps=2300)
+    assert isinstance(config.strategy, AdcConfig)
+    assert config.strategy.reset_every == 0
     assert config.coarse_steps == 300
+    assert config.squared_steps == 1150
+
+
+def test_the_preset_of_yang_et_al_has_their_schedule():
+    config = resolved(preset="mlp")
+    adc = config.strategy
+    assert isinstance(adc, AdcConfig)
+    assert (config.steps, config.coarse_steps, config.ssim_weight) == (40_000, 3000, 0.2)
+    assert (config.encoder, config.scale_change) == ("mlp", "sum")
+    assert (config.squared_steps, config.squared_weight) == (20_000, 2.0)
+    assert (adc.absgrad, adc.grow_absgrad) == (True, 7e-4)
+    assert (adc.refine_stop, adc.reset_every) == (15_000, 0)
+    assert adc.refine_start == pytest.approx(500, rel=0.01)
+    assert adc.refine_every == pytest.approx(100, rel=0.01)
+    assert config.optim.means_lr_steps == 30_000
+    rate = config.optim.field_rates(config.coarse_steps)["network"]
+    assert rate.at(3000) == 8e-4
+    assert rate.at(40_000) == pytest.approx(8e-5)
+    short = resolved(preset="mlp", steps=4000)
+    assert (short.coarse_steps, short.optim.field_lr_steps) == (300, 3700)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +129,7 @@ def test_presets_leave_opacities_alone_and_keep_the_share_of_coarse_steps(preset
         ),
         (
             {"hexplane": HexPlaneConfig(times=1)},
-            "hexplane.times=1: expected 0, or a number of at least 2.",
+            "hexplane.times=1: expected auto, 0, or a number of at least 2.",
         ),
         (
             {"hexplane": HexPlaneConfig(plane_tv=-1.0)},
@@ -165,7 +212,29 @@ def test_a_splat_file_keeps_its_degree_through_a_resume():
     assert model.canonical.active_degree == 2
 
 
-@pytest.mark.parametrize(("given", "rows"), [(0, 6), (3, 3)])
-def test_time_has_a_row_for_each_captured_time_unless_told_otherwise(given, rows):
-    _, model = build(DeformationConfig(hexplane=HexPlaneConfig(resolution=4, times=given)))
-    assert [len(plane) for plane in model.field.encoder.time] == [rows, rows]
+@pytest.mark.parametrize(
+    ("views", "times", "cells"),
+    [
+        (100, 100, 25),  # One camera per time: four times share a cell.
+        (216, 24, 24),  # Nine cameras per time: a cell for each time.
+        (12, 6, 3),
+        (5, 5, 2),  # No fewer than two, the first and the last time.
+        (2000, 1000, 100),
+    ],
+)
+@pytest.mark.parametrize("encoder", ["hexplane", "hash"])
+def test_a_cell_of_time_has_four_views_to_determine_it(encoder, views, times, cells):
+    config = replace(TINY, encoder=encoder)
+    assert time_cells(config, camera_centers=torch.rand(views, 3), num_times=times) == cells
+
+
+@pytest.mark.parametrize(("given", "cells"), [(7, 7), (0, 100)])
+@pytest.mark.parametrize("encoder", ["hexplane", "hash"])
+def test_a_given_number_of_time_cells_wins_and_0_is_one_per_captured_time(encoder, given, cells):
+    config = replace(
+        TINY,
+        encoder=encoder,
+        hexplane=replace(TINY.hexplane, times=given),
+        hash=replace(TINY.hash, times=given),
+    )
+    assert time_cells(config, camera_centers=torch.rand(100, 3), num_times=100) == cells

@@ -56,7 +56,7 @@ def assert_same_splats(first, second):
 
 
 @pytest.mark.parametrize("encoder", ENCODERS)
-@pytest.mark.parametrize("options", [{}, EVERYTHING])
+@pytest.mark.parametrize("options", [{}, {"scale_change": "sum"}, EVERYTHING])
 def test_the_field_changes_nothing_before_its_first_step(encoder, options):
     model = gaussians(encoder, **options)
     for time in (0.0, 0.37, 1.0, 7.0):
@@ -88,7 +88,7 @@ def test_what_the_field_says_is_added_before_activation(encoder):
     logits = rows.opacity_logits.values + change.opacity_logits
     torch.testing.assert_close(splats.means, rows.means.values + change.means)
     torch.testing.assert_close(splats.quats, rows.quats.values + change.quats)
-    torch.testing.assert_close(splats.scales, (rows.log_scales.values + change.log_scales).exp())
+    torch.testing.assert_close(splats.scales, (rows.log_scales.values + change.scales).exp())
     torch.testing.assert_close(splats.opacities, logits.sigmoid())
     coefficients = torch.cat([rows.sh_dc.values, rows.sh_rest.values], dim=1) + change.sh
     torch.testing.assert_close(splats.colors.dense(), coefficients)
@@ -96,6 +96,19 @@ def test_what_the_field_says_is_added_before_activation(encoder):
     constant = model.splats(TIME).colors
     assert isinstance(constant, Sh)
     torch.testing.assert_close(constant.dense(), coefficients[:, :1])
+
+
+def test_a_sum_of_scales_is_in_units_of_the_box_and_renders_like_its_absolute_value():
+    model = gaussians(trained=True, scale_change="sum")
+    rows, splats = model.canonical, model.splats(TIME)
+    with torch.no_grad():
+        rows.log_scales.values[:6] = -20.0
+    change = model.field(rows.means.values, TIME).scales * model.field.box.size
+    assert bool((change[:6] < 0).any())
+    splats = model.splats(TIME)
+    assert splats.scales is not None
+    expected = (rows.log_scales.values.exp() + change).abs()
+    torch.testing.assert_close(splats.scales, expected)
 
 
 @pytest.mark.parametrize("time", [0.0, 0.3, 1.0])
@@ -108,6 +121,16 @@ def test_splats_have_the_gradients_of_finite_differences_for_every_parameter(enc
     assert len(inputs) + len(held) == len([*model.parameters()]) > 12
     assert torch.autograd.gradcheck(
         lambda *_: tuple(model.splats(instant).tensors().values()), inputs, fast_mode=True
+    )
+
+
+def test_sums_of_scales_have_the_gradients_of_finite_differences():
+    model = gaussians(trained=True, scale_change="sum")
+    instant = TIME.double()
+    assert torch.autograd.gradcheck(
+        lambda *_: tuple(model.splats(instant).tensors().values()),
+        tuple(model.parameters()),
+        fast_mode=True,
     )
 
 

@@ -31,6 +31,8 @@ def test_the_defaults_are_those_of_the_paper():
     }  # fmt: skip
     steps = step_settings(config)
     assert steps["optim.means_lr_steps"] == (30_000, 0)
+    assert steps["squared_steps"] == (15_000, 0)
+    assert config.squared_weight == 2.0
     assert (steps["motion_start"], steps["motion_every"]) == ((15_000, 0), (4000, 50))
 
 
