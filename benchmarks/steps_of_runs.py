@@ -1,28 +1,35 @@
-"""How long training steps of finished runs take, in turns.
+"""How long training steps and rendered views of finished runs take, in turns.
 
     OMP_NUM_THREADS=1 python benchmarks/steps_of_runs.py ROUNDS RUN RUN ...
 
 goes on from the last checkpoint of each run, in memory only: in each round every run takes the same
-number of steps, which are beyond its schedules, so that no Gaussian comes or goes. Prints the
-median over rounds of CPU time and wall-clock time per step, and the median of the ratios of CPU
-time to the first run's in the same round, with quartiles.
+number of steps, which are beyond its schedules, so that no Gaussian comes or goes, and renders the
+same held-out views. Prints the median over rounds of CPU time and wall-clock time per step, and the
+median of the ratios of CPU time to the first run's in the same round, with quartiles; and the same
+of a view.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import torch
 
+from gsfw.core.datamanager import Split
+from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 
 STEPS = 5
-"""Of each run in a round."""
+"""Steps and views of each run in a round."""
 
 
 def trainer_of(run: Path) -> Trainer:
@@ -33,14 +40,28 @@ def trainer_of(run: Path) -> Trainer:
     return trainer
 
 
-def times(trainers: list[Trainer], rounds: int) -> np.ndarray:
-    """CPU and wall-clock milliseconds per step [rounds, trainers, 2], after a round to warm up."""
-    found = np.zeros((rounds + 1, len(trainers), 2))
+def renderer_of(trainer: Trainer) -> Callable[[], None]:
+    """Renders one held-out view after another, from the model's parameters on."""
+    parts, settings, device = trainer.parts, trainer.plan.settings, torch.device("cpu")
+    count = len(parts.data.views(Split.EVAL))
+    batches = [parts.data.load(Split.EVAL, [i % count], device)[0] for i in range(STEPS)]
+    turns = cycle(batches)
+
+    def render() -> None:
+        batch = next(turns)
+        render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
+
+    return render
+
+
+def times(works: list[Callable[[], Any]], rounds: int) -> np.ndarray:
+    """CPU and wall-clock milliseconds of each work [rounds, works, 2], after a round to warm up."""
+    found = np.zeros((rounds + 1, len(works), 2))
     for number in range(rounds + 1):
-        for place, trainer in enumerate(trainers):
+        for place, work in enumerate(works):
             before = time.process_time(), time.perf_counter()
             for _ in range(STEPS):
-                trainer._one_step()
+                work()
             after = time.process_time(), time.perf_counter()
             found[number, place] = (np.array(after) - before) * 1e3 / STEPS
     return found[1:]
@@ -49,17 +70,22 @@ def times(trainers: list[Trainer], rounds: int) -> np.ndarray:
 def table(runs: list[Path], rounds: int) -> str:
     """The table."""
     trainers = [trainer_of(run) for run in runs]
-    found = times(trainers, rounds)
-    ratios = found[:, :, 0] / found[:, :1, 0]
-    text = "| run | Gaussians | CPU ms | wall ms | CPU time, of the first | quartiles |\n"
-    text += "| --- | ---: | ---: | ---: | ---: | ---: |\n"
-    for place, (run, trainer) in enumerate(zip(runs, trainers, strict=True)):
-        cpu, wall = np.median(found[:, place], axis=0)
-        low, middle, high = np.quantile(ratios[:, place], [0.25, 0.5, 0.75])
-        text += (
-            f"| {run.name} | {len(trainer.parts.table):,} | {cpu:.1f} | {wall:.1f} | {middle:.3f} "
-            f"| {low:.3f} to {high:.3f} |\n"
-        )
+    works = {
+        "step": [trainer._one_step for trainer in trainers],
+        "view": [renderer_of(trainer) for trainer in trainers],
+    }
+    text = "| run | Gaussians | of | CPU ms | wall ms | CPU time, of the first | quartiles |\n"
+    text += "| --- | ---: | --- | ---: | ---: | ---: | ---: |\n"
+    for name, work in works.items():
+        found = times(work, rounds)
+        ratios = found[:, :, 0] / found[:, :1, 0]
+        for place, (run, trainer) in enumerate(zip(runs, trainers, strict=True)):
+            cpu, wall = np.median(found[:, place], axis=0)
+            low, middle, high = np.quantile(ratios[:, place], [0.25, 0.5, 0.75])
+            text += (
+                f"| {run.name} | {len(trainer.parts.table):,} | {name} | {cpu:.1f} | {wall:.1f} "
+                f"| {middle:.3f} | {low:.3f} to {high:.3f} |\n"
+            )
     return text
 
 
