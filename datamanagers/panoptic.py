@@ -41,6 +41,10 @@ class PanopticConfig(MultiCameraConfig):
 
     own_maps: ClassVar[frozenset[str]] = frozenset({SEGMENTATION})
 
+    segmentation: bool = True
+    """Whether seg/ also gives the per-view map "segmentation", for method dynamic3dgs; false saves
+    its memory. It gives the moving region of metrics anyway."""
+
     @classmethod
     def detect(cls, path: Path) -> Detection:
         """A folder with a train_meta.json, or such a file itself."""
@@ -79,7 +83,7 @@ class PanopticConfig(MultiCameraConfig):
         return Recording(
             name=folder.resolve().name,
             path=folder,
-            frames=with_segmentation(frames),
+            frames=with_segmentation(frames) if self.segmentation else tuple(frames),
             points=points,
             point_colors=colors,
             notes=(

@@ -181,5 +181,6 @@ def test_segmentation_is_a_map_of_every_view_if_all_have_it(tmp_path):
     values = batch.maps["segmentation"].values
     assert values.shape == (1, HEIGHT, WIDTH, 1)
     assert values.unique().tolist() == [0.0, 255.0]
+    assert build(tmp_path, segmentation=False).views(Split.TRAIN).maps == {}
     (tmp_path / "seg" / name(0, 1)).with_suffix(".png").unlink()
     assert build(tmp_path).views(Split.TRAIN).maps == {}
