@@ -15,6 +15,9 @@ from gsfw.core.cameras import Cameras
 LEAST_KNOWN = 0.5
 """A resampled pixel is known if at least this fraction of its area is known."""
 
+SEGMENTATION = "segmentation"
+"""Name of the per-view map that tells foreground (1) from background (0)."""
+
 
 class MaskMode(Enum):
     """Meaning of the pixels outside a mask."""

@@ -63,7 +63,8 @@ class Method(ABC):
             scene: the capture.
             views: names, cameras (with intrinsics), times and maps of the training views, in the
                 order in which ``Batch.views`` counts them.
-            model: as built; a resumed state is not loaded yet.
+            model: as built; a resumed state is not loaded yet. May get further columns here: the
+                optimizer is made afterwards.
 
         Raises:
             ConfigError: the views have no data that this method needs; names it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import final
+from typing import ClassVar, final
 
 from gsfw.core.batch import MaskMode
 from gsfw.core.config import AUTO, DataManagerConfig
@@ -24,6 +24,9 @@ WIDEST = 160.0
 @dataclass(kw_only=True)
 class CaptureConfig(DataManagerConfig, ABC):
     """Settings of masks, and of distorted lenses; images of pinholes stay as they are."""
+
+    own_maps: ClassVar[frozenset[str]] = frozenset()
+    """Names of the per-view maps that data sets of this format may have, without ``maps``."""
 
     fisheye: str = "undistort"
     """Images of fisheye lenses: undistort (to a pinhole), or keep (to an ideal fisheye)."""

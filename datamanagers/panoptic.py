@@ -1,27 +1,29 @@
 """The ``panoptic`` format: train_meta.json and test_meta.json of Dynamic 3D Gaussians.
 
 The layout of Luiten et al. 2024: for each time lists over cameras of intrinsics k, world-to-camera
-matrices w2c, image names fn under ims/ and camera numbers cam_id; seg/ marks what moves, and
-init_pt_cld.npz holds a point cloud.
+matrices w2c, image names fn under ims/ and camera numbers cam_id; seg/ marks the foreground, which
+moves, and init_pt_cld.npz holds a point cloud.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 
+from gsfw.core.batch import SEGMENTATION, Resampling
 from gsfw.core.config import Detection
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Recording, missing_images, no_points
 from gsfw.datamanagers.images import read_header
 from gsfw.datamanagers.lens import Lens
+from gsfw.datamanagers.map_file import MapFile
 from gsfw.datamanagers.multi_camera import MultiCameraConfig, hold_out_cameras
 from gsfw.datamanagers.point_file import Points, check_points
 from gsfw.datamanagers.poses import from_opencv
@@ -36,6 +38,12 @@ USUAL_RATE = 30.0
 @dataclass
 class PanopticConfig(MultiCameraConfig):
     """Settings of the ``panoptic`` format. By default those of test_meta.json are held out."""
+
+    own_maps: ClassVar[frozenset[str]] = frozenset({SEGMENTATION})
+
+    segmentation: bool = True
+    """Whether seg/ also gives the per-view map "segmentation", for method dynamic3dgs; false saves
+    its memory. It gives the moving region of metrics anyway."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:
@@ -75,7 +83,7 @@ class PanopticConfig(MultiCameraConfig):
         return Recording(
             name=folder.resolve().name,
             path=folder,
-            frames=tuple(frames),
+            frames=with_segmentation(frames) if self.segmentation else tuple(frames),
             points=points,
             point_colors=colors,
             notes=(
@@ -203,6 +211,17 @@ class _MetaFile:
             world_to_camera=from_opencv(w2c, where),
             moving=moving if moving.is_file() else None,
         )
+
+
+def with_segmentation(frames: Sequence[Frame]) -> tuple[Frame, ...]:
+    """Frames with the per-view map "segmentation", if every frame has a file of the foreground."""
+    files = [frame.moving for frame in frames]
+    return tuple(
+        replace(frame, maps={**frame.maps, SEGMENTATION: MapFile(file, Resampling.NEAREST)})
+        if file is not None and None not in files
+        else frame
+        for frame, file in zip(frames, files, strict=True)
+    )
 
 
 def _folder(path: Path) -> Path:

@@ -59,12 +59,18 @@ def write_header(model: StoredModel) -> dict[str, Any]:
         },
         "settings": dict(model.settings),
         "splits": {split.value: views.origin for split, views in model.views.items()},
+        **_maps_document(model.views[Split.TRAIN]),
         "cameras": [
             _camera_document(split, name, camera)
             for split, views in model.views.items()
             for name, camera in zip(views.names, views.cameras, strict=True)
         ],
     }
+
+
+def _maps_document(views: Views) -> dict[str, Any]:
+    """Channels of each per-view map: methods may make columns for them."""
+    return {"maps": dict(views.maps)} if views.maps else {}
 
 
 def _scene_document(scene: Scene) -> dict[str, Any]:
@@ -218,11 +224,14 @@ def _views(fields: HeaderFields) -> dict[Split, Views]:
     if not found[Split.TRAIN]:
         raise DataError(f"{fields.path}: its header has no cameras that it was trained on.", BROKEN)
     origins = fields.fields("splits")
+    maps = fields.fields("maps") if "maps" in fields.values else None
+    channels = {} if maps is None else {name: maps.count(name, least=1) for name in maps.values}
     return {
         split: Views(
             tuple(name for name, _ in members),
             tuple(camera for _, camera in members),
             origins.text(split.value),
+            channels,
         )
         for split, members in found.items()
     }

@@ -288,9 +288,9 @@ def _parts(
     initial = read_initial(config.init, registry, scene)
     seeded = torch.Generator().manual_seed(config.seed)
     model = method.build_model(scene, operators, seeded, initial).to(device)
+    method.begin(scene, data.views(Split.TRAIN), model)
     groups = corrections.parameter_groups()
     optimizer = Optimizer(model, operators, config.optim.settings(), groups)
-    method.begin(scene, data.views(Split.TRAIN), model)
     assert isinstance(config.sampler, SamplerConfig)
     assert isinstance(config.rasterizer, RasterizerConfig)
     return TrainingParts(

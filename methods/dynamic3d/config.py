@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from gsfw.core.batch import SEGMENTATION
+from gsfw.core.capabilities import Needs
 from gsfw.core.config import Rescaled, steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.core.ranges import number
@@ -26,6 +28,8 @@ class TrackedGaussiansOptim(StaticGaussiansOptim):
 
     means_lr_steps: int = steps_field(10_000)
     """Steps over which the rate of positions decays at the first time."""
+    segmentation_lr: float = number(5e-2, at_least=0, below=math.inf)
+    """Rate of the logits of the segmentation, at the first time; they are fixed afterwards."""
     tracked_means_lr: float = number(6e-3, at_least=0, below=math.inf)
     """Rate of positions at the first step of every later time, times the scene's extent."""
     tracked_quats_lr: float = number(1e-2, at_least=0, below=math.inf)
@@ -68,6 +72,12 @@ class TrackedGaussiansConfig(GaussiansConfig):
     """Weight of the change of distances to neighbours since the first time, in extents."""
     color_change: float = number(0.01, at_least=0, below=math.inf)
     """Weight of the change of colours since the previous time (colors=soft)."""
+    segmentation_weight: float = number(3.0, at_least=0, below=math.inf)
+    """Weight of the loss of the rendered segmentation, if views have a map "segmentation" (1 where
+    the foreground is, else 0); 0: masks are not used."""
+    background_weight: float = number(20.0, at_least=0, below=math.inf)
+    """Weight of the change of background rows since the first time, in extents and quaternions; no
+    effect without a map "segmentation"."""
     neighbors: int = number(20, at_least=1)
     """Neighbours of each row, found once, when the first time is finished."""
     neighbors_per_step: int = number(5, at_least=1)
@@ -98,6 +108,13 @@ class TrackedGaussiansConfig(GaussiansConfig):
                 f"neighbors={self.neighbors}."
             )
         self._check_refinement()
+
+    def needs(self) -> Needs:
+        """An extra channel if the data may have masks of the foreground."""
+        named = {str(text).partition(":")[0] for text in getattr(self.datamanager, "maps", ())}
+        named |= getattr(self.datamanager, "own_maps", frozenset())
+        masked = self.segmentation_weight > 0 and SEGMENTATION in named
+        return super().needs() | Needs(extra_channels=int(masked))
 
     def _check_refinement(self) -> None:
         """Refuse changes of rows during tracking: new rows would have no past.

@@ -3,10 +3,11 @@
 Gaussians are trained on the images of the first time; on those of each later time they only move
 and rotate (and change their constant colour a little), constrained to local rigidity.
 
-Differences from the released code: no masks are needed, as all rows take part in rigidity and there
-are neither background nor floor terms; colours have spherical harmonics; learning rates restart at
-every time and decay within it, so that short runs converge like long ones; a body that turns is
-expected to turn on, where the paper expects every row to go straight on.
+Differences from the released code: masks of the foreground are optional, and without them all rows
+take part in rigidity and there is no background term; rows learn their segmentation from the masks;
+there is no floor term; colours have spherical harmonics; learning rates restart at every time and
+decay within it, so that short runs converge like long ones; a body that turns is expected to turn
+on, where the paper expects every row to go straight on.
 """
 
 from __future__ import annotations
@@ -17,22 +18,35 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.batch import SEGMENTATION, Batch
+from gsfw.core.context import StepContext
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
+from gsfw.core.render_output import RenderOutput
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.methods.dynamic3d.model import Regularization, TrackedGaussians
+from gsfw.methods.dynamic3d.segmentation import (
+    has_masks,
+    intersection_over_union,
+    mask_loss,
+)
 from gsfw.methods.moving.method import MovingMethod
 
 if TYPE_CHECKING:
     from gsfw.methods.dynamic3d.config import TrackedGaussiansConfig
 
+MASKS_NOTE = (
+    "Views have masks of the foreground: rows learn whether they are foreground, and the others "
+    "stay where they are at the first time. segmentation_weight=0 trains without masks."
+)
 ENOUGH_VIEWS = 4
 """Fewer views leave most of a surface to be seen from one side; Luiten et al. have 27 cameras."""
 MOVING = ("means", "quats")
@@ -51,14 +65,46 @@ class TrackedGaussiansMethod(MovingMethod):
         self._views_at: Mapping[float, int] = {}
         self._first_step: int | None = None
         self._planned_steps = 0
+        self._has_masks = False
 
     def begin(self, scene: Scene, views: Views, model: PrimitiveModel) -> None:
-        """Count the training views of each time."""
+        """Count the training views of each time; add the segmentation if views have masks.
+
+        Raises:
+            ConfigError: the masks have more than one channel.
+        """
         self._views_at = dict(sorted(Counter(views.times or ()).items()))
+        assert isinstance(model, TrackedGaussians)
+        if self._config.segmentation_weight > 0 and has_masks(views):
+            model.add_segmentation(LearningRate(self._config.optim.segmentation_lr))
+            self._has_masks = True
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
         """Notes on the initialisation, and on times that the hold-out leaves with few views."""
-        return (*super().notes(scene), *view_notes(self._views_at))
+        masks = (MASKS_NOTE,) if self._has_masks else ()
+        return (*super().notes(scene), *view_notes(self._views_at), *masks)
+
+    def losses(self, context: StepContext) -> Mapping[str, Tensor]:
+        """L1 and SSIM of the images, and of the segmentation if there are masks."""
+        losses = dict(super().losses(context))
+        if self._has_masks:
+            masks = mask_loss(context, self._config.ssim_weight)
+            losses["segmentation"] = self._config.segmentation_weight * masks
+        return losses
+
+    def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
+        """Agreement of the rendered segmentation with the mask."""
+        if not self._has_masks or SEGMENTATION not in batch.maps:
+            return {}
+        return {"segmentation_iou": intersection_over_union(batch, rendered)}
+
+    def view_images(
+        self, batch: Batch, rendered: RenderOutput
+    ) -> Mapping[str, Float[Tensor, "h w 3"]]:
+        """The rendered segmentation in grey."""
+        if rendered.extra is None:
+            return {}
+        return {SEGMENTATION: rendered.extra[0].clamp(0.0, 1.0).expand(-1, -1, 3)}
 
     def build_model(
         self,
@@ -76,6 +122,7 @@ class TrackedGaussiansMethod(MovingMethod):
             config.rotation,
             config.isometry,
             config.color_change,
+            config.background_weight,
             config.neighbors,
             config.neighbors_per_step,
         )

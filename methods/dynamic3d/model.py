@@ -11,18 +11,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from gsfw.core.batch import SEGMENTATION
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column
 from gsfw.core.context import StepContext
+from gsfw.core.learning_rate import LearningRate
 from gsfw.core.maths.rotations import relative_quaternions, same_half, unit_matrices
 from gsfw.core.model import Children, DensifiableModel
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.dynamic3d.neighborhood import Neighborhood
 from gsfw.methods.dynamic3d.rigidity import rigidity
+from gsfw.methods.dynamic3d.segmentation import background_change
 from gsfw.methods.dynamic3d.trajectory import Pose, Trajectory
 from gsfw.methods.gaussians3d.model import StaticGaussians
 
@@ -35,6 +38,7 @@ class Regularization:
     rotation: float
     isometry: float
     color: float
+    background: float
     neighbors: int
     """Number of neighbours of each row."""
     neighbors_per_step: int
@@ -58,6 +62,22 @@ class TrackedGaussians(DensifiableModel):
     def columns(self) -> Mapping[str, Column]:
         """Columns of static Gaussians; past_means, past_quats, and past_colors if they change."""
         return {**self.canonical.columns(), **self.trajectory.columns()}
+
+    def add_segmentation(self, rate: LearningRate) -> None:
+        """Give each row a logit of the foreground: the column "segmentation"."""
+        means = self.canonical.means.values
+        column = Column(means.new_zeros(len(means), 1), rate)
+        self.canonical.extra[SEGMENTATION] = column
+
+    @property
+    def _segmentation(self) -> Column | None:
+        """The logits; ``None`` without masks."""
+        return self.canonical.columns().get(SEGMENTATION)
+
+    def foreground(self) -> Bool[Tensor, " n"] | None:
+        """True for rows of the foreground; ``None`` without masks."""
+        logits = self._segmentation
+        return None if logits is None else logits.values.detach()[:, 0] >= 0
 
     def temporal_columns(self) -> Mapping[str, Column]:
         """The past columns: poses of the finished times."""
@@ -113,7 +133,9 @@ class TrackedGaussians(DensifiableModel):
         still, current = self.canonical.splats(), self._pose()
         time = torch.zeros((), device=current.means.device) if time is None else time
         pose = self.trajectory.at(time, current)
-        splats = replace(still, means=pose.means, quats=pose.quats)
+        logits = self._segmentation
+        extra = None if logits is None else logits.values.sigmoid()
+        splats = replace(still, means=pose.means, quats=pose.quats, extra=extra)
         if pose.colors is None:
             return splats
         assert isinstance(still.colors, Sh)
@@ -124,28 +146,46 @@ class TrackedGaussians(DensifiableModel):
         return self.canonical.active_bands()
 
     def regularizers(self, context: StepContext) -> Mapping[str, Tensor]:
-        """From the second time on: rigidity among neighbours, and changes of colours."""
+        """From the second time on: rigidity among neighbours, changes of colours and background."""
         if not self.tracking:
             return {}
         weights, now = self._regularization, self._pose()
         before = self.trajectory.stored(self.trajectory.num_finished - 1, now.means)
-        neighbors = self._neighbors(context).some(context.step, self.trajectory, now.means)
-        rigid, rotation, isometry = rigidity(neighbors, now.means, now.quats, before.quats)
-        terms = {
-            "rigid": weights.rigid / context.extent * rigid,
-            "rotation": weights.rotation * rotation,
-            "isometry": weights.isometry / context.extent * isometry,
-        }
+        terms = self._rigidity(context, now, before)
+        foreground = self.foreground()
+        if foreground is not None:
+            first = self.trajectory.stored(0, now.means)
+            change = background_change(~foreground, now, first, context.extent)
+            terms["background"] = weights.background * change
         if now.colors is not None and before.colors is not None:
             terms["color_change"] = weights.color * (now.colors - before.colors).abs().mean()
         return terms
 
+    def _rigidity(self, context: StepContext, now: Pose, before: Pose) -> dict[str, Tensor]:
+        """The terms of neighbours, among foreground rows only if there are masks."""
+        weights, near = self._regularization, self._neighbors(context)
+        neighbors = near.some(context.step, self.trajectory, now.means)
+        if len(neighbors.rows) == 0:
+            return {}
+        rigid, rotation, isometry = rigidity(
+            neighbors, near.of(now.means), near.of(now.quats), near.of(before.quats)
+        )
+        return {
+            "rigid": weights.rigid / context.extent * rigid,
+            "rotation": weights.rotation * rotation,
+            "isometry": weights.isometry / context.extent * isometry,
+        }
+
     def _neighbors(self, context: StepContext) -> Neighborhood:
         """The neighbours of each row, found once when the first time is finished."""
         if self._neighborhood is None or not self._neighborhood.fits(self.num_rows):
-            weights = self._regularization
+            weights, foreground = self._regularization, self.foreground()
             self._neighborhood = Neighborhood(
-                self.trajectory, weights.neighbors, weights.neighbors_per_step, context.operators
+                self.trajectory,
+                weights.neighbors,
+                weights.neighbors_per_step,
+                context.operators,
+                None if foreground is None else foreground.nonzero()[:, 0],
             )
         return self._neighborhood
 

@@ -20,10 +20,21 @@ class Neighborhood:
     """
 
     def __init__(
-        self, trajectory: Trajectory, count: int, per_step: int, operators: Operators
+        self,
+        trajectory: Trajectory,
+        count: int,
+        per_step: int,
+        operators: Operators,
+        members: Int[Tensor, " m"] | None = None,
     ) -> None:
-        """Find the ``count`` nearest rows of each row; a step uses ``per_step`` of them."""
-        first = trajectory.stored(0, trajectory.columns()["past_means"].values).means
+        """Find the ``count`` nearest rows of each row; a step uses ``per_step`` of them.
+
+        With ``members``, only these rows are neighbours of each other; the others take no part, and
+        "row i" of all results is row ``members[i]``.
+        """
+        self._members = members
+        every = trajectory.stored(0, trajectory.columns()["past_means"].values).means
+        self._num_rows, first = len(every), self.of(every)
         self._rows = operators.neighbors(first, min(count, max(len(first) - 1, 1)))
         self._lengths = _offsets(first, self._rows).norm(dim=2)
         typical = self._lengths.median(dim=1, keepdim=True).values
@@ -37,7 +48,11 @@ class Neighborhood:
 
     def fits(self, num_rows: int) -> bool:
         """True if this belongs to a model with so many rows."""
-        return len(self._rows) == num_rows
+        return self._num_rows == num_rows
+
+    def of(self, values: Float[Tensor, "n d"]) -> Float[Tensor, "m d"]:
+        """Values of the rows that take part; differentiable."""
+        return values if self._members is None else values.index_select(0, self._members)
 
     def some(self, step: int, trajectory: Trajectory, like: Tensor) -> Neighbors:
         """Some neighbours of each row; later steps use others until all were used."""
@@ -48,7 +63,7 @@ class Neighborhood:
         if turn not in self._turns:
             chosen = slice(turn, None, self._num_turns)
             rows = self._rows[:, chosen].contiguous()
-            previous = trajectory.stored(self._finished - 1, like).means
+            previous = self.of(trajectory.stored(self._finished - 1, like).means)
             self._turns[turn] = Neighbors(
                 rows,
                 self._weights[:, chosen].to(like),

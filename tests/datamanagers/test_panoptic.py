@@ -84,6 +84,7 @@ def test_the_cameras_of_the_test_file_are_held_out(tmp_path):
         f"{tmp_path}/test_meta.json: 1 cameras at 3 times",
         "3 times, 30 per second (the usual one; datamanager.fps=N gives another)",
         f"{tmp_path}/init_pt_cld.npz: 20 points",
+        "per-view map segmentation: 1 channel, resampled by nearest",
         "9 views to train on, 3 held out (the data set's own split, test_meta.json)",
     )
 
@@ -171,3 +172,15 @@ def test_a_point_cloud_that_is_none_is_refused(tmp_path):
 def test_images_decode(tmp_path):
     (batch,) = build(write(tmp_path)).load(Split.EVAL, [1], torch.device("cpu"))
     assert batch.images.shape == (1, HEIGHT, WIDTH, 3)
+
+
+def test_segmentation_is_a_map_of_every_view_if_all_have_it(tmp_path):
+    data = build(write(tmp_path))
+    assert data.views(Split.TRAIN).maps == data.views(Split.EVAL).maps == {"segmentation": 1}
+    (batch,) = data.load(Split.EVAL, [1], torch.device("cpu"))
+    values = batch.maps["segmentation"].values
+    assert values.shape == (1, HEIGHT, WIDTH, 1)
+    assert values.unique().tolist() == [0.0, 255.0]
+    assert build(tmp_path, segmentation=False).views(Split.TRAIN).maps == {}
+    (tmp_path / "seg" / name(0, 1)).with_suffix(".png").unlink()
+    assert build(tmp_path).views(Split.TRAIN).maps == {}
