@@ -92,6 +92,8 @@ class GaussiansConfig(MethodConfig):
     """Steps after which one more degree is trained; 0: all from the first step."""
     ssim_weight: float = number(0.2, at_least=0, at_most=1)
     """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
+    opacity_penalty: float = number(0.0, at_least=0, below=math.inf)
+    """Weight of the mean opacity in the loss, for captures of few cameras (0.03); 0: none."""
     init_opacity: float = number(0.1, above=0, below=1)
     """Initial opacity of every splat."""
     init_scale: float = number(1.0, above=0)
