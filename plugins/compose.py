@@ -47,12 +47,12 @@ from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
-from gsfw.datamanagers.stereo_points import STEREO, with_stereo_points
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.devices import find_device, unused_gpu
 from gsfw.plugins.loading import ask_all, check_built, load, make_metrics
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
+from gsfw.plugins.stereo_points import STEREO, with_stereo_points
 
 INIT_WORDS = (AUTO, "points", "random", STEREO)
 """Values of ``init`` that are not a file."""

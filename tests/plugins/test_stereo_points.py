@@ -8,8 +8,8 @@ import torch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataRequest, Split, Views
 from gsfw.core.errors import ConfigError
-from gsfw.datamanagers.stereo_points import MOST_VIEWS, chosen_views, with_stereo_points
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
+from gsfw.plugins.stereo_points import MOST_VIEWS, chosen_views, with_stereo_points
 
 WHITE = (1.0, 1.0, 1.0)
 
