@@ -30,8 +30,8 @@ COLOR_WEIGHT = 4.0
 LEAST_VARIANCE = 1e-3
 """Windows with less colour variance have no depth: every plane matches."""
 LEAST_SCORE = 0.5
-"""Least match of a pixel (1 is perfect); of garden_robot_mv half of the found points are above
-0.7."""
+"""Least match of a pixel (1 is perfect). On garden_robot_mv at 200x150 it leaves 52,035 points, 0.6
+leaves 37,593 and 0.8 leaves 10,402."""
 TOLERANCE = 0.03
 """Cameras agree on a depth if the two differ by less, relatively."""
 CONFIRMATIONS = 2
