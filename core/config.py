@@ -267,7 +267,8 @@ class MethodConfig(ABC):
     device: str = AUTO
     """Device of the training: auto, cpu, cuda or cuda:N."""
     init: str = AUTO
-    """Initial splats: points, random, or a splat file. auto: points if the data has any."""
+    """Initial splats: points, random, stereo (surfaces found in the images), or a splat file. auto:
+    points if the data has any."""
     downscale: float = number(1.0, at_least=1, below=math.inf)
     """Shrink images by this factor (area filter); 2 halves the width and the height."""
     background: str = AUTO

@@ -52,8 +52,9 @@ from gsfw.plugins.devices import find_device, unused_gpu
 from gsfw.plugins.loading import ask_all, check_built, load, make_metrics
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
+from gsfw.plugins.stereo_points import STEREO, with_stereo_points
 
-INIT_WORDS = (AUTO, "points", "random")
+INIT_WORDS = (AUTO, "points", "random", STEREO)
 """Values of ``init`` that are not a file."""
 
 
@@ -226,14 +227,14 @@ def compose(
     Args:
         settings: settings of the run.
         registry: the installed parts.
-        restoring: true if a checkpoint follows, so that an initial splat file is not needed.
+        restoring: true if a checkpoint follows, so that initial splats are not needed.
         data: replaces the data set of the settings; ``None`` opens that one.
 
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
         DataError: the data set cannot be used.
     """
-    if restoring and settings.config.init not in INIT_WORDS:
+    if restoring and settings.config.init not in (AUTO, "points", "random"):
         settings = replace(settings, config=replace(settings.config, init=AUTO))
     check(settings, registry)
     device = settings_device(settings)
@@ -286,6 +287,8 @@ def _parts(
     scene = data.scene
     operators = choose_operators(registry, device)
     initial = read_initial(config.init, registry, scene)
+    if config.init == STEREO:
+        scene = with_stereo_points(data, parse_background(config.background, scene.has_alpha))
     seeded = torch.Generator().manual_seed(config.seed)
     model = method.build_model(scene, operators, seeded, initial).to(device)
     method.begin(scene, data.views(Split.TRAIN), model)

@@ -99,6 +99,8 @@ class GaussiansConfig(MethodConfig):
     squared_weight: float = number(1.0, above=0, below=math.inf)
     """Weight of squared differences. With 2 their gradient is that of absolute ones at a
     difference of 1/4, so that more splats grow."""
+    opacity_penalty: float = number(0.0, at_least=0, below=math.inf)
+    """Weight of the mean opacity in the loss, for captures of few cameras (0.03); 0: none."""
     init_opacity: float = number(0.1, above=0, below=1)
     """Initial opacity of every splat."""
     init_scale: float = number(1.0, above=0)

@@ -35,6 +35,7 @@ from gsfw.methods.gaussians3d.initialisation import (
     usable_points,
 )
 from gsfw.methods.gaussians3d.model import GaussianParameters, StaticGaussians
+from gsfw.methods.gaussians3d.opacity_penalty import OpacityPenalty
 
 if TYPE_CHECKING:
     from gsfw.methods.gaussians3d.config import GaussiansConfig
@@ -150,11 +151,17 @@ class StaticGaussiansMethod(Method):
         return {}
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
-        """Adaptive bands under sh=adaptive."""
+        """Adaptive bands under sh=adaptive, and the opacity penalty."""
         assert isinstance(model, StaticGaussians)
+        found = self.penalties()
         if model.evidence is None:
-            return ()
-        return (AdaptiveBands(self._config.bands, model, len(scene.camera_centers)),)
+            return found
+        return (AdaptiveBands(self._config.bands, model, len(scene.camera_centers)), *found)
+
+    def penalties(self) -> tuple[Refiner, ...]:
+        """The opacity penalty, if it has a weight."""
+        weight = self._config.opacity_penalty
+        return (OpacityPenalty(weight),) if weight > 0 else ()
 
     def _from_scene(
         self, scene: Scene, operators: Operators, generator: torch.Generator

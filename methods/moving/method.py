@@ -96,9 +96,10 @@ class MovingMethod(Method):
         self._static.prepare(step, model.canonical, optimizer, time)
 
     def refiners(self, scene: Scene, model: PrimitiveModel) -> tuple[Refiner, ...]:
-        """Adaptive bands under sh=adaptive, settling under static=auto."""
+        """Adaptive bands and penalties of method 3dgs, and settling under static=auto."""
         if not isinstance(model, MovingGaussians):
-            return ()  # Tracked rows do not change their kind after the first time.
+            # Tracked rows do not change their kind after the first time.
+            return self._static.penalties()
         bands, config = self._static.refiners(scene, model.canonical), self._settling
         if config is None or model.still is None:
             return bands

@@ -1,0 +1,55 @@
+"""init=stereo: the chosen views, the points, and the refusals."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.datamanager import DataRequest, Split, Views
+from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.synthetic.config import SyntheticConfig
+from gsfw.plugins.stereo_points import MOST_VIEWS, chosen_views, with_stereo_points
+
+WHITE = (1.0, 1.0, 1.0)
+
+
+def views_at(times: list[float | None]) -> Views:
+    cameras = tuple(
+        Cameras(
+            torch.eye(4)[None],
+            torch.eye(3)[None],
+            8,
+            6,
+            time=None if time is None else torch.tensor([time]),
+        )
+        for time in times
+    )
+    return Views(tuple(str(i) for i in range(len(times))), cameras)
+
+
+def test_the_first_time_with_the_most_cameras_is_taken():
+    assert chosen_views(views_at([0.0, 0.5, 0.5, 1.0, 1.0])) == [1, 2]
+
+
+def test_a_static_capture_gives_all_views_up_to_a_limit():
+    assert chosen_views(views_at([None] * 5)) == [0, 1, 2, 3, 4]
+    assert len(chosen_views(views_at([None] * 200))) <= MOST_VIEWS
+
+
+def test_one_camera_per_time_is_refused():
+    data = SyntheticConfig(moving=True, width=24, height=18).build(DataRequest(None))
+    views = data.views(Split.TRAIN)
+    single = replace(views, names=views.names[:1], cameras=views.cameras[:1])
+    data.views = lambda split: single
+    with pytest.raises(ConfigError, match=r"init=stereo: .* has 1 cameras at one time"):
+        with_stereo_points(data, WHITE)
+
+
+def test_points_of_the_built_in_scene_lie_in_front_of_its_cameras():
+    data = SyntheticConfig(width=64, height=48, views=8).build(DataRequest(None))
+    scene = with_stereo_points(data, WHITE)
+    assert len(scene.points) >= 100
+    assert scene.point_times is None
+    truth = data.scene.points
+    assert torch.cdist(scene.points, truth).amin(1).median() < 0.1 * scene.extent
