@@ -41,9 +41,11 @@ def trainer_of(run: Path) -> Trainer:
 
 
 def renderer_of(trainer: Trainer) -> Callable[[], None]:
-    """Renders one held-out view after another, from the model's parameters on."""
+    """Renders one held-out view after another, including the model's splats at its time."""
     parts, settings, device = trainer.parts, trainer.plan.settings, torch.device("cpu")
     count = len(parts.data.views(Split.EVAL))
+    if count == 0:
+        raise SystemExit(f"{trainer.folder.path} holds out no views: train it with some.")
     batches = [parts.data.load(Split.EVAL, [i % count], device)[0] for i in range(STEPS)]
     turns = cycle(batches)
 

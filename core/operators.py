@@ -185,7 +185,7 @@ class Operators:
 
         Args:
             grid: values of the cells.
-            axes: axes along which neighbours are compared; those of less than two cells add 0.
+            axes: axes along which neighbours are compared; those of at most ``order`` cells add 0.
             order: 1 for first differences, 2 for second ones.
             weight: factor of the result.
         """

@@ -63,7 +63,7 @@ def slices(
 
 @dataclass(frozen=True)
 class Conditional:
-    """Slices of ``n`` Gaussians; only their means and weights depend on the time."""
+    """Slices of ``n`` Gaussians, with the factors of their covariances, to sample from them."""
 
     factors: Float[Tensor, "3 4 n"]
     """Factor P of the covariance P P^T; times a unit normal, it samples from the Gaussian."""

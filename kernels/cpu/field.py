@@ -1,6 +1,8 @@
-"""Temporal fields in native code: products of planes, networks and regularisers, with gradients.
+"""Temporal fields in native code: planes, hash grids, slices, networks and regularisers.
 
-Rows whose incoming gradient is zero (no pixel shows them) cost nothing in the backward pass.
+In the backward pass of planes, hash grids and networks, rows whose incoming gradient is zero (no
+pixel shows them) are left out. A graph is for one backward pass: gradients that forward computes
+are handed on without a copy, and nothing is differentiated twice.
 """
 
 from __future__ import annotations
@@ -70,7 +72,7 @@ def squared_differences(
     grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float
 ) -> Float[Tensor, ""] | None:
     """``Operators.squared_differences``; ``None`` for axes that native code does not take."""
-    cells = _four_axes(grid.shape, axes, order)
+    cells = _four_axes(grid.shape, [axis % grid.dim() for axis in axes], order)
     if cells is None:
         return None
     sizes = [grid.numel() * max(n - order, 0) // n for n in cells[1:3]]

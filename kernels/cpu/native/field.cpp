@@ -167,7 +167,9 @@ void plane_product_backward(const PlaneProductJob<T>& job, int64_t count, const 
   const int64_t active = int64_t(rows.size()), packs = job.channels / LANES;
   const int64_t tasks = job.level_count * packs;
   const FieldRows<T> of = {rows.data(), active, gradient};
-  T* const moved = scratch_of_thread<T>(tasks * active * 3);
+  // Apart from the scratch of tasks, which run on this thread too.
+  std::vector<T> parts(size_t(tasks * active * 3));
+  T* const moved = parts.data();
   parallel(tasks, threads, [&](int64_t task, int) {
     kernels<T>().plane_product_backward(job, of, task / packs, task % packs * LANES,
                                         moved + task * active * 3);

@@ -1,9 +1,10 @@
-// Temporal fields: products of planes, hash grids, small networks and regularisers, forward and
-// backward.
+// Temporal fields: products of planes, hash grids, slices, small networks and regularisers, forward
+// and backward.
 //
 // Results are the same to the bit for any number of threads: rows are computed by themselves, and
 // sums over rows are taken in chunks whose size depends on the number of rows only, in order.
-// Rows whose incoming gradient is zero are left out of the backward pass: what no pixel sees.
+// Rows whose incoming gradient is zero, which no pixel shows, are left out of the backward pass of
+// planes, hash grids and networks.
 #pragma once
 
 #include <vector>

@@ -63,7 +63,8 @@ GSFW_FUNCTION void multiply_block(int64_t depth, const LeftMatrix<T>& a, PackedM
   for (int r = 0; r < ROWS; ++r) {
 #pragma GCC unroll 4
     for (int p = 0; p < PACKS; ++p) {
-      const Pack<T> value = RELU ? maximum(sums[r][p], Pack<T>(0.0)) : sums[r][p];
+      // The sum is the second operand: NaN stays NaN.
+      const Pack<T> value = RELU ? maximum(Pack<T>(0.0), sums[r][p]) : sums[r][p];
       store(c.data + r * c.stride + p * LANES, value);
     }
   }

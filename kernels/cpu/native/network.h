@@ -71,11 +71,12 @@ void network(const NetworkJob<T>& job, int64_t begin, int64_t end, T* scratch) {
   }
 }
 
-/// Zero the gradient where the activation is not positive.
+/// Zero the gradient where the activation is 0, and only there: NaN lets it through.
 template <typename T>
 GSFW_FUNCTION void mask_by_activation(const T* activation, int64_t count, T* gradient) {
   for (int64_t i = 0; i < count; i += LANES) {
-    store(gradient + i, keep(load(activation + i) > Pack<T>(0.0), load(gradient + i)));
+    const LaneMask<T> off = load(activation + i) <= Pack<T>(0.0);
+    store(gradient + i, keep(!off, load(gradient + i)));
   }
 }
 

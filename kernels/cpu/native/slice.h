@@ -1,7 +1,7 @@
 // Slices of Gaussians of space and time: covariance, velocity and temporal variance, and gradients.
 //
-// Operation for operation as gsfw.core.maths.slices has it, which gives the equations (Duan et al.
-// 2024; Yang et al. 2024) and says why nothing cancels. Sixteen rows at a time.
+// As gsfw.core.maths.slices has it, which gives the equations (Duan et al. 2024; Yang et al. 2024)
+// and says why nothing cancels. Sixteen rows at a time.
 #pragma once
 
 #include "field_stages.h"
@@ -37,9 +37,10 @@ GSFW_FUNCTION Pack<T> entry(const Pack<T>* quat, Signed at) {
 template <typename T>
 GSFW_FUNCTION void normalise(Pack<T>* quat, Pack<T>* inverse) {
   const Pack<T> zero(0.0), one(1.0);
-  Pack<T> size = absolute(quat[0]);
-  for (int k = 1; k < 4; ++k) size = maximum(size, absolute(quat[k]));
-  const LaneMask<T> there = size > Pack<T>(LEAST_NORM);
+  Pack<T> size = zero;
+  for (int k = 0; k < 4; ++k) size = maximum(size, absolute(quat[k]));
+  LaneMask<T> there = size > Pack<T>(LEAST_NORM);
+  for (int k = 0; k < 4; ++k) there = there & (quat[k] <= quat[k]);  // NaN is the identity too.
   const Pack<T> scale = select(there, size, one);
   Pack<T> square(0.0);
   for (int k = 0; k < 4; ++k) {
@@ -84,7 +85,7 @@ struct SlicedRows {
       sum = fma(time[k] * scales[k], time[k] * scales[k], sum);
     }
     long_enough = sum >= Pack<T>(LEAST_VARIANCE);
-    variance = maximum(sum, Pack<T>(LEAST_VARIANCE));
+    variance = maximum(Pack<T>(LEAST_VARIANCE), sum);  // NaN stays NaN.
     inverse = Pack<T>(1.0) / variance;
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 4; ++j) {

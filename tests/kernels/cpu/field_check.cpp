@@ -165,7 +165,7 @@ int check(const char* name, std::vector<T> (*of)(int64_t, int), int64_t count) {
 template <typename T>
 int check_all() {
   int failures = 0;
-  for (const int64_t count : {1, 15, 64, 1300}) {
+  for (const int64_t count : {1, 15, 64, 3000}) {
     failures += check<T>("products", products<T>, count);
     failures += check<T>("hash grids", hashes<T>, count);
     failures += check<T>("slices", slices<T>, count);

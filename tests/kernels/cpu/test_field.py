@@ -102,12 +102,48 @@ def test_results_are_the_same_bits_for_any_number_of_threads(function, use_threa
 
 
 def test_rows_without_a_gradient_are_left_out_of_the_backward_pass():
-    tensors = planes(2 * numbers(50, 3, seed=0) - 1)
-    tensors[0][::3] = float("nan")
-    *_, to_places, _, _, _, _ = found = results(product, NATIVE, tensors)
-    assert to_places is found[1]
+    """NaN in the cells that only these rows read reaches no gradient."""
+    tensors = planes(0.3 * numbers(50, 3, seed=0) + 0.6)
+    tensors[0][::3] = -0.9
+    for table in tensors[1:]:
+        table.flatten(0, 1)[0, :] = float("nan")
+        table[:, 0] = float("nan")
+    to_places = results(product, NATIVE, tensors)[1]
     assert not to_places[::3].any()
-    assert all(gradient.isfinite().all() for gradient in found[1:])
+    assert to_places.isfinite().all()
+    assert results(product, NATIVE, tensors, silent=50)[1][3].isnan().any()
+
+
+def test_nan_passes_through_networks_and_slices_as_in_torch():
+    tensors = network_tensors(20, torch.float64)
+    tensors[0][4, 7] = float("nan")
+    for one, other in zip(network(NATIVE, tensors), network(TORCH, tensors), strict=True):
+        assert torch.equal(one.isnan(), other.isnan())
+        assert one.isnan().any()
+    tensors = quaternions_and_scales(20, torch.float64, -3.0, 0.0)
+    tensors[2][4, 3] = float("nan")
+    assert all(found[4].isnan().all() for found in sliced(NATIVE, tensors))
+    for component in range(4):
+        tensors = quaternions_and_scales(20, torch.float64, -3.0, 0.0)
+        tensors[0][4, component] = float("nan")
+        for one, other in zip(sliced(NATIVE, tensors), sliced(TORCH, tensors), strict=True):
+            torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-12)
+
+
+def test_regularisers_of_large_grids_are_the_same_bits_for_any_number_of_threads(use_threads):
+    grid = [numbers(3, 70, 70, 16, seed=1, dtype=torch.float32)]
+
+    def terms(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor]:
+        variation = operators.squared_differences(tensors[0], (1, 2), 1, 0.3)
+        return ((variation + operators.mean_distance(tensors[0], 0.5, 0.7))[None],)
+
+    found = []
+    for threads in (1, 2, 5):
+        use_threads(threads)
+        found.append(results(terms, NATIVE, grid, silent=2))
+    assert all(torch.equal(one, two) for one, two in zip(found[0], found[1], strict=True))
+    assert all(torch.equal(one, two) for one, two in zip(found[0], found[2], strict=True))
+    assert_agree(found[0], results(terms, TORCH, grid, silent=2), terms=grid[0].numel())
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e30, -1.0, 1.0])
@@ -227,6 +263,7 @@ def test_a_quaternion_near_zero_is_the_identity_without_gradient():
 VARIATIONS = [
     ((3, 7, 9, 32), (1, 2), 1), ((25, 3, 6, 32), (0,), 2), ((25, 3, 6, 5), (0,), 1),
     ((2, 3, 6, 5), (0,), 2), ((4, 5, 6), (2,), 2), ((1, 4, 4, 3), (0, 1), 1),
+    ((4, 5, 6), (-2, -1), 1),
 ]  # fmt: skip
 
 
