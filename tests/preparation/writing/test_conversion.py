@@ -26,6 +26,7 @@ from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.llff import LlffConfig
+from gsfw.datamanagers.map_file import DEPTH
 from gsfw.datamanagers.masks import MaskRule
 from gsfw.datamanagers.transforms import TransformsConfig
 from gsfw.preparation.writing.conversion import ConversionRule, convert
@@ -143,13 +144,14 @@ def check_frames(before, after):
 
 
 def pixels(data):
-    """Every image as training gets it, by the order of names."""
+    """Every image and depth map as training gets it, by the order of names."""
     found = {}
     for split in Split:
         views = data.views(split)
         for number, name in enumerate(views.names):
             (batch,) = data.load(split, [number], CPU)
-            maps = [part for item in batch.maps.values() for part in (item.values, item.known)]
+            depth = batch.maps.get(DEPTH)  # Other maps are not written; a note names them.
+            maps = [] if depth is None else [depth.values, depth.known]
             parts = [batch.images, batch.valid, batch.alpha, *maps]
             found[name] = [part for part in parts if part is not None]
     return [found[name] for name in sorted(found)]
