@@ -93,6 +93,7 @@ class Course:
     def __init__(self, **settings) -> None:
         config = SpacetimeConfig(sh_degree=0, static="auto", static_every=40, static_start=0)
         config.optim.motion_lr = 3e-3
+        config.squared_steps = 0  # The schedule of a long run would never come to its sharp loss.
         self.config = replace(config, **settings)
         self.method, self.generator = self.config.build(), torch.Generator().manual_seed(0)
         self.scene = replace(moving_scene(), extent=1.0)
