@@ -8,7 +8,7 @@ are handed on without a copy, and nothing is differentiated twice.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -19,13 +19,11 @@ from torch.autograd.function import once_differentiable
 from gsfw.core.maths.hash_features import PRIMES
 from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import Layer
-from gsfw.kernels.cpu.native_module import native
+from gsfw.kernels.cpu.native_module import required
 from gsfw.kernels.cpu.threads import num_threads
 
 LANES = 16
 """Numbers of features and widths of layers that kernels take are multiples of it."""
-
-
 MOST_CORNERS = 2**15
 """More corners than this along an axis of a hash grid are left to torch."""
 
@@ -77,7 +75,12 @@ def squared_differences(
         return None
     sizes = [grid.numel() * max(n - order, 0) // n for n in cells[1:3]]
     weights = [weight / size if size > 0 else 0.0 for size in sizes]
-    found: Tensor = _Variation.apply(grid.contiguous().view(cells), order, *weights)
+
+    def measure(values: Tensor, gradient: Tensor | None) -> float:
+        total: float = required().grid_variation(values, order, *weights, gradient, num_threads())
+        return total
+
+    found: Tensor = _Penalty.apply(grid.contiguous().view(cells), measure)
     return found
 
 
@@ -97,55 +100,33 @@ def mean_distance(
 ) -> Float[Tensor, ""]:
     """``Operators.mean_distance``."""
     share = weight / values.numel()
-    found: Tensor = _Distance.apply(values.contiguous().view(-1), center, share)
+
+    def measure(flat: Tensor, gradient: Tensor | None) -> float:
+        total: float = required().grid_distance(flat, center, share, gradient, num_threads())
+        return share * total
+
+    found: Tensor = _Penalty.apply(values.contiguous().view(-1), measure)
     return found
 
 
-class _Variation(torch.autograd.Function):
-    """Weighted sum of squared differences; forward computes the gradient too."""
-
-    @staticmethod
-    def forward(
-        ctx: Any,  # noqa: ANN401 - torch has no type for it
-        grid: Tensor,
-        order: int,
-        first_weight: float,
-        second_weight: float,
-    ) -> Tensor:
-        gradient = torch.empty_like(grid) if ctx.needs_input_grad[0] else None
-        total = _module().grid_variation(
-            grid.detach(), order, first_weight, second_weight, gradient, num_threads()
-        )
-        ctx.save_for_backward(gradient)
-        return grid.new_tensor(total)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
-        (own,) = ctx.saved_tensors
-        return own if gradient == 1 else own * gradient, None, None, None
-
-
-class _Distance(torch.autograd.Function):
-    """Weighted sum of distances; forward computes the gradient too."""
+class _Penalty(torch.autograd.Function):
+    """A scalar of one tensor; forward computes the gradient too."""
 
     @staticmethod
     def forward(
         ctx: Any,  # noqa: ANN401 - torch has no type for it
         values: Tensor,
-        center: float,
-        weight: float,
+        measure: Callable[[Tensor, Tensor | None], float],
     ) -> Tensor:
         gradient = torch.empty_like(values) if ctx.needs_input_grad[0] else None
-        total = _module().grid_distance(values.detach(), center, weight, gradient, num_threads())
         ctx.save_for_backward(gradient)
-        return values.new_tensor(weight * total)
+        return values.new_tensor(measure(values.detach(), gradient))
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401
         (own,) = ctx.saved_tensors
-        return own if gradient == 1 else own * gradient, None, None
+        return own if gradient == 1 else own * gradient, None
 
 
 class _PlaneProduct(torch.autograd.Function):
@@ -162,7 +143,7 @@ class _PlaneProduct(torch.autograd.Function):
         places, tables = places.contiguous(), tuple(table.contiguous() for table in tables)
         features = places.new_empty(len(places), levels * tables[0].shape[-1])
         planes, lines = _plain(tables[:levels]), _plain(tables[levels:])
-        _module().plane_product(places.detach(), planes, lines, scale, features, num_threads())
+        required().plane_product(places.detach(), planes, lines, scale, features, num_threads())
         ctx.save_for_backward(places, *tables)
         ctx.scale = scale
         return features
@@ -174,7 +155,7 @@ class _PlaneProduct(torch.autograd.Function):
         levels = len(tables) // 2
         to_places = torch.zeros_like(places)
         to_tables = [torch.zeros_like(table) for table in tables]
-        _module().plane_product_backward(
+        required().plane_product_backward(
             places.detach(),
             _plain(tables[:levels]),
             _plain(tables[levels:]),
@@ -201,18 +182,27 @@ class _HashFeatures(torch.autograd.Function):
     ) -> Tensor:
         places, tables = places.contiguous(), tuple(table.contiguous() for table in tables)
         features = places.new_empty(len(places), len(tables) * tables[0].shape[1])
-        ctx.cells = (time, _plain(tables), list(sizes), list(PRIMES))
-        _module().hash_features(places, *ctx.cells, features, num_threads())
+        required().hash_features(
+            places, time, _plain(tables), list(sizes), list(PRIMES), features, num_threads()
+        )
         ctx.save_for_backward(places, *tables)
+        ctx.time, ctx.sizes = time, sizes
         return features
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
-        places, *tables = ctx.saved_tensors  # Refuses tables that were changed in between.
+        places, *tables = ctx.saved_tensors
         to_tables = [torch.zeros_like(table) for table in tables]
-        _module().hash_features_backward(
-            places, *ctx.cells, gradient.contiguous(), to_tables, num_threads()
+        required().hash_features_backward(
+            places,
+            ctx.time,
+            _plain(tables),
+            list(ctx.sizes),
+            list(PRIMES),
+            gradient.contiguous(),
+            to_tables,
+            num_threads(),
         )
         return None, None, None, *to_tables
 
@@ -229,7 +219,7 @@ class _Slices(torch.autograd.Function):
         count = len(given[0])
         covariances = given[0].new_empty(count, 3, 3)
         velocities, variances = covariances.new_empty(count, 3), covariances.new_empty(count)
-        _module().slice(
+        required().slice(
             *_plain(given), covariances.view(count, 9), velocities, variances, num_threads()
         )
         ctx.save_for_backward(*given)
@@ -241,7 +231,7 @@ class _Slices(torch.autograd.Function):
         given = ctx.saved_tensors
         covariances, velocities, variances = (gradient.contiguous() for gradient in gradients)
         found = [torch.empty_like(tensor) for tensor in given]
-        _module().slice_backward(
+        required().slice_backward(
             *_plain(given), covariances.view(-1, 9), velocities, variances, *found, num_threads()
         )
         return tuple(found)
@@ -261,7 +251,7 @@ class _ReluNetwork(torch.autograd.Function):
         parameters = tuple(parameter.contiguous() for parameter in parameters)
         weights, biases = _plain(parameters[::2]), _plain(parameters[1::2])
         outputs = [inputs.new_empty(len(inputs), len(head)) for head in weights[trunk:]]
-        _module().network(inputs.detach(), weights, biases, trunk, outputs, num_threads())
+        required().network(inputs.detach(), weights, biases, trunk, outputs, num_threads())
         ctx.save_for_backward(inputs, *parameters)
         ctx.trunk = trunk
         return tuple(outputs)
@@ -272,7 +262,7 @@ class _ReluNetwork(torch.autograd.Function):
         inputs, *parameters = ctx.saved_tensors
         to_inputs = torch.zeros_like(inputs) if ctx.needs_input_grad[0] else None
         to_parameters = inputs.new_empty(sum(parameter.numel() for parameter in parameters))
-        _module().network_backward(
+        required().network_backward(
             inputs.detach(),
             _plain(parameters[::2]),
             _plain(parameters[1::2]),
@@ -289,9 +279,3 @@ class _ReluNetwork(torch.autograd.Function):
 
 def _plain(tensors: Sequence[Tensor]) -> list[Tensor]:
     return [tensor.detach() for tensor in tensors]
-
-
-def _module() -> Any:  # noqa: ANN401 - the module's stub is for its own users
-    module = native()
-    assert module is not None, "these operators are chosen only where the module is there"
-    return module

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from functools import lru_cache
 from types import ModuleType
+from typing import Any
 
 from gsfw.core.errors import ConfigError
 
@@ -37,6 +38,13 @@ def native() -> ModuleType | None:
             f"Unset {FORCED} to use the best one.",
         )
     return _native
+
+
+def required() -> Any:  # noqa: ANN401 - the module's stub is for its own users
+    """The module, for code that is chosen only where it can be used."""
+    module = native()
+    assert module is not None, "these operators are chosen only where the module is there"
+    return module
 
 
 @lru_cache(maxsize=1)

@@ -14,7 +14,7 @@ from torch.autograd.graph import increment_version
 from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Layer, Operators
 from gsfw.kernels.cpu import field
-from gsfw.kernels.cpu.native_module import native
+from gsfw.kernels.cpu.native_module import native, required
 from gsfw.kernels.cpu.threads import num_threads
 
 DTYPES = (torch.float32, torch.float64)
@@ -63,7 +63,7 @@ class CpuOperators(Operators):
         if not finite:
             return
         steps = float(moments.count)
-        _module().adam(
+        required().adam(
             *tables,
             rows,
             beta1=settings.beta1,
@@ -81,7 +81,7 @@ class CpuOperators(Operators):
         """True if all numbers of all tensors are finite."""
         served = [tensor for tensor in tensors if _served([tensor]) and tensor.is_contiguous()]
         others = [tensor for tensor in tensors if all(tensor is not one for one in served)]
-        module, threads = _module(), num_threads()
+        module, threads = required(), num_threads()
         finite = torch.tensor(
             all(module.all_finite(tensor.detach().view(-1), threads) for tensor in served)
         )
@@ -165,7 +165,7 @@ class _L1Dssim(torch.autograd.Function):
         valid: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
         gradient = torch.empty_like(target) if ctx.needs_input_grad[0] else None
-        losses = _module().l1_dssim(
+        losses = required().l1_dssim(
             rendered.detach(), target.detach(), valid, gradient, num_threads()
         )
         ctx.save_for_backward(rendered, target, valid, gradient)
@@ -181,7 +181,7 @@ class _L1Dssim(torch.autograd.Function):
             (gradient,) = torch.autograd.grad(losses, rendered, (l1, dssim), create_graph=True)
             return gradient, None, None
         gradient = torch.empty_like(target)
-        _module().l1_dssim_backward(
+        required().l1_dssim_backward(
             rendered.detach(),
             target.detach(),
             valid,
@@ -192,12 +192,6 @@ class _L1Dssim(torch.autograd.Function):
             num_threads(),
         )
         return gradient, None, None
-
-
-def _module() -> Any:  # noqa: ANN401 - the module's stub is for its own users
-    module = native()
-    assert module is not None, "these operators are chosen only where the module is there"
-    return module
 
 
 def _served(tensors: Sequence[Tensor]) -> bool:

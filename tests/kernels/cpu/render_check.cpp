@@ -15,18 +15,12 @@
 #include <thread>
 #include <vector>
 
+#include "check.h"
 #include "render_pass.h"
 #include "instruction_sets.h"
 
 namespace gsfw {
 namespace {
-
-int failures = 0;
-
-void fail(const std::string& what) {
-  ++failures;
-  std::printf("%s\n", what.c_str());
-}
 
 /// What one scene looks like and what is asked for.
 struct Case {

@@ -5,22 +5,15 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <random>
 #include <string>
 #include <vector>
 
+#include "check.h"
 #include "instruction_sets.h"
 #include "step.h"
 
 namespace gsfw {
 namespace {
-
-int failures = 0;
-
-void fail(const std::string& what) {
-  ++failures;
-  std::printf("%s\n", what.c_str());
-}
 
 struct Size {
   int64_t images, height, width, channels;
@@ -30,16 +23,6 @@ struct Size {
 
 constexpr Size SIZES[] = {
     {1, 1, 1, 1}, {2, 17, 31, 3}, {1, 4, 1100, 1}, {1, 130, 9, 4}, {1, 3, 700, 3}};
-
-template <typename T>
-std::vector<T> uniform(int64_t size, unsigned seed, double low = 0.0, double high = 1.0) {
-  std::mt19937 bits(seed);
-  std::vector<T> numbers(static_cast<size_t>(size));
-  for (T& x : numbers) {
-    x = T(float(low + (high - low) * double(bits()) / double(std::mt19937::max())));
-  }
-  return numbers;
-}
 
 /// Losses, their gradients and what a step leaves of a model, one after another.
 template <typename T>
