@@ -1,0 +1,32 @@
+"""Tests of benchmarks/studies: every run of every file has settings that a run accepts."""
+
+from pathlib import Path
+
+import pytest
+
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer, resolve
+from gsfw.studies.study_file import read_study
+
+FOLDER = Path(__file__).parents[2] / "benchmarks/studies"
+DATAMANAGERS = {
+    "d-nerf": "blender",
+    "dynamic": "blender",
+    "hypernerf": "nerfies",
+    "neural-3d-video": "neural-3d-video",
+    "panoptic": "panoptic",
+    "requirements": "colmap",
+}
+"""Data manager of the scenes with data, by file."""
+
+
+def test_every_file_is_tested():
+    assert {path.stem for path in FOLDER.glob("*.yaml")} == set(DATAMANAGERS)
+
+
+@pytest.mark.parametrize("name", DATAMANAGERS)
+def test_every_run_of_a_published_study_has_valid_settings(name):
+    for cell in read_study(FOLDER / f"{name}.yaml").cells():
+        datamanager = DATAMANAGERS[name] if "data" in cell.settings else "synthetic"
+        given = {"device": "cpu", "datamanager": datamanager, **cell.settings}
+        resolve(installed(), [Layer("study", given)]).config.check()
