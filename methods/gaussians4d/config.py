@@ -1,4 +1,4 @@
-"""Settings of method 4dgs; the defaults are those of Wu et al. 2024 for synthetic scenes."""
+"""Settings of method 4dgs: those of Wu et al. 2024, with defaults that short runs measured."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class DeformationOptim(StaticGaussiansOptim):
     3 dB by that.
     """
 
-    grid_lr: float = number(8e-3, at_least=0, below=math.inf)
+    grid_lr: float = number(2.4e-2, at_least=0, below=math.inf)
     """Rate of planes or tables at the first fine step."""
     grid_lr_final: float = number(8e-4, at_least=0, below=math.inf)
     """Rate of planes or tables once it has decayed, log-linearly."""
@@ -57,18 +57,18 @@ class HexPlaneConfig:
 
     channels: int = number(32, at_least=1)
     """Features per cell."""
-    resolution: int = number(64, at_least=2)
+    resolution: int = number(32, at_least=2)
     """Cells along x, y and z, at the coarsest resolution."""
     multipliers: tuple[int, ...] = (1, 2)
     """The resolutions, as multiples of the coarsest; time has the same cells at all."""
     times: int | Literal["auto"] = "auto"
-    """Cells along time. auto: a quarter of the training views, 0: as many as distinct times were
-    captured; both at most as many, and at most 100."""
+    """Cells along time. auto: a quarter of the training views, at most two for each captured time;
+    0: one for each captured time; both at most 100."""
     width: int = number(64, at_least=1)
     """Width of the network's layers."""
     depth: int = number(1, at_least=1)
     """Layers between the planes and those of each quantity."""
-    plane_tv: float = number(1e-4, at_least=0, below=math.inf)
+    plane_tv: float = number(1e-2, at_least=0, below=math.inf)
     """Weight of the total variation of space planes; 0: none."""
     time_smoothness: float = number(1e-2, at_least=0, below=math.inf)
     """Weight of squared second differences of time planes along time; 0: none."""
@@ -136,9 +136,8 @@ class DeformationConfig(MovingConfig):
             "steps": 40_000,
             "encoder": "mlp",
             "scale_change": "sum",
+            "deform_opacity": False,
             "coarse_steps": _of_40_000(3000),
-            "ssim_weight": 0.2,
-            "squared_weight": 2.0,
             "sh_degree_interval": _of_40_000(1000),
             "optim.means_lr_steps": _of_40_000(30_000),
             "optim.field_lr_steps": _of_40_000(37_000),
@@ -149,12 +148,12 @@ class DeformationConfig(MovingConfig):
             "strategy.refine_stop": _of_40_000(15_000),
         },
     }
-    """default: Wu et al. 2024, with the released code's limit on the number of splats, and without
-    opacity resets, which hurt scenes that move; fast: a third of the steps, half the features; mlp:
+    """default: Wu et al. 2024 with the released code's limit on the number of splats, without
+    opacity resets, which hurt scenes that move, and with other defaults for the loss, the planes
+    and their rate (docs/moving-scenes.md); fast: a third of the steps, half the features; mlp:
     Yang et al. 2024, whose network is slow on a CPU. Its schedule is theirs, but opacities are not
     reset, and the rate of the network decays to a tenth, not to 1/500, with which short runs stop
-    to learn. squared_weight=2 instead of 1 gives 22.06 instead of 21.17 dB (dynamic/robot, 200 x
-    200, 1000 steps, 5000 random points)."""
+    to learn."""
 
     steps: int = DEFAULT_STEPS
     """Training steps. Schedules follow in proportion, unless rescale=false."""
@@ -164,15 +163,17 @@ class DeformationConfig(MovingConfig):
     """Steps of the training of static Gaussians, before the field is used."""
     scale_change: Literal["factor", "sum"] = "factor"
     """factor: the field multiplies scales (Wu et al.); sum: it adds to them (Yang et al.)."""
-    deform_opacity: bool = False
-    """Change opacities with time (for things that appear and vanish)."""
+    deform_opacity: bool = True
+    """Change opacities with time, for things that appear and vanish, as the paper does for captured
+    scenes."""
     deform_sh: bool = False
-    """Change colours with time."""
-    ssim_weight: float = 0.0
-    """Weight of 1 - SSIM in the loss; the mean absolute difference has the rest."""
-    squared_steps: int = steps_field(11_500)
+    """Change colours with time, as the paper does for captured scenes."""
+    squared_steps: int = steps_field(11_500, floor=500)
     """Steps in which the loss has the mean squared difference instead of the absolute one, under
     which things vanish that are present less than half of the time, before the field moves them."""
+    squared_weight: float = number(2.0, above=0, below=math.inf)
+    """Weight of squared differences. With 2 their gradient is that of absolute ones at a
+    difference of 1/4, so that as many splats grow."""
     hexplane: HexPlaneConfig = field(default_factory=HexPlaneConfig)
     mlp: MlpConfig = field(default_factory=MlpConfig)
     hash: HashConfig = field(default_factory=HashConfig)

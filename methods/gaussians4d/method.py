@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 VIEWS_PER_CELL = 4
 """Training views in each cell along time. Motion shatters if every view has a cell of its own:
 100 instead of 25 cells cost 2 dB on dynamic/robot, which has 100 views at 100 times."""
+CELLS_PER_TIME = 2
+"""Most cells for each captured time. The smoothness over time then also ties neighbours together
+where each captured time has enough views for cells of its own."""
 MIN_TIMES = 2
 """Fewest cells along time: the first and the last time."""
 MAX_TIMES = 100
@@ -89,10 +92,11 @@ def _time_cells(given: int | Literal["auto"], scene: Scene) -> int:
     """Cells along time: a given number, as many as times, or as many as the views determine."""
     if given != "auto" and given > 0:
         return given
-    most = min(scene.num_times, MAX_TIMES)
+    cells = scene.num_times
     if given == "auto":
-        most = min(round(len(scene.camera_centers) / VIEWS_PER_CELL), most)
-    return max(most, MIN_TIMES)
+        views = round(len(scene.camera_centers) / VIEWS_PER_CELL)
+        cells = min(views, CELLS_PER_TIME * scene.num_times)
+    return max(min(cells, MAX_TIMES), MIN_TIMES)
 
 
 def _encoder(

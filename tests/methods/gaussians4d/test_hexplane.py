@@ -112,8 +112,8 @@ def test_regularizers_of_weight_zero_are_left_out_and_two_times_are_smooth():
     assert {name: value.item() for name, value in found.items()} == {"time_smoothness": 0.0}
 
 
-def test_the_paper_s_weights_and_sizes_are_the_defaults():
+def test_the_defaults_have_half_the_paper_s_resolution_and_a_smoother_space():
     config = HexPlaneConfig()
-    assert (config.plane_tv, config.time_smoothness, config.time_l1) == (1e-4, 1e-2, 1e-4)
-    assert (config.channels, config.resolution, config.multipliers) == (32, 64, (1, 2))
+    assert (config.plane_tv, config.time_smoothness, config.time_l1) == (1e-2, 1e-2, 1e-4)
+    assert (config.channels, config.resolution, config.multipliers) == (32, 32, (1, 2))
     assert (config.width, config.depth) == (64, 1)
