@@ -112,11 +112,15 @@ def _tell(
     )
     if "moving_psnr" in summary:
         figures += f", of what moves PSNR {summary['moving_psnr']:.2f} dB"
+    findings = summary["findings"]
+    done = "done" if not any(item["collapse"] for item in findings) else "done, but not sound"
     console.say(
-        f"done: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
+        f"{done}: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
         f"{summary['num_gaussians']:,} Gaussians{_size(summary)}"
     )
-    console.say(f"held-out views: {summary['views']}{figures}")
+    console.say(f"held-out views: {summary['views']}{figures}{_baseline(summary)}")
+    for finding in findings:
+        console.warn(finding["message"])
     if requirements:
         console.say(requirements)
     console.say(f"everything is in {run}")
@@ -127,6 +131,12 @@ def _tell(
         f"  gsfw render {run}\n"
         f"  gsfw export {run} format=ply"
     )
+
+
+def _baseline(summary: Mapping[str, Any]) -> str:
+    """The figure to beat; nothing without held-out views."""
+    constant = summary.get("baselines", {}).get("constant_psnr")
+    return "" if constant is None else f" (a single colour has {constant:.2f} dB)"
 
 
 def _size(summary: Mapping[str, Any]) -> str:
