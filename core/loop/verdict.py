@@ -67,6 +67,7 @@ class Verdict:
             evaluation=evaluation if held_out else sampled,
             scene=self._parts.data.scene,
             settings=self._settings,
+            step=step,
             completed=step >= self._plan.steps,
             what="held-out views" if held_out else "training views",
             rows=self._parts.model.num_rows,

@@ -28,7 +28,7 @@ def evidence(one_color=0, training_psnr=None, baselines=None, completed=True, **
         one_color=one_color, training_psnr=training_psnr,
         baselines={"constant_psnr": 21.0, "constant_moving_psnr": 12.0} | (baselines or {}),
     )  # fmt: skip
-    return Evidence(evaluation, scene(), SETTINGS, completed, rows=4000, visible=3900,
+    return Evidence(evaluation, scene(), SETTINGS, 800, completed, rows=4000, visible=3900,
                     most_visible=10_000)  # fmt: skip
 
 
@@ -69,6 +69,15 @@ def test_a_few_views_that_show_the_background_alone_are_no_collapse():
 @pytest.mark.parametrize(("psnr", "found"), [(21.4, ["no-better-than-constant"]), (21.6, [])])
 def test_a_result_no_better_than_one_colour_says_so(psnr, found):
     assert keys(evidence(psnr=psnr)) == found
+
+
+def test_figures_of_the_first_steps_are_not_judged_and_those_of_a_short_run_are():
+    early = replace(evidence(psnr=15.0, completed=False), step=100)
+    assert keys(early) == []
+    assert keys(replace(early, completed=True)) == ["no-better-than-constant"]
+    assert keys(replace(early, step=300)) == ["no-better-than-constant"]
+    white = replace(evidence(one_color=10, completed=False), step=100)
+    assert keys(white) == ["one-color"]
 
 
 @pytest.mark.parametrize(
@@ -131,4 +140,4 @@ def test_few_views_are_named_as_the_cause_of_overfitting():
 
 def test_figures_that_were_not_measured_are_not_judged():
     bare = Evaluation(("a",), ({},), 1.0, {"psnr": 3.0})
-    assert judge(Evidence(bare, scene(), {}, completed=True)) == ()
+    assert judge(Evidence(bare, scene(), {}, step=800, completed=True)) == ()
