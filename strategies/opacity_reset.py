@@ -9,6 +9,8 @@ run ends before, or because nothing has come back from the last one.
 
 from __future__ import annotations
 
+import torch
+
 from gsfw.core.loop.schedule import RECOVERY
 from gsfw.core.model import DensifiableModel
 from gsfw.core.refiner import RESET, RefineContext, Refinement, Refiner
@@ -39,13 +41,15 @@ class OpacityReset(Refiner):
 
     def refine(self, context: RefineContext) -> Refinement:
         """Lower opacities if a reset is due; moments of Adam restart at zero."""
-        if not self.reset_due(context.step) or not context.limits.may_grow or context.limits.hold:
+        is_over = context.steps - context.done < min(RECOVERY, self._every)
+        held = not context.limits.may_grow or context.limits.hold
+        if not self.reset_due(context.step) or is_over or held:
             return {}
         assert isinstance(context.model, DensifiableModel)
-        recovered = context.model.opacities() > 2 * self._opacity
-        is_over = context.steps - context.done < min(RECOVERY, self._every)
-        if is_over or float(recovered.double().mean()) < RECOVERED:
-            return {}
-        changed = context.model.change_opacities_(lambda values: values.clamp_max(self._opacity))
+        recovered = (context.model.opacities() > 2 * self._opacity).double().mean() >= RECOVERED
+        # The choice stays on the device: the host need not wait for it.
+        changed = context.model.change_opacities_(
+            lambda values: torch.where(recovered, values.clamp_max(self._opacity), values)
+        )
         context.table.reset_columns(changed)
         return {RESET: len(context.table)}
