@@ -68,8 +68,8 @@ class Log(Callback):
         logger.info("step %d: checkpoint %s", step, path.name)
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
-        """Log the summary without its lists, which are in metrics.json for programs."""
-        short = {key: value for key, value in summary.items() if not isinstance(value, list)}
+        """Log the summary's single figures; its lists and groups are in metrics.json."""
+        short = {key: v for key, v in summary.items() if not isinstance(v, list | Mapping)}
         logger.info("ended at step %d: %s", step, short)
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:

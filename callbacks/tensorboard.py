@@ -23,9 +23,10 @@ ERROR_GAIN = 4.0
 
 
 class TensorBoard(Callback):
-    """train/*, eval/*, gaussians/count, lr/*, time/*, mem/*; images: gt | render | error.
+    """train/*, eval/*, baseline/*, gaussians/count, lr/*, time/*, mem/*; findings/* as text.
 
-    At the end requirements/*: the floats of the final model, and the PSNR gain of each group.
+    Images are gt | render | error. At the end requirements/*: the floats of the final model, and
+    the PSNR gain of each group.
     """
 
     def __init__(self, images: int) -> None:
@@ -89,6 +90,12 @@ class TensorBoard(Callback):
         assert self._writer is not None
         self._images_written = 0
         self._add(step, {f"eval/{name}": value for name, value in evaluation.means.items()})
+        if evaluation.training_psnr is not None:
+            self._add(step, {"eval/training_psnr": evaluation.training_psnr})
+        baselines = {k: v for k, v in evaluation.baselines.items() if isinstance(v, float)}
+        self._add(step, {f"baseline/{name}": value for name, value in baselines.items()})
+        for finding in evaluation.findings or ():
+            self._writer.add_text(f"findings/{finding.key}", finding.message, step)
         self._writer.flush()
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:

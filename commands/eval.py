@@ -42,31 +42,19 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.datamanager import Split
     from gsfw.core.errors import DataError
-    from gsfw.core.loop.determinism import deterministic
-    from gsfw.core.loop.evaluation import evaluate
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
     found = find_run(options.run)
     restored = open_run(found, installed(), options.changed())
-    parts, plan = restored.composition.parts, restored.composition.plan
+    parts = restored.composition.parts
     split = Split(options.split)
     if len(parts.data.views(split)) == 0:
         raise DataError(
             f"{found.name} has no held-out images to evaluate.",
             "Evaluate those it was trained on with split=train.",
         )
-    with deterministic(parts.device):
-        evaluation = evaluate(
-            parts.model,
-            parts.rasterizer,
-            parts.data,
-            parts.metrics,
-            plan.settings,
-            parts.device,
-            split,
-            method=parts.method,
-        )
+    evaluation = _evaluate(restored, split)
     document = {
         "run": found.name,
         "step": restored.step,
@@ -80,6 +68,29 @@ def run(arguments: list[str]) -> int:
     _write(console, found.folder, path, document, evaluation)
     console.result(document)
     return 0
+
+
+def _evaluate(restored: Restored, split: Split) -> Evaluation:
+    """Evaluate and judge the views of a split."""
+    from gsfw.core.loop.determinism import deterministic
+    from gsfw.core.loop.evaluation import evaluate
+    from gsfw.core.loop.verdict import Verdict
+
+    parts, plan = restored.composition.parts, restored.composition.plan
+    verdict = Verdict(parts, plan, restored.composition.settings.flat(), split)
+    with deterministic(parts.device):
+        evaluation = evaluate(
+            parts.model,
+            parts.rasterizer,
+            parts.data,
+            parts.metrics,
+            plan.settings,
+            parts.device,
+            split,
+            method=parts.method,
+            baselines=verdict.baselines,
+        )
+        return verdict.judge(restored.step, evaluation)
 
 
 def _protocol(restored: Restored, split: Split) -> dict[str, Any]:
@@ -123,6 +134,11 @@ def _show(console: Console, evaluation: Evaluation, title: str) -> None:
     for name, note in evaluation.notes.items():
         console.say(f"{name}: {note}")
     console.say(f"rendering one image takes {evaluation.render_ms:.1f} ms (median)")
+    for name in ("constant_psnr", "mean_image_psnr", "still_psnr"):
+        if name in evaluation.baselines:
+            console.say(f"baseline {name}: {evaluation.baselines[name]:.4f}")
+    for finding in evaluation.findings or ():
+        console.warn(finding.message)
 
 
 def _cell(value: float | None) -> str:

@@ -173,23 +173,27 @@ class _Export:
 
     def _splats(self) -> dict[str, Any]:
         """The model at one time, as one file."""
+        from gsfw.formats.visible_splats import without_invisible
         from gsfw.plugins.run_source import RunSource
         from gsfw.studies.tradeoff.cut import cut
 
         options = self.options
         edit = cut(self.restored, options.keep, options.sh_degree)
         taken = RunSource(self.restored, options.time, edit=edit).snapshot()
+        content, invisible = without_invisible(taken.content)
         path = self._path("splats")
         with _readable_value_errors(path, options.format), stage(f"writing {path.name}"):
-            self.exporter.write(path, taken.content)
-        splats, notes = taken.content.splats, _notes(taken)
+            self.exporter.write(path, content)
+        splats, notes = content.splats, _notes(taken)
         for note in notes:
             self.console.warn(note)
-        size = self._say(f"{len(splats):,} splats", path)
+        left_out = f" ({invisible:,} too faint to be seen are left out)" if invisible else ""
+        size = self._say(f"{len(splats):,} splats{left_out}", path)
         return {
             "written": str(path),
             "num_gaussians": len(splats),
             "num_dropped": taken.num_dropped,
+            "num_invisible": invisible,
             "bytes": size,
             "notes": notes,
         }

@@ -18,6 +18,13 @@ logger = logging.getLogger("gsfw.run")
 PSNR_MAX = 100.0
 """PSNR of two equal images, in dB; finite, so that means stay finite."""
 
+LEAST_CONTRAST = 0.02
+"""Least contrast of an image that shows something, of colours in [0, 1]: 5 of 255 levels."""
+
+ONE_COLOR = 0.1
+"""A render with less than this part of its target's contrast shows nothing of it. Measured: at
+most 0.08 in a white run (4dgs, mujoco_collision), at least 0.50 in sound ones of 500 steps."""
+
 
 def psnr(
     rendered: Float[Tensor, "h w d"],
@@ -28,6 +35,27 @@ def psnr(
     squared = (rendered.clamp(0, 1) - target.clamp(0, 1)).double() ** 2
     mean = masked_mean(squared[None], None if valid is None else valid[None])
     return float((-10.0 * torch.log10(mean)).clamp_max(PSNR_MAX))
+
+
+def contrast(image: Float[Tensor, "h w d"], valid: Bool[Tensor, "h w 1"] | None = None) -> float:
+    """Standard deviation of the colours of an image, of values clamped to [0, 1].
+
+    The root mean square over the channels; 0 for one colour, or without valid pixels.
+    """
+    pixels = image.clamp(0, 1).flatten(0, 1) if valid is None else image.clamp(0, 1)[valid[..., 0]]
+    if not len(pixels):
+        return 0.0
+    return float(pixels.double().var(dim=0, correction=0).mean().sqrt())
+
+
+def is_one_color(
+    rendered: Float[Tensor, "h w d"],
+    target: Float[Tensor, "h w d"],
+    valid: Bool[Tensor, "h w 1"] | None = None,
+) -> bool:
+    """True if a render is (nearly) one colour and its target is not."""
+    expected = contrast(target, valid)
+    return expected > LEAST_CONTRAST and contrast(rendered, valid) < ONE_COLOR * expected
 
 
 class Metric(ABC):

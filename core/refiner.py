@@ -138,6 +138,10 @@ class Refiner(ABC):
         """Steps after which ``refine`` adds no more rows; ``None`` if it never ends."""
         return None
 
+    def reset_due(self, step: int) -> bool:
+        """True if ``refine`` resets opacities after ``step``, provided the limits allow it."""
+        return False
+
     def limits(self, step: int, model: PrimitiveModel) -> GrowthLimits:
         """Limits for all refiners after ``step``."""
         return GrowthLimits()

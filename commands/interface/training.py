@@ -18,6 +18,7 @@ from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.progress import stage
 from gsfw.formats.corrections import write_corrections
+from gsfw.formats.visible_splats import without_invisible
 from gsfw.kernels.cpu.native_module import keep_freed_memory
 from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
@@ -77,17 +78,26 @@ def _fit(trainer: Trainer, report: RequirementsReport) -> dict[str, Any]:
 
 
 def write_splats(trainer: Trainer, console: Console) -> None:
-    """Write the model as a 3DGS PLY, in the world of the data; drops rows that are not finite."""
+    """Write the model as a 3DGS PLY, in the world of the data.
+
+    Leaves out rows that are not finite or too faint to be seen; the checkpoint holds all.
+    """
     parts = trainer.parts
     taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
+    content, invisible = without_invisible(taken.content)
     exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
     try:
         with stage(f"writing {trainer.folder.splats.name}"):
-            exporter.write(trainer.folder.splats, taken.content)
+            exporter.write(trainer.folder.splats, content)
     except ValueError as error:  # The run itself is complete: its checkpoint holds everything.
         console.warn(f"no splats.ply was written: {error}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
+    if invisible:
+        console.say(
+            f"splats.ply leaves out {invisible:,} of {len(taken.content.splats):,} Gaussians that "
+            "are too faint to be seen (opacity below 1/255)"
+        )
 
 
 def quoted(folder: RunFolder) -> str:
@@ -112,11 +122,15 @@ def _tell(
     )
     if "moving_psnr" in summary:
         figures += f", of what moves PSNR {summary['moving_psnr']:.2f} dB"
+    findings = summary["findings"]
+    done = "done" if not any(item["collapse"] for item in findings) else "done, but not sound"
     console.say(
-        f"done: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
+        f"{done}: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
         f"{summary['num_gaussians']:,} Gaussians{_size(summary)}"
     )
-    console.say(f"held-out views: {summary['views']}{figures}")
+    console.say(f"held-out views: {summary['views']}{figures}{_baseline(summary)}")
+    for finding in findings:
+        console.warn(finding["message"])
     if requirements:
         console.say(requirements)
     console.say(f"everything is in {run}")
@@ -127,6 +141,12 @@ def _tell(
         f"  gsfw render {run}\n"
         f"  gsfw export {run} format=ply"
     )
+
+
+def _baseline(summary: Mapping[str, Any]) -> str:
+    """The figure to beat; nothing without held-out views."""
+    constant = summary.get("baselines", {}).get("constant_psnr")
+    return "" if constant is None else f" (a single colour has {constant:.2f} dB)"
 
 
 def _size(summary: Mapping[str, Any]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,12 +11,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from gsfw.core.batch import Batch
 from gsfw.core.callback import EvaluatedView
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.device import wait_for
+from gsfw.core.loop.findings import Finding
 from gsfw.core.method import Method
-from gsfw.core.metrics import Metric
+from gsfw.core.metrics import Metric, is_one_color
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.progress import tracked
 from gsfw.core.rasterizer import Rasterizer
@@ -39,18 +42,37 @@ class Evaluation:
     """Means of the figures at each time, in order of time; empty for a static capture."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Protocol of the figures over time, or the cause why there are none; empty if static."""
+    one_color: int = 0
+    """Number of views whose render is (nearly) one colour although the image is not."""
+    baselines: Mapping[str, Any] = field(default_factory=dict)
+    """PSNR of images that need no model, and their definitions; empty if not measured."""
+    training_psnr: float | None = None
+    """Mean PSNR of some training views, in dB; ``None`` if not measured."""
+    findings: tuple[Finding, ...] | None = None
+    """Signs that the result is not sound; ``None`` if not judged."""
 
     def document(self) -> dict[str, Any]:
         """Plain data for result files."""
         views = [{"name": n, **m} for n, m in zip(self.views, self.per_view, strict=True)]
         figures = {**self.means, "render_ms": self.render_ms, **self.time_document()}
-        return {**figures, "per_view": views}
+        return {**figures, **self.verdict_document(), "per_view": views}
 
     def time_document(self) -> dict[str, Any]:
         """Figures over time, for result files; empty for a static capture."""
         if not self.notes:
             return {}
         return {**self.notes, "over_time": [dict(point) for point in self.over_time]}
+
+    def verdict_document(self) -> dict[str, Any]:
+        """Baselines and findings, for result files; empty if they were not measured."""
+        found: dict[str, Any] = {}
+        if self.baselines:
+            found["baselines"] = dict(self.baselines)
+        if self.training_psnr is not None:
+            found["training_psnr"] = self.training_psnr
+        if self.findings is not None:
+            found["findings"] = [finding.document() for finding in self.findings]
+        return found
 
 
 @torch.no_grad()
@@ -77,16 +99,19 @@ def evaluate(
     split: Split = Split.EVAL,
     on_view: Callable[[EvaluatedView], None] | None = None,
     method: Method | None = None,
+    baselines: Baselines | None = None,
 ) -> Evaluation:
     """Render and compare every view of a split, one at a time.
 
     ``on_view`` is called after each view. A ``method`` adds its own metrics and images.
+    ``baselines`` are those of the same split.
     """
     assert settings.background is not None
     views = data.views(split)
     watch = None
     if data.scene.is_dynamic and views.times:
         watch = OverTime(data, split, settings.background, device, metrics)
+    comparison = _Comparison(metrics, watch, baselines, method)
     order = range(len(views)) if watch is None else watch.order()
     per_view: list[Mapping[str, float]] = [{}] * len(views)
     durations: list[float] = []
@@ -98,20 +123,59 @@ def evaluate(
         output = render_model(model, rasterizer, batch.cameras, settings, batch.time)
         wait_for(device)
         durations.append(1e3 * (time.perf_counter() - started))
-        image, target = output.color[0], batch.target(settings.background)[0]
-        valid = None if batch.valid is None else batch.valid[0]
-        figures = {name: metric(image, target, valid) for name, metric in metrics.items()}
-        if watch is not None:
-            figures |= watch.compare(index, image, target, valid)
-        figures |= {} if method is None else method.view_metrics(batch, output)
-        per_view[index] = figures
+        target = batch.target(settings.background)[0]
+        per_view[index] = comparison.compare(index, batch, target, output)
         if on_view is not None:
             images = {} if method is None else method.view_images(batch, output)
-            on_view(EvaluatedView(views.names[index], figures, target, image, images))
+            shown = output.color[0]
+            on_view(EvaluatedView(views.names[index], per_view[index], target, shown, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
-    averages = means(per_view)
-    if watch is None:
-        return Evaluation(views.names, tuple(per_view), middle, averages)
-    averages |= watch.figures()
-    curve = watch.curve(per_view)
-    return Evaluation(views.names, tuple(per_view), middle, averages, curve, watch.notes())
+    return comparison.evaluation(views.names, per_view, middle)
+
+
+class _Comparison:
+    """Compares the renders of one evaluation with their images, view by view."""
+
+    def __init__(
+        self,
+        metrics: Mapping[str, Metric],
+        watch: OverTime | None,
+        baselines: Baselines | None,
+        method: Method | None,
+    ) -> None:
+        self._metrics, self._watch = metrics, watch
+        self._baselines, self._method = baselines, method
+        self._one_color = 0
+
+    def compare(
+        self, index: int, batch: Batch, target: Float[Tensor, "h w 3"], output: RenderOutput
+    ) -> dict[str, float]:
+        """Figures of one view."""
+        image, valid = output.color[0], None if batch.valid is None else batch.valid[0]
+        figures = {name: metric(image, target, valid) for name, metric in self._metrics.items()}
+        moving = None if self._watch is None else self._watch.moving(index)
+        if self._watch is not None:
+            figures |= self._watch.compare(index, image, target, valid, moving)
+        if self._baselines is not None:
+            counted = moving if moving is None or valid is None else moving & valid
+            self._baselines.compare(index, target, valid, counted)
+        self._one_color += is_one_color(image, target, valid)
+        return figures | (
+            {} if self._method is None else dict(self._method.view_metrics(batch, output))
+        )
+
+    def evaluation(
+        self, names: tuple[str, ...], per_view: Sequence[Mapping[str, float]], render_ms: float
+    ) -> Evaluation:
+        """The figures of all views together, in the order of the views."""
+        watch, baselines = self._watch, self._baselines
+        return Evaluation(
+            names,
+            tuple(per_view),
+            render_ms,
+            means=means(per_view) | ({} if watch is None else dict(watch.figures())),
+            over_time=() if watch is None else watch.curve(per_view),
+            notes={} if watch is None else watch.notes(),
+            one_color=self._one_color,
+            baselines={} if baselines is None else baselines.document(),
+        )

@@ -21,8 +21,10 @@ from gsfw.core.loop.forward import Forward, RenderedBatch
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.schedule import checkpoint_due, evaluation_due
 from gsfw.core.loop.stopwatch import Stopwatch
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
+from gsfw.core.loop.verdict import Verdict
 from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
 from gsfw.core.progress import stage
@@ -54,6 +56,7 @@ class Trainer:
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
         self._handle = ModelHandle(parts.model, parts.rasterizer, plan.settings)
+        self._verdict = Verdict(parts, plan, info.settings)
 
     def fit(self, afterwards: Callable[[], None] | None = None) -> dict[str, Any]:
         """Train until the plan's end or until a callback requests a stop; return the summary.
@@ -165,12 +168,16 @@ class Trainer:
             self._report(rendered)
         if step % min(plan.log_every, plan.max_skipped) == 0:
             self._check_skipped()
-        if plan.eval_every and step % plan.eval_every == 0 and step < plan.steps:
+        if evaluation_due(step, plan.steps, plan.eval_every, self._resets_after):
             self._evaluate()
             self._stopwatch.restart()
-        due = plan.checkpoint_every and step % plan.checkpoint_every == 0
+        due = checkpoint_due(step, plan.steps, plan.checkpoint_every)
         if due or self.control.checkpoint_requested:
             self._checkpoint()
+
+    def _resets_after(self, done: int) -> bool:
+        """True if opacities are reset after ``done`` steps."""
+        return self.parts.refiners.reset_due(done - 1)
 
     @torch.no_grad()
     def _report(self, rendered: list[RenderedBatch]) -> None:
@@ -229,7 +236,10 @@ class Trainer:
             parts.device,
             on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,
+            baselines=self._verdict.baselines,
         )
+        evaluation = self._verdict.judge(self.step, evaluation)
+        self._verdict.log(self.step, evaluation.findings or ())
         self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
@@ -242,7 +252,7 @@ class Trainer:
             evaluation = self._evaluate()
             summary |= evaluation.means
             summary |= {"views": len(evaluation.views), "render_ms": evaluation.render_ms}
-            summary |= evaluation.time_document()
+            summary |= evaluation.time_document() | evaluation.verdict_document()
         else:
             summary["stopped"] = self.control.stop_reason
         summary |= {

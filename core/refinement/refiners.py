@@ -108,6 +108,10 @@ class Refiners:
     def _limits(self, step: int, model: PrimitiveModel) -> GrowthLimits:
         return reduce(and_, (r.limits(step, model) for r in self), GrowthLimits())
 
+    def reset_due(self, step: int) -> bool:
+        """True if any refiner resets opacities after ``step``."""
+        return any(refiner.reset_due(step) for refiner in self)
+
     def report(self) -> dict[str, Any]:
         """Results of all refiners for ``requirements.json``."""
         return {key: value for r in self for key, value in r.report().items()}

@@ -58,15 +58,19 @@ class OverTime:
             for index in sorted(group, key=lambda i: self._times[i])
         ]
 
+    def moving(self, index: int) -> Bool[Tensor, "h w 1"] | None:
+        """The moving pixels of one view; ``None`` if unknown. Call it once for each view."""
+        return self._regions.find(index).mask
+
     def compare(
         self,
         index: int,
         rendered: Float[Tensor, "h w 3"],
         target: Float[Tensor, "h w 3"],
         valid: Bool[Tensor, "h w 1"] | None,
+        moving: Bool[Tensor, "h w 1"] | None,
     ) -> dict[str, float]:
         """Figures of one view's moving pixels; none if there are no such pixels, or if unknown."""
-        moving = self._regions.find(index).mask
         if moving is None:
             return {}
         camera = camera_key(self._views.cameras[index])

@@ -165,6 +165,22 @@ def test_a_reset_caps_opacities_and_forgets_their_moments():
     assert optimizer.moments("means")[0].second.all()
 
 
+@pytest.mark.parametrize(("step", "reset"), [(39, 4), (89, 4), (99, 0)])
+def test_there_is_no_reset_that_the_end_of_the_run_leaves_no_time_to_recover_from(step, reset):
+    # A StrategyRun has 100 steps.
+    model = gaussians(4)
+    set_rows(model, [0.5] * 4, [SMALL] * 4)
+    adc = strategy(reset_every=10, refine_stop=1000)
+    assert refined(adc, model, [LOW] * 4, step=step)[0].get("reset", 0) == reset
+
+
+def test_there_is_no_further_reset_while_nothing_has_come_back_from_the_last():
+    model = gaussians(200)
+    set_rows(model, [0.019] * 199 + [0.5], [SMALL] * 200)
+    refined(strategy(reset_every=10), model, [LOW] * 200)
+    assert float(model.opacities().max()) == pytest.approx(0.5)
+
+
 def test_the_most_opaque_row_always_stays():
     model = gaussians(3)
     set_rows(model, [0.001, 0.003, 0.002], [SMALL] * 3)

@@ -101,9 +101,16 @@ class Recorder(Callback):
     def __init__(self, stop_at: int | None = None) -> None:
         self.stop_at = stop_at
         self.reports = []
+        self.evaluated, self.saved = [], []
 
     def on_step(self, report, control) -> None:
         self.reports.append(report)
+
+    def on_evaluation(self, step, evaluation, control) -> None:
+        self.evaluated.append(step)
+
+    def on_checkpoint(self, step, path) -> None:
+        self.saved.append(step)
 
     def on_tick(self, step, control) -> None:
         if step == self.stop_at:
@@ -185,6 +192,17 @@ def test_reports_say_what_became_of_rows_since_the_last_one(tmp_path, every):
         rows += verbs["cloned"] + verbs["split"] - verbs["pruned"]
         assert report.num_gaussians == rows
     assert rows != 100
+
+
+def test_no_evaluation_follows_a_reset_and_none_and_no_checkpoint_comes_just_before_the_end(
+    tmp_path,
+):
+    recorder = Recorder()
+    run = trainer(tmp_path, "adc", recorder, steps=58, eval_every=28, checkpoint_every=28)
+    run.fit()
+    # Opacities are reset after step 25; 56 is 2 steps before the end.
+    assert recorder.evaluated == [24, 58]
+    assert recorder.saved == [0, 28, 58]
 
 
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])

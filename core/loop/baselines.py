@@ -1,0 +1,192 @@
+"""Baselines: PSNR of images that need no model; a result has to beat them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.metrics import psnr
+from gsfw.core.temporal_metrics.moving_region import camera_key
+from gsfw.core.temporal_metrics.over_time import MOVING, means
+
+MOST_IMAGES = 16
+"""Most training images that a baseline is made of, spread evenly over the views or over time."""
+
+CONSTANT, MEAN_IMAGE, STILL = "constant", "mean_image", "still"
+
+PROTOCOL = {
+    CONSTANT: "the single colour with the highest PSNR on the training images: their mean, or the "
+    "background",
+    MEAN_IMAGE: "the mean of the training images of the same size",
+    STILL: "the mean over time of the training images of the same fixed camera",
+}
+"""Definitions of the baselines, each made of at most ``MOST_IMAGES`` training images."""
+
+NO_STILL = "not available: no fixed camera has both training and held-out images"
+
+
+class Baselines:
+    """PSNR of a constant colour, of a mean image and of an image that stands still.
+
+    They are independent of the model: they are measured during the first evaluation of a run, on
+    the images that it loads anyway, and kept for later ones.
+    """
+
+    def __init__(
+        self,
+        data: DataManager,
+        split: Split,
+        background: Float[Tensor, " 3"],
+        device: torch.device,
+    ) -> None:
+        """Decodes nothing.
+
+        Args:
+            data: source of the images.
+            split: split to be evaluated.
+            background: background of images with alpha.
+            device: device of the comparison.
+        """
+        self._data, self._split = data, split
+        self._background, self._device = background, device
+        self._views = data.views(split).cameras
+        self._per_view: list[dict[str, float]] = []
+        self._constant: Tensor | None = None
+        self._mean_images: dict[tuple[int, ...], Tensor] = {}
+        self._still: tuple[object, Tensor | None] = (None, None)
+        self._figures: dict[str, float] | None = None
+
+    def compare(
+        self,
+        index: int,
+        target: Float[Tensor, "h w 3"],
+        valid: Bool[Tensor, "h w 1"] | None,
+        moving: Bool[Tensor, "h w 1"] | None,
+    ) -> None:
+        """Compare the baselines with an image of the split; nothing once they are known.
+
+        Args:
+            index: index of the view.
+            target: its image.
+            valid: its valid pixels; ``None`` for all.
+            moving: its moving and valid pixels; ``None`` for a static capture or if unknown.
+        """
+        if self._figures is not None:
+            return
+        if self._constant is None:
+            self._find_means()
+        assert self._constant is not None
+        images = {
+            CONSTANT: self._constant.expand_as(target),
+            MEAN_IMAGE: self._mean_images.get(tuple(target.shape)),
+            STILL: self._still_image(index),
+        }
+        found: dict[str, float] = {}
+        for name, image in images.items():
+            if image is None:
+                continue
+            found[f"{name}_psnr"] = psnr(image, target, valid)
+            if moving is not None and name != MEAN_IMAGE and bool(moving.any()):
+                found[f"{name}_{MOVING}psnr"] = psnr(image, target, moving)
+        self._per_view.append(found)
+
+    def figures(self) -> Mapping[str, float]:
+        """PSNR of each baseline, the mean over its views in dB; ends the measurement."""
+        if self._figures is None and self._per_view:
+            self._figures = means(self._per_view)
+            self._mean_images, self._still = {}, (None, None)
+        return self._figures or {}
+
+    def document(self) -> dict[str, Any]:
+        """Figures and definitions, as plain data for result files; empty without images."""
+        figures = self.figures()
+        if not figures:
+            return {}
+        known = {name: text for name, text in PROTOCOL.items() if f"{name}_psnr" in figures}
+        if self._data.scene.is_dynamic and STILL not in known:
+            known[STILL] = NO_STILL
+        return {**figures, **known}
+
+    def _find_means(self) -> None:
+        """Find the best colour and the mean images, in one pass over some training images."""
+        sums: dict[tuple[int, ...], list[Tensor]] = {}
+        moments: list[tuple[Tensor, Tensor]] = []
+        for index in spread(range(len(self._data.views(Split.TRAIN)))):
+            image, weights = self._training_image(index)
+            count = weights.sum().clamp_min(1.0)
+            moments.append(
+                ((image * weights).sum((0, 1)) / count, (image**2 * weights).sum((0, 1)) / count)
+            )
+            total = sums.setdefault(tuple(image.shape), [torch.zeros_like(image), weights * 0])
+            total[0] += image * weights
+            total[1] += weights
+        first, second = (torch.stack(values) for values in zip(*moments, strict=True))
+        self._constant = best_constant(first, second, self._background)
+        self._mean_images = {
+            shape: self._mean(total, weights) for shape, (total, weights) in sums.items()
+        }
+
+    def _still_image(self, index: int) -> Tensor | None:
+        """The mean over time of a fixed camera's training images; ``None`` if it has none.
+
+        Only the latest one is kept: evaluations go camera by camera.
+        """
+        if not self._data.scene.is_dynamic:
+            return None
+        key = camera_key(self._views[index])
+        if self._still[0] != key:
+            training = self._data.views(Split.TRAIN).cameras
+            members = spread([i for i, camera in enumerate(training) if camera_key(camera) == key])
+            image = None
+            if members:
+                images = [self._training_image(member) for member in members]
+                total = torch.stack([image * weights for image, weights in images]).sum(0)
+                image = self._mean(total, torch.stack([weights for _, weights in images]).sum(0))
+            self._still = (key, image)
+        return self._still[1]
+
+    def _training_image(self, index: int) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
+        """A training image, and 1 where it is valid."""
+        (batch,) = self._data.load(Split.TRAIN, [index], self._device)
+        image = batch.target(self._background)[0].clamp(0, 1)
+        valid = torch.ones_like(image[..., :1]) if batch.valid is None else batch.valid[0]
+        return image, valid.to(image.dtype)
+
+    def _mean(
+        self, total: Float[Tensor, "h w 3"], weights: Float[Tensor, "h w 1"]
+    ) -> Float[Tensor, "h w 3"]:
+        """The mean image; the constant colour where no image is valid."""
+        assert self._constant is not None
+        return torch.where(weights > 0, total / weights.clamp_min(1.0), self._constant)
+
+
+def spread(items: Sequence[int], most: int = MOST_IMAGES) -> list[int]:
+    """At most ``most`` of the items, evenly spread."""
+    if len(items) <= most:
+        return list(items)
+    return [items[number * (len(items) - 1) // (most - 1)] for number in range(most)]
+
+
+def best_constant(
+    first: Float[Tensor, "k 3"], second: Float[Tensor, "k 3"], background: Float[Tensor, " 3"]
+) -> Float[Tensor, " 3"]:
+    """The colour with the highest mean PSNR over some images: their mean, or the background.
+
+    The mean has the least squared error. The mean of several PSNRs can favour the background: it
+    is exact where an image shows nothing else.
+
+    Args:
+        first: mean colour of each image.
+        second: mean of the squared colours of each image.
+        background: background of images with alpha.
+    """
+    candidates = torch.stack([first.mean(0), background.clamp(0, 1).to(first)]).double()
+    errors = second - 2 * candidates[:, None] * first + candidates[:, None] ** 2
+    error = errors.mean(-1).clamp_min(1e-10)
+    best = int((-10.0 * error.log10()).mean(-1).argmax())
+    return candidates[best].to(first.dtype)

@@ -1,0 +1,229 @@
+"""Findings: the signs that a result is not sound, each with its cause and its remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from gsfw.core.scene import Scene
+
+if TYPE_CHECKING:
+    from gsfw.core.loop.evaluation import Evaluation
+
+ONE_COLOR_SHARE = 0.5
+"""Share of the views that have to be one colour: single views may show the background alone."""
+
+CONSTANT_MARGIN = 0.5
+"""A result has to beat a constant image by this, in dB. Measured on sound runs of 500 steps: 1.0 dB
+at the first evaluation (4d-rotor, mujoco_collision), 3 dB and more at the end."""
+
+SETTLED = 300
+"""Steps before which figures are not judged: random Gaussians are worse than one colour at first.
+Measured: mujoco_texture after 100, 200 and 300 steps 4.0, 1.1 and 0.0 dB below it, chair sound at
+500. A render of one colour is judged at once."""
+
+FEW_VISIBLE, LOW_SHARE = 10, 0.05
+"""Gaussians die if so few, or so small a part of the most there were, can be seen. The second alone
+is no sign: thinned models are sound. It counts where the result is poor."""
+
+GAP = 10.0
+"""Training views may be better than held-out ones by this, in dB. Measured after 1000 steps: 2.0 dB
+(plush, 84 views), 2.5 (fox, 43), 7.4 (fox, 13), 20.3 (fox, 5); 17 dB where cameras were wrong."""
+
+FEW_VIEWS = 12
+"""Number of training views up to which their number is the likely cause of such a gap."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sign that a result is not sound."""
+
+    key: str
+    """Name for programs, such as ``one-color``."""
+    message: str
+    """Sign, cause and remedies, as sentences."""
+    is_collapse: bool = True
+    """True if the result shows next to nothing; false if it is good on training views alone."""
+
+    def document(self) -> dict[str, str | bool]:
+        """Plain data for result files."""
+        return {"key": self.key, "collapse": self.is_collapse, "message": self.message}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The figures that findings are based on."""
+
+    evaluation: Evaluation
+    scene: Scene
+    settings: Mapping[str, Any]
+    """Every setting of the run as plain data, by dotted key."""
+    step: int
+    """Number of finished steps."""
+    completed: bool
+    """False while the run may still improve."""
+    what: str = "held-out views"
+    """The evaluated views, in words."""
+    rows: int = 0
+    visible: int | None = None
+    """Number of rows that can be seen at all; ``None`` if the model does not say."""
+    most_visible: int = 0
+    """Most such rows at any evaluation of the run, or at its start."""
+
+    def figure(self, name: str) -> float | None:
+        """A mean over the views, or a baseline; ``None`` if not measured."""
+        found = self.evaluation.means.get(name, self.evaluation.baselines.get(name))
+        return found if isinstance(found, float) else None
+
+    @property
+    def is_settled(self) -> bool:
+        """True if the figures can be judged."""
+        return self.completed or self.step >= SETTLED
+
+    @property
+    def is_poor(self) -> bool:
+        """True if the views are hardly better than a constant image."""
+        psnr, constant = self.figure("psnr"), self.figure("constant_psnr")
+        return psnr is not None and constant is not None and psnr < constant + CONSTANT_MARGIN
+
+    @property
+    def is_one_color(self) -> bool:
+        """True if most views are rendered in one colour."""
+        count = len(self.evaluation.views)
+        return count > 0 and self.evaluation.one_color >= max(ONE_COLOR_SHARE * count, 1)
+
+
+def judge(evidence: Evidence) -> tuple[Finding, ...]:
+    """All signs that a result is not sound, the gravest first; empty for a sound result."""
+    found = [_one_color(evidence)]
+    if evidence.is_settled:
+        found += [
+            _no_better_than_constant(evidence),
+            _dying_gaussians(evidence),
+            _motion_not_found(evidence),
+            _overfitting(evidence),
+        ]
+    return tuple(finding for finding in found if finding is not None)
+
+
+def _one_color(evidence: Evidence) -> Finding | None:
+    if not evidence.is_one_color:
+        return None
+    evaluation, psnr = evidence.evaluation, evidence.figure("psnr")
+    constant = evidence.figure("constant_psnr")
+    figures = ""
+    if psnr is not None and constant is not None:
+        figures = f"PSNR is {psnr:.2f} dB, and that of the best single colour {constant:.2f} dB. "
+    return Finding(
+        "one-color",
+        f"{evaluation.one_color} of {len(evaluation.views)} {evidence.what} are rendered as "
+        f"(nearly) one colour, and their images are not. {figures}"
+        "The Gaussians have vanished into the background, or no camera sees them. "
+        + _try([_longer(evidence), *_against_vanishing(evidence), _check(evidence)]),
+    )
+
+
+def _no_better_than_constant(evidence: Evidence) -> Finding | None:
+    if evidence.is_one_color or not evidence.is_poor:
+        return None
+    psnr, constant = evidence.figure("psnr"), evidence.figure("constant_psnr")
+    still = evidence.scene.is_dynamic and evidence.settings.get("ignore_time")
+    cause = "the model stands still and the scene moves" if still else "training was too short"
+    return Finding(
+        "no-better-than-constant",
+        f"the {evidence.what} have {psnr:.2f} dB, and a single colour would have {constant:.2f} "
+        f"dB: the renders are hardly better than that. Either {cause}, or the cameras do not fit "
+        "the images. " + _try([_longer(evidence), _check(evidence), *_against_vanishing(evidence)]),
+    )
+
+
+def _dying_gaussians(evidence: Evidence) -> Finding | None:
+    visible, most = evidence.visible, evidence.most_visible
+    if visible is None or most <= FEW_VISIBLE:
+        return None
+    poor = evidence.is_poor or evidence.is_one_color
+    if visible > FEW_VISIBLE and not (poor and visible < LOW_SHARE * most):
+        return None
+    remedies = []
+    if evidence.settings.get("strategy.reset_every"):
+        remedies.append("no opacity resets (strategy.reset_every=0)")
+    if evidence.settings.get("opacity_penalty"):
+        remedies.append("no opacity penalty (opacity_penalty=0)")
+    return Finding(
+        "dying-gaussians",
+        f"{visible:,} of {evidence.rows:,} Gaussians are opaque enough to be seen, after {most:,} "
+        "before: they die faster than they grow. "
+        + _try([*remedies, *_against_vanishing(evidence), _check(evidence)]),
+    )
+
+
+def _motion_not_found(evidence: Evidence) -> Finding | None:
+    """Compare what moves with a constant image, and a completed run with a still image too."""
+    moving, constant = evidence.figure("moving_psnr"), evidence.figure("constant_moving_psnr")
+    still = evidence.figure("still_moving_psnr")
+    asked_for = bool(evidence.settings.get("ignore_time"))
+    if moving is None or constant is None or asked_for or evidence.is_one_color:
+        return None
+    best, name = constant, "a single colour"
+    if evidence.completed and still is not None and still > constant:
+        best, name = still, "the mean of each camera's training images"
+    if moving >= best + CONSTANT_MARGIN:
+        return None
+    return Finding(
+        "motion-not-found",
+        f"what moves has {moving:.2f} dB, and {name} would have {best:.2f} dB there: of what moves "
+        "(nearly) nothing is found. What is present for a short time vanishes first. "
+        + _try([_longer(evidence), *_against_vanishing(evidence), "another method"]),
+    )
+
+
+def _overfitting(evidence: Evidence) -> Finding | None:
+    training, psnr = evidence.evaluation.training_psnr, evidence.figure("psnr")
+    if training is None or psnr is None or training - psnr < GAP:
+        return None
+    remedies = ["more views"]
+    count = len(evidence.scene.camera_centers)
+    if not evidence.settings.get("opacity_penalty", 1.0):
+        remedies.append("opacity_penalty=0.03")
+    if not evidence.scene.is_dynamic and evidence.settings.get("init") != "stereo":
+        remedies.append("init=stereo")
+    if evidence.settings.get("refine_poses"):
+        cause = "held-out cameras are not refined with the training ones (refine_poses=true)"
+    elif count <= FEW_VIEWS:
+        cause = f"there are only {count} training views"
+    else:
+        cause = "cameras that are misplaced or have a wrong focal length, or too few views"
+    return Finding(
+        "overfitting",
+        f"training views have {training:.1f} dB and {evidence.what} {psnr:.1f} dB: the model fits "
+        f"each image by itself. Likely cause: {cause}. " + _try([_check(evidence), *remedies]),
+        is_collapse=False,
+    )
+
+
+def _against_vanishing(evidence: Evidence) -> list[str]:
+    """Settings that keep Gaussians from taking the colour of the background."""
+    settings, steps = evidence.settings, evidence.settings.get("steps", 0)
+    found = []
+    if evidence.scene.is_dynamic and settings.get("squared_steps", steps) < steps // 2:
+        found.append(f"squared_steps={steps // 2}")
+    if evidence.scene.has_alpha and not settings.get("random_background"):
+        found.append("random_background=true")
+    number = settings.get("random_points")
+    if not len(evidence.scene.points) and isinstance(number, int) and number > 20_000:
+        found.append("fewer random points (random_points=20000)")
+    return found
+
+
+def _longer(evidence: Evidence) -> str:
+    return f"more steps (this run: {evidence.settings.get('steps', 'few')})"
+
+
+def _check(evidence: Evidence) -> str:
+    data = evidence.settings.get("data")
+    return f"gsfw check {data}, for cameras that do not fit" if data else "other settings"
+
+
+def _try(remedies: list[str]) -> str:
+    return f"Try, one by one: {'; '.join(dict.fromkeys(remedies))}."
