@@ -37,14 +37,13 @@ def run(tokens: list[str]) -> int:
 
     check(settings, registry)
     out = settings.config.out
-    if out:
-        check_free(out)
+    check_free(out)
     composition = compose(settings, registry)
     path = Path(out) if out else default_folder(composition.scene.name, settings.method.name)
     console.say(describe(composition))
     if arguments.flag("dry_run"):
         return _tell_dry_run(composition, path, time.perf_counter() - began, console)
-    with new_run_folder(path) as new:
+    with new_run_folder(path, is_chosen=bool(out)) as new:
         write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
         callbacks = make_callbacks(settings.config.callbacks, registry)
         trainer = composition.trainer(new.folder, callbacks)
