@@ -102,6 +102,21 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(mount)], check=True)
 
 
+@pytest.fixture
+def read_only_folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder that nobody may write to; root may in all but those of the system's own."""
+    folder = tmp_path / "read_only"
+    folder.mkdir(mode=0o500)
+    if os.access(folder, os.W_OK):
+        folder = Path("/proc")
+        if not folder.is_dir():
+            pytest.skip("root may write anywhere on this system")
+        yield folder
+        return
+    yield folder
+    folder.chmod(0o700)
+
+
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     """Folders that several tests read, made once for all workers."""
