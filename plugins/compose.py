@@ -24,6 +24,7 @@ from gsfw.core.config import (
 )
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.exposures import Exposures
 from gsfw.core.loop.optimizer import Optimizer
@@ -203,6 +204,7 @@ def open_data(settings: Settings) -> DataManager:
         path=Path(config.data) if config.data else None,
         downscale=config.downscale,
         eval_every_nth=config.holdout_every,
+        eval_by=HoldOutBy(config.holdout_by),
         eval_names=config.holdout,
         cache_megabytes=config.cache_mb,
         gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
