@@ -47,7 +47,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
-    found = find_run(options.run)
+    found = find_run(options.run, console.say)
     restored = open_run(found, installed(), options.changed())
     parts, plan = restored.composition.parts, restored.composition.plan
     split = Split(options.split)

@@ -59,7 +59,7 @@ def run(tokens: list[str]) -> int:
     from gsfw.commands.interface.runs import find_run
     from gsfw.core.files.folder_lock import only_one
 
-    found = find_run(arguments.words[0])
+    found = find_run(arguments.words[0], console.say)
     if found.model_file is not None:
         raise ConfigError(
             f"{found.name} cannot go on: a model file has no optimizer and no images.",
@@ -73,6 +73,7 @@ def _go_on(
     found: RunArgument, changed: Mapping[str, str], command: list[str], console: Console
 ) -> int:
     """Restore a run and train on; return the exit code."""
+    from gsfw.commands.interface.run_history import remember_run
     from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.config_file import write_config
@@ -94,6 +95,7 @@ def _go_on(
     if changed:
         text = write_config(composition.settings, command)
         write_atomically(folder.config, text.encode())
+    remember_run(folder.path)
     console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
     return run_training(trainer, console)
 

@@ -29,6 +29,7 @@ def run(tokens: list[str]) -> int:
     with stage("loading torch and the method"):
         settings = read_settings("train", arguments, registry)
     from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
+    from gsfw.commands.interface.run_history import remember_run
     from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.compose import check, compose
@@ -45,6 +46,7 @@ def run(tokens: list[str]) -> int:
         return _tell_dry_run(composition, path, time.perf_counter() - began, console)
     with new_run_folder(path, is_chosen=bool(out)) as new:
         write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
+        remember_run(new.folder.path)
         callbacks = make_callbacks(settings.config.callbacks, registry)
         trainer = composition.trainer(new.folder, callbacks)
         new.steps_done = lambda: trainer.step

@@ -36,6 +36,9 @@ progress.PATIENCE = 1e6
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Nothing that tests do is remembered in the home of whoever runs them.
+os.environ["GSFW_STATE_DIR"] = "none"
+
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 
