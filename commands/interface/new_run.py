@@ -15,7 +15,7 @@ from pathlib import Path
 from gsfw.commands.interface.runs import RUNS
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import readable_write_errors
-from gsfw.core.files.folder_lock import LOCK, only_one
+from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
 from gsfw.core.loop.run_folder import RunFolder
 
 OTHERS = "another gsfw train or resume"
@@ -46,7 +46,7 @@ def _check_empty(out: str) -> None:
             f"out={out}: this folder holds a run already.",
             f"Go on with it: gsfw resume {out}, or choose another folder with out=DIR.",
         )
-    if path.is_dir() and any(item.name != LOCK for item in path.iterdir()):
+    if path.is_dir() and any(item.name not in (LOCK, CLAIM) for item in path.iterdir()):
         raise OutputError(
             f"out={out}: this folder is not empty.", "Choose a new or empty folder with out=DIR."
         )

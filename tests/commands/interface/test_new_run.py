@@ -76,6 +76,18 @@ def test_what_the_lock_of_an_earlier_start_has_left_is_no_obstacle(tmp_path):
     check_free(str(tmp_path / "run"))
 
 
+def test_a_disk_without_locks_holds_runs_as_well(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("gsfw.core.files.folder_lock.fcntl.flock", refuse)
+    with new_run_folder(tmp_path / "run") as first:
+        with pytest.raises(OutputError, match="another gsfw train or resume is at work there"):
+            new_run_folder(tmp_path / "run").__enter__()
+        first.folder.config.write_text("seed: 1\n")
+    assert sorted(item.name for item in (tmp_path / "run").iterdir()) == [LOCK, "config.yaml"]
+
+
 def test_a_second_run_in_a_folder_is_refused_and_removes_nothing(tmp_path):
     with new_run_folder(tmp_path / "run") as first:
         first.folder.config.write_text("seed: 1\n")
