@@ -123,6 +123,7 @@ def _check(
 
     A data set that cannot be opened has a document as well: it cannot be trained on.
     """
+    from gsfw.core.files.elsewhere import write_here_or_elsewhere
     from gsfw.plugins.compose import open_data
     from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
     from gsfw.preparation.check.examination import Examination
@@ -138,13 +139,16 @@ def _check(
     except DataError as error:
         return {**head, **report_unreadable(error), "next": "", "sheet": ""}
     survey, findings = examined.survey, examined.findings
+    sheet, problem = "", ""
     if options.out != "none":
         tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
-        verdict = Verdict.of(findings)
-        write_contact_sheet(Path(options.out), survey.scene.name, verdict, survey, tiles)
+        verdict, name = Verdict.of(findings), survey.scene.name
+        sheet, problem = write_here_or_elsewhere(
+            Path(options.out), lambda path: write_contact_sheet(path, name, verdict, survey, tiles)
+        )
     plan = examined.plan(given.get("method", ""))
-    sheet = "" if options.out == "none" else options.out
-    return {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
+    document = {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
+    return {**document, "sheet_problem": problem} if problem else document
 
 
 def _show(console: Console, document: Mapping[str, Any]) -> None:
@@ -165,5 +169,7 @@ def _show(console: Console, document: Mapping[str, Any]) -> None:
         console.say(line)
     if document["sheet"]:
         console.say(f"cameras, points and images: {document['sheet']}")
+    if document.get("sheet_problem"):
+        console.warn(document["sheet_problem"])
     if document["next"] and document["verdict"] != "will not train":
         console.say(f"next: {document['next']}")

@@ -45,7 +45,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.plugins.registry import installed
 
     console = Console(options.json)
-    found = find_run(options.run)
+    found = find_run(options.run, console.say)
     restored = open_run(found, installed(), options.changed())
     parts = restored.composition.parts
     split = Split(options.split)

@@ -13,6 +13,7 @@ from gsfw.commands.interface.arguments import Options, read, word
 from gsfw.core.config import AUTO
 
 if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
     from gsfw.plugins.registry import Registry
 
 
@@ -49,13 +50,13 @@ def run(arguments: list[str]) -> int:
 
     console = Console(options.json)
     with stage("reading"):
-        document = _describe(options, installed())
+        document = _describe(options, installed(), console)
     console.table(["", ""], _rows(document), _title(document))
     console.result(document)
     return 0
 
 
-def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
+def _describe(options: InfoOptions, registry: Registry, console: Console) -> dict[str, Any]:
     """The document of the argument.
 
     Raises:
@@ -69,6 +70,7 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
     from gsfw.plugins.automatic import BUILT_IN_SCENE
     from gsfw.plugins.loading import load
     from gsfw.plugins.run_description import describe_run
+    from gsfw.plugins.unread_splats import refuse_unread_splats
 
     what, data = options.what, options.data
     if what and data:
@@ -79,10 +81,11 @@ def _describe(options: InfoOptions, registry: Registry) -> dict[str, Any]:
             "Give a splat file, a run, latest, or a data set; see gsfw info --help.",
         )
     if what == LATEST or what.endswith(".pt") or (what and RunFolder(Path(what)).config.is_file()):
-        return describe_run(find_run(what).folder)
+        return describe_run(find_run(what, console.say).folder)
     if what.endswith(MODEL_SUFFIX) and Path(what).is_file():
         return describe_model(Path(what))
     if Path(what).is_file() and options.format == AUTO:
+        refuse_unread_splats(Path(what))
         importer = _importer(Path(what), registry)
         if importer:
             content = load("importer", registry.slot("importer")[importer])().read(Path(what))

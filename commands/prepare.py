@@ -157,15 +157,17 @@ def _check_colmap() -> None:
 
 
 def _check_exists(path: Path) -> None:
-    """Check that an input exists.
+    """Check that an input exists, and is no splats, whose images would be taken for photos.
 
     Raises:
-        DataError: it does not; names the nearest path.
+        DataError: it does not; names the nearest path. Or it is splats; says what converts them.
     """
     from gsfw.plugins.registry import what_is_missing
+    from gsfw.plugins.unread_splats import refuse_unread_splats
 
     if not path.exists():
         raise DataError(f"{path}: there is no such file or folder.", what_is_missing(path))
+    refuse_unread_splats(path)
 
 
 def _place(options: PrepareOptions, inputs: tuple[Path, ...]) -> Workspace:

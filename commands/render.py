@@ -73,7 +73,7 @@ def run(arguments: list[str]) -> int:
 
     chosen = choose_format(options.video)
     console = Console(options.json)
-    found = find_run(options.run)
+    found = find_run(options.run, console.say)
     restored = open_run(found, installed(), options.changed())
     composition = restored.composition
     rule = FilmRule(options.frames, options.scale, options.time, options.camera)

@@ -12,6 +12,7 @@ from gsfw.core.progress import stage
 from gsfw.plugins.registry import did_you_mean, installed
 
 if TYPE_CHECKING:
+    from gsfw.commands.interface.runs import RunArgument
     from gsfw.plugins.restore import Restored
 
 CHANGEABLE = (
@@ -44,7 +45,7 @@ examples:
 
 
 def run(tokens: list[str]) -> int:
-    """Continue a run."""
+    """Continue a run; it is held from the reading of its checkpoint on."""
     arguments = parse(tokens)
     if arguments.flag("help"):
         raise HelpRequested(HELP)
@@ -54,7 +55,25 @@ def run(tokens: list[str]) -> int:
 
     load_torch()
 
+    from gsfw.commands.interface.new_run import OTHERS
     from gsfw.commands.interface.runs import find_run
+    from gsfw.core.files.folder_lock import only_one
+
+    found = find_run(arguments.words[0], console.say)
+    if found.model_file is not None:
+        raise ConfigError(
+            f"{found.name} cannot go on: a model file has no optimizer and no images.",
+            "Give the folder of the run that it was exported from.",
+        )
+    with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
+        return _go_on(found, changed, ["resume", *tokens], console)
+
+
+def _go_on(
+    found: RunArgument, changed: Mapping[str, str], command: list[str], console: Console
+) -> int:
+    """Restore a run and train on; return the exit code."""
+    from gsfw.commands.interface.run_history import remember_run
     from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.config_file import write_config
@@ -62,12 +81,6 @@ def run(tokens: list[str]) -> int:
     from gsfw.plugins.restore import restore
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 
-    found = find_run(arguments.words[0])
-    if found.model_file is not None:
-        raise ConfigError(
-            f"{found.name} cannot go on: a model file has no optimizer and no images.",
-            "Give the folder of the run that it was exported from.",
-        )
     with stage(f"opening {found.name}"):
         layer = Layer(COMMAND_LINE, changed)
         restored = restore(found.folder, installed(), found.checkpoint, layer)
@@ -80,8 +93,9 @@ def run(tokens: list[str]) -> int:
     trainer = composition.trainer(folder, callbacks, restored.step)
     trainer.load_state_dict(restored.state)
     if changed:
-        text = write_config(composition.settings, ["resume", *tokens])
+        text = write_config(composition.settings, command)
         write_atomically(folder.config, text.encode())
+    remember_run(folder.path)
     console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
     return run_training(trainer, console)
 

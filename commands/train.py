@@ -29,6 +29,7 @@ def run(tokens: list[str]) -> int:
     with stage("loading torch and the method"):
         settings = read_settings("train", arguments, registry)
     from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
+    from gsfw.commands.interface.run_history import remember_run
     from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.compose import check, compose
@@ -37,15 +38,15 @@ def run(tokens: list[str]) -> int:
 
     check(settings, registry)
     out = settings.config.out
-    if out:
-        check_free(out)
+    check_free(out)
     composition = compose(settings, registry)
     path = Path(out) if out else default_folder(composition.scene.name, settings.method.name)
     console.say(describe(composition))
     if arguments.flag("dry_run"):
         return _tell_dry_run(composition, path, time.perf_counter() - began, console)
-    with new_run_folder(path) as new:
+    with new_run_folder(path, is_chosen=bool(out)) as new:
         write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
+        remember_run(new.folder.path)
         callbacks = make_callbacks(settings.config.callbacks, registry)
         trainer = composition.trainer(new.folder, callbacks)
         new.steps_done = lambda: trainer.step

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from gsfw.core.errors import ConfigError
+from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.ranges import check_ranges, number
 
@@ -282,7 +283,10 @@ class MethodConfig(ABC):
     log_every: int = number(10, at_least=1)
     """Steps between logged steps."""
     holdout_every: int = number(8, at_least=0)
-    """Every n-th image by name is held out, unless the data brings its own split; 0: none."""
+    """One image of n is held out, unless the data brings its own split; 0: none."""
+    holdout_by: str = HoldOutBy.AUTO.value
+    """How: name (every n-th by name), spread (over space), camera (whole cameras). auto: by name;
+    where several cameras film, whole ones; never the only view of a place, or the first time."""
     holdout: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_mb: int = number(2048, at_least=0)
@@ -344,6 +348,8 @@ class MethodConfig(ABC):
         check_ranges(self)
         parse_background(self.background)
         self._check_resolution()
+        if self.holdout_by not in (kinds := [kind.value for kind in HoldOutBy]):
+            raise ConfigError(f"holdout_by={self.holdout_by}: expected {', '.join(kinds)}.")
         if self.validation not in ("cheap", "full"):
             raise ConfigError(f"validation={self.validation}: expected cheap or full.")
         if self.profile not in (AUTO, *PROFILES):

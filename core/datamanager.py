@@ -15,6 +15,7 @@ from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
+from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.scene import Scene
 
 
@@ -69,7 +70,9 @@ class DataRequest:
     downscale: float = 1.0
     """Images are shrunk by this factor (area filter, size rounded); >= 1."""
     eval_every_nth: int = 8
-    """Every n-th image by name is held out, unless the data set has its own split; 0: none."""
+    """One image of n is held out, unless the data set has its own split; 0: none."""
+    eval_by: HoldOutBy = HoldOutBy.AUTO
+    """How these are chosen."""
     eval_names: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_megabytes: int = 2048

@@ -63,8 +63,8 @@ class Capture(DataManager):
         frames = sorted(recording.frames, key=lambda frame: frame.name)
         self._frames, self._mask_notes = find_masks(recording, frames, masks)
         self._maps = ViewMaps(recording, self._frames)
-        splits, how = hold_out(self._frames, request, recording.split_origin)
-        self._members = _members(splits)
+        self._held_out = hold_out(self._frames, request, recording)
+        self._members = _members(self._held_out.splits)
         self._check_members(recording)
         timeline = Timeline.of(self._frames, recording.unused_times)
         train = self._members[Split.TRAIN]
@@ -77,7 +77,7 @@ class Capture(DataManager):
         ]
         trained = [cameras[i] for i in train]
         self._scene = self._make_scene(recording, trained, scene_from_world, extent, timeline)
-        self._views = self._make_views(cameras, how)
+        self._views = self._make_views(cameras, self._held_out.how)
         self._fits = self._make_fits(cameras)
         self._videos = self._make_videos()
         self._loader = self._make_loader(request)
@@ -189,6 +189,7 @@ class Capture(DataManager):
             *self._mask_notes,
             *self._maps.notes(),
             f"{train} views to train on, {held} held out ({how})",
+            *self._held_out.notes,
             *self._videos.notes(),
             *self._loader.notes(),
         )

@@ -157,6 +157,8 @@ class Recording:
     """The factor that the images were shrunk by before; ``downscale`` counts from full size."""
     split_origin: str = "the data set's own split"
     """Source of the frames' ``split``, if they have one."""
+    whole_cameras: bool = True
+    """False if the user wants no whole camera held out."""
     sightings: Callable[[], Sightings] | None = None
     """Reads which frames show which point, which training has no use for; ``None`` when the format
     does not say."""

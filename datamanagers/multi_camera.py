@@ -22,7 +22,7 @@ class MultiCameraConfig(CaptureConfig, ABC):
     """Settings of formats whose images are those of several cameras at common times."""
 
     eval_cameras: tuple[str, ...] = ()
-    """Cameras to hold out, by name. Empty: as papers do. none: none (see holdout_every)."""
+    """Cameras to hold out, by name. Empty: as papers do. none: single images (holdout_every)."""
     first: int = 0
     """Number of the first time that is used, counted from 0."""
     frames: int = 0
@@ -31,6 +31,11 @@ class MultiCameraConfig(CaptureConfig, ABC):
     """Every n-th time is used."""
     fps: float = 0.0
     """Times per second. 0: as the videos say, or what is usual for the format."""
+
+    @property
+    def whole_cameras(self) -> bool:
+        """False if the user wants no whole camera held out."""
+        return tuple(self.eval_cameras) != (NONE,)
 
     def chosen_times(self, count: int, where: str) -> range:
         """The numbers of the times that are used, of ``count`` that there are.

@@ -92,6 +92,7 @@ class Neural3DVideoConfig(MultiCameraConfig):
                 point_note,
             ),
             split_origin=origin,
+            whole_cameras=self.whole_cameras,
         )
 
 

@@ -93,6 +93,7 @@ class PanopticConfig(MultiCameraConfig):
                 point_note,
             ),
             split_origin=origin,
+            whole_cameras=self.whole_cameras,
         )
 
 

@@ -79,6 +79,7 @@ class SynchronisedVideosConfig(MultiCameraConfig):
                 point_note,
             ),
             split_origin=origin,
+            whole_cameras=self.whole_cameras,
         )
 
     def _calibration_file(self, folder: Path) -> Path:

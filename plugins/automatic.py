@@ -12,6 +12,7 @@ from gsfw.core.config import AUTO, Detection
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
+from gsfw.plugins.unread_splats import refuse_unread_splats
 
 BUILT_IN_SCENE = "synthetic"
 """The data manager that needs no file."""
@@ -37,13 +38,14 @@ def choose_datamanager(data: str, registry: Registry) -> Choice:
     """Choose the data manager that recognises ``data``.
 
     Raises:
-        DataError: it is missing, empty, or of no known format; names the expected files.
+        DataError: it is missing, empty, splats, or of no known format; names the expected files.
     """
     if not data:
         return Choice(BUILT_IN_SCENE, "data is empty")
     path = Path(data)
     with _readable(path):
         _check_exists(path)
+        refuse_unread_splats(path)
         detections = ask_all("datamanager", registry, lambda kind: kind.detect(path))
     recognised = [name for name, seen in detections.items() if seen.recognised]
     if not recognised:

@@ -24,7 +24,7 @@ from gsfw.core.config import (
 )
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError, DataError
-from gsfw.core.exchange import Importer
+from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.exposures import Exposures
 from gsfw.core.loop.optimizer import Optimizer
@@ -34,7 +34,6 @@ from gsfw.core.loop.resolution import FULL_SIZE, ResolutionSchedule, measured
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
-from gsfw.core.maths.frame import transform_splats
 from gsfw.core.method import Method
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.numerics import PROFILES
@@ -44,18 +43,15 @@ from gsfw.core.refinement.budget import with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.scene import Scene
-from gsfw.core.splats import Splats
 from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.devices import find_device, unused_gpu
-from gsfw.plugins.loading import ask_all, check_built, load, make_metrics
+from gsfw.plugins.initial_splats import INIT_WORDS, find_importer, read_initial
+from gsfw.plugins.loading import ask_all, check_built, make_metrics
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 from gsfw.plugins.stereo_points import STEREO, with_stereo_points
-
-INIT_WORDS = (AUTO, "points", "random", STEREO)
-"""Values of ``init`` that are not a file."""
 
 
 @dataclass(frozen=True)
@@ -208,6 +204,7 @@ def open_data(settings: Settings) -> DataManager:
         path=Path(config.data) if config.data else None,
         downscale=config.downscale,
         eval_every_nth=config.holdout_every,
+        eval_by=HoldOutBy(config.holdout_by),
         eval_names=config.holdout,
         cache_megabytes=config.cache_mb,
         gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
@@ -367,33 +364,3 @@ def choose_operators(registry: Registry, device: torch.device) -> Operators:
     able = {name: found for name, found in willing.items() if found[0] is not None}
     kind: type[Operators] = able[max(able, key=lambda name: (able[name][0], name))][1]
     return kind()
-
-
-def find_importer(path: Path, registry: Registry) -> Importer:
-    """The importer that recognises a splat file.
-
-    Raises:
-        DataError: the file is missing, or no importer recognises it.
-    """
-    if not path.is_file():
-        raise DataError(
-            f"{path}: there is no such file.", f"init is a splat file, or {', '.join(INIT_WORDS)}."
-        )
-    recognised = ask_all("importer", registry, lambda kind: kind.recognises(path))
-    for name, is_its_own in recognised.items():
-        if is_its_own:
-            importer: Importer = load("importer", registry.find("importer", name))()
-            return importer
-    raise DataError(
-        f"{path} is not a splat file that can be read here.",
-        f"Formats that can be read: {', '.join(recognised) or 'none'}.",
-    )
-
-
-def read_initial(init: str, registry: Registry, scene: Scene) -> Splats | None:
-    """The splats of ``init=FILE`` in the scene frame, float32; ``None`` for other values."""
-    if init in INIT_WORDS:
-        return None
-    content = find_importer(Path(init), registry).read(Path(init))
-    splats = transform_splats(content.splats, scene.world_from_scene.inverse())
-    return splats.map(torch.Tensor.float)

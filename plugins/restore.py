@@ -8,6 +8,7 @@ from typing import Any
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
+from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.determinism import differences, environment
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.progress import stage
@@ -69,6 +70,8 @@ def restore(
             f"{folder.path} has no checkpoint.", "Train again into another folder with out=DIR."
         )
     saved = read_config(folder.config, everything=True)
+    # Runs of before there was this setting held out every n-th image by name.
+    saved = replace(saved, values={"holdout_by": HoldOutBy.NAME.value, **saved.values})
     if changed is not None and "steps" in changed.values:
         # The schedules do not change with the new length.
         saved = replace(saved, given=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.preparation.camera_grouping import CameraGroup
@@ -11,6 +12,20 @@ from gsfw.preparation.disk import check_room
 from gsfw.preparation.image_set import ImageSet
 from gsfw.preparation.native import readable_native_errors
 from gsfw.preparation.sift import ImageFeatures
+
+if TYPE_CHECKING:
+    from pycolmap import Camera
+
+
+def camera_of(group: CameraGroup) -> Camera:
+    """COLMAP's camera of a group before calibration."""
+    import pycolmap
+
+    camera = pycolmap.Camera.create_from_model_name(
+        group.number, group.model, group.focal, group.width, group.height
+    )
+    camera.has_prior_focal_length = bool(group.focal_origin)
+    return camera
 
 
 def image_numbers(images: ImageSet) -> dict[str, int]:
@@ -87,10 +102,7 @@ class FeatureDatabase:
         """A camera, and the rig of one camera that COLMAP wants."""
         import pycolmap
 
-        camera = pycolmap.Camera.create_from_model_name(
-            group.number, group.model, group.focal, group.width, group.height
-        )
-        camera.has_prior_focal_length = bool(group.focal_origin)
+        camera = camera_of(group)
         self._database.write_camera(camera, use_camera_id=True)
         rig = pycolmap.Rig(rig_id=group.number)
         rig.add_ref_sensor(camera.sensor_id)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
 from gsfw.preparation.diagnosis.usual import blurred_beside
@@ -26,6 +28,13 @@ from gsfw.preparation.journal import Document, Journal, identity_of
 from gsfw.preparation.mapping.mapping_rule import MappingRule
 from gsfw.preparation.pairs import MatchingRule
 from gsfw.preparation.retrieval import check_vocabulary
+from gsfw.preparation.simpler_lenses import (
+    MOST_ATTEMPTS,
+    impossible_lenses,
+    set_lenses,
+    what_changes,
+    with_simpler_lenses,
+)
 from gsfw.preparation.source import read_source
 from gsfw.preparation.workspace import Workspace
 from gsfw.preparation.writing.image_output import OutputRule
@@ -111,10 +120,10 @@ class Preparation:
         if self._rule.matching.vocabulary is not None:
             check_vocabulary(self._rule.matching.vocabulary)
         images = self._images()
-        groups = group_cameras(images, self._rule.cameras)
+        groups: Sequence[CameraGroup] = group_cameras(images, self._rule.cameras)
         features = self._features(images, groups)
         self._match(images)
-        mapping = self._map(features)
+        groups, mapping = self._map(groups, features)
         written = self._write(images, mapping)
         diagnosis = diagnose(self._place.database, images, groups, features, mapping)
         return Prepared(diagnosis, written, self._chosen, self._journal.seconds)
@@ -188,25 +197,52 @@ class Preparation:
         )
         self._chosen["matches"] = found["how"]
 
-    def _map(self, features: dict[str, FeatureReport]) -> Mapping:
+    def _map(
+        self, groups: Sequence[CameraGroup], features: dict[str, FeatureReport]
+    ) -> tuple[Sequence[CameraGroup], Mapping]:
+        """Cameras, with simpler lenses where those that were chosen come out impossible."""
+        mapping = self._map_with(groups, features, "")
+        is_chosen = self._rule.cameras.model == AUTO
+        for attempt in range(2, MOST_ATTEMPTS + 1):
+            impossible = impossible_lenses(mapping.models[0]) if mapping.models else {}
+            simpler = with_simpler_lenses(groups, impossible)
+            if not is_chosen or simpler == tuple(groups):
+                break
+            self._choose("lenses", what_changes(groups, simpler))
+            groups = simpler
+            mapping = self._map_with(groups, features, f"attempt {attempt}")
+        self._choose("cameras", mapping.how)
+        return groups, mapping
+
+    def _map_with(
+        self, groups: Sequence[CameraGroup], features: dict[str, FeatureReport], attempt: str
+    ) -> Mapping:
+        """Cameras with these lenses; ``attempt`` names stages and folder of a repetition."""
         from gsfw.preparation.mapping.mapping import Mapping, count_images, map_cameras
 
         place, rule = self._place, self._mapping_rule
+        folder = place.models / attempt
         settings = {name: value for name, value in asdict(rule).items() if name != "jobs"}
+
+        def compute() -> Document:
+            set_lenses(place.database, groups)
+            return map_cameras(place.database, folder, rule).document()
+
         found = self._journal.stage(
-            "cameras",
+            f"cameras, {attempt}" if attempt else "cameras",
             settings,
-            lambda: map_cameras(place.database, place.models, rule).document(),
-            lambda: place.remove(place.models),
-            self._are_models_there,
+            compute,
+            lambda: place.remove(folder),
+            partial(_are_there, folder),
         )
-        mapping = Mapping.of(found, place.models)
+        mapping = Mapping.of(found, folder)
         if mapping.models and mapping.sizes[0] < count_images(place.database):
-            mapping = self._bridge(mapping, features)
-        self._choose("cameras", mapping.how)
+            mapping = self._bridge(mapping, features, attempt)
         return mapping
 
-    def _bridge(self, mapping: Mapping, features: dict[str, FeatureReport]) -> Mapping:
+    def _bridge(
+        self, mapping: Mapping, features: dict[str, FeatureReport], attempt: str
+    ) -> Mapping:
         """Compare what the largest model lacks with it again, more closely, and go on from it."""
         from pycolmap import Reconstruction
 
@@ -215,6 +251,7 @@ class Preparation:
         from gsfw.preparation.matching import match_more
 
         place, rule = self._place, self._mapping_rule
+        folder = place.models / attempt
 
         def bridge() -> Document:
             placed = [image.name for image in Reconstruction(mapping.models[0]).images.values()]
@@ -230,14 +267,12 @@ class Preparation:
                 if not blurred.intersection(pair)
             ]
             match_more(place.database, pairs, rule.jobs)
-            joined = continue_mapping(place.database, place.models, mapping, rule, blurred)
+            joined = continue_mapping(place.database, folder, mapping, rule, blurred)
             return joined.document()
 
-        found = self._journal.stage("bridges", {}, bridge, is_there=self._are_models_there)
-        return Mapping.of(found, place.models)
-
-    def _are_models_there(self, found: Document) -> bool:
-        return all((self._place.models / name / MODEL).is_file() for name in found["models"])
+        name = f"bridges, {attempt}" if attempt else "bridges"
+        is_there = partial(_are_there, folder)
+        return Mapping.of(self._journal.stage(name, {}, bridge, is_there=is_there), folder)
 
     @property
     def _mapping_rule(self) -> MappingRule:
@@ -265,3 +300,8 @@ class Preparation:
             lambda: place.remove(place.images, place.sparse, place.report, place.sheet),
             lambda written: not mapping.models or is_all_there(place.path),
         )
+
+
+def _are_there(folder: Path, found: Document) -> bool:
+    """True if the models of a mapping are still in their folder."""
+    return all((folder / name / MODEL).is_file() for name in found["models"])

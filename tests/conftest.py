@@ -36,6 +36,9 @@ progress.PATIENCE = 1e6
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Nothing that tests do is remembered in the home of whoever runs them.
+os.environ["GSFW_STATE_DIR"] = "none"
+
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 
@@ -100,6 +103,21 @@ def tiny_disk(tmp_path: Path) -> Iterator[Path]:
         pytest.skip("mounting a size-limited tmpfs needs root")
     yield mount
     subprocess.run(["umount", str(mount)], check=True)
+
+
+@pytest.fixture
+def read_only_folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder that nobody may write to; root may in all but those of the system's own."""
+    folder = tmp_path / "read_only"
+    folder.mkdir(mode=0o500)
+    if os.access(folder, os.W_OK):
+        folder = Path("/proc")
+        if not folder.is_dir():
+            pytest.skip("root may write anywhere on this system")
+        yield folder
+        return
+    yield folder
+    folder.chmod(0o700)
 
 
 @pytest.fixture(scope="session")

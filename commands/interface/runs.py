@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsfw.commands.interface.run_history import remembered_runs
 from gsfw.core.errors import ConfigError, DataError
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.plugins.registry import Registry, did_you_mean
+from gsfw.plugins.unread_splats import refuse_unread_splats
 
 if TYPE_CHECKING:
     from gsfw.plugins.restore import Restored
@@ -40,14 +43,18 @@ class RunArgument:
         return str(self.model_file or self.folder.path)
 
 
-def find_run(text: str) -> RunArgument:
+def find_run(text: str, say: Callable[[str], None]) -> RunArgument:
     """Find the run of RUN.
+
+    Args:
+        text: the argument.
+        say: receives a line on which run the latest is, if it is not below ``runs``.
 
     Raises:
         DataError: there is none; suggests the nearest name.
     """
     if text == LATEST and not Path(text).exists():
-        return RunArgument(RunFolder(_latest()), None)
+        return RunArgument(RunFolder(_latest(say)), None)
     path = Path(text)
     if path.suffix == ".pt" and path.is_file():
         return RunArgument(RunFolder(path.resolve().parent.parent), path)
@@ -57,28 +64,48 @@ def find_run(text: str) -> RunArgument:
         raise DataError(f"there is no run {text}.{_nearest(path)}", _advice())
     folder = RunFolder(path)
     if not folder.config.is_file():
+        refuse_unread_splats(path)
         raise DataError(f"{text} is not a run: it has no {folder.config.name}.", _advice())
     return RunArgument(folder, None)
 
 
-def list_runs(root: Path = RUNS) -> list[Path]:
-    """Folders of runs under ``root``, the newest first."""
-    files = [path for path in root.glob("**/config.yaml") if path.is_file()]
-    return [path.parent for path in sorted(files, key=_age, reverse=True)]
+def newest_runs() -> list[Path]:
+    """Folders of the runs below ``runs``, and of this user's runs elsewhere; the newest first.
+
+    A run is as old as its last start, or, where that is not remembered, its last change.
+    """
+    ages, local = remembered_runs(), {path.resolve(): path for path in _runs_here()}
+    found = [(ages[path], path) for path in ages if path not in local and _is_run(path)]
+    found += [(ages.get(real) or _changed(path), path) for real, path in local.items()]
+    return [path for _, path in sorted(found, key=lambda item: (item[0], str(item[1])))][::-1]
 
 
-def _age(config: Path) -> tuple[float, str]:
-    """Sort key of a run: its last change, then its name, which is a time."""
-    return max(item.stat().st_mtime for item in (config, config.parent)), str(config)
+def _runs_here() -> Iterator[Path]:
+    """Folders of runs below ``runs``; the folder's name is a time, which sorts them."""
+    return (path.parent for path in RUNS.glob("**/config.yaml") if path.is_file())
 
 
-def _latest() -> Path:
-    runs = list_runs()
+def _is_run(folder: Path) -> bool:
+    try:
+        return RunFolder(folder).config.is_file()
+    except OSError:  # It is on a disk that is not there, or not ours any more.
+        return False
+
+
+def _changed(run: Path) -> float:
+    """Last change of a run's settings or of its list of files, in seconds since 1970."""
+    return max(item.stat().st_mtime for item in (run, RunFolder(run).config))
+
+
+def _latest(say: Callable[[str], None]) -> Path:
+    runs = newest_runs()
     if not runs:
         raise DataError(
-            f"there is no latest run: {RUNS.resolve()} holds none.",
+            f"there is no latest run: {RUNS.resolve()} holds none, and none elsewhere is known.",
             "Give the folder of a run, or train one: gsfw train method=3dgs",
         )
+    if runs[0].is_absolute():
+        say(f"latest is {runs[0]}, which was started or resumed last")
     return runs[0]
 
 
@@ -88,7 +115,7 @@ def _nearest(path: Path) -> str:
 
 
 def _advice() -> str:
-    known = list_runs()[:3]
+    known = newest_runs()[:3]
     listed = f" Newest runs: {', '.join(map(str, known))}." if known else ""
     return (
         "RUN is the folder that gsfw train made, a checkpoint in it, a model file "

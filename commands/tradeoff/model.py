@@ -75,7 +75,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.studies.tradeoff.variant import AXES
 
     console, registry = Console(options.json), installed()
-    found = find_run(options.run)
+    found = find_run(options.run, console.say)
     restored = open_run(found, registry, options.changed())
     is_file = found.model_file is not None
     model = FinishedModel(restored, registry, found.name, options.views, is_file)

@@ -93,6 +93,7 @@ class ColmapPerFrameConfig(MultiCameraConfig):
             up="-y",
             point_times=times.repeat_interleave(counts),
             split_origin=origin,
+            whole_cameras=self.whole_cameras,
         )
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
 
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.user_folder import cache_root
 
 logger = logging.getLogger(__name__)
 
@@ -26,11 +26,8 @@ def cache_folder() -> Path:
     """
     if os.environ.get(FOLDER):
         return Path(os.environ[FOLDER], "kernels").expanduser()
-    system = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", "")
-    for root in (system, os.path.expanduser("~/.cache")):
-        if os.path.isabs(root):
-            return Path(root, "gsfw", "kernels")
-    return Path(os.devnull, "gsfw", "kernels")  # No home: nothing can be kept, and writing says so.
+    # Without a home nothing can be kept, and writing says so.
+    return (cache_root() or Path(os.devnull, "gsfw")) / "kernels"
 
 
 def cache_key(parts: Iterable[str]) -> str:

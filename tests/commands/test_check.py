@@ -1,6 +1,7 @@
 """`gsfw check`."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -38,6 +39,33 @@ def test_a_good_capture_is_called_good(good, capsys, tmp_path):
     assert found["next"] == f"gsfw train method=3dgs data={good}"
     assert found["sheet"] == str(sheet)
     assert sheet.read_bytes().startswith(b"\x89PNG")
+
+
+def test_in_a_read_only_folder_the_report_is_whole_and_the_sheet_is_elsewhere(
+    good, capsys, monkeypatch, tmp_path, read_only_folder
+):
+    monkeypatch.chdir(read_only_folder)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert main(["check", f"data={good}", "images=5"]) == 0
+    said = capsys.readouterr()
+    (sheet,) = tmp_path.glob("gsfw-*/check.png")
+    assert "verdict: good: nothing was found that speaks against it\n" in said.out
+    assert f"cameras, points and images: {sheet}" in said.out
+    assert re.fullmatch(
+        rf"warning: check.png cannot be written: .*\. It is {sheet} instead; out=FILE gives it "
+        r"another place\.\n",
+        said.err,
+    )
+
+
+def test_a_sheet_that_cannot_be_written_anywhere_costs_nothing_else(
+    good, capsys, monkeypatch, tmp_path
+):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file"))
+    found = check(capsys, good, "images=5", f"out={tmp_path}/file/sheet.png")
+    assert (found["verdict"], found["sheet"]) == ("good", "")
+    assert "out=FILE gives it another place" in found["sheet_problem"]
 
 
 def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeypatch, tmp_path):
@@ -153,8 +181,6 @@ def test_mistakes_are_explained(good, capsys, tmp_path):
         "error: images=some: expected a number of at least 1, or all.\n"
     )
     assert "unknown key 'downscal'" in refusal(capsys, good, "downscal=2")
-    (tmp_path / "file").touch()
-    assert "cannot be written" in refusal(capsys, good, f"out={tmp_path}/file/sheet.png")
 
 
 def test_help_says_what_else_is_taken(capsys):

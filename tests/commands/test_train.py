@@ -163,3 +163,24 @@ def test_a_failure_before_the_first_checkpoint_leaves_nothing(capsys, monkeypatc
     assert main(["train", *SMALL, "out=a/b/run"]) == 1
     assert "error: gsfw failed unexpectedly: OSError: disk on fire" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["errors"]
+
+
+def test_a_run_elsewhere_is_the_latest(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("GSFW_STATE_DIR", str(tmp_path / "state"))
+    assert main(["train", *SMALL, f"out={tmp_path / 'elsewhere'}"]) == 0
+    (tmp_path / "project").mkdir()
+    monkeypatch.chdir(tmp_path / "project")
+    capsys.readouterr()
+    assert main(["info", "latest", "json=true"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["path"] == str(tmp_path / "elsewhere")
+    assert f"latest is {tmp_path / 'elsewhere'}, which was started or resumed last\n" in said.err
+
+
+def test_a_dry_run_says_that_nothing_can_be_written(capsys, monkeypatch, read_only_folder):
+    monkeypatch.chdir(read_only_folder)
+    said = refusal(capsys, *SMALL, "--dry-run")
+    assert "runs, the folder of runs without out=DIR, cannot be written: " in said
+    assert "Choose another with out=DIR." in said
+    said = refusal(capsys, *SMALL, "--dry-run", f"out={read_only_folder}/new")
+    assert f"error: out={read_only_folder}/new cannot be written: " in said

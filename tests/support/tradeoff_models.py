@@ -7,7 +7,7 @@ from gsfw.studies.tradeoff.finished_model import FinishedModel
 
 def finished_model(path, views=16):
     """What RUN names, ready to be measured."""
-    found = find_run(str(path))
+    found = find_run(str(path), lambda text: None)
     restored = open_run(found, installed())
     is_file = found.model_file is not None
     return FinishedModel(restored, installed(), str(path), views, is_file)

@@ -1,13 +1,14 @@
 """Tests of gsfw.commands.interface.new_run."""
 
 import errno
-import os
+import re
 from pathlib import Path
 
 import pytest
 
 from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
 from gsfw.core.errors import OutputError
+from gsfw.core.files.folder_lock import LOCK
 
 
 def refusal(path) -> str:
@@ -44,9 +45,82 @@ def test_a_file_in_the_way_is_named(tmp_path):
     )
 
 
-def test_a_place_one_may_not_write_to_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    assert f"you may not write to {tmp_path}" in refusal(tmp_path / "run")
+def test_a_place_one_may_not_write_to_is_named(read_only_folder):
+    out = read_only_folder / "new" / "run"
+    said = refusal(out)
+    assert said.startswith(
+        f"out={out} cannot be written: nothing can be written to {read_only_folder} ("
+    )
+    assert said.endswith("Choose another with out=DIR.")
+
+
+def test_without_out_the_folder_of_runs_is_looked_at(read_only_folder, monkeypatch):
+    monkeypatch.chdir(read_only_folder)
+    with pytest.raises(OutputError) as caught:
+        check_free("")
+    assert str(caught.value).startswith(
+        "runs, the folder of runs without out=DIR, cannot be written: nothing can be written to "
+        f"{read_only_folder} ("
+    )
+
+
+def test_looking_leaves_nothing_behind(tmp_path):
+    check_free(str(tmp_path / "new"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_lock_of_an_earlier_start_has_left_is_no_obstacle(tmp_path):
+    with new_run_folder(tmp_path / "run"):
+        pass
+    assert [item.name for item in (tmp_path / "run").iterdir()] == [LOCK]
+    check_free(str(tmp_path / "run"))
+
+
+def test_a_disk_without_locks_holds_runs_as_well(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("gsfw.core.files.folder_lock.fcntl.flock", refuse)
+    with new_run_folder(tmp_path / "run") as first:
+        with pytest.raises(OutputError, match="another gsfw train or resume is at work there"):
+            new_run_folder(tmp_path / "run").__enter__()
+        first.folder.config.write_text("seed: 1\n")
+    assert sorted(item.name for item in (tmp_path / "run").iterdir()) == [LOCK, "config.yaml"]
+
+
+def test_a_second_run_in_a_folder_is_refused_and_removes_nothing(tmp_path):
+    with new_run_folder(tmp_path / "run") as first:
+        first.folder.config.write_text("seed: 1\n")
+        with pytest.raises(OutputError) as caught, new_run_folder(tmp_path / "run"):
+            pass
+        assert first.folder.config.is_file()
+    assert re.fullmatch(
+        rf"{tmp_path / 'run'}: another gsfw train or resume is at work there "
+        r"\(process \d+ on .+, since .+ UTC\)\.\n"
+        r"Wait for it, end it, or choose another folder with out=DIR\.",
+        str(caught.value),
+    )
+
+
+def test_a_run_that_began_and_ended_since_the_first_look_is_not_written_over(tmp_path):
+    check_free(str(tmp_path / "run"))
+    with new_run_folder(tmp_path / "run") as first:
+        first.folder.config.write_text("seed: 1\n")
+    with (
+        pytest.raises(OutputError, match="holds a run already"),
+        new_run_folder(tmp_path / "run"),
+    ):
+        pass
+    assert (tmp_path / "run" / "config.yaml").is_file()
+
+
+def test_runs_that_would_get_the_same_name_get_numbers(tmp_path):
+    with (
+        new_run_folder(tmp_path / "a" / "now", is_chosen=False) as first,
+        new_run_folder(tmp_path / "a" / "now", is_chosen=False) as second,
+    ):
+        assert first.folder.path == tmp_path / "a" / "now"
+        assert second.folder.path == tmp_path / "a" / "now_2"
 
 
 def test_the_default_folder_is_of_scene_method_and_time_and_never_taken_twice(

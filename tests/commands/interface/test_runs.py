@@ -4,7 +4,9 @@ import os
 
 import pytest
 
-from gsfw.commands.interface.runs import find_run, list_runs
+from gsfw.commands.interface.run_history import remember_run
+from gsfw.commands.interface.runs import RunArgument, newest_runs
+from gsfw.commands.interface.runs import find_run as find_run_and_say
 from gsfw.core.errors import DataError
 
 
@@ -14,6 +16,14 @@ def make_run(path, age: int = 0):
     for item in (path / "config.yaml", path):
         os.utime(item, (1e9 - age, 1e9 - age))
     return path
+
+
+def find_run(text: str) -> RunArgument:
+    """The run, about which nothing is said."""
+    said: list[str] = []
+    found = find_run_and_say(text, said.append)
+    assert said == []
+    return found
 
 
 def refusal(text: str) -> str:
@@ -37,7 +47,7 @@ def test_latest_is_the_newest_under_runs(tmp_path):
     for name, age in (("a/3dgs/1", 30), ("b/3dgs/2", 10), ("a/3dgs/3", 20)):
         make_run(tmp_path / "runs" / name, age)
     assert str(find_run("latest").folder.path) == "runs/b/3dgs/2"
-    assert [path.name for path in list_runs()] == ["2", "3", "1"]
+    assert [path.name for path in newest_runs()] == ["2", "3", "1"]
 
 
 def test_a_checkpoint_names_its_run(tmp_path):
@@ -49,7 +59,7 @@ def test_a_checkpoint_names_its_run(tmp_path):
 
 def test_without_any_run_there_is_no_latest(tmp_path):
     assert refusal("latest") == (
-        f"there is no latest run: {tmp_path / 'runs'} holds none.\n"
+        f"there is no latest run: {tmp_path / 'runs'} holds none, and none elsewhere is known.\n"
         "Give the folder of a run, or train one: gsfw train method=3dgs"
     )
 
@@ -73,3 +83,39 @@ def test_a_missing_checkpoint_is_a_missing_run(tmp_path):
     assert refusal("first/checkpoints/step_9.pt").startswith(
         "there is no run first/checkpoints/step_9.pt."
     )
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """Runs are remembered here."""
+    monkeypatch.setenv("GSFW_STATE_DIR", str(tmp_path / "state"))
+    monkeypatch.setattr("time.time", lambda: 2e9)
+
+
+@pytest.mark.usefixtures("home")
+def test_latest_is_the_newest_wherever_it_is_and_says_where(tmp_path):
+    make_run(tmp_path / "runs" / "a" / "3dgs" / "1")
+    elsewhere = make_run(tmp_path / "elsewhere", age=1000)
+    assert str(find_run("latest").folder.path) == "runs/a/3dgs/1"
+    remember_run(elsewhere)
+    said: list[str] = []
+    assert find_run_and_say("latest", said.append).folder.path == elsewhere
+    assert said == [f"latest is {elsewhere}, which was started or resumed last"]
+
+
+@pytest.mark.usefixtures("home")
+def test_a_newer_start_below_runs_counts_more_than_files_that_were_touched(tmp_path, monkeypatch):
+    touched = make_run(tmp_path / "runs" / "a" / "3dgs" / "1", age=-100)
+    newer = make_run(tmp_path / "runs" / "a" / "3dgs" / "2", age=1000)
+    remember_run(newer)
+    monkeypatch.setattr("time.time", lambda: 1.9e9)
+    remember_run(touched)
+    assert str(find_run("latest").folder.path) == "runs/a/3dgs/2"
+
+
+@pytest.mark.usefixtures("home")
+def test_runs_that_are_gone_are_not_the_latest(tmp_path):
+    remember_run(tmp_path / "gone")
+    (tmp_path / "emptied").mkdir()
+    remember_run(tmp_path / "emptied")
+    assert "there is no latest run" in refusal("latest")

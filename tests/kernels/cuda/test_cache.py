@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from gsfw.kernels.cuda import cache as cache_module
 from gsfw.kernels.cuda.cache import KernelCache, cache_folder, cache_key
 
 CODE = bytes(range(256)) * 40
@@ -111,7 +110,7 @@ def test_a_full_disk_leaves_nothing_behind(tiny_disk, caplog):
 
 
 def test_the_folder_is_chosen_by_the_user_or_by_the_system(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache_module.sys, "platform", "linux")
+    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("HOME", "/home/someone")
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("GSFW_CACHE_DIR", raising=False)
@@ -125,7 +124,7 @@ def test_the_folder_is_chosen_by_the_user_or_by_the_system(tmp_path, monkeypatch
 
 
 def test_windows_keeps_caches_elsewhere(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache_module.sys, "platform", "win32")
+    monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.delenv("GSFW_CACHE_DIR", raising=False)
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
     assert cache_folder() == tmp_path / "gsfw" / "kernels"

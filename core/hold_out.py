@@ -1,0 +1,16 @@
+"""HoldOutBy: the rules by which images are held out of training."""
+
+from enum import Enum
+
+
+class HoldOutBy(Enum):
+    """How the images that are held out are chosen; see ``datamanagers/holdout.py``."""
+
+    AUTO = "auto"
+    """By what kind of capture it is."""
+    NAME = "name"
+    """Every n-th by name."""
+    SPREAD = "spread"
+    """As many, from all places and directions."""
+    CAMERA = "camera"
+    """Whole cameras."""
