@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from statistics import median
 from typing import ClassVar
 
 import torch
@@ -48,6 +49,11 @@ class Views:
         if any(camera.time is None for camera in self.cameras):
             return None
         return tuple(float(camera.time[0]) for camera in self.cameras if camera.time is not None)
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of a view, as a median; 0 without views."""
+        return int(median([camera.width * camera.height for camera in self.cameras] or [0]))
 
     def groups(self, indices: Sequence[int]) -> list[tuple[int, ...]]:
         """Split ``indices`` into runs that may share a batch: one time, one size, one model."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from statistics import median
 
 import numpy as np
 import torch
@@ -103,6 +104,7 @@ class Capture(DataManager):
             num_times=timeline.count,
             up=recording.up,
             has_alpha=any(map(self._masks.gives_alpha, self._frames)),
+            view_pixels=int(median(camera.width * camera.height for camera in trained)),
         )
 
     def _make_views(self, cameras: Sequence[Cameras], how: str) -> dict[Split, Views]:
