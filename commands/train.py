@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, layers, parse
 from gsfw.commands.interface.console import Console
 from gsfw.core.config import AUTO
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.progress import stage
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
     from gsfw.plugins.compose import Composition
-    from gsfw.plugins.settings import Settings
+    from gsfw.plugins.settings import Layer, Settings
 
 
 def run(tokens: list[str]) -> int:
@@ -91,7 +91,7 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
         HelpRequested: ``--help`` was given.
         ConfigError: no method was chosen, or a setting is wrong.
     """
-    from gsfw.plugins.settings import CHOICE_KEYS, COMMAND_LINE, Layer, resolve
+    from gsfw.plugins.settings import resolve
 
     wanted = arguments.flag("help")
     given = layers(arguments)
@@ -103,12 +103,25 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
     if wanted:
         from gsfw.commands.interface.help import settings_help
 
+        settings, problem = _settings_to_explain(given, registry)
+        raise HelpRequested(settings_help(verb, settings, registry, problem))
+    return resolve(registry, given)
+
+
+def _settings_to_explain(given: Sequence[Layer], registry: Registry) -> tuple[Settings, str]:
+    """The settings of the run, or what is wrong with them and those of the choices alone.
+
+    Help is asked for when a line is wrong, so that a mistake in it is no reason to refuse.
+    """
+    from gsfw.plugins.settings import CHOICE_KEYS, COMMAND_LINE, Layer, resolve
+
+    try:
+        return resolve(registry, given), ""
+    except UserError as error:
         chosen = {
             key: text for layer in given for key, text in layer.values.items() if key in CHOICE_KEYS
         }
-        settings = resolve(registry, [Layer(COMMAND_LINE, chosen)])
-        raise HelpRequested(settings_help(verb, settings, registry))
-    return resolve(registry, given)
+        return resolve(registry, [Layer(COMMAND_LINE, chosen)]), error.message
 
 
 def _usage(verb: str) -> str:
