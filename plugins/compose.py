@@ -133,6 +133,8 @@ class Composition:
             settings=self.settings.flat(),
             protocol=self.protocol(),
             notes=self.notes(),
+            views=len(self.parts.data.views(Split.TRAIN)),
+            step_costs=self.settings.config.step_costs(),
         )
         plan = replace(self.plan, resolution=self.resolution)
         return Trainer(self.parts, plan, folder, info, callbacks)
@@ -349,6 +351,7 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
         steps=config.steps,
         log_every=config.log_every,
         eval_every=config.eval_every,
+        eval_views=config.eval_views,
         checkpoint_every=config.checkpoint_every,
         settings=RenderSettings(
             background=torch.tensor(background, device=device),
