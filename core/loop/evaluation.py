@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
@@ -30,6 +30,7 @@ class Evaluation:
     """Figures of the held-out views."""
 
     views: tuple[str, ...]
+    """Names of the compared views."""
     per_view: tuple[Mapping[str, float], ...]
     render_ms: float
     """Median wall-clock time to render one view, in milliseconds."""
@@ -39,6 +40,14 @@ class Evaluation:
     """Means of the figures at each time, in order of time; empty for a static capture."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Protocol of the figures over time, or the cause why there are none; empty if static."""
+    held_out: int = 0
+    """Views of the split; more than ``views`` where a sample was compared; 0: as many."""
+
+    @property
+    def count(self) -> str:
+        """Number of compared views, of all where they are a sample: "30 of 200"."""
+        number = len(self.views)
+        return f"{number} of {self.held_out}" if number < self.held_out else str(number)
 
     def document(self) -> dict[str, Any]:
         """Plain data for result files."""
@@ -77,20 +86,22 @@ def evaluate(
     split: Split = Split.EVAL,
     on_view: Callable[[EvaluatedView], None] | None = None,
     method: Method | None = None,
+    most: int = 0,
 ) -> Evaluation:
-    """Render and compare every view of a split, one at a time.
+    """Render and compare the views of a split, one at a time.
 
-    ``on_view`` is called after each view. A ``method`` adds its own metrics and images.
+    ``on_view`` is called after each view. A ``method`` adds its own metrics and images. With
+    ``most`` above 0 at most so many views are compared, evenly spread.
     """
     assert settings.background is not None
     views = data.views(split)
     watch = None
     if data.scene.is_dynamic and views.times:
         watch = OverTime(data, split, settings.background, device, metrics)
-    order = range(len(views)) if watch is None else watch.order()
-    per_view: list[Mapping[str, float]] = [{}] * len(views)
+    order = spread(range(len(views)) if watch is None else watch.order(), most)
+    per_view: dict[int, Mapping[str, float]] = {}
     durations: list[float] = []
-    for place, index in enumerate(tracked(order, "evaluating held-out views", len(views))):
+    for place, index in enumerate(tracked(order, "evaluating held-out views", len(order))):
         data.prefetch(split, order[place + 1 : place + 3])
         (batch,) = data.load(split, [index], device)
         wait_for(device)  # The clock is the host's, and a GPU runs asynchronously.
@@ -109,9 +120,18 @@ def evaluate(
             images = {} if method is None else method.view_images(batch, output)
             on_view(EvaluatedView(views.names[index], figures, target, image, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
-    averages = means(per_view)
+    chosen = sorted(per_view)
+    names, figures_of = tuple(views.names[i] for i in chosen), tuple(per_view[i] for i in chosen)
+    averages = means(figures_of)
+    found = Evaluation(names, figures_of, middle, averages, held_out=len(views))
     if watch is None:
-        return Evaluation(views.names, tuple(per_view), middle, averages)
+        return found
     averages |= watch.figures()
-    curve = watch.curve(per_view)
-    return Evaluation(views.names, tuple(per_view), middle, averages, curve, watch.notes())
+    return replace(found, means=averages, over_time=watch.curve(per_view), notes=watch.notes())
+
+
+def spread(order: Sequence[int], most: int) -> Sequence[int]:
+    """At most ``most`` items, evenly spread and in the same order; 0: all."""
+    if most <= 0 or len(order) <= most:
+        return order
+    return [order[place * len(order) // most] for place in range(most)]

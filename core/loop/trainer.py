@@ -229,6 +229,7 @@ class Trainer:
             parts.device,
             on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,
+            most=0 if self.step >= self.plan.steps else self.plan.eval_views,
         )
         self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
