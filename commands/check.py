@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 OWN = ("images", "out", *FLAGS)
 """Keys of this verb; all others are those of ``gsfw train``."""
 ALL = "all"
+CACHE_MB = 200
+"""Decoded images that are kept, in megabytes: 60 of a megapixel."""
 REFUSED = 1
 """Exit code of a data set that cannot be trained on."""
 
@@ -133,7 +135,7 @@ def _check(
     path, reader = settings.config.data, settings.choices["datamanager"].name
     head = {"kind": "check", "path": path, "format": reader}
     try:
-        with closing(open_data(settings)) as data:
+        with closing(open_data(_streaming(settings))) as data:
             examined = Examination.of(data, settings.config, images)
     except DataError as error:
         return {**head, **report_unreadable(error), "next": "", "sheet": ""}
@@ -145,6 +147,12 @@ def _check(
     plan = examined.plan(given.get("method", ""))
     sheet = "" if options.out == "none" else options.out
     return {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
+
+
+def _streaming(settings: Settings) -> Settings:
+    """Settings under which few decoded images are kept: each is looked at once or twice."""
+    megabytes = min(settings.config.cache_mb, CACHE_MB)
+    return replace(settings, config=replace(settings.config, cache_mb=megabytes))
 
 
 def _show(console: Console, document: Mapping[str, Any]) -> None:
