@@ -60,8 +60,7 @@ def run(tokens: list[str]) -> int:
     from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
-    with stage(f"examining {options.what or 'the data set'}"):
-        document = _check(options, settings, given_values, images)
+    document = _check(console, options, settings, given_values, images)
     _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
@@ -116,6 +115,7 @@ def _settings(
 
 
 def _check(
+    console: Console,
     options: CheckOptions,
     settings: Settings,
     given: Mapping[str, str],
@@ -123,27 +123,41 @@ def _check(
 ) -> dict[str, Any]:
     """Open the data set, examine it, and render the contact sheet; return the document.
 
-    A data set that cannot be opened has a document as well: it cannot be trained on.
+    Findings are printed as they are found. A data set that cannot be opened has a document as well:
+    it cannot be trained on.
     """
     from gsfw.plugins.compose import open_data
+    from gsfw.plugins.registry import installed
     from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
     from gsfw.preparation.check.examination import Examination
-    from gsfw.preparation.check.report import report, report_unreadable
-    from gsfw.preparation.finding import Verdict
+    from gsfw.preparation.check.fitness import misfits
+    from gsfw.preparation.check.report import finding_lines, report, report_unreadable
+    from gsfw.preparation.finding import Finding, Verdict
+
+    def tell(finding: Finding) -> None:
+        for line in finding_lines(finding.document()):
+            console.say(line)
 
     settings.config.check()
     path, reader = settings.config.data, settings.choices["datamanager"].name
     head = {"kind": "check", "path": path, "format": reader}
+    console.say(f"{path or 'the built-in scene'}: {reader}")
     try:
         with closing(open_data(_streaming(settings))) as data:
-            examined = Examination.of(data, settings.config, images)
+            # Only the method that was asked for is judged; else one that fits is suggested.
+            known = misfits(settings, installed(), data) if "method" in given else ()
+            examined = Examination.of(data, settings.config, images, tell, known)
     except DataError as error:
-        return {**head, **report_unreadable(error), "next": "", "sheet": ""}
+        document = report_unreadable(error)
+        for line in (line for finding in document["findings"] for line in finding_lines(finding)):
+            console.say(line)
+        return {**head, **document, "next": "", "sheet": ""}
     survey, findings = examined.survey, examined.findings
     if options.out != "none":
         tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
         verdict = Verdict.of(findings)
-        write_contact_sheet(Path(options.out), survey.scene.name, verdict, survey, tiles)
+        with stage(f"drawing {options.out}"):
+            write_contact_sheet(Path(options.out), survey.scene.name, verdict, survey, tiles)
     plan = examined.plan(given.get("method", ""))
     sheet = "" if options.out == "none" else options.out
     return {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
@@ -156,21 +170,18 @@ def _streaming(settings: Settings) -> Settings:
 
 
 def _show(console: Console, document: Mapping[str, Any]) -> None:
-    """Print the document: a table, the findings, the verdict, the next command."""
-    from gsfw.preparation.check.report import finding_lines, sample_line, table_rows
+    """Print the summary after the findings: notes, a table, the verdict, the next command."""
+    from gsfw.preparation.check.report import sample_line, table_rows, verdict_line
 
-    title = f"{document['path'] or 'the built-in scene'}: {document['format']}"
+    console.say()
+    for note in document.get("notes", ()):
+        console.say(f"note: {note}")
     if "views_train" in document:
-        console.table(["", ""], table_rows(document), title)
+        console.table(["", ""], table_rows(document))
         console.say(sample_line(document))
         if document["view_dependence"]:
             console.say(document["view_dependence"]["advice"])
-    else:
-        console.say(title)
-    for note in document.get("notes", ()):
-        console.say(f"note: {note}")
-    for line in finding_lines(document):
-        console.say(line)
+    console.say(verdict_line(document))
     if document["sheet"]:
         console.say(f"cameras, points and images: {document['sheet']}")
     if document["next"] and document["verdict"] != "will not train":

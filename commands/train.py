@@ -53,7 +53,7 @@ def run(tokens: list[str]) -> int:
 
 
 def _tell_dry_run(composition: Composition, path: Path, seconds: float, console: Console) -> int:
-    """Print the success of a dry run and the cost of the run; return the exit code.
+    """Print whether a run would train, and its cost; return the exit code, as ``gsfw check``.
 
     Args:
         composition: composition of the run.
@@ -61,18 +61,26 @@ def _tell_dry_run(composition: Composition, path: Path, seconds: float, console:
         seconds: time since the start of the process.
         console: console to print on.
     """
+    from gsfw.preparation.check.fitness import hopeless
+    from gsfw.preparation.check.report import finding_lines
     from gsfw.studies.expectation import expect
 
     for note in composition.notes():
         console.say(f"note: {note}")
+    findings = hopeless(composition.parts.data)
     expected = expect(composition, installed(), seconds)
     composition.parts.data.close()
     console.say(str(expected))
-    console.say(f"everything fits; without --dry-run the run would go to {path}")
-    settings = composition.settings.flat()
-    document = {"fits": True, "run": str(path), "settings": settings}
-    console.result({**document, "expected": expected.document()})
-    return 0
+    document = {"fits": not findings, "run": str(path), "settings": composition.settings.flat()}
+    for line in (line for finding in findings for line in finding_lines(finding.document())):
+        console.say(line)
+    if findings:
+        console.say("the parts fit together, but this data set will not train: see gsfw check")
+    else:
+        console.say(f"everything fits; without --dry-run the run would go to {path}")
+    documents = [finding.document() for finding in findings]
+    console.result({**document, "findings": documents, "expected": expected.document()})
+    return 1 if findings else 0
 
 
 def _announce(arguments: Arguments, registry: Registry, console: Console) -> None:
