@@ -61,7 +61,8 @@ class Log(Callback):
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Log the means."""
         means = ", ".join(f"{name} {value:.4f}" for name, value in evaluation.means.items())
-        logger.info("step %d: held-out views: %s", step, means or "there are none")
+        count = f"{evaluation.count} " if means else ""
+        logger.info("step %d: %sheld-out views: %s", step, count, means or "there are none")
 
     def on_checkpoint(self, step: int, path: Path) -> None:
         """Log the name of the checkpoint."""

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Column as TableColumn
 
+from gsfw.callbacks.remaining_time import RemainingTime
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.progress import Advance, shown_by
@@ -34,12 +35,13 @@ class Progress(Callback):
         self._run: RunInfo | None = None
         self._last_line = 0.0
         self._loss = self._psnr = float("nan")
-        self._steps_per_second = 0.0
+        self._remaining: RemainingTime | None = None
+        self._ticked = 0.0
         self._stages = ExitStack()
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Display the notes, then the line."""
-        self._run = run
+        self._run, self._remaining = run, RemainingTime(run)
         for note in run.notes:
             self._say(f"note: {note}")
         if self._console.is_terminal:
@@ -69,12 +71,23 @@ class Progress(Callback):
     def _say(self, line: str) -> None:
         self._console.print(line, markup=False, soft_wrap=True)
 
+    def on_tick(self, step: int, control: Control) -> None:
+        """Note the time: an evaluation may begin now."""
+        self._ticked = time.monotonic()
+
     def on_step(self, report: StepReport, control: Control) -> None:
         """Update loss, PSNR, count, speed, remaining time and memory."""
         self._loss = _smoothed(self._loss, report.loss)
         self._psnr = _smoothed(self._psnr, report.psnr)
-        self._steps_per_second = 1e3 / max(report.step_ms, 1e-6)
         assert self._run is not None
+        assert self._remaining is not None
+        self._remaining.observe(
+            report.step,
+            report.num_gaussians,
+            report.resolution,
+            report.step_ms / 1e3,
+            report.stage_ms.get("load", 0.0) / 1e3,
+        )
         line = self._line(report, self._run.steps)
         now = time.monotonic()
         if self._bar is not None:
@@ -84,21 +97,26 @@ class Progress(Callback):
             self._say(line)
 
     def _line(self, report: StepReport, steps: int) -> str:
-        left = (steps - report.step) / self._steps_per_second
+        assert self._remaining is not None
+        seconds = self._remaining.seconds()
+        left = "" if seconds is None else f"  about {_duration(seconds)} left"
         memory = "  ".join(f"{name} {mb / 1e3:.1f} GB" for name, mb in report.memory_mb.items())
         small = f"  at 1/{1 / report.resolution:.2g} size" if report.resolution < 1 else ""
         skipped = f"  {report.skipped_steps} skipped" if report.skipped_steps else ""
         return (
             f"{report.step}/{steps}  loss {self._loss:.4f}  psnr {self._psnr:.2f}{small}  "
-            f"{report.num_gaussians:,} Gaussians  {self._steps_per_second:.1f} it/s  "
-            f"{_duration(left)} left{skipped}  {memory}"
+            f"{report.num_gaussians:,} Gaussians  {1e3 / max(report.step_ms, 1e-3):.1f} it/s"
+            f"{left}{skipped}  {memory}"
         )
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Print the means on a permanent line."""
+        assert self._remaining is not None
+        seconds = time.monotonic() - self._ticked
+        self._remaining.evaluated(step, seconds, len(evaluation.views))
         means = "  ".join(f"{name} {value:.4g}" for name, value in evaluation.means.items())
         self._say(
-            f"step {step}: {len(evaluation.views)} held-out views: {means}"
+            f"step {step}: {evaluation.count} held-out views: {means}"
             if means
             else f"step {step}: no held-out views to evaluate"
         )

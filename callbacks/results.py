@@ -71,6 +71,9 @@ class Results(Callback):
         protocol = dict(self._run.protocol)
         if step < self._run.steps:
             protocol["checkpoint"] = f"after step {step} of {self._run.steps}"
+        if len(evaluation.views) < evaluation.held_out:
+            protocol["views"] = len(evaluation.views)
+            protocol["sample"] = f"{evaluation.count} held-out views, evenly spread"
         self._folder.write_json(path, {"step": step, **evaluation.document(), "protocol": protocol})
         write_time_plot(path, evaluation)
 

@@ -34,7 +34,7 @@ class TensorBoard(Callback):
         self._images = images
         self._writer: SummaryWriter | None = None
         self._run: RunInfo | None = None
-        self._images_written = 0
+        self._shown: set[str] = set()
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Open the events; steps of an interrupted run after its checkpoint are purged."""
@@ -72,11 +72,12 @@ class TensorBoard(Callback):
                 self._writer.add_scalar(tag, value, step)
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
-        """Write the images of the first few held-out views."""
+        """Write the images of the first few held-out views, the same ones in each evaluation."""
         assert self._writer is not None
-        if self._images_written >= self._images:
+        if len(self._shown) < self._images:
+            self._shown.add(view.name)
+        if view.name not in self._shown:
             return
-        self._images_written += 1
         rendered, target = view.rendered.clamp(0, 1), view.target.clamp(0, 1)
         error = ((rendered - target).abs() * ERROR_GAIN).clamp(0, 1)
         row = torch.cat([target, rendered, error], dim=1)
@@ -86,9 +87,8 @@ class TensorBoard(Callback):
             self._writer.add_image(tag, image.clamp(0, 1).cpu(), step, dataformats="HWC")
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """Write the curves of the means; the count of images restarts."""
+        """Write the curves of the means."""
         assert self._writer is not None
-        self._images_written = 0
         self._add(step, {f"eval/{name}": value for name, value in evaluation.means.items()})
         if evaluation.training_psnr is not None:
             self._add(step, {"eval/training_psnr": evaluation.training_psnr})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 OWN = ("images", "out", *FLAGS)
 """Keys of this verb; all others are those of ``gsfw train``."""
 ALL = "all"
+CACHE_MB = 200
+"""Decoded images that are kept, in megabytes: 60 of a megapixel."""
 REFUSED = 1
 """Exit code of a data set that cannot be trained on."""
 
@@ -58,8 +60,7 @@ def run(tokens: list[str]) -> int:
     from gsfw.commands.interface.console import Console
 
     console = Console(options.json)
-    with stage(f"examining {options.what or 'the data set'}"):
-        document = _check(options, settings, given_values, images)
+    document = _check(console, options, settings, given_values, images)
     _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
@@ -114,6 +115,7 @@ def _settings(
 
 
 def _check(
+    console: Console,
     options: CheckOptions,
     settings: Settings,
     given: Mapping[str, str],
@@ -121,52 +123,70 @@ def _check(
 ) -> dict[str, Any]:
     """Open the data set, examine it, and render the contact sheet; return the document.
 
-    A data set that cannot be opened has a document as well: it cannot be trained on.
+    Findings are printed as they are found. A data set that cannot be opened has a document as well:
+    it cannot be trained on.
     """
     from gsfw.core.files.elsewhere import write_here_or_elsewhere
     from gsfw.plugins.compose import open_data
+    from gsfw.plugins.registry import installed
     from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
     from gsfw.preparation.check.examination import Examination
-    from gsfw.preparation.check.report import report, report_unreadable
-    from gsfw.preparation.finding import Verdict
+    from gsfw.preparation.check.fitness import misfits
+    from gsfw.preparation.check.report import finding_lines, report, report_unreadable
+    from gsfw.preparation.finding import Finding, Verdict
+
+    def tell(finding: Finding) -> None:
+        for line in finding_lines(finding.document()):
+            console.say(line)
 
     settings.config.check()
     path, reader = settings.config.data, settings.choices["datamanager"].name
     head = {"kind": "check", "path": path, "format": reader}
+    console.say(f"{path or 'the built-in scene'}: {reader}")
     try:
-        with closing(open_data(settings)) as data:
-            examined = Examination.of(data, settings.config, images)
+        with closing(open_data(_streaming(settings))) as data:
+            # Only the method that was asked for is judged; else one that fits is suggested.
+            known = misfits(settings, installed(), data) if "method" in given else ()
+            examined = Examination.of(data, settings.config, images, tell, known)
     except DataError as error:
-        return {**head, **report_unreadable(error), "next": "", "sheet": ""}
+        document = report_unreadable(error)
+        for line in (line for finding in document["findings"] for line in finding_lines(finding)):
+            console.say(line)
+        return {**head, **document, "next": "", "sheet": ""}
     survey, findings = examined.survey, examined.findings
     sheet, problem = "", ""
     if options.out != "none":
         tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
         verdict, name = Verdict.of(findings), survey.scene.name
-        sheet, problem = write_here_or_elsewhere(
-            Path(options.out), lambda path: write_contact_sheet(path, name, verdict, survey, tiles)
-        )
+        with stage(f"drawing {options.out}"):
+            sheet, problem = write_here_or_elsewhere(
+                Path(options.out),
+                lambda path: write_contact_sheet(path, name, verdict, survey, tiles),
+            )
     plan = examined.plan(given.get("method", ""))
     document = {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
     return {**document, "sheet_problem": problem} if problem else document
 
 
-def _show(console: Console, document: Mapping[str, Any]) -> None:
-    """Print the document: a table, the findings, the verdict, the next command."""
-    from gsfw.preparation.check.report import finding_lines, sample_line, table_rows
+def _streaming(settings: Settings) -> Settings:
+    """Settings under which few decoded images are kept: each is looked at once or twice."""
+    megabytes = min(settings.config.cache_mb, CACHE_MB)
+    return replace(settings, config=replace(settings.config, cache_mb=megabytes))
 
-    title = f"{document['path'] or 'the built-in scene'}: {document['format']}"
+
+def _show(console: Console, document: Mapping[str, Any]) -> None:
+    """Print the summary after the findings: notes, a table, the verdict, the next command."""
+    from gsfw.preparation.check.report import sample_line, table_rows, verdict_line
+
+    console.say()
+    for note in document.get("notes", ()):
+        console.say(f"note: {note}")
     if "views_train" in document:
-        console.table(["", ""], table_rows(document), title)
+        console.table(["", ""], table_rows(document))
         console.say(sample_line(document))
         if document["view_dependence"]:
             console.say(document["view_dependence"]["advice"])
-    else:
-        console.say(title)
-    for note in document.get("notes", ()):
-        console.say(f"note: {note}")
-    for line in finding_lines(document):
-        console.say(line)
+    console.say(verdict_line(document))
     if document["sheet"]:
         console.say(f"cameras, points and images: {document['sheet']}")
     if document.get("sheet_problem"):

@@ -22,6 +22,7 @@ CHANGEABLE = (
     "rasterizer",
     "checkpoint_every",
     "eval_every",
+    "eval_views",
     "log_every",
     "cache_mb",
     "gpu_cache_mb",

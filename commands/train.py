@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, layers, parse
 from gsfw.commands.interface.console import Console
 from gsfw.core.config import AUTO
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.progress import stage
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
     from gsfw.plugins.compose import Composition
-    from gsfw.plugins.settings import Settings
+    from gsfw.plugins.settings import Layer, Settings
 
 
 def run(tokens: list[str]) -> int:
@@ -54,7 +54,7 @@ def run(tokens: list[str]) -> int:
 
 
 def _tell_dry_run(composition: Composition, path: Path, seconds: float, console: Console) -> int:
-    """Print the success of a dry run and the cost of the run; return the exit code.
+    """Print whether a run would train, and its cost; return the exit code, as ``gsfw check``.
 
     Args:
         composition: composition of the run.
@@ -62,18 +62,26 @@ def _tell_dry_run(composition: Composition, path: Path, seconds: float, console:
         seconds: time since the start of the process.
         console: console to print on.
     """
+    from gsfw.preparation.check.fitness import hopeless
+    from gsfw.preparation.check.report import finding_lines
     from gsfw.studies.expectation import expect
 
     for note in composition.notes():
         console.say(f"note: {note}")
+    findings = hopeless(composition.parts.data)
     expected = expect(composition, installed(), seconds)
     composition.parts.data.close()
     console.say(str(expected))
-    console.say(f"everything fits; without --dry-run the run would go to {path}")
-    settings = composition.settings.flat()
-    document = {"fits": True, "run": str(path), "settings": settings}
-    console.result({**document, "expected": expected.document()})
-    return 0
+    document = {"fits": not findings, "run": str(path), "settings": composition.settings.flat()}
+    for line in (line for finding in findings for line in finding_lines(finding.document())):
+        console.say(line)
+    if findings:
+        console.say("the parts fit together, but this data set will not train: see gsfw check")
+    else:
+        console.say(f"everything fits; without --dry-run the run would go to {path}")
+    documents = [finding.document() for finding in findings]
+    console.result({**document, "findings": documents, "expected": expected.document()})
+    return 1 if findings else 0
 
 
 def _announce(arguments: Arguments, registry: Registry, console: Console) -> None:
@@ -92,7 +100,7 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
         HelpRequested: ``--help`` was given.
         ConfigError: no method was chosen, or a setting is wrong.
     """
-    from gsfw.plugins.settings import CHOICE_KEYS, COMMAND_LINE, Layer, resolve
+    from gsfw.plugins.settings import resolve
 
     wanted = arguments.flag("help")
     given = layers(arguments)
@@ -104,12 +112,25 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
     if wanted:
         from gsfw.commands.interface.help import settings_help
 
+        settings, problem = _settings_to_explain(given, registry)
+        raise HelpRequested(settings_help(verb, settings, registry, problem))
+    return resolve(registry, given)
+
+
+def _settings_to_explain(given: Sequence[Layer], registry: Registry) -> tuple[Settings, str]:
+    """The settings of the run, or what is wrong with them and those of the choices alone.
+
+    Help is asked for when a line is wrong, so that a mistake in it is no reason to refuse.
+    """
+    from gsfw.plugins.settings import CHOICE_KEYS, COMMAND_LINE, Layer, resolve
+
+    try:
+        return resolve(registry, given), ""
+    except UserError as error:
         chosen = {
             key: text for layer in given for key, text in layer.values.items() if key in CHOICE_KEYS
         }
-        settings = resolve(registry, [Layer(COMMAND_LINE, chosen)])
-        raise HelpRequested(settings_help(verb, settings, registry))
-    return resolve(registry, given)
+        return resolve(registry, [Layer(COMMAND_LINE, chosen)]), error.message
 
 
 def _usage(verb: str) -> str:

@@ -48,6 +48,10 @@ class RunInfo:
     """Measurement protocol of the figures; written into every result file."""
     notes: tuple[str, ...] = ()
     """Notes for the user before training starts."""
+    views: int = 0
+    """Number of training views; 0 if unknown."""
+    step_costs: tuple[tuple[int, float], ...] = ((0, 1.0),)
+    """First step, counted from 0, and relative time of a step of each phase of the method."""
 
 
 @dataclass(frozen=True)

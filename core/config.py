@@ -280,6 +280,8 @@ class MethodConfig(ABC):
     """Steps between checkpoints; 0: only at the end."""
     eval_every: int = steps_field(5000, floor=100)
     """Steps between evaluations on the held-out views; 0: only at the end."""
+    eval_views: int = number(30, at_least=0)
+    """Held-out views of an evaluation in mid-run, evenly spread; 0: all. The last one has all."""
     log_every: int = number(10, at_least=1)
     """Steps between logged steps."""
     holdout_every: int = number(8, at_least=0)
@@ -324,6 +326,10 @@ class MethodConfig(ABC):
         Raises:
             ConfigError: settings contradict each other.
         """
+
+    def step_costs(self) -> tuple[tuple[int, float], ...]:
+        """First step, from 0, and relative time of a step of each phase; for the remaining time."""
+        return ((0, 1.0),)
 
     def needs(self) -> Needs:
         """The needs of the method itself from the rasterizer."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from statistics import median
 from typing import ClassVar
 
 import torch
@@ -24,6 +25,13 @@ class Split(Enum):
 
     TRAIN = "train"
     EVAL = "eval"
+
+
+def spread(items: Sequence[int], most: int) -> Sequence[int]:
+    """At most ``most`` of the items, evenly spread from first to last, in their order; 0: all."""
+    if most <= 0 or len(items) <= most:
+        return items
+    return [items[place * (len(items) - 1) // max(most - 1, 1)] for place in range(most)]
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,11 @@ class Views:
         if any(camera.time is None for camera in self.cameras):
             return None
         return tuple(float(camera.time[0]) for camera in self.cameras if camera.time is not None)
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of a view, as a median; 0 without views."""
+        return int(median([camera.width * camera.height for camera in self.cameras] or [0]))
 
     def groups(self, indices: Sequence[int]) -> list[tuple[int, ...]]:
         """Split ``indices`` into runs that may share a batch: one time, one size, one model."""

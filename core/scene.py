@@ -38,6 +38,8 @@ class Scene:
     """Up direction in the data's world ("z", "-y"); empty when unknown. Written into exports."""
     camera_axes: Float[Tensor, "v 3"] | None = None
     """Unit vectors of the training cameras' viewing directions; ``None`` when unknown."""
+    view_pixels: int = 0
+    """Pixels of a training view at the size it is trained on, as a median; 0 when unknown."""
 
     @property
     def is_dynamic(self) -> bool:

@@ -129,6 +129,8 @@ class Composition:
             settings=self.settings.flat(),
             protocol=self.protocol(),
             notes=self.notes(),
+            views=len(self.parts.data.views(Split.TRAIN)),
+            step_costs=self.settings.config.step_costs(),
         )
         plan = replace(self.plan, resolution=self.resolution)
         return Trainer(self.parts, plan, folder, info, callbacks)
@@ -239,17 +241,7 @@ def compose(
     check_built("method", settings.method, method)
     data = open_data(settings) if data is None else data
     check_built("datamanager", settings.choices["datamanager"], data)
-    scene = data.scene
-    views = data.views(Split.TRAIN)
-    if len(views) == 0:
-        raise DataError(
-            f"{settings.config.data or scene.name}: no view is left to train on.",
-            "Hold out fewer images (holdout_every=0 holds out none).",
-        )
-    cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
-    needs = Needs(camera_models=frozenset(camera.model for camera in cameras))
-    _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
-    method.check_scene(scene)
+    check_data(settings, registry, data, method)
     corrections = make_corrections(settings.config, data).to(device)
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
@@ -257,9 +249,29 @@ def compose(
         parts = _parts(settings.config, registry, method, data, corrections, device)
     _check_parts(settings, parts)
     missed = _missed(settings, registry, device)
-    plan = training_plan(settings, scene, device)
+    plan = training_plan(settings, data.scene, device)
     plan = replace(plan, settings=method.render_settings(plan.settings, None))
     return Composition(settings, parts, plan, missed)
+
+
+def check_data(settings: Settings, registry: Registry, data: DataManager, method: Method) -> None:
+    """Check that an opened data set fits the method and the rasterizer; reads no image.
+
+    Raises:
+        ConfigError: the parts and the scene do not fit together.
+        DataError: no view is left to train on.
+    """
+    scene, views = data.scene, data.views(Split.TRAIN)
+    if len(views) == 0:
+        raise DataError(
+            f"{settings.config.data or scene.name}: no view is left to train on.",
+            "Hold out fewer images (holdout_every=0 holds out none).",
+        )
+    cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
+    needs = Needs(camera_models=frozenset(camera.model for camera in cameras))
+    device = settings_device(settings)
+    _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
+    method.check_scene(scene)
 
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:
@@ -346,6 +358,7 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
         steps=config.steps,
         log_every=config.log_every,
         eval_every=config.eval_every,
+        eval_views=config.eval_views,
         checkpoint_every=config.checkpoint_every,
         settings=RenderSettings(
             background=torch.tensor(background, device=device),

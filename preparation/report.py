@@ -17,7 +17,7 @@ from gsfw.datamanagers.images import decode, read_header
 from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, Tile, tiles_of, write_contact_sheet
 from gsfw.preparation.check.examination import Examination
 from gsfw.preparation.check.plan import Plan
-from gsfw.preparation.check.report import describe, finding_lines
+from gsfw.preparation.check.report import describe, finding_lines, verdict_line
 from gsfw.preparation.diagnosis.unregistered import Unregistered
 from gsfw.preparation.finding import Finding, Verdict, Weight, sorted_findings
 from gsfw.preparation.preparation import Prepared
@@ -148,7 +148,10 @@ def result_lines(document: Mapping[str, Any]) -> Iterator[str]:
     """Lines for people: notes, findings, the verdict, the sheet and the next command."""
     for note in [*document["data_set"].get("notes", ()), *document["check"].get("notes", ())]:
         yield f"note: {note}"
-    yield from finding_lines(document)
+    for finding in document["findings"]:
+        yield from finding_lines(finding)
+    yield ""
+    yield verdict_line(document)
     yield f"cameras, points and images: {document['sheet']}"
     if document["next"]:
         yield f"next: {document['next']}"

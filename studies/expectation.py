@@ -125,15 +125,17 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
         return low + growth * (high - low) if growth else low * end / max(first.rows, 1)
 
     last_step = max(first.step, at_end(first.step, last.step))
-    evaluation = len(parts.data.views(Split.EVAL)) * max(first.view, at_end(first.view, last.view))
+    held_out, sampled = len(parts.data.views(Split.EVAL)), plan.eval_views
+    view = max(first.view, at_end(first.view, last.view))
     images = len(parts.data.views(Split.TRAIN)) + len(parts.data.views(Split.EVAL))
     evaluations = 1 + ((plan.steps - 1) // plan.eval_every if plan.eval_every else 0)
     seconds = (
         so_far
         + images * loading / min(4, os.cpu_count() or 1)
         + _steps_seconds(composition, first.step, last_step)
-        # One more for the requirements that are measured of a finished model.
-        + (evaluations + 1) * evaluation
+        + (evaluations - 1) * (min(held_out, sampled) if sampled else held_out) * view
+        # All at the end, and once more for the requirements that are measured then.
+        + 2 * held_out * view
     )
     state = at_end(first.state_bytes, last.state_bytes)
     memory = max(before["rss"], at_end(before["rss"], after["rss"]) if growth else 0.0)

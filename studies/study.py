@@ -15,7 +15,15 @@ COLUMNS = ("psnr", "ssim", "num_gaussians", "megabytes", "train_seconds", "rende
 """Default columns."""
 
 
-NEUTRAL = ("out", "log_every", "eval_every", "checkpoint_every", "cache_mb", "gpu_cache_mb")
+NEUTRAL = (
+    "out",
+    "log_every",
+    "eval_every",
+    "eval_views",
+    "checkpoint_every",
+    "cache_mb",
+    "gpu_cache_mb",
+)
 """Settings that change no result: a finished run stays finished when they change."""
 
 

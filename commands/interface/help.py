@@ -64,8 +64,15 @@ def options_help(verb: str, kind: type[Options]) -> str:
     )
 
 
-def settings_help(verb: str, settings: Settings, registry: Registry) -> str:
-    """All keys of a method with the chosen parts, in groups."""
+def settings_help(verb: str, settings: Settings, registry: Registry, problem: str = "") -> str:
+    """All keys of a method with the chosen parts, in groups, and the values of the run.
+
+    Args:
+        verb: the verb that takes them.
+        settings: of the run.
+        registry: what is installed.
+        problem: what is wrong with the given settings, where ``settings`` are not those.
+    """
     from gsfw.plugins.keys import SLOT_KEYS, keys
 
     method = settings.method
@@ -92,12 +99,22 @@ def settings_help(verb: str, settings: Settings, registry: Registry) -> str:
         f"usage: gsfw {verb} method={method.name} [key=value ...]",
         "",
         f"{method.description}{f' ({method.paper})' if method.paper else ''}",
+        "",
+        _whose_values(settings, problem),
     ]
     for group, rows in groups.items():
         part = settings.choices.get(group)
         title = f"{group} {part.name}" if part else group or "run"
         lines += ["", render_table(("", "", ""), rows, title, widths)]
     return "\n".join(lines)
+
+
+def _whose_values(settings: Settings, problem: str) -> str:
+    """A sentence on the run that has the printed values."""
+    if problem:
+        return f"Values without the given settings, which are wrong: {problem}"
+    data = f"data={settings.config.data}" if settings.config.data else "the built-in scene"
+    return f"Values of a run on {data} with the given settings (gsfw config show names sources):"
 
 
 def _row(key: Key) -> tuple[str, str, str]:

@@ -229,7 +229,7 @@ def _tell_sizing(
         if experiment.fewer_to_start is not None:
             console.say(
                 f"random_points={experiment.fewer_to_start}: images of that size have no use for "
-                "more, and short runs would end before the rest are gone"
+                "more"
             )
     elif options.budget.minutes is not None:
         console.say(

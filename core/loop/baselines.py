@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.datamanager import DataManager, Split, spread
 from gsfw.core.metrics import psnr
 from gsfw.core.temporal_metrics.moving_region import camera_key
 from gsfw.core.temporal_metrics.over_time import MOVING, means
@@ -33,8 +33,8 @@ NO_STILL = "not available: no fixed camera has both training and held-out images
 class Baselines:
     """PSNR of a constant colour, of a mean image and of an image that stands still.
 
-    They are independent of the model: they are measured during the first evaluation of a run, on
-    the images that it loads anyway, and kept for later ones.
+    They are independent of the model: they are measured during the evaluations of a run, on the
+    images that these load anyway, and kept: each view once.
     """
 
     def __init__(
@@ -55,11 +55,10 @@ class Baselines:
         self._data, self._split = data, split
         self._background, self._device = background, device
         self._views = data.views(split).cameras
-        self._per_view: list[dict[str, float]] = []
+        self._per_view: dict[int, dict[str, float]] = {}
         self._constant: Tensor | None = None
         self._mean_images: dict[tuple[int, ...], Tensor] = {}
         self._still: tuple[object, Tensor | None] = (None, None)
-        self._figures: dict[str, float] | None = None
 
     def compare(
         self,
@@ -68,7 +67,7 @@ class Baselines:
         valid: Bool[Tensor, "h w 1"] | None,
         moving: Bool[Tensor, "h w 1"] | None,
     ) -> None:
-        """Compare the baselines with an image of the split; nothing once they are known.
+        """Compare the baselines with an image of the split; nothing if that is known.
 
         Args:
             index: index of the view.
@@ -76,7 +75,7 @@ class Baselines:
             valid: its valid pixels; ``None`` for all.
             moving: its moving and valid pixels; ``None`` for a static capture or if unknown.
         """
-        if self._figures is not None:
+        if index in self._per_view:
             return
         if self._constant is None:
             self._find_means()
@@ -93,14 +92,13 @@ class Baselines:
             found[f"{name}_psnr"] = psnr(image, target, valid)
             if moving is not None and name != MEAN_IMAGE and bool(moving.any()):
                 found[f"{name}_{MOVING}psnr"] = psnr(image, target, moving)
-        self._per_view.append(found)
+        self._per_view[index] = found
+        if len(self._per_view) == len(self._views):
+            self._mean_images, self._still = {}, (None, None)
 
     def figures(self) -> Mapping[str, float]:
-        """PSNR of each baseline, the mean over its views in dB; ends the measurement."""
-        if self._figures is None and self._per_view:
-            self._figures = means(self._per_view)
-            self._mean_images, self._still = {}, (None, None)
-        return self._figures or {}
+        """PSNR of each baseline in dB: the mean over the views compared so far."""
+        return means(tuple(self._per_view.values()))
 
     def document(self) -> dict[str, Any]:
         """Figures and definitions, as plain data for result files; empty without images."""
@@ -116,7 +114,7 @@ class Baselines:
         """Find the best colour and the mean images, in one pass over some training images."""
         sums: dict[tuple[int, ...], list[Tensor]] = {}
         moments: list[tuple[Tensor, Tensor]] = []
-        for index in spread(range(len(self._data.views(Split.TRAIN)))):
+        for index in spread(range(len(self._data.views(Split.TRAIN))), MOST_IMAGES):
             image, weights = self._training_image(index)
             count = weights.sum().clamp_min(1.0)
             moments.append(
@@ -141,7 +139,8 @@ class Baselines:
         key = camera_key(self._views[index])
         if self._still[0] != key:
             training = self._data.views(Split.TRAIN).cameras
-            members = spread([i for i, camera in enumerate(training) if camera_key(camera) == key])
+            cameras = [i for i, camera in enumerate(training) if camera_key(camera) == key]
+            members = spread(cameras, MOST_IMAGES)
             image = None
             if members:
                 images = [self._training_image(member) for member in members]
@@ -163,13 +162,6 @@ class Baselines:
         """The mean image; the constant colour where no image is valid."""
         assert self._constant is not None
         return torch.where(weights > 0, total / weights.clamp_min(1.0), self._constant)
-
-
-def spread(items: Sequence[int], most: int = MOST_IMAGES) -> list[int]:
-    """At most ``most`` of the items, evenly spread."""
-    if len(items) <= most:
-        return list(items)
-    return [items[number * (len(items) - 1) // (most - 1)] for number in range(most)]
 
 
 def best_constant(

@@ -14,7 +14,7 @@ from torch import Tensor
 from gsfw.core.batch import Batch
 from gsfw.core.callback import EvaluatedView
 from gsfw.core.cameras import Cameras
-from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.datamanager import DataManager, Split, spread
 from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.device import wait_for
 from gsfw.core.loop.findings import Finding
@@ -33,6 +33,7 @@ class Evaluation:
     """Figures of the held-out views."""
 
     views: tuple[str, ...]
+    """Names of the compared views."""
     per_view: tuple[Mapping[str, float], ...]
     render_ms: float
     """Median wall-clock time to render one view, in milliseconds."""
@@ -42,6 +43,9 @@ class Evaluation:
     """Means of the figures at each time, in order of time; empty for a static capture."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Protocol of the figures over time, or the cause why there are none; empty if static."""
+    held_out: int = 0
+    """Views of the split; more than ``views`` where a sample was compared; 0: as many."""
+
     one_color: int = 0
     """Number of views whose render is (nearly) one colour although the image is not."""
     baselines: Mapping[str, Any] = field(default_factory=dict)
@@ -50,6 +54,12 @@ class Evaluation:
     """Mean PSNR of some training views, in dB; ``None`` if not measured."""
     findings: tuple[Finding, ...] | None = None
     """Signs that the result is not sound; ``None`` if not judged."""
+
+    @property
+    def count(self) -> str:
+        """Number of compared views, of all where they are a sample: "30 of 200"."""
+        number = len(self.views)
+        return f"{number} of {self.held_out}" if number < self.held_out else str(number)
 
     def document(self) -> dict[str, Any]:
         """Plain data for result files."""
@@ -100,11 +110,13 @@ def evaluate(
     on_view: Callable[[EvaluatedView], None] | None = None,
     method: Method | None = None,
     baselines: Baselines | None = None,
+    most: int = 0,
 ) -> Evaluation:
-    """Render and compare every view of a split, one at a time.
+    """Render and compare the views of a split, one at a time.
 
     ``on_view`` is called after each view. A ``method`` adds its own metrics and images.
-    ``baselines`` are those of the same split.
+    ``baselines`` are those of the same split. With ``most`` above 0 at most so many views are
+    compared, evenly spread.
     """
     assert settings.background is not None
     views = data.views(split)
@@ -112,10 +124,10 @@ def evaluate(
     if data.scene.is_dynamic and views.times:
         watch = OverTime(data, split, settings.background, device, metrics)
     comparison = _Comparison(metrics, watch, baselines, method)
-    order = range(len(views)) if watch is None else watch.order()
-    per_view: list[Mapping[str, float]] = [{}] * len(views)
+    order = spread(range(len(views)) if watch is None else watch.order(), most)
+    per_view: dict[int, Mapping[str, float]] = {}
     durations: list[float] = []
-    for place, index in enumerate(tracked(order, "evaluating held-out views", len(views))):
+    for place, index in enumerate(tracked(order, "evaluating held-out views", len(order))):
         data.prefetch(split, order[place + 1 : place + 3])
         (batch,) = data.load(split, [index], device)
         wait_for(device)  # The clock is the host's, and a GPU runs asynchronously.
@@ -165,17 +177,26 @@ class _Comparison:
         )
 
     def evaluation(
-        self, names: tuple[str, ...], per_view: Sequence[Mapping[str, float]], render_ms: float
+        self, names: Sequence[str], per_view: Mapping[int, Mapping[str, float]], render_ms: float
     ) -> Evaluation:
-        """The figures of all views together, in the order of the views."""
+        """The figures of all compared views together, in the order of the views.
+
+        Args:
+            names: names of all views of the split.
+            per_view: figures of the compared ones, by index.
+            render_ms: median time to render one.
+        """
         watch, baselines = self._watch, self._baselines
+        chosen = sorted(per_view)
+        figures = tuple(per_view[index] for index in chosen)
         return Evaluation(
-            names,
-            tuple(per_view),
+            tuple(names[index] for index in chosen),
+            figures,
             render_ms,
-            means=means(per_view) | ({} if watch is None else dict(watch.figures())),
+            means=means(figures) | ({} if watch is None else dict(watch.figures())),
             over_time=() if watch is None else watch.curve(per_view),
             notes={} if watch is None else watch.notes(),
+            held_out=len(names),
             one_color=self._one_color,
             baselines={} if baselines is None else baselines.document(),
         )

@@ -237,6 +237,7 @@ class Trainer:
             on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,
             baselines=self._verdict.baselines,
+            most=0 if self.step >= self.plan.steps else self.plan.eval_views,
         )
         evaluation = self._verdict.judge(self.step, evaluation)
         self._verdict.log(self.step, evaluation.findings or ())

@@ -33,6 +33,8 @@ class TrainingPlan:
     checkpoint_every: int
     settings: RenderSettings
     """Settings of evaluation; ``Method.render_settings`` may change them for a step."""
+    eval_views: int = 0
+    """Held-out views of an evaluation in mid-run; 0: all."""
     random_background: bool = False
     max_skipped: int = 20
     prefetch_views: int = 4

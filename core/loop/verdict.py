@@ -9,8 +9,8 @@ from typing import Any
 
 import torch
 
-from gsfw.core.datamanager import Split
-from gsfw.core.loop.baselines import Baselines, spread
+from gsfw.core.datamanager import Split, spread
+from gsfw.core.loop.baselines import Baselines
 from gsfw.core.loop.evaluation import Evaluation, render_model
 from gsfw.core.loop.findings import Evidence, Finding, judge
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan

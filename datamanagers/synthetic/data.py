@@ -73,6 +73,7 @@ class SyntheticData(DataManager):
             num_times=config.times if config.moving else 0,
             has_alpha=True,
             up="z",
+            view_pixels=self._views[Split.TRAIN].pixels,
         )
 
     def _cast(self, number: int) -> DecodedImage:

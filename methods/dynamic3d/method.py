@@ -49,6 +49,9 @@ MASKS_NOTE = (
 )
 ENOUGH_VIEWS = 4
 """Fewer views leave most of a surface to be seen from one side; Luiten et al. have 27 cameras."""
+LEAST_VIEWS = 1.5
+"""Training views at a time, on average, below which most times have one; of two cameras a hold-out
+of every 8th image leaves 1.75."""
 MOVING = ("means", "quats")
 """Columns whose moments are reset at every time."""
 
@@ -78,6 +81,21 @@ class TrackedGaussiansMethod(MovingMethod):
         if self._config.segmentation_weight > 0 and has_masks(views):
             model.add_segmentation(LearningRate(self._config.optim.segmentation_lr))
             self._has_masks = True
+
+    def check_scene(self, scene: Scene) -> None:
+        """Refuse captures of one camera at each time: what moves has no depth to be followed in.
+
+        Raises:
+            ConfigError: names the remedy.
+        """
+        super().check_scene(scene)
+        views = len(scene.camera_centers)
+        if views < LEAST_VIEWS * scene.num_times:
+            raise ConfigError(
+                f"method 'dynamic3dgs' follows what several cameras see at each time, and "
+                f"{scene.name!r} has {views} training views at {scene.num_times} times.",
+                "Use method=4dgs, 4d-rotor or spacetime.",
+            )
 
     def notes(self, scene: Scene) -> tuple[str, ...]:
         """Notes on the initialisation, and on times that the hold-out leaves with few views."""

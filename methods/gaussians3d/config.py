@@ -105,8 +105,9 @@ class GaussiansConfig(MethodConfig):
     """Initial opacity of every splat."""
     init_scale: float = number(1.0, above=0)
     """Initial size, times the mean distance to the three nearest points."""
-    random_points: int = number(100_000, at_least=1)
-    """Number of splats of a random initialisation."""
+    random_points: int | Literal["auto"] = "auto"
+    """Number of splats of a random initialisation. auto: a quarter of the pixels of a training
+    view, 5000 to 100,000: more would mostly be removed again, which short runs do not reach."""
     random_region: Literal["auto", "object", "surroundings"] = "auto"
     """Region of random splats: around the point that the cameras look at (object), or all around
     the cameras (surroundings). auto: object if images have alpha."""
@@ -128,6 +129,10 @@ class GaussiansConfig(MethodConfig):
             raise ConfigError(
                 f"bands.stop={self.bands.stop}: expected at least "
                 f"bands.grow_stop={self.bands.grow_stop}."
+            )
+        if self.random_points != "auto" and self.random_points < 1:
+            raise ConfigError(
+                f"random_points={self.random_points}: expected auto, or a number of at least 1."
             )
 
     def needs(self) -> Needs:

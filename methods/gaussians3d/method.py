@@ -23,6 +23,7 @@ from gsfw.core.maths.ssim import masked_mean
 from gsfw.core.method import Method
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.operators import Operators
+from gsfw.core.random_start import random_count
 from gsfw.core.refiner import Refiner
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Sh, Splats
@@ -93,7 +94,7 @@ class StaticGaussiansMethod(Method):
         if self.starts_at_random(points):
             why = "init=random" if self._config.init == "random" else "there are no points to use"
             notes.append(
-                f"Starting from {self._config.random_points} random splats ({why}). {RANDOM_COST}"
+                f"Starting from {self.random_points(scene):,} random splats ({why}). {RANDOM_COST}"
             )
             if self._config.random_region == "object" and object_place(scene) is None:
                 notes.append(
@@ -125,6 +126,11 @@ class StaticGaussiansMethod(Method):
     def starts_at_random(self, points: Tensor) -> bool:
         """True if the initialisation without a file is random, given the usable points."""
         return self._config.init == "random" or len(points) == 0
+
+    def random_points(self, scene: Scene) -> int:
+        """Number of splats of a random initialisation: as given, or as the views can use."""
+        given = self._config.random_points
+        return random_count(scene.view_pixels) if given == "auto" else given
 
     def build_model(
         self,
@@ -169,9 +175,8 @@ class StaticGaussiansMethod(Method):
         config = self._config
         points, colors, _ = usable_points(scene)
         if self.starts_at_random(points):
-            points, colors = random_points(
-                scene, config.random_points, generator, config.random_region
-            )
+            count = self.random_points(scene)
+            points, colors = random_points(scene, count, generator, config.random_region)
         return from_points(
             points,
             colors,

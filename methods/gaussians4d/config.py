@@ -115,6 +115,9 @@ class HashConfig:
 DEFAULT_STEPS = 23_000
 """Steps of Wu et al. 2024 for synthetic scenes: 3000 coarse ones and 20,000 fine ones."""
 
+FIELD_COST = 2.2
+"""Time of a step with the field over that of a static one, at 20,000 Gaussians and 200 x 200."""
+
 
 def _of_40_000(steps: int) -> Rescaled:
     """A number of steps in a run of 40,000 (Yang et al.), in the units of a preset."""
@@ -178,6 +181,10 @@ class DeformationConfig(MovingConfig):
     mlp: MlpConfig = field(default_factory=MlpConfig)
     hash: HashConfig = field(default_factory=HashConfig)
     optim: DeformationOptim = field(default_factory=DeformationOptim)
+
+    def step_costs(self) -> tuple[tuple[int, float], ...]:
+        """Static steps at first, and then those with the field."""
+        return (0, 1.0), (self.coarse_steps, FIELD_COST)
 
     def build(self) -> Method:
         """Build the method."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 
 from gsfw.core.config import MethodConfig
 from gsfw.core.datamanager import DataManager
@@ -31,22 +33,41 @@ class Examination:
     """The settings that the data set was opened with."""
 
     @staticmethod
-    def of(data: DataManager, config: MethodConfig, images: int | None = None) -> Examination:
+    def of(
+        data: DataManager,
+        config: MethodConfig,
+        images: int | None = None,
+        tell: Callable[[Finding], None] | None = None,
+        known: tuple[Finding, ...] = (),
+    ) -> Examination:
         """Measure and judge a data set.
 
         Args:
             data: the opened data set; the caller closes it.
             config: the settings that it was opened with.
             images: number of images to decode; 0: all; ``None``: the default number.
+            tell: receives each finding as soon as it is found.
+            known: findings that were made before, which come first.
         """
-        survey = Survey.of(data, images)
-        return Examination(survey, judge(survey), tuple(data.notes()), config)
+        survey = Survey(data, images)
+        findings = judge(survey, tell, known)
+        survey.measure()
+        return Examination(survey, findings, tuple(data.notes()), config)
 
     def plan(self, method: str = "") -> Plan:
         """The training that fits the data set; ``method`` is empty to choose one."""
         return Plan.of(self.survey, self.findings, self.config, method)
 
 
-def judge(survey: Survey) -> tuple[Finding, ...]:
-    """All findings, the gravest first."""
-    return sorted_findings(finding for judge_side in JUDGES for finding in judge_side(survey))
+def judge(
+    survey: Survey,
+    tell: Callable[[Finding], None] | None = None,
+    known: tuple[Finding, ...] = (),
+) -> tuple[Finding, ...]:
+    """All findings, the gravest first; ``tell`` receives each as soon as it is found."""
+    findings: list[Finding] = []
+    for finding in chain(known, *(judge_side(survey) for judge_side in JUDGES)):
+        findings.append(finding)
+        if tell is not None:
+            tell(finding)
+    return sorted_findings(findings)

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import DataError
 from gsfw.core.loop.area import shrink_batch
+from gsfw.core.progress import tracked
 from gsfw.datamanagers.capture import Capture
+from gsfw.preparation.check.small_images import load_small
 from gsfw.preparation.check.viewpoints import Viewpoints
 from gsfw.preparation.image_quality import MEASURED_SIDE, ImageQuality
 
@@ -36,8 +38,8 @@ class SampledImage:
 
     view: int
     """Index among the viewpoints."""
-    preview: Float[np.ndarray, "h w 3"]
-    """Small; over white where it has alpha."""
+    pixels: UInt8[np.ndarray, "h w 3"]
+    """The preview: small; over white where it has alpha. There may be hundreds of them."""
     print: Float[np.ndarray, "q q"]
     """Smaller still, and grey."""
     quality: ImageQuality
@@ -50,6 +52,11 @@ class SampledImage:
     """Part of its pixels that carries loss."""
     covered: float
     """Mean coverage; 1 for opaque images."""
+
+    @property
+    def preview(self) -> Float[np.ndarray, "h w 3"]:
+        """The preview, in [0, 1]."""
+        return self.pixels / 255.0
 
 
 @dataclass(frozen=True)
@@ -73,14 +80,17 @@ class ImageSample:
         longest = min(MEASURED_SIDE, int(viewpoints.sizes.max(1).min()))
         images: list[SampledImage] = []
         failures: list[tuple[int, str]] = []
-        for view in spread_views(viewpoints, count):
+        views = spread_views(viewpoints, count)
+        for view in tracked(views, "looking at images", len(views)):
             split, number = viewpoints.splits[view], viewpoints.numbers[view]
+            stored = viewpoints.sizes[view]
+            width, height = _size_at_most(int(stored[0]), int(stored[1]), longest)
             try:
-                (batch,) = data.load(split, [number], torch.device("cpu"))
+                batch = load_small(data, split, number, width, height)
             except DataError as error:
                 failures.append((view, error.message))
                 continue
-            images.append(_measured(view, _at_most(batch, longest)))
+            images.append(_measured(view, batch))
         return ImageSample(tuple(images), tuple(failures), len(viewpoints))
 
 
@@ -96,8 +106,13 @@ def spread_views(viewpoints: Viewpoints, count: int) -> Sequence[int]:
 
 def _at_most(batch: Batch, longest: int) -> Batch:
     height, width = batch.images.shape[1:3]
+    return shrink_batch(batch, *_size_at_most(width, height, longest))
+
+
+def _size_at_most(width: int, height: int, longest: int) -> tuple[int, int]:
+    """Width and height, both divided so that neither exceeds ``longest``."""
     factor = max(1.0, max(width, height) / longest)
-    return shrink_batch(batch, max(1, round(width / factor)), max(1, round(height / factor)))
+    return max(1, round(width / factor)), max(1, round(height / factor))
 
 
 def _measured(view: int, batch: Batch) -> SampledImage:
@@ -118,7 +133,7 @@ def _measured(view: int, batch: Batch) -> SampledImage:
     square = shrink_batch(small, min(PRINT, columns), min(PRINT, rows))
     return SampledImage(
         view=view,
-        preview=small.target(torch.ones(3))[0].numpy().astype(np.float64),
+        pixels=(small.target(torch.ones(3))[0] * 255).round().byte().numpy(),
         print=square.target(torch.ones(3))[0].numpy().mean(2).astype(np.float64),
         quality=ImageQuality.of(shown, counts),
         contrast=float(grey[valid].std()) if valid.any() else 0.0,

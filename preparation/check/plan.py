@@ -6,7 +6,8 @@ import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from gsfw.core.config import MethodConfig
+from gsfw.core.config import AUTO, MethodConfig
+from gsfw.core.random_start import random_count
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.check.time_findings import SEVERAL, cameras_at_times
 from gsfw.preparation.finding import Finding
@@ -18,8 +19,6 @@ FLOATS = 59
 """Numbers of a Gaussian with spherical harmonics of degree 3: 3 + 4 + 3 + 1 + 48."""
 COPIES = 4
 """Each with its gradient and Adam's two moments."""
-USUAL_RANDOM = 100_000
-"""Gaussians of a random start, if the method states no number."""
 MOST = 0.8
 """Part of the sampled images that has to agree on a background."""
 
@@ -68,7 +67,7 @@ class Plan:
             changes=changes,
             decoded_mb=_decoded_mb(survey) * shrunk,
             cache_mb=config.cache_mb,
-            gaussians=points or int(getattr(config, "random_points", USUAL_RANDOM)),
+            gaussians=points or _random_start(config, survey.scene.view_pixels * shrunk),
         )
 
     def megabytes(self, gaussians: int) -> float:
@@ -79,6 +78,12 @@ class Plan:
         """The command line, with the settings that were given and those to add."""
         settings = {"method": self.method, **given, **self.changes}
         return shlex.join(["gsfw", "train", *(f"{key}={text}" for key, text in settings.items())])
+
+
+def _random_start(config: MethodConfig, view_pixels: float) -> int:
+    """Gaussians of a random start, as given or by the size of the images."""
+    given = getattr(config, "random_points", AUTO)
+    return random_count(int(view_pixels)) if given == AUTO else int(given)
 
 
 def plain_background(survey: Survey) -> str:

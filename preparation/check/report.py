@@ -125,15 +125,17 @@ def _neighbor_angle(survey: Survey) -> float | None:
     return round(float(np.nanmedian(nearest)), 1) if np.isfinite(nearest).any() else None
 
 
-def finding_lines(document: Mapping[str, Any]) -> Iterator[str]:
-    """Lines for people: each finding with its reason and advice, and the verdict."""
-    for finding in document["findings"]:
-        yield ""
-        yield f"{WEIGHTS[finding['weight']]} - {finding['kind']}: {finding['found']}"
-        yield f"  {finding['why']}"
-        yield f"  {finding['advice']}"
+def finding_lines(finding: Mapping[str, Any]) -> Iterator[str]:
+    """Lines for people on one finding, given as plain data: with its reason and advice."""
     yield ""
-    yield f"verdict: {document['verdict']}{_summary(document)}"
+    yield f"{WEIGHTS[finding['weight']]} - {finding['kind']}: {finding['found']}"
+    yield f"  {finding['why']}"
+    yield f"  {finding['advice']}"
+
+
+def verdict_line(document: Mapping[str, Any]) -> str:
+    """The verdict, with the kinds of findings that it follows from."""
+    return f"verdict: {document['verdict']}{_summary(document)}"
 
 
 def _summary(document: Mapping[str, Any]) -> str:

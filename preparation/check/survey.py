@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 
 from gsfw.core.datamanager import DataManager
+from gsfw.core.progress import stage
 from gsfw.core.scene import Scene
 from gsfw.preparation.check.agreement import Agreement
 from gsfw.preparation.check.image_sample import Files, ImageSample
@@ -18,47 +19,81 @@ each image of a video takes a second or two, for all between it and the last key
 as well."""
 
 
-@dataclass(frozen=True)
 class Survey:
-    """Measurements of cameras, points and a sample of the images."""
+    """Measurements of cameras, points and a sample of the images, each made when it is asked for.
 
-    scene: Scene
-    viewpoints: Viewpoints
-    surface: Surface | None
-    """``None`` where there are no points and cameras look at no one point."""
-    angles: Angles | None
-    """``None`` as well then."""
-    files: Files
-    sample: ImageSample
-    agreement: Agreement | None
-    """``None`` where there are too few points in too few images."""
-    track_colors: TrackColors
-    """Colours of tracked points in the sampled images; none without tracks."""
-    view_dependence: ViewDependence | None
-    """``None`` where these are too few."""
+    Findings about cameras can so be told before any image is decoded. Whoever closes the data
+    first calls ``measure``.
+    """
 
-    @staticmethod
-    def of(data: DataManager, images: int | None = None) -> Survey:
-        """Measure a data set.
+    def __init__(self, data: DataManager, images: int | None = None) -> None:
+        """Measure nothing yet.
 
         Args:
             data: is read, and not closed.
-            images: how many to decode; 0: all; ``None``: what takes a few seconds.
+            images: number of images to decode; 0: all; ``None``: what takes a few seconds.
         """
-        scene, viewpoints = data.scene, Viewpoints.of(data)
-        files, surface = Files.of(data), Surface.of(scene, viewpoints)
+        self._data, self._images = data, images
+        self.scene: Scene = data.scene
+
+    @staticmethod
+    def of(data: DataManager, images: int | None = None) -> Survey:
+        """Measure all of a data set, which may be closed afterwards; see ``__init__``."""
+        survey = Survey(data, images)
+        survey.measure()
+        return survey
+
+    def measure(self) -> None:
+        """Make all measurements that were not made yet."""
+        for name, found in vars(Survey).items():
+            if isinstance(found, cached_property):
+                getattr(self, name)
+
+    @cached_property
+    def viewpoints(self) -> Viewpoints:
+        """Cameras of all views."""
+        with stage("measuring cameras"):
+            return Viewpoints.of(self._data)
+
+    @cached_property
+    def surface(self) -> Surface | None:
+        """``None`` where there are no points and cameras look at no one point."""
+        with stage("measuring points"):
+            return Surface.of(self.scene, self.viewpoints)
+
+    @cached_property
+    def angles(self) -> Angles | None:
+        """``None`` where there is no surface."""
+        with stage("measuring angles between cameras"):
+            return None if self.surface is None else Angles.of(self.surface, self.viewpoints)
+
+    @cached_property
+    def files(self) -> Files:
+        """Counts over all image files."""
+        return Files.of(self._data)
+
+    @cached_property
+    def sample(self) -> ImageSample:
+        """Measurements of decoded images."""
+        images = self._images
         if images is None:
-            images = VIDEO_IMAGES if files.in_videos else IMAGES
-        sample = ImageSample.of(data, viewpoints, images)
-        colors = TrackColors.of(data, viewpoints, [image.view for image in sample.images])
-        return Survey(
-            scene=scene,
-            viewpoints=viewpoints,
-            surface=surface,
-            angles=None if surface is None else Angles.of(surface, viewpoints),
-            files=files,
-            sample=sample,
-            agreement=Agreement.of(surface, viewpoints, sample),
-            track_colors=colors,
-            view_dependence=ViewDependence.of(colors),
-        )
+            images = VIDEO_IMAGES if self.files.in_videos else IMAGES
+        return ImageSample.of(self._data, self.viewpoints, images)
+
+    @cached_property
+    def agreement(self) -> Agreement | None:
+        """``None`` where there are too few points in too few images."""
+        with stage("comparing images"):
+            return Agreement.of(self.surface, self.viewpoints, self.sample)
+
+    @cached_property
+    def track_colors(self) -> TrackColors:
+        """Colours of tracked points in the sampled images; none without tracks."""
+        views = [image.view for image in self.sample.images]
+        return TrackColors.of(self._data, self.viewpoints, views)
+
+    @cached_property
+    def view_dependence(self) -> ViewDependence | None:
+        """``None`` where these are too few."""
+        with stage("measuring view dependence"):
+            return ViewDependence.of(self.track_colors)

@@ -18,8 +18,9 @@ from torch.nn.functional import grid_sample
 
 from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager
-from gsfw.core.loop.area import shrink_batch
+from gsfw.core.progress import tracked
 from gsfw.datamanagers.capture import Capture
+from gsfw.preparation.check.small_images import load_small
 from gsfw.preparation.check.viewpoints import Viewpoints
 from gsfw.preparation.image_quality import MEASURED_SIDE
 
@@ -70,10 +71,10 @@ class TrackColors:
         colors = np.full((len(places.rows), 3), np.nan)
         slopes = np.full(len(places.rows), np.nan)
         steps, axes, sizes = _steps(), places.axes, measured_sizes(viewpoints)
-        for view in np.unique(places.views).tolist():
+        shown = np.unique(places.views).tolist()
+        for view in tracked(shown, "comparing colours of points", len(shown)):
             split, number = viewpoints.splits[view], viewpoints.numbers[view]
-            (batch,) = data.load(split, [number], torch.device("cpu"))
-            batch = shrink_batch(batch, *sizes[view].tolist())
+            batch = load_small(data, split, number, *sizes[view].tolist())
             here = places.views == view
             patches = places.points[here, None] + SIGMA * steps @ axes[here]
             pixels, _ = viewpoints.project(view, patches.reshape(-1, 3))

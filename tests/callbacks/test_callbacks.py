@@ -116,7 +116,7 @@ def test_the_log_is_for_people_and_lets_go_of_its_file(tmp_path):
     text = RunFolder(tmp_path).log.read_text()
     assert "3dgs on toy started at step 0 of 20" in text
     assert "note: a note" in text
-    assert "step 20: held-out views: psnr 30.0000" in text
+    assert "step 20: 1 held-out views: psnr 30.0000" in text
     assert not logging.getLogger("gsfw").handlers
 
 
@@ -136,6 +136,19 @@ def test_progress_says_how_small_images_are_while_they_are(tmp_path, capsys):
     progress.on_step(report(20, resolution=0.3535), control)
     progress.close()
     assert "psnr 40.00  at 1/2.8 size  100 Gaussians" in capsys.readouterr().err
+
+
+def test_an_evaluation_of_a_sample_says_of_how_many_views(tmp_path, capsys):
+    sample = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0}, held_out=200)
+    for callback in (Progress(10.0), Log(10), Results()):
+        callback.on_start(info(tmp_path), Control())
+        callback.on_evaluation(10, sample, Control())
+        callback.close()
+    assert "step 10: 1 of 200 held-out views: psnr 30" in capsys.readouterr().err
+    folder = RunFolder(tmp_path)
+    assert "step 10: 1 of 200 held-out views: psnr" in folder.log.read_text()
+    written = json.loads((folder.evaluations / "step_000000010.json").read_text())
+    assert written["protocol"]["sample"] == "1 of 200 held-out views, evenly spread"
 
 
 def test_time_left_is_counted_from_the_steps_that_remain():

@@ -102,12 +102,12 @@ def test_without_tracks_view_dependence_is_not_measured(good, capsys):
 
 
 def test_settings_of_training_are_taken_and_kept_in_the_suggestion(good, capsys):
-    keys = ("method=4dgs", "downscale=2", "datamanager.mask_mode=empty", "holdout_every=0")
+    keys = ("method=3dgs", "downscale=2", "datamanager.mask_mode=empty", "holdout_every=0")
     found = check(capsys, good, *keys, "out=none")
     assert found["image_sizes"] == ["32x24 (24)"]
     assert [finding["kind"] for finding in found["findings"]] == ["nothing held out"]
     assert found["verdict"] == "good"  # A note takes nothing away.
-    assert found["next"].startswith(f"gsfw train method=4dgs data={good}")
+    assert found["next"].startswith(f"gsfw train method=3dgs data={good}")
     assert "downscale=2" in found["next"]
     assert "datamanager.mask_mode=empty" in found["next"]
     assert found["sheet"] == ""
@@ -124,6 +124,59 @@ def test_the_suggestion_is_a_command_that_fits(good, capsys, tmp_path):
     assert "dynamic3dgs" in found["methods"]
     assert "random_region=object" in found["next"]
     assert main([*found["next"].split()[1:], "random_points=500", "--dry-run"]) == 0
+
+
+def both(capsys, data, *words):
+    """Whether check and a dry run say that a method trains on a data set, and what they print."""
+    capsys.readouterr()
+    checked = main(["check", *words, str(data), "out=none"])
+    dry = main(["train", *words, f"data={data}", "--dry-run"])
+    said = capsys.readouterr()
+    return checked, dry, said.out + said.err
+
+
+@pytest.mark.parametrize("method", ["3dgs", "4dgs"])
+def test_check_and_a_dry_run_refuse_the_same_method(good, capsys, method):
+    checked, dry, said = both(capsys, good, f"method={method}", "downscale=2", "device=cpu")
+    assert (checked == 0, dry == 0) == (method == "3dgs", method == "3dgs")
+    assert said.count("is for captures of several times") == (0 if method == "3dgs" else 2)
+
+
+def test_one_camera_at_each_time_is_refused_by_both_for_tracking(tmp_path, capsys):
+    moving = write_moving(tmp_path / "a", np.linspace(0, 1, 12).tolist(), 1)
+    checked, dry, said = both(capsys, moving, "method=dynamic3dgs", "holdout_every=0")
+    assert (checked, dry) == (1, 2)
+    assert said.count("follows what several cameras see at each time, and 'a' has 12 training") == 2
+    assert "everything fits" not in said
+
+
+def test_a_dry_run_does_not_say_that_everything_fits_where_check_says_that_nothing_trains(
+    tmp_path, capsys
+):
+    folder = write_ball(tmp_path / "a", ball(count=3)).folder
+    checked, dry, said = both(capsys, folder, "method=3dgs", "device=cpu")
+    assert (checked, dry) == (1, 1)
+    assert said.count("Will not train - few views: 2 images to train on.\n") == 2
+    assert "this data set will not train: see gsfw check" in said
+    assert "everything fits" not in said
+
+
+def test_findings_are_told_before_images_are_decoded(tmp_path, capsys, monkeypatch):
+    folder = write_ball(tmp_path / "a", ball(count=12)).folder
+    told = []
+
+    def looked(*arguments):
+        told.append(capsys.readouterr().out)
+        return original(*arguments)
+
+    from gsfw.preparation.check import image_sample
+
+    original = image_sample.ImageSample.of
+    monkeypatch.setattr(image_sample.ImageSample, "of", staticmethod(looked))
+    assert main(["check", str(folder), "out=none"]) == 0
+    assert "Limit - few views" in told[0]
+    assert "verdict" not in told[0]
+    assert capsys.readouterr().out.splitlines()[-2].startswith("verdict: usable with limits")
 
 
 def test_limits_still_exit_with_zero_and_have_advice(capsys, tmp_path):

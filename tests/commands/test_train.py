@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from support.small_captures import ring, write_images, write_transforms
 
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
@@ -55,6 +56,29 @@ def test_help_shows_every_key_with_type_default_and_sentence(capsys):
     assert "strategy=mcmc name adc, mcmc, none" in lines
     assert any(line.startswith("seed=42 whole number Seed of every generator;") for line in lines)
     assert {"parts", "run", "optim", "strategy mcmc", "datamanager synthetic"} <= set(lines)
+
+
+def test_help_shows_the_values_that_the_run_has_on_the_given_data(capsys, tmp_path):
+    data = write_transforms(tmp_path / "transforms.json", ring()).parent
+    write_images(tmp_path, ring())
+    words = ["method=3dgs", f"data={data}", "preset=fast", "sh=2"]
+    assert main(["config", "show", *words, "json=true"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert main(["train", *words, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert f"Values of a run on data={data} with the given settings" in text
+    helped = dict(line.split()[0].partition("=")[::2] for line in text.splitlines() if "=" in line)
+    for key in ("steps", "strategy.reset_every", "strategy.refine_stop", "eval_every", "sh_degree"):
+        assert helped[key] == str(shown[key]["value"]), key
+    assert helped["steps"] == "7000"
+
+
+def test_help_on_a_wrong_line_says_that_its_values_are_others(capsys):
+    assert main(["train", "method=3dgs", "data=nowhere", "--help"]) == 0
+    assert (
+        "Values without the given settings, which are wrong: data=nowhere: there is no such file"
+        in capsys.readouterr().out
+    )
 
 
 def test_a_misspelt_key_a_wrong_type_and_a_missing_folder_make_no_folder(capsys, tmp_path):

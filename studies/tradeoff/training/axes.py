@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from gsfw.core.config import AUTO
+
 BASELINE = "baseline"
 """Name of the run without any choice."""
 
@@ -146,6 +148,7 @@ def limited(values: Values, strategy: str, gaussians: int) -> dict[str, Any]:
         gaussians: at least 1.
     """
     found: dict[str, Any] = {LIMITS[strategy]: str(gaussians)}
-    if values.get(START, 0) > gaussians:
+    start = values.get(START, AUTO)
+    if start != AUTO and start > gaussians:
         found[START] = gaussians
     return found

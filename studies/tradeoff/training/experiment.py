@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from gsfw.core.config import AUTO
+from gsfw.core.random_start import random_count
 from gsfw.plugins.values import as_text
 from gsfw.studies.origin import cores, origin
 from gsfw.studies.planned_run import PlannedRun
@@ -27,7 +29,6 @@ from gsfw.studies.tradeoff.training.sizing import (
     Speed,
     Work,
     choose,
-    enough_to_start,
     read_plan,
     sizes,
     write_plan,
@@ -120,21 +121,21 @@ class Experiment:
         return measure_speeds(runs, self.shop, steps)
 
     def _at(self, downscale: float) -> dict[str, Any]:
-        """Settings that follow from a chosen size of the images."""
+        """Settings that follow from a chosen size of the images.
+
+        The number of random Gaussians is written out, so that a smaller limit can replace it.
+        """
         values, capture = self._unsized.values, self.capture
         at: dict[str, Any] = {"downscale": downscale}
         at_random = not capture.has_points or values.get("init") == "random"
-        if at_random and START in values and START not in self._unsized.given:
+        if at_random and values.get(START) == AUTO:
             smaller = downscale / self._unsized.downscale
-            pixels = capture.width * capture.height / smaller**2
-            at[START] = min(values[START], enough_to_start(pixels))
+            at[START] = random_count(int(capture.width * capture.height / smaller**2))
         return at
 
     def begin(self, sizing: Sizing) -> None:
         """Prepare the training."""
-        given = sizing.seconds is None
-        size = {"downscale": sizing.downscale} if given else self._at(sizing.downscale)
-        base = self._unsized.sized({**size, "steps": sizing.steps})
+        base = self._unsized.sized({**self._at(sizing.downscale), "steps": sizing.steps})
         self._choose_recipes(base)
         self.judge = RunJudge(self.shop.registry, base.downscale)
         self.trainer = Trainer(base, self.shop, self.judge.accuracy)

@@ -26,10 +26,6 @@ PASSES, ENOUGH_STEPS = 30, 3000
 """Steps are enough if each training view is seen this often, and there are at least this many;
 with fewer, images shrink."""
 
-PIXELS_TO_START = 2
-"""Pixels of an image for each random Gaussian at the start. With many more Gaussians, short runs
-end while density control still removes them, and do not predict longer runs."""
-
 LEAST_SIDE = 64
 """Pixels of the shorter side of images at least."""
 
@@ -84,11 +80,6 @@ def round_down(steps: float) -> int:
 def enough_steps(views: int) -> int:
     """Number of steps below which smaller images help more than further steps."""
     return max(ENOUGH_STEPS, PASSES * views)
-
-
-def enough_to_start(pixels: float) -> int:
-    """Number of random Gaussians that images of this many pixels can use."""
-    return max(1, round_down(pixels / PIXELS_TO_START))
 
 
 def sizes(width: int, height: int) -> Iterator[float]:

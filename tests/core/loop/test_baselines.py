@@ -5,7 +5,7 @@ import torch
 from support.moving_scene import WHITE, MovingImages
 
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.baselines import NO_STILL, Baselines, best_constant, spread
+from gsfw.core.loop.baselines import NO_STILL, Baselines, best_constant
 from gsfw.core.metrics import psnr
 
 CPU = torch.device("cpu")
@@ -84,8 +84,3 @@ def test_they_are_measured_once():
     data.images[Split.EVAL] = [image * 0 for image in data.images[Split.EVAL]]
     baselines.compare(0, data.images[Split.EVAL][0][0], None, None)
     assert baselines.figures() == before
-
-
-def test_many_images_are_sampled_evenly():
-    assert spread(range(100), 4) == [0, 33, 66, 99]
-    assert spread(range(3), 4) == [0, 1, 2]

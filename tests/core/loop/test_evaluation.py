@@ -102,6 +102,22 @@ def test_a_static_capture_has_none_of_this():
     assert found.time_document() == {}
 
 
+def test_a_sample_is_spread_over_the_views_and_says_of_how_many():
+    data = MovingImages([(None, 3.0 + 0.01 * i) for i in range(20)], train=[(None, 4.0)])
+    found = evaluate(two_balls(), ReferenceRasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=5)
+    assert found.views == ("eval_0", "eval_4", "eval_9", "eval_14", "eval_19")
+    assert len(found.per_view) == 5
+    assert found.count == "5 of 20"
+    assert run(data).count == "20"
+
+
+def test_a_sample_of_a_moving_scene_has_its_own_times_only():
+    data = MovingImages([(i / 8, 3.0) for i in range(9)])
+    found = evaluate(two_balls(), ReferenceRasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=3)
+    assert [point["time"] for point in found.over_time] == [0.0, 4 / 8, 8 / 8]
+    assert found.notes["flicker"].startswith("2 pairs of neighbouring times, 0.5 apart")
+
+
 def test_no_views_give_no_figures():
     found = run(MovingImages([]))
     assert (found.means, found.per_view, found.over_time) == ({}, (), ())

@@ -38,7 +38,19 @@ def test_a_capture_without_times_is_refused_with_advice(num_times):
         "Use method=3dgs. If the scene does move, its data have to say when each image was "
         'taken, such as by "time" in every frame of a transforms.json.'
     )
-    TrackedGaussiansConfig().build().check_scene(moving_scene())
+    several = moving_scene(camera_centers=torch.zeros(33, 3))
+    TrackedGaussiansConfig().build().check_scene(several)
+
+
+def test_one_view_at_each_time_is_refused_with_advice():
+    with pytest.raises(ConfigError) as caught:
+        TrackedGaussiansConfig().build().check_scene(
+            moving_scene(camera_centers=torch.zeros(11, 3))
+        )
+    assert str(caught.value) == (
+        "method 'dynamic3dgs' follows what several cameras see at each time, and 'toy' has 11 "
+        "training views at 11 times.\nUse method=4dgs, 4d-rotor or spacetime."
+    )
 
 
 def test_views_that_go_back_in_time_are_refused_with_advice():

@@ -55,7 +55,7 @@ def test_the_defaults_are_those_of_the_paper():
         ({"ssim_weight": 1.5}, "ssim_weight=1.5: expected a number from 0 to 1."),
         ({"init_opacity": 1.0}, "init_opacity=1: expected a number between 0 and 1."),
         ({"init_scale": 0.0}, "init_scale=0: expected a number above 0."),
-        ({"random_points": 0}, "random_points=0: expected a number of at least 1."),
+        ({"random_points": 0}, "random_points=0: expected auto, or a number of at least 1."),
         ({"steps": 0}, "steps=0: expected a number of at least 1."),
         (
             {"optim": StaticGaussiansOptim(quats_lr=-1.0)},
@@ -103,6 +103,13 @@ def test_a_random_start_says_what_it_costs(init, why):
     assert "0.6 dB with strategy=adc" in note
     assert "a COLMAP model with points is better" in note
     assert model.num_rows == 500
+
+
+def test_a_random_start_follows_the_size_of_the_views():
+    capture = replace(scene(0), view_pixels=200 * 200)
+    method, model = model_of(StaticGaussiansConfig(), capture)
+    assert model.num_rows == 10_000
+    assert method.notes(capture)[0].startswith("Starting from 10,000 random splats")
 
 
 def test_a_region_that_the_cameras_do_not_show_is_mentioned():

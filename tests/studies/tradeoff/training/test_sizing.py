@@ -9,7 +9,6 @@ from gsfw.studies.tradeoff.training.sizing import (
     Speed,
     Work,
     choose,
-    enough_to_start,
     round_down,
     sizes,
 )
@@ -101,8 +100,3 @@ def test_images_keep_64_pixels():
 
 def test_steps_have_two_digits():
     assert [round_down(steps) for steps in (1799.0, 99.5, 7.2, -3.0)] == [1700, 99, 7, 0]
-
-
-def test_small_images_have_no_use_for_many_gaussians_at_random():
-    assert [enough_to_start(800 * 800 / f**2) for f in (1, 2, 4, 8)] == [320000, 80000, 20000, 5000]
-    assert enough_to_start(1.0) == 1

@@ -1,0 +1,173 @@
+"""Remaining time of a run, by a model of its growth instead of the rate of the moment.
+
+The time of a step is modelled as ``cost(phase) * gaussians ** 0.6 * pixels ** 0.6``, times a factor
+that is measured over the recent steps. Phases are the method's own (a field or further times are
+trained from some step on). The number of Gaussians grows until refinements end, as it grew so far
+and, as long as few refinements were seen, as usual runs do. Waiting for images is apart: each view
+is decoded once, if all fit into the cache. Evaluations take as long for a view as the last one.
+
+Measured over 256 recorded runs (``benchmarks/remaining_time.py``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gsfw.core.callback import RunInfo
+
+GROWTH_EXPONENT, PIXELS_EXPONENT = 0.5, 0.5
+"""Exponents of the time of a step in the number of Gaussians and of pixels. Measured: 0.5 to 0.7
+between 10,000 and 150,000 Gaussians at 100 to 200 pixels."""
+RECENT = 0.3
+"""The factor is measured over this last part of the finished steps."""
+USUAL_GROWTH, WEIGHT_OF_USUAL = 0.01, 8
+"""Part by which a refinement usually adds rows, and the number of refinements that it weighs as
+much as: median of 196 recorded runs with ADC."""
+LEAST_STEPS, LEAST_SECONDS = 20, 2.0
+"""Nothing is said before so many steps and seconds: the first steps decode images and warm up."""
+ENOUGH_STEPS = 10
+"""Steps of a phase, or after the first pass, that say more than all that came before."""
+UNLIMITED = 1 << 62
+"""Gaussians of a strategy without a limit."""
+PARTS = 40
+"""Parts of the remaining steps in the sum over them."""
+
+
+@dataclass(frozen=True)
+class _Interval:
+    """The steps between two reports."""
+
+    end: int
+    """Finished steps at its end."""
+    steps: int
+    gaussians: int
+    resolution: float
+    seconds: float
+    """Time of all its steps, without waiting for images."""
+    waiting: float
+    """Time in which steps waited for images."""
+
+
+class RemainingTime:
+    """Learns from reports of steps and evaluations, and predicts the rest of the run."""
+
+    def __init__(self, run: RunInfo) -> None:
+        """Know nothing but the run: its length, its settings and its phases."""
+        self._run, self._steps, self._first = run, run.steps, run.first_step
+        self._settings, self._phases, self._views = run.settings, run.step_costs, run.views
+        self._seen: list[_Interval] = []
+        self._view_seconds, self._evaluated_at = 0.0, 0
+
+    def observe(
+        self, step: int, gaussians: int, resolution: float, seconds: float, waiting: float = 0.0
+    ) -> None:
+        """Learn from a report.
+
+        Args:
+            step: number of finished steps.
+            gaussians: rows of the model.
+            resolution: width of the images over their full width.
+            seconds: mean time of a step since the last report.
+            waiting: the part of it in which it waited for images.
+        """
+        before = max(self._seen[-1].end if self._seen else self._first, self._evaluated_at)
+        count = step - before
+        if count > 0:
+            own = max(seconds - waiting, 0.0) * count
+            self._seen.append(_Interval(step, count, gaussians, resolution, own, waiting * count))
+
+    def evaluated(self, step: int, seconds: float, views: int) -> None:
+        """Learn the duration of an evaluation after ``step``; reported times begin anew there."""
+        self._view_seconds, self._evaluated_at = seconds / max(views, 1), step
+
+    def seconds(self) -> float | None:
+        """Time until the end of the last evaluation; ``None`` as long as it cannot be known."""
+        if not self._seen:
+            return None
+        now = self._seen[-1].end
+        recent = self._recent(now)
+        spent = sum(item.seconds + item.waiting for item in self._seen)
+        if now - self._first < LEAST_STEPS or spent < LEAST_SECONDS or not recent:
+            return None
+        units = sum(
+            item.steps * self._unit(item.end - item.steps, item.gaussians, item.resolution)
+            for item in recent
+        )
+        factor = sum(item.seconds for item in recent) / units
+        return factor * self._units_left(now) + self._waiting_left(now) + self._evaluations(now)
+
+    def _recent(self, now: int) -> list[_Interval]:
+        """The last intervals; of the present phase alone, and after the first pass, if they do."""
+        start = now - max(RECENT * (now - self._first), LEAST_STEPS)
+        recent = [item for item in self._seen if item.end > start]
+        began = max(first for first, _ in self._phases if first <= now)
+        # Up to the end of the first pass steps share the processor with decoding.
+        for least in (self._first + self._views, began, self._first + 1):
+            after = [item for item in recent if item.end - item.steps >= least]
+            if sum(item.steps for item in after) >= ENOUGH_STEPS:
+                recent = after
+        return recent
+
+    def _unit(self, step: int, gaussians: int, resolution: float) -> float:
+        """Relative time of a step."""
+        cost = next((cost for first, cost in reversed(self._phases) if step >= first), 1.0)
+        size = max(gaussians, 1) ** GROWTH_EXPONENT
+        return cost * size * (resolution * resolution) ** PIXELS_EXPONENT
+
+    def _units_left(self, now: int) -> float:
+        """Sum of the relative times of the remaining steps."""
+        left, last = self._steps - now, self._seen[-1]
+        start, stop = self._refinement()
+        slope = self._growth(now, start)
+        keys = ("strategy.max_gaussians", "strategy.cap_max")
+        limits = [int(self._settings.get(key) or 0) for key in keys]
+        most = max(min([limit for limit in limits if limit], default=UNLIMITED), last.gaussians)
+        total = 0.0
+        for part in range(PARTS):
+            step = now + left * (part + 0.5) / PARTS
+            grown = slope * max(0.0, min(step, stop) - max(now, start))
+            count = min(max(int(last.gaussians + grown), 1), most)
+            # Images reach their full size at some step soon after the start.
+            total += self._unit(int(step), count, 1.0) * left / PARTS
+        return total
+
+    def _refinement(self) -> tuple[int, int]:
+        """First and last step of refinements; equal where there are none."""
+        settings = self._settings
+        if not int(settings.get("strategy.refine_every", 0) or 0):
+            return 0, 0
+        start = int(settings.get("strategy.refine_start", 0))
+        return start, min(int(settings.get("strategy.refine_stop", self._steps)), self._steps)
+
+    def _growth(self, now: int, start: int) -> float:
+        """Rows that refinements add, per step."""
+        every = int(self._settings.get("strategy.refine_every", 0) or 0)
+        if not every:
+            return 0.0
+        last = self._seen[-1].gaussians
+        middle = max(start, (max(start, self._first) + now) // 2)
+        before = [item for item in self._seen if item.end <= middle] or self._seen[:1]
+        steps = now - before[-1].end
+        rounds = max(0.0, (now - max(start, self._first)) / every)
+        observed = (last - before[-1].gaussians) * every / steps if steps > 0 and rounds else 0.0
+        usual = USUAL_GROWTH * last
+        a_round = (observed * rounds + usual * WEIGHT_OF_USUAL) / (rounds + WEIGHT_OF_USUAL)
+        return a_round / every
+
+    def _waiting_left(self, now: int) -> float:
+        """Time that steps will wait for images: in the first pass, and after it as they do now."""
+        last = self._seen[-1]
+        done = now - self._first
+        if self._views and done < self._views:
+            return last.waiting / last.steps * min(self._views - done, self._steps - now)
+        after = [item for item in self._seen if item.end - item.steps - self._first >= self._views]
+        steps = sum(item.steps for item in after)
+        return sum(item.waiting for item in after) / steps * (self._steps - now) if steps else 0.0
+
+    def _evaluations(self, now: int) -> float:
+        """Time of the remaining evaluations: of samples, and of all views at the end."""
+        every = int(self._settings.get("eval_every", 0) or 0)
+        held_out = int(self._run.protocol.get("views", 0))
+        sample = int(self._settings.get("eval_views", 0) or 0) or held_out
+        before_last = (self._steps - 1) // every - now // every if every else 0
+        return self._view_seconds * (before_last * min(sample, held_out) + held_out)
