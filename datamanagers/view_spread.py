@@ -105,11 +105,13 @@ def _shares(
     _, axes = _centers_and_axes(frames)
     cosines = axes[held] @ axes[trained].T
     beside = cosines.max(axis=1, initial=-1.0) > math.cos(math.radians(WIDEST_ANGLE))
-    shares = beside.astype(np.float64)
-    for row, view in enumerate(held):
-        own = sightings.points[sightings.frames == view]
-        if len(own) >= FEW_POINTS:
-            shares[row] = shown[own].mean()
+    counts = np.bincount(sightings.frames, minlength=len(frames))[held]
+    common = np.bincount(sightings.frames, weights=shown[sightings.points], minlength=len(frames))[
+        held
+    ]
+    shares: Float64[np.ndarray, " h"] = np.where(
+        counts >= FEW_POINTS, common / np.maximum(counts, 1), beside
+    )
     return shares
 
 

@@ -97,16 +97,22 @@ def only_one(folder: Path, others: str, remedy: str = REMEDY) -> Iterator[int]:
     """
     handle = _taken(folder, others, remedy)
     owner = Owner.this()
+    _name_owner(handle, owner.encoded())
     try:
-        os.truncate(handle, 0)
-        os.write(handle, owner.encoded())
         yield handle
     finally:
-        os.truncate(handle, 0)
+        _name_owner(handle, b"")
         os.close(handle)
         claim = Owner.read(folder / CLAIM)
         if claim is not None and (claim.pid, claim.host) == (owner.pid, owner.host):
             (folder / CLAIM).unlink(missing_ok=True)
+
+
+def _name_owner(handle: int, content: bytes) -> None:
+    """Write who has the lock, which only messages need: a full disk does not matter."""
+    with suppress(OSError):
+        os.truncate(handle, 0)
+        os.write(handle, content)
 
 
 def _taken(folder: Path, others: str, remedy: str) -> int:

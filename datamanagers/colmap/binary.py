@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, Int64, UInt8
+from jaxtyping import Float64, UInt8
 
-from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, damaged
+from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, Tracks, damaged
 
 POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8")])
 """The fixed part of a point; the length of its track and the track itself follow."""
@@ -99,15 +99,16 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
     return points["xyz"].astype(np.float64), points["rgb"].copy()
 
 
-def read_tracks(file: Path) -> tuple[list[Int64[np.ndarray, " _"]], Float64[np.ndarray, " p"]]:
-    """Numbers of the images that show each point, and the points' reprojection errors.
+def read_tracks(file: Path) -> Tracks:
+    """Which images show each point, and the points' reprojection errors.
 
     Raises:
         DataError: the file is cut off or damaged.
     """
     points, tracks = _points(file)
-    images = [np.frombuffer(track, TRACK_ELEMENT)["image"].astype(np.int64) for track in tracks]
-    return images, points["error"].astype(np.float64)
+    lengths = np.array([len(track) for track in tracks], np.int64) // TRACK_ELEMENT.itemsize
+    images = np.frombuffer(b"".join(tracks), TRACK_ELEMENT)["image"].astype(np.int64)
+    return Tracks(images, lengths, points["error"].astype(np.float64))
 
 
 def _points(file: Path) -> tuple[np.ndarray, list[bytes]]:

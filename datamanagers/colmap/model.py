@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float64, Int64, UInt8
 
 from gsfw.core.errors import DataError
 
@@ -34,6 +34,18 @@ CAMERA_MODELS = (
     ("EQUIRECTANGULAR", 2),
 )
 """Name and number of parameters by model number (COLMAP's src/colmap/sensor/models.h)."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """The images that show each point, one point after the other."""
+
+    images: Int64[np.ndarray, " o"]
+    """Numbers of images."""
+    lengths: Int64[np.ndarray, " p"]
+    """Number of images of each point."""
+    errors: Float64[np.ndarray, " p"]
+    """Reprojection error of each point, in pixels."""
 
 
 @dataclass(frozen=True)

@@ -73,19 +73,16 @@ def read_sightings(folder: Path, images: Sequence[ColmapImage], names: Sequence[
     points = folder / f"points3D{suffix}"
     if not points.is_file():
         return Sightings.none()
-    tracks, errors = (binary if suffix == ".bin" else text).read_tracks(points)
+    tracks = (binary if suffix == ".bin" else text).read_tracks(points)
     rows = {name: row for row, name in enumerate(names)}
-    row_of = {image.number: rows[image.name] for image in images if image.name in rows}
-    pairs = sorted(
-        {
-            (point, row_of[image])
-            for point, track in enumerate(tracks)
-            for image in track.tolist()
-            if image in row_of
-        }
-    )
-    points_of, frames_of = np.array(pairs, np.int64).reshape(-1, 2).T
-    return Sightings(points_of, frames_of, errors)
+    used = sorted((image.number, rows[image.name]) for image in images if image.name in rows)
+    numbers, frames = np.array(used, np.int64).reshape(-1, 2).T
+    points_of = np.repeat(np.arange(len(tracks.lengths)), tracks.lengths)
+    known = np.isin(tracks.images, numbers)
+    frames_of = frames[np.searchsorted(numbers, tracks.images[known])]
+    # A track may name an image twice.
+    pairs = np.unique(points_of[known] * max(len(names), 1) + frames_of)
+    return Sightings(*np.divmod(pairs, max(len(names), 1)), tracks.errors)
 
 
 def lens_of(camera: ColmapCamera, number: int, file: Path) -> Lens:

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int64, UInt8
+from jaxtyping import Float64, UInt8
 
 from gsfw.core.errors import DataError
-from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, damaged
+from gsfw.datamanagers.colmap.model import CAMERA_MODELS, ColmapCamera, ColmapImage, Tracks, damaged
 
 PARAMETERS = dict(CAMERA_MODELS)
 POINT_LAYOUT = "POINT3D_ID X Y Z R G B ERROR TRACK"
@@ -88,23 +88,26 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
     )
 
 
-def read_tracks(file: Path) -> tuple[list[Int64[np.ndarray, " _"]], Float64[np.ndarray, " p"]]:
-    """Numbers of the images that show each point, and the points' reprojection errors.
+def read_tracks(file: Path) -> Tracks:
+    """Which images show each point, and the points' reprojection errors.
 
     Raises:
         DataError: a line is not that of a point.
     """
-    tracks, errors = [], []
+    images: list[int] = []
+    lengths, errors = [], []
     for number, line in _lines(file):
         if _is_blank(line):
             continue
         try:
             error, *elements = line.split()[7:]
             errors.append(float(error))
-            tracks.append(np.array([int(image) for image in elements[::2]], np.int64))
+            track = [int(image) for image in elements[::2]]
         except ValueError:
             raise _unreadable(file, number, POINT_LAYOUT, line) from None
-    return tracks, np.array(errors, np.float64)
+        images += track
+        lengths.append(len(track))
+    return Tracks(np.array(images, np.int64), np.array(lengths, np.int64), np.array(errors))
 
 
 def _lines(file: Path) -> Iterator[tuple[int, str]]:
