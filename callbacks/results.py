@@ -71,6 +71,9 @@ class Results(Callback):
         protocol = dict(self._run.protocol)
         if step < self._run.steps:
             protocol["checkpoint"] = f"after step {step} of {self._run.steps}"
+        if len(evaluation.views) < protocol.get("views", 0):
+            protocol["views"] = len(evaluation.views)
+            protocol["sample"] = "the same held-out views at every evaluation before the end"
         self._folder.write_json(path, {"step": step, **evaluation.document(), "protocol": protocol})
         write_time_plot(path, evaluation)
 

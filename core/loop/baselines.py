@@ -33,8 +33,8 @@ NO_STILL = "not available: no fixed camera has both training and held-out images
 class Baselines:
     """PSNR of a constant colour, of a mean image and of an image that stands still.
 
-    They are independent of the model: they are measured during the first evaluation of a run, on
-    the images that it loads anyway, and kept for later ones.
+    They are independent of the model: each view is compared in the first evaluation that has it,
+    on the image that is loaded anyway, and its figures are kept for later ones.
     """
 
     def __init__(
@@ -55,11 +55,10 @@ class Baselines:
         self._data, self._split = data, split
         self._background, self._device = background, device
         self._views = data.views(split).cameras
-        self._per_view: list[dict[str, float]] = []
+        self._per_view: dict[int, dict[str, float]] = {}
         self._constant: Tensor | None = None
         self._mean_images: dict[tuple[int, ...], Tensor] = {}
         self._still: tuple[object, Tensor | None] = (None, None)
-        self._figures: dict[str, float] | None = None
 
     def compare(
         self,
@@ -68,7 +67,7 @@ class Baselines:
         valid: Bool[Tensor, "h w 1"] | None,
         moving: Bool[Tensor, "h w 1"] | None,
     ) -> None:
-        """Compare the baselines with an image of the split; nothing once they are known.
+        """Compare the baselines with an image of the split, unless that was done before.
 
         Args:
             index: index of the view.
@@ -76,7 +75,7 @@ class Baselines:
             valid: its valid pixels; ``None`` for all.
             moving: its moving and valid pixels; ``None`` for a static capture or if unknown.
         """
-        if self._figures is not None:
+        if index in self._per_view:
             return
         if self._constant is None:
             self._find_means()
@@ -93,14 +92,11 @@ class Baselines:
             found[f"{name}_psnr"] = psnr(image, target, valid)
             if moving is not None and name != MEAN_IMAGE and bool(moving.any()):
                 found[f"{name}_{MOVING}psnr"] = psnr(image, target, moving)
-        self._per_view.append(found)
+        self._per_view[index] = found
 
     def figures(self) -> Mapping[str, float]:
-        """PSNR of each baseline, the mean over its views in dB; ends the measurement."""
-        if self._figures is None and self._per_view:
-            self._figures = means(self._per_view)
-            self._mean_images, self._still = {}, (None, None)
-        return self._figures or {}
+        """PSNR of each baseline, the mean over the views compared so far, in dB."""
+        return means(list(self._per_view.values()))
 
     def document(self) -> dict[str, Any]:
         """Figures and definitions, as plain data for result files; empty without images."""

@@ -16,7 +16,7 @@ from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
-from gsfw.core.loop.evaluation import Evaluation, evaluate
+from gsfw.core.loop.evaluation import Evaluation, evaluate, sample
 from gsfw.core.loop.forward import Forward, RenderedBatch
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
@@ -226,7 +226,7 @@ class Trainer:
     def _evaluate(self) -> Evaluation:
         self._catch_up()
         parts = self.parts
-        settings = self.plan.settings
+        settings, held_out = self.plan.settings, len(parts.data.views(Split.EVAL))
         evaluation = evaluate(
             parts.model,
             parts.rasterizer,
@@ -237,6 +237,7 @@ class Trainer:
             on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,
             baselines=self._verdict.baselines,
+            chosen=sample(held_out) if self.step < self.plan.steps else None,
         )
         evaluation = self._verdict.judge(self.step, evaluation)
         self._verdict.log(self.step, evaluation.findings or ())

@@ -91,12 +91,12 @@ class OverTime:
         """Source of the moving region, and the definition of the flicker means."""
         return {"moving_region": self._regions.sources(), "flicker": self._flicker.note()}
 
-    def curve(self, per_view: Sequence[Mapping[str, float]]) -> tuple[dict[str, Any], ...]:
-        """The means of the figures at each time, in order of time."""
+    def curve(self, per_view: Mapping[int, Mapping[str, float]]) -> tuple[dict[str, Any], ...]:
+        """The means of the figures at each time, in order of time; views are given by index."""
         first, last = self._range
         points = []
-        for time in sorted(set(self._times)):
-            views = [v for v, t in zip(per_view, self._times, strict=True) if t == time]
+        for time in sorted({self._times[index] for index in per_view}):
+            views = [found for index, found in per_view.items() if self._times[index] == time]
             point = {"time": time, "data_time": first + time * (last - first), "views": len(views)}
             points.append({**point, **means(views)})
         return tuple(points)

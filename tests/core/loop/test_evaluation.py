@@ -5,7 +5,7 @@ import torch
 from support.moving_scene import WHITE, MovingImages, two_balls
 
 from gsfw.core.datamanager import Split
-from gsfw.core.loop.evaluation import evaluate
+from gsfw.core.loop.evaluation import evaluate, sample
 from gsfw.core.metrics import Psnr, Ssim, psnr
 from gsfw.core.temporal_metrics.moving_region import UNKNOWN
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
@@ -112,3 +112,29 @@ def test_the_training_views_can_be_evaluated_too():
     found = run(MovingImages(FIXED), split=Split.TRAIN)
     assert found.views == ("train_0", "train_1")
     assert found.means["moving_psnr"] == 100.0
+
+
+def test_some_views_can_be_evaluated_alone():
+    data = MovingImages([(1.0, 3.0), (0.0, 4.0), (0.0, 3.0), (1.0, 4.0)])
+    model, metrics = two_balls(velocity=0.1), {"psnr": Psnr(), "ssim": Ssim()}
+    found = evaluate(model, ReferenceRasterizer(), data, metrics, WHITE, CPU, chosen=[3, 0])
+    wanted = run(data, model)
+    assert found.views == ("eval_0", "eval_3")
+    assert list(found.per_view) == [wanted.per_view[0], wanted.per_view[3]]
+    assert [(point["time"], point["views"]) for point in found.over_time] == [(1.0, 2)]
+
+
+def test_a_sample_is_always_the_same_and_has_no_pattern():
+    assert sample(5) == [0, 1, 2, 3, 4]
+    chosen = sample(320)
+    assert len(set(chosen)) == 32
+    assert chosen == sample(320) == sorted(chosen)
+    # Ten cameras in turn at 32 times: most cameras are met.
+    assert len({index % 10 for index in chosen}) >= 8
+
+
+def test_a_render_of_one_colour_is_counted():
+    hidden = two_balls()
+    hidden.opacity_logits.values.data.fill_(-20.0)
+    assert run(MovingImages(FIXED), hidden).one_color == 3
+    assert run(MovingImages(FIXED)).one_color == 0
