@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from gsfw.core.datamanager import DataManager, Split, spread
 from gsfw.core.metrics import psnr
+from gsfw.core.progress import tracked
 from gsfw.core.temporal_metrics.moving_region import camera_key
 from gsfw.core.temporal_metrics.over_time import MOVING, means
 
@@ -114,7 +116,8 @@ class Baselines:
         """Find the best colour and the mean images, in one pass over some training images."""
         sums: dict[tuple[int, ...], list[Tensor]] = {}
         moments: list[tuple[Tensor, Tensor]] = []
-        for index in spread(range(len(self._data.views(Split.TRAIN))), MOST_IMAGES):
+        chosen = spread(range(len(self._data.views(Split.TRAIN))), MOST_IMAGES)
+        for index in tracked(chosen, "measuring baselines", len(chosen)):
             image, weights = self._training_image(index)
             count = weights.sum().clamp_min(1.0)
             moments.append(
@@ -138,16 +141,21 @@ class Baselines:
             return None
         key = camera_key(self._views[index])
         if self._still[0] != key:
-            training = self._data.views(Split.TRAIN).cameras
-            cameras = [i for i, camera in enumerate(training) if camera_key(camera) == key]
-            members = spread(cameras, MOST_IMAGES)
-            image = None
-            if members:
-                images = [self._training_image(member) for member in members]
-                total = torch.stack([image * weights for image, weights in images]).sum(0)
-                image = self._mean(total, torch.stack([weights for _, weights in images]).sum(0))
-            self._still = (key, image)
+            sums: list[Tensor] = []
+            for member in spread(self._members.get(key, []), MOST_IMAGES):
+                image, weights = self._training_image(member)
+                added = [image * weights, weights]
+                sums = [x + y for x, y in zip(sums, added, strict=True)] if sums else added
+            self._still = (key, self._mean(*sums) if sums else None)
         return self._still[1]
+
+    @cached_property
+    def _members(self) -> dict[object, list[int]]:
+        """Training views of each fixed camera."""
+        found: dict[object, list[int]] = {}
+        for index, camera in enumerate(self._data.views(Split.TRAIN).cameras):
+            found.setdefault(camera_key(camera), []).append(index)
+        return found
 
     def _training_image(self, index: int) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
         """A training image, and 1 where it is valid."""

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 ONE_COLOR_SHARE = 0.5
 """Share of the views that have to be one colour: single views may show the background alone."""
 
-CONSTANT_MARGIN = 0.5
-"""A result has to beat a constant image by this, in dB. Measured on sound runs of 500 steps: 1.0 dB
-at the first evaluation (4d-rotor, mujoco_collision), 3 dB and more at the end."""
+MARGIN = 0.5
+"""A result has to beat an image without a model by this, in dB. Measured: sound runs of 500 to
+1000 steps 5 to 18 dB; chair with shuffled images 0.4 dB below the mean image."""
 
 SETTLED = 300
 """Steps before which figures are not judged: random Gaussians are worse than one colour at first.
@@ -85,7 +85,7 @@ class Evidence:
     def is_poor(self) -> bool:
         """True if the views are hardly better than a constant image."""
         psnr, constant = self.figure("psnr"), self.figure("constant_psnr")
-        return psnr is not None and constant is not None and psnr < constant + CONSTANT_MARGIN
+        return psnr is not None and constant is not None and psnr < constant + MARGIN
 
     @property
     def is_one_color(self) -> bool:
@@ -99,7 +99,7 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
     found = [_one_color(evidence)]
     if evidence.is_settled:
         found += [
-            _no_better_than_constant(evidence),
+            _no_better_than_baseline(evidence),
             _dying_gaussians(evidence),
             _motion_not_found(evidence),
             _overfitting(evidence),
@@ -124,17 +124,27 @@ def _one_color(evidence: Evidence) -> Finding | None:
     )
 
 
-def _no_better_than_constant(evidence: Evidence) -> Finding | None:
-    if evidence.is_one_color or not evidence.is_poor:
+def _no_better_than_baseline(evidence: Evidence) -> Finding | None:
+    """Compare with a constant image, and the result of a static capture with a mean image too.
+
+    A single fixed camera would make the mean image of a moving scene hard to beat.
+    """
+    psnr, best = evidence.figure("psnr"), evidence.figure("constant_psnr")
+    if evidence.is_one_color or psnr is None or best is None:
         return None
-    psnr, constant = evidence.figure("psnr"), evidence.figure("constant_psnr")
+    name, mean_image = "a single colour", evidence.figure("mean_image_psnr") or 0.0
+    judged = evidence.completed and evidence.step >= SETTLED and not evidence.scene.is_dynamic
+    if judged and mean_image > best:
+        best, name = mean_image, "the mean of the training images"
+    if psnr >= best + MARGIN:
+        return None
     still = evidence.scene.is_dynamic and evidence.settings.get("ignore_time")
     cause = "the model stands still and the scene moves" if still else "training was too short"
     return Finding(
-        "no-better-than-constant",
-        f"the {evidence.what} have {psnr:.2f} dB, and a single colour would have {constant:.2f} "
-        f"dB: the renders are hardly better than that. Either {cause}, or the cameras do not fit "
-        "the images. " + _try([_longer(evidence), _check(evidence), *_against_vanishing(evidence)]),
+        "no-better-than-baseline",
+        f"the {evidence.what} have {psnr:.2f} dB, and {name} would have {best:.2f} dB: the renders "
+        f"are hardly better than that. Either {cause}, or the cameras do not fit the images. "
+        + _try([_longer(evidence), _check(evidence), *_against_vanishing(evidence)]),
     )
 
 
@@ -168,7 +178,7 @@ def _motion_not_found(evidence: Evidence) -> Finding | None:
     best, name = constant, "a single colour"
     if evidence.completed and still is not None and still > constant:
         best, name = still, "the mean of each camera's training images"
-    if moving >= best + CONSTANT_MARGIN:
+    if moving >= best + MARGIN:
         return None
     return Finding(
         "motion-not-found",

@@ -226,13 +226,12 @@ class Trainer:
     def _evaluate(self) -> Evaluation:
         self._catch_up()
         parts = self.parts
-        settings = self.plan.settings
         evaluation = evaluate(
             parts.model,
             parts.rasterizer,
             parts.data,
             parts.metrics,
-            settings,
+            self.plan.settings,
             parts.device,
             on_view=partial(self.callbacks.on_view, self.step),
             method=parts.method,

@@ -16,6 +16,7 @@ from gsfw.core.loop.findings import Evidence, Finding, judge
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.metrics import is_one_color, psnr
 from gsfw.core.model import DensifiableModel
+from gsfw.core.progress import tracked
 from gsfw.core.temporal_metrics.over_time import means
 
 logger = logging.getLogger("gsfw.run")
@@ -106,7 +107,7 @@ class Verdict:
         names = parts.data.views(Split.TRAIN).names
         indices = spread(range(len(names)), MOST_TRAINING_VIEWS)
         per_view, one_color = [], 0
-        for index in indices:
+        for index in tracked(indices, "comparing with training views", len(indices)):
             (batch,) = parts.data.load(Split.TRAIN, [index], parts.device)
             output = render_model(
                 parts.model, parts.rasterizer, batch.cameras, settings, batch.time

@@ -7,7 +7,10 @@ import shutil
 import pytest
 import torch
 
+from gsfw.commands.eval import _show
+from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
+from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.run_folder import RunFolder
 
 
@@ -35,6 +38,15 @@ def test_the_views_it_was_trained_on_can_be_evaluated_too(run, capsys):
     assert "train_005" in out
     assert "mean" in out
     assert (RunFolder(run).evaluations / "step_000000020_train.json").is_file()
+
+
+def test_views_are_listed_number_by_number_and_the_worst_are_named(capsys):
+    names = ("r_10", "r_9", "r_1", "r_100")
+    per_view = tuple({"psnr": figure} for figure in (30.0, 14.0, 25.0, 20.0))
+    _show(Console(), Evaluation(names, per_view, 1.0, {"psnr": 22.25}), "a run")
+    said = capsys.readouterr().out
+    assert re.findall(r"^r_\d+", said, re.MULTILINE) == ["r_1", "r_9", "r_10", "r_100"]
+    assert "worst: r_9 (14.00 dB), r_100 (20.00 dB), r_1 (25.00 dB)" in said
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):

@@ -77,10 +77,10 @@ def test_pixels_that_are_not_valid_count_in_no_baseline():
     assert found == pytest.approx(sum(wanted) / len(wanted))
 
 
-def test_they_are_measured_once():
+def test_each_view_is_measured_once():
     data = MovingImages(FIXED)
     baselines = measured(data)
     before = baselines.figures()
     data.images[Split.EVAL] = [image * 0 for image in data.images[Split.EVAL]]
-    baselines.compare(0, data.images[Split.EVAL][0][0], None, None)
+    baselines.compare(0, data.images[Split.EVAL][0][0], None, None)  # Another image by now.
     assert baselines.figures() == before

@@ -128,3 +128,10 @@ def test_the_training_views_can_be_evaluated_too():
     found = run(MovingImages(FIXED), split=Split.TRAIN)
     assert found.views == ("train_0", "train_1")
     assert found.means["moving_psnr"] == 100.0
+
+
+def test_a_render_of_one_colour_is_counted():
+    hidden = two_balls()
+    hidden.opacity_logits.values.data.fill_(-20.0)
+    assert run(MovingImages(FIXED), hidden).one_color == 3
+    assert run(MovingImages(FIXED)).one_color == 0

@@ -205,6 +205,19 @@ def test_no_evaluation_follows_a_reset_and_none_and_no_checkpoint_comes_just_bef
     assert recorder.saved == [0, 28, 58]
 
 
+def test_a_sample_is_evaluated_on_the_way_and_all_held_out_views_at_the_end(tmp_path):
+    seen = []
+
+    class Watcher(Recorder):
+        def on_evaluation(self, step, evaluation, control) -> None:
+            seen.append(evaluation.views)
+
+    run = trainer(tmp_path, "none", Watcher(), steps=4, eval_every=2)
+    run.plan = replace(run.plan, eval_views=1)
+    run.fit()
+    assert seen == [("e0",), ("e0", "e1")]
+
+
 @pytest.mark.parametrize("strategy", ["adc", "mcmc"])
 def test_a_resumed_run_repeats_across_refinements_bit_for_bit(tmp_path, strategy):
     whole = trainer(tmp_path / "whole", strategy, Recorder(), steps=36)
