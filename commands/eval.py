@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -16,6 +18,10 @@ if TYPE_CHECKING:
     from gsfw.core.loop.evaluation import Evaluation
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.plugins.restore import Restored
+
+
+WORST = 5
+"""Images that are named as the worst, of more than these."""
 
 
 @dataclass(kw_only=True)
@@ -111,18 +117,30 @@ def _write(
 def _show(console: Console, evaluation: Evaluation, title: str) -> None:
     # Flicker belongs to pairs of images, so it has no column here.
     names = list(dict.fromkeys(name for figures in evaluation.per_view for name in figures))
+    views = sorted(
+        zip(evaluation.views, evaluation.per_view, strict=True), key=lambda view: natural(view[0])
+    )
     rows: list[Sequence[str]] = [
-        [view, *(_cell(figures.get(name)) for name in names)]
-        for view, figures in zip(evaluation.views, evaluation.per_view, strict=True)
+        [view, *(_cell(figures.get(name)) for name in names)] for view, figures in views
     ]
     rows.append(["mean", *(_cell(evaluation.means.get(name)) for name in names)])
     console.table(["image", *names], rows, title)
+    if len(views) > WORST:
+        worst = sorted(views, key=lambda view: view[1].get("psnr", math.inf))[:WORST]
+        texts = (f"{view} {_cell(figures.get('psnr'))}" for view, figures in worst)
+        console.say(f"worst by PSNR: {', '.join(texts)}")
     for name in evaluation.means:
         if name not in names:
             console.say(f"{name}: {evaluation.means[name]:.5f}")
     for name, note in evaluation.notes.items():
         console.say(f"{name}: {note}")
     console.say(f"rendering one image takes {evaluation.render_ms:.1f} ms (median)")
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Key that sorts r_2 before r_10: numbers in a name count as numbers."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part) if part.isdecimal() else -1, part) for part in parts]
 
 
 def _cell(value: float | None) -> str:

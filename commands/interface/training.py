@@ -120,12 +120,12 @@ def _tell(
     if requirements:
         console.say(requirements)
     console.say(f"everything is in {run}")
+    export = "" if trainer.folder.splats.exists() else f"\n  gsfw export {run} format=ply"
     console.say(
         "next:\n"
         f"  tensorboard --logdir {run}\n"
         f"  gsfw eval {run}\n"
-        f"  gsfw render {run}\n"
-        f"  gsfw export {run} format=ply"
+        f"  gsfw render {run}{export}"
     )
 
 
