@@ -110,9 +110,7 @@ def _new_bars() -> Bars:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     # What is printed meanwhile belongs to standard output, wherever that goes.
     to_screen = sys.stdout.isatty()
-    return Bars(
-        *columns, console=Screen(stderr=True), transient=True, redirect_stdout=to_screen
-    )
+    return Bars(*columns, console=Screen(stderr=True), transient=True, redirect_stdout=to_screen)
 
 
 class StageBars:

@@ -122,10 +122,7 @@ def _tell(
     console.say(f"everything is in {run}")
     export = "" if trainer.folder.splats.exists() else f"\n  gsfw export {run} format=ply"
     console.say(
-        "next:\n"
-        f"  tensorboard --logdir {run}\n"
-        f"  gsfw eval {run}\n"
-        f"  gsfw render {run}{export}"
+        f"next:\n  tensorboard --logdir {run}\n  gsfw eval {run}\n  gsfw render {run}{export}"
     )
 
 
