@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -120,14 +120,12 @@ def evaluate(
             images = {} if method is None else method.view_images(batch, output)
             on_view(EvaluatedView(views.names[index], figures, target, image, images))
     middle = sorted(durations)[len(durations) // 2] if durations else 0.0
-    chosen = sorted(per_view)
-    names, figures_of = tuple(views.names[i] for i in chosen), tuple(per_view[i] for i in chosen)
-    averages = means(figures_of)
-    found = Evaluation(names, figures_of, middle, averages, held_out=len(views))
-    if watch is None:
-        return found
-    averages |= watch.figures()
-    return replace(found, means=averages, over_time=watch.curve(per_view), notes=watch.notes())
+    per_view = dict(sorted(per_view.items()))
+    names, found = tuple(views.names[index] for index in per_view), tuple(per_view.values())
+    averages = means(found) | ({} if watch is None else dict(watch.figures()))
+    curve = () if watch is None else watch.curve(per_view)
+    notes = {} if watch is None else watch.notes()
+    return Evaluation(names, found, middle, averages, curve, notes, len(views))
 
 
 def spread(order: Sequence[int], most: int) -> Sequence[int]:

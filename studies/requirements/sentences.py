@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gsfw.core.loop.requirements import LeastUseful
 from gsfw.studies.requirements.census import Census
-from gsfw.studies.requirements.worth import LeastUseful, Worth
+from gsfw.studies.requirements.worth import Worth
 
 HARDLY_DB = 0.05
 """Gain in dB below which a part is hardly needed: seeds differ by as much."""
