@@ -44,7 +44,7 @@ class LogConfig(CallbackConfig):
 class ProgressConfig(CallbackConfig):
     """The progress line."""
 
-    seconds: float = number(10.0, at_least=0)
+    seconds: float = number(8.0, at_least=0)
     """Seconds between two plain lines without a terminal."""
 
     def build(self) -> Callback:

@@ -72,8 +72,13 @@ class Progress(Callback):
         self._console.print(line, markup=False, soft_wrap=True)
 
     def on_tick(self, step: int, control: Control) -> None:
-        """Note the time: an evaluation may begin now."""
+        """Note the time, as an evaluation may begin now; say that slow steps go on."""
         self._ticked = time.monotonic()
+        assert self._run is not None
+        logged = step == 1 or step % int(self._run.settings.get("log_every", 1)) == 0
+        if self._bar is None and not logged and self._ticked - self._last_line >= self._seconds:
+            self._last_line = self._ticked
+            self._say(f"{step}/{self._run.steps}")
 
     def on_step(self, report: StepReport, control: Control) -> None:
         """Update loss, PSNR, count, speed, remaining time and memory."""

@@ -126,12 +126,12 @@ def _check(
     Findings are printed as they are found. A data set that cannot be opened has a document as well:
     it cannot be trained on.
     """
+    from gsfw.commands.interface.fitness import misfits
     from gsfw.core.files.elsewhere import write_here_or_elsewhere
     from gsfw.plugins.compose import open_data
     from gsfw.plugins.registry import installed
     from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
     from gsfw.preparation.check.examination import Examination
-    from gsfw.preparation.check.fitness import misfits
     from gsfw.preparation.check.report import finding_lines, report, report_unreadable
     from gsfw.preparation.finding import Finding, Verdict
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +19,9 @@ if TYPE_CHECKING:
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.plugins.restore import Restored
 
-WORST = 3
-"""Number of views that are named as the worst."""
+
+WORST = 5
+"""Images that are named as the worst, of more than these."""
 
 
 @dataclass(kw_only=True)
@@ -126,15 +128,18 @@ def _write(
 def _show(console: Console, evaluation: Evaluation, title: str) -> None:
     # Flicker belongs to pairs of images, so it has no column here.
     names = list(dict.fromkeys(name for figures in evaluation.per_view for name in figures))
-    by_view = zip(evaluation.views, evaluation.per_view, strict=True)
+    views = sorted(
+        zip(evaluation.views, evaluation.per_view, strict=True), key=lambda view: natural(view[0])
+    )
     rows: list[Sequence[str]] = [
-        [view, *(_cell(figures.get(name)) for name in names)]
-        for view, figures in sorted(by_view, key=lambda item: _number_by_number(item[0]))
+        [view, *(_cell(figures.get(name)) for name in names)] for view, figures in views
     ]
     rows.append(["mean", *(_cell(evaluation.means.get(name)) for name in names)])
     console.table(["image", *names], rows, title)
-    if len(evaluation.views) > WORST:
-        console.say(f"worst: {', '.join(_worst(evaluation))}")
+    if len(views) > WORST:
+        worst = sorted(views, key=lambda view: view[1].get("psnr", math.inf))[:WORST]
+        texts = (f"{view} {_cell(figures.get('psnr'))}" for view, figures in worst)
+        console.say(f"worst by PSNR: {', '.join(texts)}")
     for name in evaluation.means:
         if name not in names:
             console.say(f"{name}: {evaluation.means[name]:.5f}")
@@ -148,20 +153,10 @@ def _show(console: Console, evaluation: Evaluation, title: str) -> None:
         console.warn(finding.message)
 
 
-def _number_by_number(name: str) -> list[tuple[int, str]]:
-    """Key of an order in which r_2 comes before r_10."""
+def natural(name: str) -> list[tuple[int, str]]:
+    """Key that sorts r_2 before r_10: numbers in a name count as numbers."""
     parts = re.split(r"(\d+)", name)
-    return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
-
-
-def _worst(evaluation: Evaluation) -> list[str]:
-    """The views with the lowest PSNR, the worst first."""
-    scored = [
-        (figures["psnr"], view)
-        for view, figures in zip(evaluation.views, evaluation.per_view, strict=True)
-        if "psnr" in figures
-    ]
-    return [f"{view} ({psnr:.2f} dB)" for psnr, view in sorted(scored)[:WORST]]
+    return [(int(part) if part.isdecimal() else -1, part) for part in parts]
 
 
 def _cell(value: float | None) -> str:

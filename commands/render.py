@@ -66,7 +66,7 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
-    from gsfw.core.progress import tracked
+    from gsfw.core.progress import stage, tracked
     from gsfw.plugins.registry import installed
     from gsfw.rendering.film import choose_format, write_film
     from gsfw.rendering.paths import FilmRule, frames, paths, trails
@@ -80,6 +80,7 @@ def run(arguments: list[str]) -> int:
     asked = paths(composition, options.what, rule)
     out = Path(options.out) if options.out else found.folder.path / "renders"
     written: list[Path] = []
+    films: list[Path] = []
     with deterministic(composition.parts.device):
         if options.what == "views" or (options.what == "all" and composition.parts.data.has_images):
             written += tracked(
@@ -93,8 +94,13 @@ def run(arguments: list[str]) -> int:
             )
             rendered = frames(path, composition, out / path.name, lines)
             files = list(tracked(rendered, f"rendering {path.name}", options.frames))
-            written += [*files, *write_film(out / path.name, files, options.fps, chosen)]
-    console.say(f"{len(written)} images and films in {out}")
+            with stage(f"writing the film of {path.name}"):
+                films += write_film(out / path.name, files, options.fps, chosen)
+            written += files
+    console.say(f"{len(written)} images in {out}")
+    for film in films:
+        console.say(f"film: {film}")
+    written += films
     console.result({"run": found.name, "written": [str(path) for path in written]})
     return 0
 

@@ -62,7 +62,7 @@ def _tell_dry_run(composition: Composition, path: Path, seconds: float, console:
         seconds: time since the start of the process.
         console: console to print on.
     """
-    from gsfw.preparation.check.fitness import hopeless
+    from gsfw.commands.interface.fitness import hopeless
     from gsfw.preparation.check.report import finding_lines
     from gsfw.studies.expectation import expect
 

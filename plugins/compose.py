@@ -11,7 +11,7 @@ from typing import Any
 import torch
 
 from gsfw.core.callback import Callback, RunInfo
-from gsfw.core.capabilities import Feature, Needs, check_fit
+from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import (
     AUTO,
     NO_BUDGET,
@@ -23,7 +23,7 @@ from gsfw.core.config import (
     parse_background,
 )
 from gsfw.core.datamanager import DataManager, DataRequest, Split
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import ConfigError
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.exposures import Exposures
@@ -46,7 +46,8 @@ from gsfw.core.scene import Scene
 from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
-from gsfw.plugins.devices import find_device, unused_gpu
+from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
+from gsfw.plugins.devices import unused_gpu
 from gsfw.plugins.initial_splats import INIT_WORDS, find_importer, read_initial
 from gsfw.plugins.loading import ask_all, check_built, make_metrics
 from gsfw.plugins.registry import Registry
@@ -157,25 +158,9 @@ def check(settings: Settings, registry: Registry) -> None:
     needs[f"method {settings.method.name!r}"] = config.needs()
     if config.strategy is not None and str(config.strategy.budget) != NO_BUDGET:
         needs["strategy.budget"] = Needs(features=frozenset({Feature.CONTRIBUTION}))
-    _check_rasterizer(settings, registry, needs, device)
+    check_rasterizer(settings, registry, needs, device)
     if config.init not in INIT_WORDS:
         find_importer(Path(config.init), registry)
-
-
-def settings_device(settings: Settings) -> torch.device:
-    """The device of the run's settings.
-
-    Raises:
-        ConfigError: there is no such device on this machine.
-    """
-    return find_device(settings.config.device)
-
-
-def _check_rasterizer(
-    settings: Settings, registry: Registry, needs: dict[str, Needs], device: torch.device
-) -> None:
-    chosen = settings.choices["rasterizer"].name
-    check_fit(chosen, needs, rasterizer_capabilities(registry), device.type)
 
 
 def _missed(settings: Settings, registry: Registry, device: torch.device) -> tuple[str, ...]:
@@ -252,26 +237,6 @@ def compose(
     plan = training_plan(settings, data.scene, device)
     plan = replace(plan, settings=method.render_settings(plan.settings, None))
     return Composition(settings, parts, plan, missed)
-
-
-def check_data(settings: Settings, registry: Registry, data: DataManager, method: Method) -> None:
-    """Check that an opened data set fits the method and the rasterizer; reads no image.
-
-    Raises:
-        ConfigError: the parts and the scene do not fit together.
-        DataError: no view is left to train on.
-    """
-    scene, views = data.scene, data.views(Split.TRAIN)
-    if len(views) == 0:
-        raise DataError(
-            f"{settings.config.data or scene.name}: no view is left to train on.",
-            "Hold out fewer images (holdout_every=0 holds out none).",
-        )
-    cameras = [*views.cameras, *data.views(Split.EVAL).cameras]
-    needs = Needs(camera_models=frozenset(camera.model for camera in cameras))
-    device = settings_device(settings)
-    _check_rasterizer(settings, registry, {f"data set {scene.name!r}": needs}, device)
-    method.check_scene(scene)
 
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:

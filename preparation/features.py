@@ -43,6 +43,9 @@ MEGAPIXEL_SECONDS = 1.2
 """Seconds of one core to find up to 4000 features on a million of the remaining pixels."""
 PAIR_SECONDS = 0.094
 """Seconds of one core to match 4000 features with 4000; grows with the square."""
+MAPPING_SECONDS = 0.3
+"""Seconds to compute the camera of an image: 15 for the 50 of fox on two cores, 32 for the 97 of
+plush; sets of many hundred images take longer for each."""
 EXHAUSTIVE = 200
 """Images up to which all pairs are counted in the estimate."""
 NEIGHBORS = 30
@@ -122,7 +125,8 @@ class FeatureSettings:
         return chosen, (
             f"features: at most {chosen.count} in {_each(len(images.images))}, on up to "
             f"{chosen.max_size} pixels, with {cores} core{'s' if cores > 1 else ''}: about "
-            f"{_duration(finding)}, then about {_duration(matching)} for matching."
+            f"{_duration(finding)}, then about {_duration(matching)} for matching and "
+            f"{_duration(MAPPING_SECONDS * len(images.images))} for the cameras."
         )
 
     def seconds(self, images: ImageSet, cores: int) -> tuple[float, float]:

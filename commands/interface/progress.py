@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING
@@ -19,10 +19,8 @@ PATIENCE = 0.7
 """Seconds before a stage is displayed: shorter waits need no explanation."""
 FRAME = 0.1
 """Seconds between updates of a bar."""
-LINES = 10.0
-"""Seconds between lines without a terminal."""
-STAGE_LINES = 30.0
-"""Seconds between lines of ``StageBars``, whose beginning and end have lines as well."""
+LINES = 8.0
+"""Seconds between lines without a terminal: with ``PATIENCE`` of the next stage, below ten."""
 
 
 def load_torch() -> None:
@@ -91,8 +89,12 @@ class _Counter:
     def advance(self, done: int) -> None:
         self.done = done
 
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._started
+
     def __str__(self) -> str:
-        seconds = time.monotonic() - self._started
+        seconds = self.seconds
         if not self.total:
             return f"{self.name}: {seconds:.0f} s so far"
         left = seconds * (self.total - self.done) / self.done if self.done else 0.0
@@ -106,11 +108,13 @@ def _new_bars() -> Bars:
     from rich.progress import Progress as Bars
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    return Bars(*columns, console=Screen(stderr=True), transient=True)
+    # What is printed meanwhile belongs to standard output, wherever that goes.
+    to_screen = sys.stdout.isatty()
+    return Bars(*columns, console=Screen(stderr=True), transient=True, redirect_stdout=to_screen)
 
 
 class StageBars:
-    """Bars with the remaining time, and a line for each finished stage."""
+    """Displays stages as ``SlowStages`` does, with a bar at once and a line at the end of each."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -122,20 +126,14 @@ class StageBars:
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Advance]:
         """Display a bar, or regular lines; print the duration at the end of the stage."""
-        start = time.perf_counter()
-        counted = _Counted()
-        with self._bar(name, total) if sys.stderr.isatty() else self._lines(name, total) as show:
-
-            def advance(done: int) -> None:
-                counted.done = done
-                show(done)
-
-            yield advance
-        seconds = time.perf_counter() - start
-        self.say(f"{name}: {counted.done} of {total} in {seconds:.1f} s")
+        counter = _Counter(name, total)
+        with self._bar(counter) if sys.stderr.isatty() else self._lines(counter):
+            yield counter.advance
+        of = f"{counter.done} of {total} in " if total else ""
+        self.say(f"{name}: {of}{counter.seconds:.1f} s")
 
     @contextmanager
-    def _bar(self, name: str, total: int) -> Iterator[Advance]:
+    def _bar(self, counter: _Counter) -> Iterator[None]:
         from rich.console import Console as Screen
         from rich.progress import (
             BarColumn,
@@ -150,26 +148,34 @@ class StageBars:
             *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
             *(TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn()),
         )
-        with Bars(*columns, console=Screen(stderr=True), transient=True) as bars:
-            task = bars.add_task(name, total=total)
-            yield lambda done: bars.update(task, completed=done)
+        screen = Screen(stderr=True)
+        with Bars(
+            *columns, console=screen, transient=True, redirect_stdout=sys.stdout.isatty()
+        ) as bars:
+            task = bars.add_task(counter.name, total=counter.total or None)
+            with _watched(lambda: bars.update(task, completed=counter.done), FRAME):
+                yield
 
     @contextmanager
-    def _lines(self, name: str, total: int) -> Iterator[Advance]:
-        start = last = time.perf_counter()
-
-        def advance(done: int) -> None:
-            nonlocal last
-            now = time.perf_counter()
-            if now - last >= STAGE_LINES and 0 < done < total:
-                last = now
-                left = (now - start) * (total - done) / done
-                self.say(f"{name}: {done} of {total}, about {left:.0f} s left")
-
-        yield advance
+    def _lines(self, counter: _Counter) -> Iterator[None]:
+        """Lines at regular times, whether or not anything advances."""
+        with _watched(lambda: self.say(str(counter)), LINES):
+            yield
 
 
-class _Counted:
-    """Number of finished items."""
+@contextmanager
+def _watched(show: Callable[[], None], seconds: float) -> Iterator[None]:
+    """Call ``show`` every so many seconds from a thread: long work may never return to Python."""
+    ended = Event()
 
-    done = 0
+    def watch() -> None:
+        while not ended.wait(seconds):
+            show()
+
+    watcher = Thread(target=watch, name="gsfw-progress", daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()

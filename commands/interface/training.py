@@ -134,12 +134,9 @@ def _tell(
     if requirements:
         console.say(requirements)
     console.say(f"everything is in {run}")
+    export = "" if trainer.folder.splats.exists() else f"\n  gsfw export {run} format=ply"
     console.say(
-        "next:\n"
-        f"  tensorboard --logdir {run}\n"
-        f"  gsfw eval {run}\n"
-        f"  gsfw render {run}\n"
-        f"  gsfw export {run} format=ply"
+        f"next:\n  tensorboard --logdir {run}\n  gsfw eval {run}\n  gsfw render {run}{export}"
     )
 
 

@@ -55,14 +55,19 @@ def added_memory_mb(work: Callable[[], object], device: torch.device) -> float |
     return None if before is None or after is None else max(0.0, after - before)
 
 
+def release_freed_memory() -> None:
+    """Give freed memory back to the system; glibc keeps what lies between things that stay."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+
+
 def _forget_peak() -> bool:
     """Reset the peak of resident memory; true if the system can."""
     if not CLEAR_REFS.exists():
         return False
-    # glibc keeps freed memory resident; the use of that memory would not be measured.
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)
+    # Freed memory that stays resident would be used and not be measured.
+    release_freed_memory()
     try:
         CLEAR_REFS.write_text("5")
     except OSError:

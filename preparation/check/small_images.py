@@ -7,6 +7,7 @@ import torch
 from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.area import shrink_batch
+from gsfw.core.loop.memory import release_freed_memory
 from gsfw.datamanagers.capture import Capture
 
 
@@ -25,6 +26,8 @@ def load_small(data: DataManager, split: Split, index: int, width: int, height: 
     """
     camera = data.views(split).cameras[index]
     if isinstance(data, Capture) and (width, height) != (camera.width, camera.height):
+        # Else 12 MB stay for each large image, between the few kilobytes that are kept of it.
+        release_freed_memory()
         return data.load_small(split, index, width, height)
     (batch,) = data.load(split, [index], torch.device("cpu"))
     return shrink_batch(batch, width, height)

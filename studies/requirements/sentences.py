@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gsfw.core.loop.requirements import LeastUseful
 from gsfw.studies.requirements.census import Census
 from gsfw.studies.requirements.worth import Worth
 
@@ -39,26 +40,36 @@ def could_go(census: Census, worth: Worth, settings: Mapping[str, Any]) -> tuple
 
 
 def headline(census: Census, worth: Worth, settings: Mapping[str, Any], num_rows: int) -> str:
-    """A summary in one line."""
+    """A summary in one line: what colours take, and what the model would lose without its parts."""
     if not census.rows_by_degree:
-        said = [f"{sum(census.floats.values()):,} floats"]
+        said = f"the model takes {sum(census.floats.values()):,} numbers"
     else:
-        said = [f"{census.sh_floats / max(num_rows, 1):.3g} floats each for colour"]
+        said = f"colour takes {census.sh_floats / max(num_rows, 1):.3g} numbers for each Gaussian"
         if census.sh_floats < census.sh_floats_full:
-            said[0] += f" ({census.sh_floats_full / num_rows:.3g} with every band)"
-        bands = _idle_bands(worth, settings) or _upper_bands(worth)
-        said[0] += f", of which {bands}" if bands else ""
+            said += f" ({census.sh_floats_full / num_rows:.3g} with every band)"
+    falls = [_fall_without_bands(worth, settings)] if census.rows_by_degree and worth.bands else []
     if worth.motion is not None:
-        said.append(f"motion bought {decibels(worth.motion.bought_db)}")
-    rows = _idle_rows(worth, settings)
-    return "; ".join([*said, rows] if rows else said)
+        falls.append(f"{decibels(worth.motion.bought_db)} without motion")
+    falls.extend(_fall_without_rows(worth, settings))
+    return f"{said}; PSNR falls by {', by '.join(falls)}" if falls else said
 
 
-def _upper_bands(worth: Worth) -> str:
-    """Gain of the bands above the first; of the first, if it is the only one."""
-    top = len(worth.bands)
-    first = min(2, top)
-    return _bought(first, worth) if top else ""
+def _fall_without_bands(worth: Worth, settings: Mapping[str, Any]) -> str:
+    """Loss without the bands that gain hardly anything, else without those above the first."""
+    top, idle = len(worth.bands), _first_idle_band(worth)
+    first = idle if idle <= top else min(2, top)
+    ways = {"sh": "adaptive", "sh_degree": idle - 1} if idle <= top else {}
+    db = decibels(sum(worth.bands[first - 1 :]))
+    return f"{db} without {_bands(first, top)}{_try(settings, ways)}"
+
+
+def _fall_without_rows(worth: Worth, settings: Mapping[str, Any]) -> list[str]:
+    """Loss without the least useful Gaussians, where it is hardly any."""
+    return [
+        f"{decibels(item.bought_db)} without the least useful {percent(item.part)} of the "
+        f"Gaussians{_try(settings, {'strategy.budget': 'auto'})}"
+        for item in _idle_parts(worth)[-1:]
+    ]
 
 
 def _unused_bands(census: Census, worth: Worth) -> str:
@@ -70,18 +81,23 @@ def _unused_bands(census: Census, worth: Worth) -> str:
 
 def _idle_bands(worth: Worth, settings: Mapping[str, Any]) -> str:
     """The upper bands that together gain hardly anything; empty for none."""
+    first = _first_idle_band(worth)
+    if first > len(worth.bands):
+        return ""
+    return _bought(first, worth) + _try(settings, {"sh": "adaptive", "sh_degree": first - 1})
+
+
+def _first_idle_band(worth: Worth) -> int:
+    """The lowest band that gains hardly anything together with all above it; else one too many."""
     degree = len(worth.bands)
     while degree and sum(worth.bands[degree - 1 :]) < HARDLY_DB:
         degree -= 1
-    if degree == len(worth.bands):
-        return ""
-    return _bought(degree + 1, worth) + _try(settings, {"sh": "adaptive", "sh_degree": degree})
+    return degree + 1
 
 
 def _idle_rows(worth: Worth, settings: Mapping[str, Any]) -> str:
     """The least useful Gaussians that gain hardly anything; empty for none."""
-    idle = [item for item in worth.least_useful if item.bought_db < HARDLY_DB]
-    idle = [item for item in idle if item.part >= MENTIONED]
+    idle = _idle_parts(worth)
     if not idle:
         return ""
     return (
@@ -89,6 +105,12 @@ def _idle_rows(worth: Worth, settings: Mapping[str, Any]) -> str:
         f"{percent(idle[-1].contribution)} of the contribution and bought "
         f"{decibels(idle[-1].bought_db)}" + _try(settings, {"strategy.budget": "auto"})
     )
+
+
+def _idle_parts(worth: Worth) -> list[LeastUseful]:
+    """The measured parts of the least useful Gaussians that gain hardly anything."""
+    idle = [item for item in worth.least_useful if item.bought_db < HARDLY_DB]
+    return [item for item in idle if item.part >= MENTIONED]
 
 
 def _try(settings: Mapping[str, Any], ways: Mapping[str, object]) -> str:

@@ -3,6 +3,7 @@
 import json
 import logging
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -136,6 +137,18 @@ def test_progress_says_how_small_images_are_while_they_are(tmp_path, capsys):
     progress.on_step(report(20, resolution=0.3535), control)
     progress.close()
     assert "psnr 40.00  at 1/2.8 size  100 Gaussians" in capsys.readouterr().err
+
+
+def test_slow_steps_between_logged_ones_are_told(tmp_path, capsys):
+    run = replace(info(tmp_path), settings={"log_every": 10})
+    progress, control = Progress(0.0), Control()
+    progress.on_start(run, control)
+    for step in (10, 11):
+        progress.on_tick(step, control)
+        if step == 10:
+            progress.on_step(report(step), control)
+    progress.close()
+    assert capsys.readouterr().err.splitlines()[-1] == "11/20"
 
 
 def test_an_evaluation_of_a_sample_says_of_how_many_views(tmp_path, capsys):

@@ -7,7 +7,7 @@ import shutil
 import pytest
 import torch
 
-from gsfw.commands.eval import _show
+from gsfw.commands.eval import _show, natural
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.loop.evaluation import Evaluation
@@ -40,15 +40,6 @@ def test_the_views_it_was_trained_on_can_be_evaluated_too(run, capsys):
     assert (RunFolder(run).evaluations / "step_000000020_train.json").is_file()
 
 
-def test_views_are_listed_number_by_number_and_the_worst_are_named(capsys):
-    names = ("r_10", "r_9", "r_1", "r_100")
-    per_view = tuple({"psnr": figure} for figure in (30.0, 14.0, 25.0, 20.0))
-    _show(Console(), Evaluation(names, per_view, 1.0, {"psnr": 22.25}), "a run")
-    said = capsys.readouterr().out
-    assert re.findall(r"^r_\d+", said, re.MULTILINE) == ["r_1", "r_9", "r_10", "r_100"]
-    assert "worst: r_9 (14.00 dB), r_100 (20.00 dB), r_1 (25.00 dB)" in said
-
-
 def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):
     assert main(["eval", str(tmp_path)]) == 2
     assert "is not a run: it has no config.yaml" in capsys.readouterr().err
@@ -69,3 +60,17 @@ def test_a_run_can_be_evaluated_on_another_device_than_it_was_trained_on(run, ca
     # The rasterizer of the GPU does not draw on a CPU: another one is found.
     assert main(["eval", str(run), "device=cpu"]) == 0
     assert main(["export", str(run), "device=cpu"]) == 0
+
+
+def test_numbers_in_names_sort_as_numbers():
+    names = ["r_100", "r_2", "r_10", "r_1", "a_3"]
+    assert sorted(names, key=natural) == ["a_3", "r_1", "r_2", "r_10", "r_100"]
+
+
+def test_the_worst_images_are_named(capsys):
+    figures = [{"psnr": 20.0 + number} for number in range(12)]
+    views = tuple(f"r_{number}" for number in range(12))
+    _show(Console(), Evaluation(views, tuple(figures), 1.0, {"psnr": 25.5}), "title")
+    out = capsys.readouterr().out
+    assert out.index("r_2 ") < out.index("r_10 ")
+    assert "worst by PSNR: r_0 20.0000, r_1 21.0000, r_2 22.0000, r_3 23.0000, r_4 24" in out

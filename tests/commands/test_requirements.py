@@ -56,7 +56,7 @@ def test_the_end_of_a_run_has_a_line_of_it_and_info_shows_it(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", *SMALL, f"out={out}"]) == 0
     found = document(out)
-    assert found["headline"].startswith("48 floats each for colour, of which band")
+    assert found["headline"].startswith("colour takes 48 numbers for each Gaussian; PSNR falls by")
     line = f"\nrequirements: {found['headline']}: requirements.png\neverything is in {out}\n"
     assert line in capsys.readouterr().out
     assert main(["info", out, "json=true"]) == 0

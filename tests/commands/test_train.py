@@ -145,7 +145,7 @@ def test_a_run_goes_to_a_folder_of_its_own_and_says_what_is_next(capsys, tmp_pat
     assert "done: 4 steps in " in said
     assert "held-out views: 2, PSNR " in said
     assert f"everything is in {run}" in said
-    for following in ("tensorboard --logdir", "gsfw eval", "gsfw render", "gsfw export"):
+    for following in ("tensorboard --logdir", "gsfw eval", "gsfw render"):
         assert f"\n  {following} {run}" in said
 
 

@@ -291,7 +291,7 @@ def test_settings_are_chosen_for_the_machine_and_said():
     assert settings == FeatureSettings(1600, 4000, 2)
     assert how == (
         "features: at most 4000 in each of 50 images, on up to 1600 pixels, with 2 cores: "
-        "about 73 s, then about 58 s for matching."
+        "about 73 s, then about 58 s for matching and 15 s for the cameras."
     )
 
 
@@ -303,7 +303,7 @@ def test_the_sentence_suits_a_single_image():
 def test_a_large_set_on_a_small_machine_gets_fewer_features():
     settings, how = FeatureSettings.for_machine(imagined(2000), 2, None, None)
     assert settings == FeatureSettings(1000, 2000, 2)
-    assert "about 25 min, then about 12 min for matching." in how
+    assert "about 25 min, then about 12 min for matching and 10 min for the cameras." in how
     chosen, _ = FeatureSettings.for_machine(imagined(2000), 2, 1400, 3000)
     assert chosen == FeatureSettings(1400, 3000, 2)
     assert FeatureSettings.for_machine(imagined(3), 64, None, None)[0].jobs == 3

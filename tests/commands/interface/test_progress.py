@@ -5,7 +5,8 @@ import sys
 import threading
 
 from gsfw.commands.interface import progress
-from gsfw.commands.interface.progress import SlowStages
+from gsfw.commands.interface.console import Console
+from gsfw.commands.interface.progress import SlowStages, StageBars
 from gsfw.core.progress import shown_by, stage
 
 
@@ -45,6 +46,19 @@ def test_a_slow_stage_is_a_bar_on_a_terminal_and_vanishes(monkeypatch):
 
 def test_a_quick_stage_is_not_shown(monkeypatch):
     assert shown(monkeypatch, io.StringIO(), patience=60.0, until="") == ""
+
+
+def test_a_stage_that_does_not_advance_is_said_to_go_on(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "LINES", 0.01)
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    monkeypatch.setattr(sys, "stdout", io.StringIO())
+    with shown_by(StageBars(Console()).stage), stage("cameras", 59) as advance:
+        advance(7)
+        while "\n" not in sys.stdout.getvalue():
+            threading.Event().wait(0.005)
+    first, *_, last = sys.stdout.getvalue().splitlines()
+    assert first.startswith("cameras: 7 of 59, about ")
+    assert last.startswith("cameras: 7 of 59 in ")
 
 
 def test_a_stage_of_unknown_length_says_for_how_long_it_has_run(monkeypatch, capsys):

@@ -69,16 +69,18 @@ def test_bands_that_were_not_drawn_yet_are_named():
 def test_the_headline_says_what_colours_cost_and_brought():
     found = worth(bands=(0.8, 0.1, 0.02))
     assert headline(CLASSIC, worth(bands=(0.8, 0.1, 0.06)), SETTINGS, 100) == (
-        "48 floats each for colour, of which bands 2 to 3 bought 0.16 dB"
+        "colour takes 48 numbers for each Gaussian; PSNR falls by 0.16 dB without bands 2 to 3"
     )
     assert headline(CLASSIC, found, SETTINGS, 100) == (
-        "48 floats each for colour, of which band 3 bought 0.02 dB (try sh=adaptive or sh_degree=2)"
+        "colour takes 48 numbers for each Gaussian; PSNR falls by 0.02 dB without band 3 "
+        "(try sh=adaptive or sh_degree=2)"
     )
     assert headline(ADAPTIVE, worth(bands=(0.8, 0.1)), SETTINGS, 100) == (
-        "7.71 floats each for colour (48 with every band), of which band 2 bought 0.10 dB"
+        "colour takes 7.71 numbers for each Gaussian (48 with every band); PSNR falls by 0.10 dB "
+        "without band 2"
     )
     assert headline(OTHER, worth(motion=Motion(3.456, 0.5)), SETTINGS, 100) == (
-        "1,500 floats; motion bought 3.46 dB"
+        "the model takes 1,500 numbers; PSNR falls by 3.46 dB without motion"
     )
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import UserError
-from gsfw.plugins.compose import check, check_data
+from gsfw.plugins.compose import check
+from gsfw.plugins.data_fit import check_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
 from gsfw.preparation.check.camera_findings import camera_findings
