@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from gsfw.core.datamanager import DataManager
 from gsfw.core.scene import Scene
 from gsfw.preparation.check.agreement import Agreement
+from gsfw.preparation.check.cross_check import CrossCheck
 from gsfw.preparation.check.image_sample import Files, ImageSample
+from gsfw.preparation.check.leftovers import Leftovers
+from gsfw.preparation.check.lens_groups import LensGroup, lens_groups
 from gsfw.preparation.check.track_colors import TrackColors
 from gsfw.preparation.check.view_dependence import ViewDependence
 from gsfw.preparation.check.viewpoints import Angles, Surface, Viewpoints
@@ -36,6 +39,12 @@ class Survey:
     """Colours of tracked points in the sampled images; none without tracks."""
     view_dependence: ViewDependence | None
     """``None`` where these are too few."""
+    cross_check: CrossCheck
+    """What the sampled images say of their cameras."""
+    lenses: tuple[LensGroup, ...]
+    """Images that one lens took at one setting."""
+    leftovers: Leftovers
+    """Files that are not used."""
 
     @staticmethod
     def of(data: DataManager, images: int | None = None) -> Survey:
@@ -61,4 +70,7 @@ class Survey:
             agreement=Agreement.of(surface, viewpoints, sample),
             track_colors=colors,
             view_dependence=ViewDependence.of(colors),
+            cross_check=CrossCheck.of(viewpoints, scene, sample),
+            lenses=lens_groups(data, viewpoints),
+            leftovers=Leftovers.of(data),
         )

@@ -27,7 +27,7 @@ def written(tmp_path):
     ("kind", "edit"),
     [
         ("blurred images", blurred),
-        ("empty images", np.zeros_like),
+        ("unlit images", np.zeros_like),
         ("empty images", lambda pixels: np.full_like(pixels, 255)),
         ("uneven exposure", lambda pixels: (0.5 * pixels).astype(np.uint8)),
         (
