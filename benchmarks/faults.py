@@ -68,15 +68,25 @@ def images_shuffled(capture: MadeCapture) -> MadeCapture:
 
 
 def two_scenes(capture: MadeCapture, other: MadeCapture) -> MadeCapture:
-    """The images of another scene among those of this one, with poses in the same place."""
+    """Two places in one model, each true in itself: both lie at one spot, seen from one side."""
     half = max(len(other) // 2, 1)
+    moved = other.poses[:half] @ np.linalg.inv(_stand(other.poses[:half])) @ _stand(capture.poses)
     return replace(
         capture,
         names=(*capture.names, *(f"zz_{name}" for name in other.names[:half])),
         images=(*capture.images, *other.images[:half]),
-        poses=np.concatenate([capture.poses, other.poses[:half]]),
+        poses=np.concatenate([capture.poses, moved]),
         pinholes=np.concatenate([capture.pinholes, other.pinholes[:half]]),
     )
+
+
+def _stand(poses: np.ndarray) -> np.ndarray:
+    """World to a frame at the mean of the cameras, which looks as the middle one does."""
+    stand = np.eye(4)
+    centers = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3])
+    stand[:3, :3] = poses[len(poses) // 2, :3, :3]
+    stand[:3, 3] = -stand[:3, :3] @ centers.mean(0)
+    return stand
 
 
 def unlit(capture: MadeCapture) -> MadeCapture:

@@ -162,7 +162,7 @@ class StrayMasks:
 
     files: tuple[Path, ...]
     bare: tuple[str, ...]
-    """Names of the images without a mask."""
+    """Names of the images without a mask, relative to their folder."""
 
     @property
     def looked_for(self) -> str:
@@ -183,7 +183,7 @@ def stray_masks(recording: Recording, rule: MaskRule) -> StrayMasks | None:
         return None
     folders: Folders = {}
     frames = [_with_mask(frame, recording, rule, folders) for frame in recording.frames]
-    bare = tuple(frame.name for frame in frames if frame.mask is None)
+    bare = tuple(str(frame.short_names[-1]) for frame in frames if frame.mask is None)
     used = {file for frame in frames for file in (frame.mask, frame.moving)}
     files = (path / file for path, folder in folders.items() for file in folder.files)
     stray = tuple(sorted({file for file in files if file not in used}))

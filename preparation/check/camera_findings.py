@@ -6,9 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gsfw.preparation.check.coverage import looked_at, widest_gap
 from gsfw.preparation.check.lens_findings import lens_findings
 from gsfw.preparation.check.pose_findings import pose_findings
 from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.check.up_axis import up_axis
 from gsfw.preparation.finding import Finding, Weight, listed
 
 FEWEST_VIEWS = 3
@@ -39,7 +41,7 @@ def camera_findings(survey: Survey) -> Iterator[Finding]:
     yield from pose_findings(survey)
     yield from _number(survey)
     yield from _spread(survey)
-    if not survey.cross_check.cameras_wrong:
+    if not (survey.cross_check.cameras_wrong or survey.cross_check.other_scene):
         yield from _neighbors(survey)
         yield from _held_out(survey)
         yield from _open_side(survey)
@@ -180,27 +182,19 @@ def _held_out(survey: Survey) -> Iterator[Finding]:
 
 def _open_side(survey: Survey) -> Iterator[Finding]:
     """The largest sector around what is looked at from which there is no image."""
-    surface = survey.surface
-    if surface is None:
-        return
-    places = _trained_places(survey)
+    places, viewpoints = _trained_places(survey), survey.viewpoints
     if len(places) < FEWEST_VIEWS:
         return
-    centers = survey.viewpoints.centers[places]
-    middle = np.median(surface.points, axis=0)
-    inward = ((middle - centers) * survey.viewpoints.axes[places]).sum(1) > 0
-    if inward.mean() < 0.9:  # A room is seen from inside.
+    centers = viewpoints.centers[places]
+    middle = looked_at(centers, viewpoints.axes[places])
+    if middle is None:  # A room is seen from inside.
         return
-    offsets = centers - middle
-    _, _, axes = np.linalg.svd(offsets - offsets.mean(0), full_matrices=False)
-    around = np.sort(np.arctan2(offsets @ axes[1], offsets @ axes[0]))
-    gaps = np.diff(np.append(around, around[0] + 2 * np.pi))
-    widest = float(np.degrees(gaps.max()))
+    widest = widest_gap(centers, middle, up_axis(survey.scene, viewpoints)[0])
     if widest > OPEN_SIDE:
         yield Finding(
             "open side",
             Weight.NOTE,
-            f"There is no camera in {widest:.0f} of the 360 degrees around the scene.",
+            f"There is no camera in {widest:.0f} of the 360 degrees around what cameras look at.",
             "From there the result shows what no image shows.",
             "If it shall be looked at from there, take photos there.",
         )

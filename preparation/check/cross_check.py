@@ -14,6 +14,7 @@ from gsfw.preparation.check.focal_scale import focal_factor
 from gsfw.preparation.check.image_sample import ImageSample
 from gsfw.preparation.check.pose_agreement import Rig
 from gsfw.preparation.check.pose_conventions import Reading, better_reading
+from gsfw.preparation.check.scene_groups import separate_group
 from gsfw.preparation.check.view_matches import ViewMatches
 from gsfw.preparation.check.viewpoints import Viewpoints
 
@@ -40,6 +41,8 @@ class CrossCheck:
     """By which all focal lengths have to be multiplied, if that is sure."""
     contradictions: Contradictions | None = None
     """``None`` as well where things move, which contradict their poses rightly."""
+    other_scene: tuple[int, ...] = ()
+    """Views that show another place than the rest."""
 
     @staticmethod
     def of(viewpoints: Viewpoints, scene: Scene, sample: ImageSample) -> CrossCheck:
@@ -56,7 +59,12 @@ class CrossCheck:
         if factor is not None:
             return CrossCheck(matches, rig, focal_factor=factor)
         if scene.num_times < 2:
-            return CrossCheck(matches, rig, contradictions=Contradictions.of(matches, rig))
+            return CrossCheck(
+                matches,
+                rig,
+                contradictions=Contradictions.of(matches, rig),
+                other_scene=separate_group(matches, viewpoints),
+            )
         return found
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 
 from gsfw.preparation.blur import blur_findings
 from gsfw.preparation.check.image_sample import SampledImage
+from gsfw.preparation.check.point_scale import points_factor
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight, listed
 from gsfw.preparation.image_quality import CLIPPED, EMPTY
@@ -122,7 +123,8 @@ def _clipped(survey: Survey) -> Iterator[Finding]:
 
 def _uneven(survey: Survey) -> Iterator[Finding]:
     images, agreement = survey.sample.images, survey.agreement
-    if survey.cross_check.cameras_wrong and agreement is not None:
+    moved = survey.cross_check.cameras_wrong or points_factor(survey) is not None
+    if moved and agreement is not None:
         return  # Points then lie elsewhere in the images.
     if agreement is not None:
         gains, limit, how = agreement.gains.copy(), UNEVEN, "at the same points"

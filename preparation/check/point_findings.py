@@ -41,7 +41,10 @@ def point_findings(survey: Survey) -> Iterator[Finding]:
     yield from _number(survey)
     yield from _copies(survey)
     yield from _outliers(survey)
-    if survey.cross_check.cameras_wrong:  # Points go with cameras, and so look wrong as well.
+    check = survey.cross_check
+    if (
+        check.cameras_wrong or check.other_scene
+    ):  # Points go with cameras, and so look wrong as well.
         return
     factor = points_factor(survey)
     if factor is not None:

@@ -23,6 +23,8 @@ def pose_findings(survey: Survey) -> Iterator[Finding]:
         yield _other_reading(found.reading)
     elif found.focal_factor is not None:
         yield _wrong_focal(found.focal_factor)
+    elif found.other_scene:
+        yield _two_scenes(survey)
     elif found.contradictions is not None and not spread_groups(survey):
         yield from _contradictions(survey, found.contradictions)
 
@@ -82,6 +84,19 @@ def _wrong_focal(factor: float) -> Finding:
         "Space is stretched along the viewing directions, and no shape fits all images.",
         "Is the focal length that of another image size or another lens? Correct it, or compute "
         "the cameras again with gsfw prepare.",
+    )
+
+
+def _two_scenes(survey: Survey) -> Finding:
+    names = survey.viewpoints.named(survey.cross_check.other_scene)
+    return Finding(
+        "two scenes",
+        Weight.LIMIT,
+        f"{len(names)} images match none of the others, although their cameras stand among "
+        f"them: {listed(names)}.",
+        "Two places in one model lie over each other as fog.",
+        "Move the images of one place out of the folder, and compute cameras of each alone.",
+        names,
     )
 
 
