@@ -133,20 +133,20 @@ def rolling_shutter(capture: MadeCapture, pixels: float = 12.0) -> MadeCapture:
     return replace(capture, images=tuple(images))
 
 
-def turntable(capture: MadeCapture, behind: MadeCapture) -> MadeCapture:
-    """The object turns, and what is behind it stands still: one photo of another scene.
+def turntable(capture: MadeCapture, behind: np.ndarray) -> MadeCapture:
+    """The object turned before a camera that stood still, and the poses are those of the object.
 
     Args:
         capture: with alpha.
-        behind: gives the background.
+        behind: the background, of any size.
     """
     images = []
     for image in capture.images:
         height, width = image.shape[:2]
-        rows = np.linspace(0, behind.images[0].shape[0] - 1, height).astype(int)
-        columns = np.linspace(0, behind.images[0].shape[1] - 1, width).astype(int)
+        rows = np.linspace(0, behind.shape[0] - 1, height).astype(int)
+        columns = np.linspace(0, behind.shape[1] - 1, width).astype(int)
         alpha = image[..., 3:] / 255
-        still = behind.images[0][rows[:, None], columns, :3]
+        still = behind[rows[:, None], columns, :3]
         images.append((image[..., :3] * alpha + still * (1 - alpha)).round().astype(np.uint8))
     return replace(capture, images=tuple(images))
 

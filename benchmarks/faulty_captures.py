@@ -105,7 +105,7 @@ def trials() -> tuple[Trial, ...]:
               ("points of another scale",)),
         Trial("plush, rolling shutter", lambda s: faults.rolling_shutter(s["plush"]),
               ("rolling shutter",)),
-        Trial("chair on a turntable", lambda s: faults.turntable(s["chair"], s["fox"]),
+        Trial("chair on a turntable", lambda s: faults.turntable(s["chair"], s["fox"].images[0]),
               ("background does not move",)),
         Trial("garden, times shuffled", lambda s: faults.times_shuffled(s["garden"]),
               ("times out of order",)),

@@ -18,9 +18,9 @@ UNEVEN = 0.1
 and a camera that halves its exposure for some images 0.2 and more."""
 UNEVEN_WITHOUT_POINTS = 0.4
 """The same of whole images, which differ because they show different things: 0.1 to 0.27."""
-UNLIT, UNLIT_PART = 0.08, 0.98
-"""Brightest channel below which a pixel is black, and part of an image that has to be: of the
-darkest images of the shared captures 0.4 is."""
+UNLIT = 0.04
+"""Mean grey level of what counts, and its standard deviation, below which an image is black: the
+darkest images of the shared captures have 0.2."""
 SAME = 0.03
 """Root mean square difference of two images as 16x16 grey pixels, in standard deviations of these
 pixels: another JPEG quality makes about 0.01, the next photo of fox or plush 0.1 and more."""
@@ -72,8 +72,8 @@ def _empty(survey: Survey) -> Iterator[Finding]:
 
 def is_unlit(image: SampledImage) -> bool:
     """True if an image is black all over: the light was off, or the lens covered."""
-    dark = image.preview.max(2) < UNLIT
-    return image.covered > 0 and image.valid > 0 and float(dark.mean()) > UNLIT_PART
+    shows = image.covered > 0 and image.valid > 0
+    return shows and max(image.quality.brightness, image.quality.contrast) < UNLIT
 
 
 def _unlit(survey: Survey) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from gsfw.core.maths.focus import CAMERA_CLEARANCE
 from gsfw.preparation.check.image_findings import is_unlit
+from gsfw.preparation.check.lens_findings import spread_groups
 from gsfw.preparation.check.point_scale import points_factor
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight, listed
@@ -210,8 +211,9 @@ def _turned(survey: Survey) -> str:
 
 def _colors(survey: Survey) -> Iterator[Finding]:
     agreement = survey.agreement
-    if any(is_unlit(image) for image in survey.sample.images):
-        return
+    unlit = any(is_unlit(image) for image in survey.sample.images)
+    if unlit or spread_groups(survey) or len(survey.cross_check.misplaced):
+        return  # That is why.
     if agreement is not None and agreement.scatter > SCATTER:
         yield Finding(
             "images contradict points",

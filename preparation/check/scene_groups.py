@@ -67,4 +67,3 @@ def _groups(matches: ViewMatches) -> list[Int[np.ndarray, " k"]]:
         if len(group) >= FEWEST and pairs >= LINKS * len(group):
             found.append(np.sort(group))
     return sorted(found, key=len, reverse=True)
-
