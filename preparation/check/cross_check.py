@@ -14,6 +14,7 @@ from gsfw.preparation.check.focal_scale import focal_factor
 from gsfw.preparation.check.image_sample import ImageSample
 from gsfw.preparation.check.pose_agreement import Rig
 from gsfw.preparation.check.pose_conventions import Reading, better_reading
+from gsfw.preparation.check.rolling_shutter import row_shear
 from gsfw.preparation.check.scene_groups import separate_group
 from gsfw.preparation.check.view_matches import ViewMatches
 from gsfw.preparation.check.viewpoints import Viewpoints
@@ -43,6 +44,8 @@ class CrossCheck:
     """``None`` as well where things move, which contradict their poses rightly."""
     other_scene: tuple[int, ...] = ()
     """Views that show another place than the rest."""
+    row_shear: float | None = None
+    """Shear of an image by a rolling shutter, in its longer side, if that is sure."""
 
     @staticmethod
     def of(viewpoints: Viewpoints, scene: Scene, sample: ImageSample) -> CrossCheck:
@@ -64,6 +67,7 @@ class CrossCheck:
                 rig,
                 contradictions=Contradictions.of(matches, rig),
                 other_scene=separate_group(matches, viewpoints),
+                row_shear=row_shear(matches, rig),
             )
         return found
 

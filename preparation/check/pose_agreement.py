@@ -57,6 +57,10 @@ class Rig:
 class Triangulation:
     """``m`` matches as rays of two cameras."""
 
+    distances: Float[np.ndarray, " m"]
+    """Signed distance in pixels from the epipolar lines, to first order (Sampson 1982)."""
+    slopes: Float[np.ndarray, "m 2 2"]
+    """By how much that grows with the pixel (x, y) in the first image and in the second."""
     on_line: Bool[np.ndarray, " m"]
     """Which lie on their epipolar lines."""
     depths: Float[np.ndarray, "m 2"]
@@ -80,17 +84,23 @@ class Triangulation:
         # Rays as seen by the second camera: z1 turned + shift = z2 others.
         normals = np.cross(shifts, turned)
         back = np.einsum("mji,mj->mi", turns, np.cross(others, shifts))
-        focals = (rig.intrinsics[first, 0, 0], rig.intrinsics[second, 0, 0])
-        slopes = np.square(back[:, :2]).sum(1) / focals[0] ** 2
-        slopes += np.square(normals[:, :2]).sum(1) / focals[1] ** 2
-        distances = np.abs((others * normals).sum(1)) / np.sqrt(np.maximum(slopes, 1e-30))
+        slopes = np.stack(
+            [
+                back[:, :2] / rig.intrinsics[first, 0, 0][:, None],
+                normals[:, :2] / rig.intrinsics[second, 0, 0][:, None],
+            ],
+            axis=1,
+        )
+        lengths = np.sqrt(np.maximum(np.square(slopes).sum((1, 2)), 1e-30))
+        distances = (others * normals).sum(1) / lengths
         longest = rig.sizes.max(1)
         allowed = OFF_LINE * (longest[first] + longest[second]) / 2
         depths = _depths(turned, others, shifts)
         cosines = (turned * others).sum(1)
         cosines /= np.linalg.norm(turned, axis=1) * np.linalg.norm(others, axis=1)
         angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
-        return Triangulation(distances < allowed, depths, angles)
+        on_line = np.abs(distances) < allowed
+        return Triangulation(distances, slopes / lengths[:, None, None], on_line, depths, angles)
 
 
 def agreement(matches: ViewMatches, rig: Rig) -> Float[np.ndarray, " q"]:

@@ -27,6 +27,8 @@ def pose_findings(survey: Survey) -> Iterator[Finding]:
         yield _two_scenes(survey)
     elif found.contradictions is not None and not spread_groups(survey):
         yield from _contradictions(survey, found.contradictions)
+        if found.row_shear is not None and not found.cameras_wrong:
+            yield _rolling_shutter(found.row_shear)
 
 
 def _turntable(share: float) -> Finding:
@@ -84,6 +86,17 @@ def _wrong_focal(factor: float) -> Finding:
         "Space is stretched along the viewing directions, and no shape fits all images.",
         "Is the focal length that of another image size or another lens? Correct it, or compute "
         "the cameras again with gsfw prepare.",
+    )
+
+
+def _rolling_shutter(shear: float) -> Finding:
+    return Finding(
+        "rolling shutter",
+        Weight.LIMIT,
+        f"Matches are off as if images were sheared, each otherwise, by {100 * shear:.1f} % of "
+        "their longer side between the first and the last row.",
+        "The camera moved while its rows were read one after another; no pose fits all rows.",
+        "Move slower, or use photos or a faster shutter mode of the camera.",
     )
 
 

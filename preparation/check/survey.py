@@ -11,6 +11,7 @@ from gsfw.preparation.check.cross_check import CrossCheck
 from gsfw.preparation.check.image_sample import Files, ImageSample
 from gsfw.preparation.check.leftovers import Leftovers
 from gsfw.preparation.check.lens_groups import LensGroup, lens_groups
+from gsfw.preparation.check.time_order import TimeOrder
 from gsfw.preparation.check.track_colors import TrackColors
 from gsfw.preparation.check.view_dependence import ViewDependence
 from gsfw.preparation.check.viewpoints import Angles, Surface, Viewpoints
@@ -45,6 +46,8 @@ class Survey:
     """Images that one lens took at one setting."""
     leftovers: Leftovers
     """Files that are not used."""
+    time_order: TimeOrder | None
+    """``None`` where no camera stands still."""
 
     @staticmethod
     def of(data: DataManager, images: int | None = None) -> Survey:
@@ -73,4 +76,5 @@ class Survey:
             cross_check=CrossCheck.of(viewpoints, scene, sample),
             lenses=lens_groups(data, viewpoints),
             leftovers=Leftovers.of(data),
+            time_order=TimeOrder.of(data, viewpoints),
         )
