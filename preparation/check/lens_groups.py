@@ -19,6 +19,8 @@ from gsfw.preparation.exif import Exif, read_exif
 
 ROUND = 0.02
 """Sides of images of one lens may differ by this part: undistortion cuts each differently."""
+MANY = 4
+"""Images for each focal length, from which on these are of so many lenses."""
 FEWEST = 3
 """Images of a group below which nothing is said of it."""
 
@@ -49,15 +51,18 @@ class LensGroup:
 def lens_groups(data: DataManager, viewpoints: Viewpoints) -> tuple[LensGroup, ...]:
     """Images of one lens; those that a data set says were taken by several cameras, apart."""
     exifs = _exifs(data)
-    # A reconstruction that gives each photo a camera of its own has as many, and they say nothing.
-    few = 2 * len(np.unique(viewpoints.physical)) <= len(viewpoints)
+    # A reconstruction that gives each photo a camera of its own has as many focal lengths as
+    # photos; a few are those of a few lenses, or of the settings of a zoom.
+    focals = np.round(np.log(viewpoints.intrinsics[:, 0, 0]) / ROUND)
+    few = len(np.unique(focals)) <= max(1, len(focals) // MANY)
+    known = viewpoints.stand_still or 2 * len(np.unique(viewpoints.physical)) <= len(viewpoints)
     groups: dict[Hashable, list[int]] = {}
     for view, name in enumerate(viewpoints.names):
         exif = exifs.get(name)
         longer = float(viewpoints.sizes[view].max())
         shape = float(viewpoints.sizes[view].min()) / longer
         sizes = (round(np.log(longer) / ROUND), round(np.log(shape) / ROUND))
-        own = viewpoints.physical[view] if few or viewpoints.stand_still else 0
+        own = (viewpoints.physical[view] if known else 0, focals[view] if few else 0)
         groups.setdefault((exif.camera if exif else own, sizes), []).append(view)
     found = []
     for views in groups.values():

@@ -56,7 +56,6 @@ def test_matches_agree_with_right_poses_and_points_lie_at_their_depth(sound, tmp
         ),
         (faults.poses_exchanged, "poses exchanged", Weight.LIMIT, "Exchange their poses"),
         (faults.camera_turned, "cameras misplaced", Weight.LIMIT, "Leave these images out"),
-        (faults.rolling_shutter, "rolling shutter", Weight.LIMIT, "Move slower"),
         (faults.focal_lengths_spread, "focal lengths differ", Weight.LIMIT, "cameras=one"),
         (faults.masks_named_otherwise, "masks not used", Weight.LIMIT, "view_00.jpg.png or view"),
         (faults.unlit, "unlit images", Weight.LIMIT, "Remove them"),
