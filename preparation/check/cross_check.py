@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from gsfw.core.scene import Scene
+from gsfw.core.datamanager import DataManager
 from gsfw.preparation.check.contradictions import Contradictions
 from gsfw.preparation.check.focal_scale import focal_factor
 from gsfw.preparation.check.image_sample import ImageSample
@@ -16,6 +16,7 @@ from gsfw.preparation.check.pose_agreement import Rig
 from gsfw.preparation.check.pose_conventions import Reading, better_reading
 from gsfw.preparation.check.rolling_shutter import row_shear
 from gsfw.preparation.check.scene_groups import separate_group
+from gsfw.preparation.check.track_places import off_tracks
 from gsfw.preparation.check.view_matches import ViewMatches
 from gsfw.preparation.check.viewpoints import Viewpoints
 
@@ -44,12 +45,15 @@ class CrossCheck:
     """``None`` as well where things move, which contradict their poses rightly."""
     other_scene: tuple[int, ...] = ()
     """Views that show another place than the rest."""
+    off_tracks: tuple[int, ...] = ()
+    """Views that do not show the points that a reconstruction matched in them."""
     row_shear: float | None = None
     """Shear of an image by a rolling shutter, in its longer side, if that is sure."""
 
     @staticmethod
-    def of(viewpoints: Viewpoints, scene: Scene, sample: ImageSample) -> CrossCheck:
+    def of(data: DataManager, viewpoints: Viewpoints, sample: ImageSample) -> CrossCheck:
         """Match the sampled images, and compare with their cameras."""
+        scene = data.scene
         matches, rig = ViewMatches.of(viewpoints, sample), Rig.of(viewpoints, scene)
         found = CrossCheck(matches, rig)
         share = None if scene.has_alpha else _unmoved(viewpoints, matches, sample)
@@ -67,6 +71,7 @@ class CrossCheck:
                 rig,
                 contradictions=Contradictions.of(matches, rig),
                 other_scene=separate_group(matches, viewpoints),
+                off_tracks=off_tracks(data, viewpoints),
                 row_shear=row_shear(matches, rig),
             )
         return found
@@ -80,8 +85,8 @@ class CrossCheck:
     @property
     def misplaced(self) -> Int[np.ndarray, " k"]:
         """Views whose cameras look elsewhere than their images."""
-        none = np.zeros(0, np.int64)
-        return none if self.contradictions is None else self.contradictions.views
+        found = () if self.contradictions is None else self.contradictions.views
+        return np.unique([*found, *self.off_tracks]).astype(np.int64)
 
 
 def _unmoved(viewpoints: Viewpoints, matches: ViewMatches, sample: ImageSample) -> float | None:

@@ -123,7 +123,8 @@ def _clipped(survey: Survey) -> Iterator[Finding]:
 
 def _uneven(survey: Survey) -> Iterator[Finding]:
     images, agreement = survey.sample.images, survey.agreement
-    moved = survey.cross_check.cameras_wrong or points_factor(survey) is not None
+    check = survey.cross_check
+    moved = check.cameras_wrong or check.other_scene or points_factor(survey) is not None
     if moved and agreement is not None:
         return  # Points then lie elsewhere in the images.
     if agreement is not None:

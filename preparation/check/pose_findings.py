@@ -115,8 +115,6 @@ def _two_scenes(survey: Survey) -> Finding:
 
 def _contradictions(survey: Survey, found: Contradictions) -> Iterator[Finding]:
     viewpoints, check = survey.viewpoints, survey.cross_check
-    if not len(found.views):
-        return
     if found.most:
         names = viewpoints.named(found.views.tolist())
         yield Finding(
@@ -144,23 +142,25 @@ def _contradictions(survey: Survey, found: Contradictions) -> Iterator[Finding]:
             "Exchange their poses, or their names.",
             names,
         )
-    left = set(found.views.tolist()) - {view for pair in pairs for view in pair}
+    told = {view for pair in pairs for view in pair}
+    left = [view for view in check.misplaced.tolist() if view not in told]
     if left:
         yield _misplaced(survey, found, left)
 
 
-def _misplaced(survey: Survey, found: Contradictions, left: set[int]) -> Finding:
-    names = survey.viewpoints.names
-    rows = [row for row, view in enumerate(found.views.tolist()) if view in left]
-    first = rows[0]
-    alike = ", ".join(names[partner] for partner in found.partners[first])
-    chosen = tuple(names[int(found.views[row])] for row in rows)
+def _misplaced(survey: Survey, found: Contradictions, left: list[int]) -> Finding:
+    names = survey.viewpoints.named(left)
+    alike = dict(zip(found.views.tolist(), found.partners, strict=True))
+    why = f"{names[0]} does not show the points that were matched in it."
+    if left[0] in alike:
+        partners = ", ".join(survey.viewpoints.named(alike[left[0]]))
+        why = f"{names[0]} shows what {partners} show, but its camera looks elsewhere."
     return Finding(
         "cameras misplaced",
         Weight.LIMIT,
-        f"{len(rows)} of {found.judged} cameras do not look where their images were taken: "
-        f"{listed(chosen)}. {chosen[0]} shows what {alike} show, but its camera looks elsewhere.",
+        f"{len(left)} of {len(survey.viewpoints)} cameras do not look where their images were "
+        f"taken: {listed(names)}. {why}",
         "A misplaced image becomes fog and doubles in front of the other cameras.",
         "Leave these images out (move them out of the folder), or compute their cameras again.",
-        chosen,
+        names,
     )

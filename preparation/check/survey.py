@@ -73,7 +73,7 @@ class Survey:
             agreement=Agreement.of(surface, viewpoints, sample),
             track_colors=colors,
             view_dependence=ViewDependence.of(colors),
-            cross_check=CrossCheck.of(viewpoints, scene, sample),
+            cross_check=CrossCheck.of(data, viewpoints, sample),
             lenses=lens_groups(data, viewpoints),
             leftovers=Leftovers.of(data),
             time_order=TimeOrder.of(data, viewpoints),
