@@ -211,6 +211,11 @@ class Capture(DataManager):
             *self._loader.notes(),
         )
 
+    @property
+    def mask_rule(self) -> MaskRule:
+        """Which masks were looked for, and what they mean."""
+        return self._masks
+
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:
         """Start decoding views in threads, and sending them to a GPU."""
         self._loader.prefetch(split, indices)

@@ -32,6 +32,10 @@ EXTENSIONS = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 """Formats that Pillow may read; recognised by content, not by extension."""
+MASK_EXTENSIONS = (*EXTENSIONS, ".gif", ".pgm", ".pbm", ".tga", ".jp2")
+"""Extensions of mask files: segmentation tools write more formats than cameras."""
+MASK_FORMATS = (*FORMATS, "GIF", "PPM", "TGA", "JPEG2000")
+"""Formats of masks."""
 UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -191,7 +195,7 @@ def decode_mask(path: Path) -> Bool[np.ndarray, "h w"]:
     Raises:
         DataError: it does not decode.
     """
-    with _opened(path) as image:
+    with _opened(path, MASK_FORMATS) as image:
         values = np.asarray(_upright(image).convert("L"))
         return values > values.max() // 2
 
@@ -234,9 +238,9 @@ def decode_numbers(path: Path) -> Num[np.ndarray, "h w d"]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Image.Image]:
+def _opened(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
     try:
-        with Image.open(path, formats=FORMATS) as image:
+        with Image.open(path, formats=formats) as image:
             yield image
     except DataError:
         raise

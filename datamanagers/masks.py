@@ -15,12 +15,19 @@ from gsfw.core.config import AUTO
 from gsfw.core.errors import DataError
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.images import DecodedImage, load_mask
+from gsfw.datamanagers.mask_folder import MaskFolder
 
 FOLDER = "masks"
 """Default folder of masks."""
 
 NONE, ALPHA = "none", "alpha"
 """Values of ``datamanager.masks`` that are no folder, besides ``auto``."""
+
+Folders = dict[Path, MaskFolder]
+"""Folders that were searched, each listed once."""
+
+SHOWN = 3
+"""Largest number of names in a sentence."""
 
 HALF = 127
 """Alpha above it is inside, where alpha is a mask."""
@@ -103,11 +110,12 @@ def find_masks(
         return _alpha_as_mask(recording, frames, rule)
     if rule.source == NONE:
         return [replace(frame, mask=None) for frame in frames], ()
-    found = [_with_mask(frame, recording, rule) for frame in frames]
+    folders: Folders = {}
+    found = [_with_mask(frame, recording, rule, folders) for frame in frames]
     masked = [frame for frame in found if frame.mask is not None]
     if masked:
         return found, _notes(found, masked, rule)
-    return found, _none_found(recording, frames, rule)
+    return found, _none_found(recording, rule)
 
 
 def _alpha_as_mask(
@@ -124,18 +132,19 @@ def _alpha_as_mask(
     return bare, (f"alpha of {count} of {len(frames)} images is their mask: {_meaning(rule)}",)
 
 
-def _with_mask(frame: Frame, recording: Recording, rule: MaskRule) -> Frame:
+def _with_mask(frame: Frame, recording: Recording, rule: MaskRule, folders: Folders) -> Frame:
     """The frame with the first mask that is there; what its file names comes before a guess."""
     if frame.mask is not None and rule.source == AUTO:
         return frame
-    names = _names(frame)
-    places = (folder / name for folder in _folders(frame, recording, rule) for name in names)
-    # Files that mark moving pixels may lie in the folder of masks.
-    found = (place for place in places if place.is_file() and place != frame.moving)
-    return replace(frame, mask=next(found, None))
+    for path in _places(frame, recording, rule):
+        # Files that mark moving pixels may lie in the folder of masks.
+        found = folders.setdefault(path, MaskFolder(path)).find(frame.short_names, frame.moving)
+        if found is not None:
+            return replace(frame, mask=found)
+    return replace(frame, mask=None)
 
 
-def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
+def _places(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
     """Folders to search for a frame's mask: the named one, or masks beside the images' folder."""
     root = recording.root
     if rule.source != AUTO:
@@ -147,26 +156,56 @@ def _folders(frame: Frame, recording: Recording, rule: MaskRule) -> list[Path]:
     return folders
 
 
-def _names(frame: Frame) -> list[str]:
-    """Accepted names of a mask: NAME.jpg.png as in COLMAP, NAME.png, or that of the image."""
-    names = []
-    for own in frame.short_names:
-        names += [f"{own}.png", str(own.with_suffix(".png")), str(own)]
-    return names
+@dataclass(frozen=True)
+class StrayMasks:
+    """Masks that belong to no image, while images have none."""
+
+    files: tuple[Path, ...]
+    bare: tuple[str, ...]
+    """Names of the images without a mask, relative to their folder."""
+
+    @property
+    def looked_for(self) -> str:
+        """Names that a mask of the first of these images may have."""
+        name = Path(self.bare[0])
+        return f"{name}.png or {name.with_suffix('.png')}"
+
+    @property
+    def found(self) -> str:
+        """The first names that there are instead."""
+        names = ", ".join(file.name for file in self.files[:SHOWN])
+        return names + (f" and {len(self.files) - SHOWN} more" * (len(self.files) > SHOWN))
 
 
-def _none_found(recording: Recording, frames: Sequence[Frame], rule: MaskRule) -> tuple[str, ...]:
+def stray_masks(recording: Recording, rule: MaskRule) -> StrayMasks | None:
+    """Masks that no image has; ``None`` where each is used, or each image has one."""
+    if rule.source in (ALPHA, NONE):
+        return None
+    folders: Folders = {}
+    frames = [_with_mask(frame, recording, rule, folders) for frame in recording.frames]
+    bare = tuple(str(frame.short_names[-1]) for frame in frames if frame.mask is None)
+    used = {file for frame in frames for file in (frame.mask, frame.moving)}
+    files = (path / file for path, folder in folders.items() for file in folder.files)
+    stray = tuple(sorted({file for file in files if file not in used}))
+    return StrayMasks(stray, bare) if stray and bare else None
+
+
+def _none_found(recording: Recording, rule: MaskRule) -> tuple[str, ...]:
     """A note on a folder of masks that belongs to no image; an error where it was asked for."""
     folder = recording.root / (FOLDER if rule.source == AUTO else rule.source)
-    looked_for = " or ".join(_names(frames[0])[:2])
-    problem = f"{folder} holds no mask of any image (looked for {looked_for} and so on)"
-    if rule.source == AUTO:
-        return (f"{problem}: all pixels count",) if folder.is_dir() else ()
     if not folder.is_dir():
+        if rule.source == AUTO:
+            return ()
         raise DataError(
             f"datamanager.masks={rule.source}: there is no folder {folder}.",
             "Give the folder of the masks, relative to the data set.",
         )
+    stray = stray_masks(recording, rule)
+    problem = f"{folder} holds no mask of any image"
+    if stray is not None:
+        problem += f" (looked for {stray.looked_for}, in any image format; found {stray.found})"
+    if rule.source == AUTO:
+        return (f"{problem}: all pixels count",)
     raise DataError(
         f"{problem}.", "Name masks as their images, with .png behind or instead of the extension."
     )

@@ -15,6 +15,14 @@ from gsfw.core.maths.rotations import unit_matrices
 RIGID = 1e-3
 """Tolerance of R^T R against the identity: files hold rounded numbers."""
 
+MIRRORED = (
+    "If the world is left-handed (Unity, Unreal, DirectX), negate one of its axes in all poses and "
+    "in all points: for y the second row of each camera-to-world matrix, or the second column of "
+    "each world-to-camera rotation. If only the camera's axes are, negate the one that differs "
+    "(expected is x right, y up, z back for OpenGL; x right, y down, z forward for OpenCV)."
+)
+"""What to do with poses of a left-handed frame."""
+
 
 def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:
     """World-to-camera, from a camera-to-world matrix with OpenGL axes (x right, y up, z back).
@@ -28,7 +36,7 @@ def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[
     rotation, center = _pose(
         camera_to_world,
         f"{where}: the pose (transform_matrix)",
-        "Expected camera-to-world without scale or mirroring; scale the positions instead.",
+        "Expected camera-to-world without scale; scale the positions instead.",
     )
     rotation = (rotation * torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)).T
     return _rigid(rotation, -(rotation @ center))
@@ -43,7 +51,7 @@ def from_opencv(world_to_camera: Float64[Tensor, "r 4"], where: str) -> Float64[
     rotation, translation = _pose(
         world_to_camera,
         f"{where}: the pose",
-        "Expected world-to-camera without scale or mirroring; scale the translation instead.",
+        "Expected world-to-camera without scale; scale the translation instead.",
     )
     return _rigid(rotation, translation)
 
@@ -70,11 +78,17 @@ def _pose(
             "Remove this frame, or compute its pose again.",
         )
     axes = matrix[:3, :3]
+    determinant = float(torch.linalg.det(axes))
     error = float((axes.T @ axes - torch.eye(3, dtype=torch.float64)).abs().max())
-    if error > RIGID or torch.linalg.det(axes) < 0:
+    if error <= RIGID and determinant < 0:
+        raise DataError(
+            f"{what} is mirrored (determinant -1): its world or its camera has left-handed axes.",
+            MIRRORED,
+        )
+    if error > RIGID:
         raise DataError(
             f"{what} is not rigid: its columns are not those of a rotation "
-            f"(off by {error:.2g}, determinant {float(torch.linalg.det(axes)):.3g}).",
+            f"(off by {error:.2g}, determinant {determinant:.3g}).",
             advice,
         )
     left, _, right = torch.linalg.svd(axes)

@@ -32,6 +32,6 @@ def misfits(settings: Settings, registry: Registry, data: DataManager) -> tuple[
 
 
 def hopeless(data: DataManager) -> tuple[Finding, ...]:
-    """Why cameras show no shape whatever the method, by `gsfw check`; looks at cameras alone."""
+    """Why cameras show no shape whatever the method, by `gsfw check`."""
     found = camera_findings(Survey(data))
     return tuple(finding for finding in found if finding.weight is Weight.STOP)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import torch
@@ -66,8 +66,8 @@ class ColmapConfig(CaptureConfig):
             point_colors=torch.from_numpy(model.colors).float() / 255,
             notes=tuple(notes),
             up="-y",
-            sightings=partial(
-                read_sightings, folders[0], model.images, [frame.name for frame in frames]
+            sightings=cache(
+                partial(read_sightings, folders[0], model.images, [frame.name for frame in frames])
             ),
         )
 

@@ -1,4 +1,4 @@
-"""Findings about the cameras: their number, poses, neighbours, focal lengths and pixels."""
+"""Findings about the cameras: their number, poses and neighbours."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsfw.core.cameras import CameraModel
+from gsfw.preparation.check.coverage import looked_at, widest_gap
+from gsfw.preparation.check.lens_findings import lens_findings
+from gsfw.preparation.check.pose_findings import pose_findings
 from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.check.up_axis import up_axis
 from gsfw.preparation.finding import Finding, Weight, listed
 
 FEWEST_VIEWS = 3
@@ -31,26 +34,19 @@ HELD_OUT_FROM = 5.0
 """Below so many degrees held-out views are near whatever trained ones have between them."""
 OPEN_SIDE = 120.0
 """Degrees without a camera around what is looked at: a third of the sides was never seen."""
-NARROW, WIDE = 20.0, 120.0
-"""Degrees across: a phone has 60 to 75, its telephoto 25, its widest 115; a focal length that was
-guessed, or written for another image size, lands outside."""
-SPREAD = 1.1
-"""Largest by least focal length of images of one size from one camera: autofocus moves it by
-some per cent, a zoom or a failed calibration by more."""
-SQUARE = 0.05
-"""Pixels of cameras are square to a per cent; 16:9 squeezed into 4:3 is off by a third."""
 
 
 def camera_findings(survey: Survey) -> Iterator[Finding]:
-    """All findings about poses and intrinsics."""
-    yield from _number(survey)
+    """All findings about poses, lenses and photos without a camera."""
+    yield from _number(survey)  # It decodes nothing, so it is told at once.
+    yield from pose_findings(survey)
     yield from _spread(survey)
-    yield from _neighbors(survey)
-    yield from _held_out(survey)
-    yield from _open_side(survey)
-    yield from _fields_of_view(survey)
-    yield from _focals(survey)
-    yield from _pixels(survey)
+    if not (survey.cross_check.cameras_wrong or survey.cross_check.other_scene):
+        yield from _neighbors(survey)
+        yield from _held_out(survey)
+        yield from _open_side(survey)
+    yield from lens_findings(survey)
+    yield from _leftover_photos(survey)
 
 
 def _number(survey: Survey) -> Iterator[Finding]:
@@ -186,87 +182,33 @@ def _held_out(survey: Survey) -> Iterator[Finding]:
 
 def _open_side(survey: Survey) -> Iterator[Finding]:
     """The largest sector around what is looked at from which there is no image."""
-    surface = survey.surface
-    if surface is None:
-        return
-    places = _trained_places(survey)
+    places, viewpoints = _trained_places(survey), survey.viewpoints
     if len(places) < FEWEST_VIEWS:
         return
-    centers = survey.viewpoints.centers[places]
-    middle = np.median(surface.points, axis=0)
-    inward = ((middle - centers) * survey.viewpoints.axes[places]).sum(1) > 0
-    if inward.mean() < 0.9:  # A room is seen from inside.
+    centers = viewpoints.centers[places]
+    middle = looked_at(centers, viewpoints.axes[places])
+    if middle is None:  # A room is seen from inside.
         return
-    offsets = centers - middle
-    _, _, axes = np.linalg.svd(offsets - offsets.mean(0), full_matrices=False)
-    around = np.sort(np.arctan2(offsets @ axes[1], offsets @ axes[0]))
-    gaps = np.diff(np.append(around, around[0] + 2 * np.pi))
-    widest = float(np.degrees(gaps.max()))
+    widest = widest_gap(centers, middle, up_axis(survey.scene, viewpoints)[0])
     if widest > OPEN_SIDE:
         yield Finding(
             "open side",
             Weight.NOTE,
-            f"There is no camera in {widest:.0f} of the 360 degrees around the scene.",
+            f"There is no camera in {widest:.0f} of the 360 degrees around what cameras look at.",
             "From there the result shows what no image shows.",
             "If it shall be looked at from there, take photos there.",
         )
 
 
-def _fields_of_view(survey: Survey) -> Iterator[Finding]:
-    viewpoints = survey.viewpoints
-    angles = viewpoints.fields_of_view
-    pinholes = np.array([c.model is CameraModel.PINHOLE for c in viewpoints.cameras])
-    odd = np.flatnonzero(pinholes & ((angles < NARROW) | (angles > WIDE)))
-    if len(odd):
-        names = viewpoints.named(odd.tolist())
+def _leftover_photos(survey: Survey) -> Iterator[Finding]:
+    photos = survey.leftovers.photos
+    if photos:
+        total = len(photos) + len(survey.viewpoints)
         yield Finding(
-            "field of view",
-            Weight.LIMIT,
-            f"{len(odd)} of {len(viewpoints)} images are {angles[odd].min():.0f} to "
-            f"{angles[odd].max():.0f} degrees wide: {listed(names)}.",
-            "Hardly any camera has that; the focal length may be wrong, and then nothing fits.",
-            "Compare it with the camera's, and with the size of the images it was given for.",
-            names,
-        )
-
-
-def _focals(survey: Survey) -> Iterator[Finding]:
-    viewpoints = survey.viewpoints
-    for camera in np.unique(viewpoints.physical):
-        for size in np.unique(viewpoints.sizes[viewpoints.physical == camera], axis=0):
-            mine = (viewpoints.physical == camera) & (viewpoints.sizes == size).all(1)
-            focals = viewpoints.intrinsics[mine, 0, 0]
-            if focals.max() > SPREAD * focals.min():
-                yield _different(f"Images of camera {camera}", focals)
-    own = len(np.unique(viewpoints.physical)) == len(viewpoints) > 2
-    same_size = (viewpoints.sizes == viewpoints.sizes[0]).all()
-    focals = viewpoints.intrinsics[:, 0, 0]
-    if own and same_size and focals.max() > SPREAD * focals.min():
-        yield _different("Every image has a camera of its own, and they", focals)
-
-
-def _different(what: str, focals: np.ndarray) -> Finding:
-    return Finding(
-        "focal lengths differ",
-        Weight.LIMIT,
-        f"{what} have focal lengths of {focals.min():.0f} to {focals.max():.0f} pixels.",
-        "If one camera took them without zoom, the reconstruction has bent space to fit.",
-        "Let all images share one camera (COLMAP: --ImageReader.single_camera 1).",
-    )
-
-
-def _pixels(survey: Survey) -> Iterator[Finding]:
-    viewpoints = survey.viewpoints
-    ratios = viewpoints.intrinsics[:, 0, 0] / viewpoints.intrinsics[:, 1, 1]
-    odd = np.flatnonzero(np.abs(ratios - 1) > SQUARE)
-    if len(odd):
-        names = viewpoints.named(odd.tolist())
-        yield Finding(
-            "pixels not square",
-            Weight.LIMIT,
-            f"Pixels of {len(odd)} of {len(viewpoints)} images are {ratios[odd[0]]:.3f} times "
-            "as high as wide.",
-            "Cameras have square pixels; images were probably stretched after calibration.",
-            "Use the images that the cameras were computed from.",
-            names,
+            "photos without a camera",
+            Weight.NOTE,
+            f"{len(photos)} of {total} photos have no camera: {listed(photos)}.",
+            "They are not trained on; what only they show is missing.",
+            "If they belong to the capture, gsfw prepare says why a photo cannot be placed.",
+            photos,
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from gsfw.preparation.blur import blur_findings
 from gsfw.preparation.check.image_sample import SampledImage
+from gsfw.preparation.check.point_scale import points_factor
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight, listed
 from gsfw.preparation.image_quality import CLIPPED, EMPTY
@@ -17,6 +18,9 @@ UNEVEN = 0.1
 and a camera that halves its exposure for some images 0.2 and more."""
 UNEVEN_WITHOUT_POINTS = 0.4
 """The same of whole images, which differ because they show different things: 0.1 to 0.27."""
+UNLIT = 0.04
+"""Mean grey level of what counts, and its standard deviation, below which an image is black: the
+darkest images of the shared captures have 0.2."""
 SAME = 0.03
 """Root mean square difference of two images as 16x16 grey pixels, in standard deviations of these
 pixels: another JPEG quality makes about 0.01, the next photo of fox or plush 0.1 and more."""
@@ -26,12 +30,14 @@ def image_findings(survey: Survey) -> Iterator[Finding]:
     """Everything that the sampled images show."""
     yield from _damaged(survey)
     yield from _empty(survey)
+    yield from _unlit(survey)
     yield from _blur(survey)
     yield from _clipped(survey)
     yield from _uneven(survey)
     yield from _drifting(survey)
     yield from _copies(survey)
     yield from _masked(survey)
+    yield from _stray_masks(survey)
     yield from _turned(survey)
 
 
@@ -51,7 +57,7 @@ def _damaged(survey: Survey) -> Iterator[Finding]:
 
 def _empty(survey: Survey) -> Iterator[Finding]:
     images = survey.sample.images
-    empty = [image for image in images if image.contrast < EMPTY]
+    empty = [image for image in images if image.contrast < EMPTY and not is_unlit(image)]
     if empty:
         names = survey.viewpoints.named([image.view for image in empty])
         yield Finding(
@@ -64,12 +70,37 @@ def _empty(survey: Survey) -> Iterator[Finding]:
         )
 
 
+def is_unlit(image: SampledImage) -> bool:
+    """True if an image is black all over: the light was off, or the lens covered."""
+    shows = image.covered > 0 and image.valid > 0
+    return shows and max(image.quality.brightness, image.quality.contrast) < UNLIT
+
+
+def _unlit(survey: Survey) -> Iterator[Finding]:
+    images = survey.sample.images
+    unlit = [image for image in images if is_unlit(image)]
+    if unlit:
+        names = survey.viewpoints.named([image.view for image in unlit])
+        yield Finding(
+            "unlit images",
+            Weight.STOP if 2 * len(unlit) > len(images) else Weight.LIMIT,
+            f"{len(unlit)} of {len(images)} images are (nearly) black: {listed(names)}.",
+            "They teach that everything is black from there.",
+            "Remove them; if alpha or masks made them black, check which side is which.",
+            names,
+        )
+
+
 def _textured(survey: Survey) -> list[SampledImage]:
-    return [image for image in survey.sample.images if image.contrast >= EMPTY]
+    images = survey.sample.images
+    return [image for image in images if image.contrast >= EMPTY and not is_unlit(image)]
 
 
 def _blur(survey: Survey) -> Iterator[Finding]:
-    names = survey.viewpoints.names
+    scene, names = survey.scene, survey.viewpoints.names
+    plain = scene.has_alpha or any(image.border for image in survey.sample.images)
+    if scene.num_times > 1 and plain:
+        return  # Where things come and go before nothing, they take the detail with them.
     yield from blur_findings([(names[image.view], image.quality) for image in _textured(survey)])
 
 
@@ -92,12 +123,20 @@ def _clipped(survey: Survey) -> Iterator[Finding]:
 
 def _uneven(survey: Survey) -> Iterator[Finding]:
     images, agreement = survey.sample.images, survey.agreement
+    check = survey.cross_check
+    moved = check.cameras_wrong or check.other_scene or points_factor(survey) is not None
+    if moved and agreement is not None:
+        return  # Points then lie elsewhere in the images.
     if agreement is not None:
-        gains, limit, how = agreement.gains, UNEVEN, "at the same points"
+        gains, limit, how = agreement.gains.copy(), UNEVEN, "at the same points"
     else:
         gains = np.array([image.quality.brightness for image in images])
         gains = gains / max(float(np.median(gains)), 1e-6) if len(gains) else gains
         limit, how = UNEVEN_WITHOUT_POINTS, "as a whole"
+    # What looks elsewhere, or shows nothing, has no exposure to compare.
+    for row, image in enumerate(images):
+        if image.view in survey.cross_check.misplaced or is_unlit(image):
+            gains[row] = np.nan
     known = np.flatnonzero(np.isfinite(gains) & (gains > 1e-3))
     if len(known) < 3:
         return
@@ -133,22 +172,25 @@ def _drifting(survey: Survey) -> Iterator[Finding]:
 def _copies(survey: Survey) -> Iterator[Finding]:
     """Images that are the same although another place, or the same twice, took them."""
     images, viewpoints = _textured(survey), survey.viewpoints
-    copies: list[int] = []
+    copies: list[tuple[int, int]] = []
     for i, image in enumerate(images):
         for other in images[:i]:
             if _may_be_alike(survey, image, other) or image.print.shape != other.print.shape:
                 continue
             difference = float(np.sqrt(np.square(image.print - other.print).mean()))
             if difference < SAME * float(image.print.std()):
-                copies.append(image.view)
+                copies.append((image.view, other.view))
                 break
     if copies:
-        names = viewpoints.named(copies)
+        names = viewpoints.named([copy for copy, _ in copies])
+        twins = tuple(
+            f"{viewpoints.names[copy]} is {viewpoints.names[twin]}" for copy, twin in copies
+        )
         yield Finding(
             "copies",
             Weight.LIMIT,
             f"{len(copies)} of {len(images)} images are nearly the same as another: "
-            f"{listed(names)}.",
+            f"{listed(twins)}.",
             "They show nothing new, count twice, and a held-out copy of a trained image makes "
             "figures too good.",
             "Remove them; if their poses differ, one of the poses is wrong.",
@@ -177,6 +219,22 @@ def _masked(survey: Survey) -> Iterator[Finding]:
             "They teach nothing, or that nothing is there.",
             "Check the masks; if they are dark where pixels count, datamanager.invert_masks=true.",
             names,
+        )
+
+
+def _stray_masks(survey: Survey) -> Iterator[Finding]:
+    stray = survey.leftovers.masks
+    if stray is not None:
+        yield Finding(
+            "masks not used",
+            Weight.LIMIT,
+            f"{len(stray.files)} masks have the name of no image (such as {stray.found}), and "
+            f"{len(stray.bare)} of {len(survey.viewpoints)} images have no mask (such as "
+            f"{stray.bare[0]}).",
+            "All pixels of these images count, also those that the masks should leave out.",
+            f"Name each mask as its image: {stray.looked_for}, in any image format; "
+            "datamanager.masks=none if they are not to be used.",
+            stray.bare,
         )
 
 

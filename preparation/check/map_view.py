@@ -9,6 +9,7 @@ from jaxtyping import Float
 from PIL import Image, ImageDraw, ImageFont
 
 from gsfw.preparation.check.survey import Survey
+from gsfw.preparation.check.up_axis import up_axis
 
 INK, PAPER = (60, 60, 64), (255, 255, 255)
 """Colours of text and lines, and of the sheet."""
@@ -25,11 +26,8 @@ FRUSTUM = 0.035
 """Length of a camera, in widths of the view."""
 ROOM = 0.15
 """Around the outermost camera or point, in parts of the distance to it."""
-AGREE = 0.7
-"""Length of the mean of the cameras' up vectors from which on they say where up is."""
 OVERSAMPLING = 2
 """Views are drawn this much larger and then shrunk: Pillow draws lines with hard edges."""
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ class MapView:
 def map_views(survey: Survey) -> tuple[MapView, MapView, str]:
     """From above, from the side, and how up was found."""
     viewpoints = survey.viewpoints
-    up, how = _up(survey)
+    up, how = up_axis(survey.scene, viewpoints)
     centers = viewpoints.centers[viewpoints.places]
     level = centers - centers.mean(0)
     level = level - np.outer(level @ up, up)
@@ -142,20 +140,3 @@ def _reach(
     wide, high = (float(np.abs(offsets @ axis).max()) for axis in (across, down))
     room = max(wide, high, 1e-6)
     return wide + ROOM * room, high + ROOM * room
-
-
-def _up(survey: Survey) -> tuple[Float[np.ndarray, " 3"], str]:
-    """A unit vector in the scene, and where it comes from."""
-    scene, viewpoints = survey.scene, survey.viewpoints
-    if scene.up.lstrip("+-") in AXES:
-        sign = -1.0 if scene.up.startswith("-") else 1.0
-        rotation = scene.world_from_scene.rotation.numpy()
-        return sign * rotation.T @ np.array(AXES[scene.up.lstrip("+-")]), "up as the data says"
-    mean = -viewpoints.poses[viewpoints.places, 1, :3].mean(0)
-    length = float(np.linalg.norm(mean))
-    if length > AGREE:
-        return mean / length, "up as the cameras are held"
-    offsets = viewpoints.centers[viewpoints.places]
-    offsets = np.concatenate([offsets - offsets.mean(0), 1e-9 * np.eye(3)])
-    axis = np.linalg.svd(offsets, full_matrices=False)[2][2]
-    return axis * (1.0 if axis @ mean >= 0 else -1.0), "up across the cameras"

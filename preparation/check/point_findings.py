@@ -7,6 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsfw.core.maths.focus import CAMERA_CLEARANCE
+from gsfw.preparation.check.image_findings import is_unlit
+from gsfw.preparation.check.lens_findings import spread_groups
+from gsfw.preparation.check.point_scale import points_factor
 from gsfw.preparation.check.survey import Survey
 from gsfw.preparation.finding import Finding, Weight, listed
 
@@ -39,6 +42,15 @@ def point_findings(survey: Survey) -> Iterator[Finding]:
     yield from _number(survey)
     yield from _copies(survey)
     yield from _outliers(survey)
+    check = survey.cross_check
+    if (
+        check.cameras_wrong or check.other_scene
+    ):  # Points go with cameras, and so look wrong as well.
+        return
+    factor = points_factor(survey)
+    if factor is not None:
+        yield _other_scale(factor)
+        return
     yield from _scale(survey)
     yield from _visible(survey)
     yield from _colors(survey)
@@ -114,6 +126,19 @@ def _outliers(survey: Survey) -> Iterator[Finding]:
         )
 
 
+def _other_scale(factor: float) -> Finding:
+    nearer = f"{factor:.1f} times as far" if factor > 1 else f"{1 / factor:.1f} times nearer"
+    return Finding(
+        "points of another scale",
+        Weight.LIMIT,
+        f"The points lie {nearer} from the cameras {'as' if factor > 1 else 'than'} what "
+        "the images show by their matches.",
+        "Splats start where nothing is, and have to be found again one by one.",
+        "Points and cameras are in different units, or from two exports: take both from one; else "
+        "start at random with init=random.",
+    )
+
+
 def _scale(survey: Survey) -> Iterator[Finding]:
     viewpoints = survey.viewpoints
     centers = viewpoints.centers[viewpoints.trained]
@@ -186,6 +211,9 @@ def _turned(survey: Survey) -> str:
 
 def _colors(survey: Survey) -> Iterator[Finding]:
     agreement = survey.agreement
+    unlit = any(is_unlit(image) for image in survey.sample.images)
+    if unlit or spread_groups(survey) or len(survey.cross_check.misplaced):
+        return  # That is why.
     if agreement is not None and agreement.scatter > SCATTER:
         yield Finding(
             "images contradict points",

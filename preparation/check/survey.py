@@ -8,7 +8,11 @@ from gsfw.core.datamanager import DataManager
 from gsfw.core.progress import stage
 from gsfw.core.scene import Scene
 from gsfw.preparation.check.agreement import Agreement
+from gsfw.preparation.check.cross_check import CrossCheck
 from gsfw.preparation.check.image_sample import Files, ImageSample
+from gsfw.preparation.check.leftovers import Leftovers
+from gsfw.preparation.check.lens_groups import LensGroup, lens_groups
+from gsfw.preparation.check.time_order import TimeOrder
 from gsfw.preparation.check.track_colors import TrackColors
 from gsfw.preparation.check.view_dependence import ViewDependence
 from gsfw.preparation.check.viewpoints import Angles, Surface, Viewpoints
@@ -97,3 +101,26 @@ class Survey:
         """``None`` where these are too few."""
         with stage("measuring view dependence"):
             return ViewDependence.of(self.track_colors)
+
+    @cached_property
+    def cross_check(self) -> CrossCheck:
+        """Agreement of the sampled images with their cameras, by matches between them."""
+        with stage("matching images"):
+            return CrossCheck.of(self._data, self.viewpoints, self.sample)
+
+    @cached_property
+    def lenses(self) -> tuple[LensGroup, ...]:
+        """Images that one lens took at one setting."""
+        with stage("comparing lenses"):
+            return lens_groups(self._data, self.viewpoints)
+
+    @cached_property
+    def leftovers(self) -> Leftovers:
+        """Files that are not used."""
+        return Leftovers.of(self._data)
+
+    @cached_property
+    def time_order(self) -> TimeOrder | None:
+        """``None`` where no camera stands still."""
+        with stage("comparing times"):
+            return TimeOrder.of(self._data, self.viewpoints)

@@ -51,9 +51,24 @@ def time_findings(survey: Survey) -> Iterator[Finding]:
     """Everything that times show; nothing for a static capture."""
     if survey.scene.num_times < 2 or survey.viewpoints.times is None:
         return
+    yield from _order(survey)
     yield from _number(survey)
     yield from _cameras(survey)
     yield from _motion(survey)
+
+
+def _order(survey: Survey) -> Iterator[Finding]:
+    order = survey.time_order
+    if order is not None and order.shuffled:
+        yield Finding(
+            "times out of order",
+            Weight.STOP,
+            f"Images of a standing camera at neighbouring times differ by {100 * order.given:.0f} "
+            f"% of what any two of its images differ by; in another order, by "
+            f"{100 * order.best:.0f} %.",
+            "Motion that jumps back and forth cannot be followed.",
+            "The times belong to other images: were frames renamed, or sorted as text (1, 10, 2)?",
+        )
 
 
 def _number(survey: Survey) -> Iterator[Finding]:

@@ -139,7 +139,7 @@ def test_qualisys_files_that_cannot_be_used_are_refused(tmp_path, settings, mess
         ({"w": None}, r"has no size"),
         ({"w": "wide"}, r"size is \['wide', 48\]; expected 2 numbers"),
         ({"w2c": None}, r"has no rotation"),
-        ({"w2c": np.diag([1.0, 1, -1, 1]).tolist()}, r"the pose is not rigid"),
+        ({"w2c": np.diag([1.0, 1, -1, 1]).tolist()}, r"the pose is mirrored"),
         ({"w2c": np.diag([1.0, 1, np.inf, 1]).tolist()}, r"the pose has numbers that are not fin"),
         ({"dist": [0.1, 0.2]}, r"dist is \[0\.1, 0\.2\]; expected 4 or 5 or 8 numbers"),
         ({"w": 0}, r"is no camera"),

@@ -77,6 +77,24 @@ def test_masks_beside_the_images_are_found(folder, suffix):
     ]
 
 
+@pytest.mark.parametrize(
+    "form",
+    ["{}.jpg", "{}.JPG", "{}.png.jpg", "{}_mask.png", "mask_{}.bmp", "{}.mask.png", "{}.gif"],
+)
+def test_masks_of_any_image_format_and_usual_naming_are_found(folder, form):
+    for name in ring(VIEWS).names:
+        write_mask(folder / "masks" / form.format(Path(name).stem), LEFT)
+    batch = load(open_colmap(folder))
+    inside = batch.valid[..., 0].float()
+    assert float((inside != torch.from_numpy(LEFT).float()).float().mean()) < 0.02
+
+
+def test_a_mask_of_another_image_is_not_taken(folder):
+    write_mask(folder / "masks/view_0001.png", LEFT)
+    write_mask(folder / "masks/preview_001.png", LEFT)
+    assert load(open_colmap(folder)).valid is None
+
+
 def test_transforms_whose_names_begin_with_the_images_folder_find_theirs(tmp_path):
     capture = ring(VIEWS)
     write_images(tmp_path / "images", capture)
@@ -223,7 +241,7 @@ def test_a_named_folder_has_to_be_there_and_to_hold_masks(folder):
         open_colmap(folder, masks="elsewhere")
     assert str(error.value) == (
         f"{folder}/elsewhere holds no mask of any image (looked for view_000.png.png or "
-        "view_000.png and so on).\n"
+        "view_000.png, in any image format; found other.png).\n"
         "Name masks as their images, with .png behind or instead of the extension."
     )
 
@@ -233,7 +251,7 @@ def test_a_folder_of_masks_that_belongs_to_no_image_is_noted(folder):
     (note,) = mask_notes(open_colmap(folder))
     assert note == (
         f"{folder}/masks holds no mask of any image (looked for view_000.png.png or "
-        "view_000.png and so on): all pixels count"
+        "view_000.png, in any image format; found other.png): all pixels count"
     )
 
 

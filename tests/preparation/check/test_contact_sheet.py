@@ -49,7 +49,7 @@ def test_names_with_line_ends_are_drawn_in_one_line(tmp_path):
 
 def test_above_and_side_are_at_right_angles_to_up(tmp_path):
     above, side, how = map_views(write_ball(tmp_path / "a").survey())
-    assert how == "up as the data says"
+    assert how == "up as the cameras are held"  # COLMAP says -y, whatever way is up.
     np.testing.assert_allclose(above.across, side.across)
     np.testing.assert_allclose([above.across @ side.down, above.down @ side.down], 0, atol=1e-9)
 

@@ -27,7 +27,7 @@ def written(tmp_path):
     ("kind", "edit"),
     [
         ("blurred images", blurred),
-        ("empty images", np.zeros_like),
+        ("unlit images", np.zeros_like),
         ("empty images", lambda pixels: np.full_like(pixels, 255)),
         ("uneven exposure", lambda pixels: (0.5 * pixels).astype(np.uint8)),
         (
@@ -68,7 +68,9 @@ def test_an_image_that_does_not_decode_is_named(written):
 def test_the_same_image_twice_is_named(written):
     first = np.asarray(Image.open(written.folder / "images" / "view_002.png"))
     written.change([9], lambda pixels: first)
-    assert written.findings()["copies"].images == ("view_009.png",)
+    found = written.findings()["copies"]
+    assert found.images == ("view_009.png",)
+    assert "view_009.png is view_002.png" in found.found
 
 
 def test_a_sample_is_spread_evenly_and_said_so(written):

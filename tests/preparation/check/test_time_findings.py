@@ -1,7 +1,11 @@
 """What times show."""
 
+import json
+
 import numpy as np
 from support.checked_captures import moving_findings, write_moving
+
+from gsfw.preparation.finding import Weight
 
 EVEN = np.linspace(0, 1, 8).tolist()
 KINDS = {
@@ -39,3 +43,17 @@ def test_how_many_cameras_see_a_time_is_told(tmp_path):
 def test_a_scene_that_stands_still_is_told(tmp_path):
     found = moving_findings(write_moving(tmp_path / "a", EVEN, 4, moves=0.0))
     assert "ignore_time=true" in found["hardly anything moves"].advice
+
+
+def test_times_that_belong_to_other_images_are_told(tmp_path):
+    times = [number / 15 for number in range(16)]
+    folder = write_moving(tmp_path / "a", times, 2, moves=0.5)
+    assert "times out of order" not in moving_findings(folder)
+    file = folder / "transforms_train.json"
+    document = json.loads(file.read_text())
+    mixed = np.random.default_rng(3).permutation(times)
+    for frame in document["frames"]:
+        frame["time"] = float(mixed[times.index(frame["time"])])
+    file.write_text(json.dumps(document))
+    found = moving_findings(folder)["times out of order"]
+    assert found.weight is Weight.STOP
