@@ -164,8 +164,18 @@ def _check(
                 lambda path: write_contact_sheet(path, name, verdict, survey, tiles),
             )
     plan = examined.plan(given.get("method", ""))
-    document = {**head, **report(examined, plan), "next": plan.command(given), "sheet": sheet}
+    following = {"next": plan.command(given), "next_steps": _steps(plan.settings(given))}
+    document = {**head, **report(examined, plan), **following, "sheet": sheet}
     return {**document, "sheet_problem": problem} if problem else document
+
+
+def _steps(values: Mapping[str, str]) -> int:
+    """Training steps of a command with these settings."""
+    from gsfw.commands.interface.arguments import Arguments, layers
+    from gsfw.plugins.registry import installed
+    from gsfw.plugins.settings import resolve
+
+    return resolve(installed(), layers(Arguments((), tuple(values.items())))).config.steps
 
 
 def _streaming(settings: Settings) -> Settings:
@@ -193,3 +203,5 @@ def _show(console: Console, document: Mapping[str, Any]) -> None:
         console.warn(document["sheet_problem"])
     if document["next"] and document["verdict"] != "will not train":
         console.say(f"next: {document['next']}")
+        steps = f"{document['next_steps']:,} steps"
+        console.say(f"({steps}; with --dry-run it measures how long they take here)")

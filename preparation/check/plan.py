@@ -76,8 +76,12 @@ class Plan:
 
     def command(self, given: Mapping[str, str]) -> str:
         """The command line, with the settings that were given and those to add."""
-        settings = {"method": self.method, **given, **self.changes}
-        return shlex.join(["gsfw", "train", *(f"{key}={text}" for key, text in settings.items())])
+        pairs = (f"{key}={text}" for key, text in self.settings(given).items())
+        return shlex.join(["gsfw", "train", *pairs])
+
+    def settings(self, given: Mapping[str, str]) -> dict[str, str]:
+        """Keys and values of that command, as they are typed."""
+        return {"method": self.method, **given, **self.changes}
 
 
 def _random_start(config: MethodConfig, view_pixels: float) -> int:

@@ -37,6 +37,7 @@ def test_a_good_capture_is_called_good(good, capsys, tmp_path):
     assert (found["images_decoded"], found["images"]) == (24, 24)
     assert (found["gaussians"], found["gaussians_mb"]) == (1500, 1.4)
     assert found["next"] == f"gsfw train method=3dgs data={good}"
+    assert found["next_steps"] == 30_000
     assert found["sheet"] == str(sheet)
     assert sheet.read_bytes().startswith(b"\x89PNG")
 
@@ -76,6 +77,7 @@ def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeyp
     assert "5 of 24 images were decoded, evenly spread" in out
     assert "verdict: good: nothing was found that speaks against it\n" in out
     assert "cameras, points and images: check.png" in out
+    assert out.endswith("(30,000 steps; with --dry-run it measures how long they take here)\n")
     assert (tmp_path / "check.png").is_file()
 
 
@@ -176,7 +178,7 @@ def test_findings_are_told_before_images_are_decoded(tmp_path, capsys, monkeypat
     assert main(["check", str(folder), "out=none"]) == 0
     assert "Limit - few views" in told[0]
     assert "verdict" not in told[0]
-    assert capsys.readouterr().out.splitlines()[-2].startswith("verdict: usable with limits")
+    assert capsys.readouterr().out.splitlines()[-3].startswith("verdict: usable with limits")
 
 
 def test_limits_still_exit_with_zero_and_have_advice(capsys, tmp_path):
