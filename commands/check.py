@@ -15,6 +15,7 @@ from gsfw.core.progress import stage
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
+    from gsfw.preparation.check.examination import Examination
 
 OWN = ("images", "out", *FLAGS)
 """Keys of this verb; all others are those of ``gsfw train``."""
@@ -127,13 +128,11 @@ def _check(
     it cannot be trained on.
     """
     from gsfw.commands.interface.fitness import misfits
-    from gsfw.core.files.elsewhere import write_here_or_elsewhere
     from gsfw.plugins.compose import open_data
     from gsfw.plugins.registry import installed
-    from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
     from gsfw.preparation.check.examination import Examination
     from gsfw.preparation.check.report import finding_lines, report, report_unreadable
-    from gsfw.preparation.finding import Finding, Verdict
+    from gsfw.preparation.finding import Finding
 
     def tell(finding: Finding) -> None:
         for line in finding_lines(finding.document()):
@@ -153,20 +152,26 @@ def _check(
         for line in (line for finding in document["findings"] for line in finding_lines(finding)):
             console.say(line)
         return {**head, **document, "next": "", "sheet": ""}
-    survey, findings = examined.survey, examined.findings
-    sheet, problem = "", ""
-    if options.out != "none":
-        tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
-        verdict, name = Verdict.of(findings), survey.scene.name
-        with stage(f"drawing {options.out}"):
-            sheet, problem = write_here_or_elsewhere(
-                Path(options.out),
-                lambda path: write_contact_sheet(path, name, verdict, survey, tiles),
-            )
+    sheet, problem = _draw(examined, options.out) if options.out != "none" else ("", "")
     plan = examined.plan(given.get("method", ""))
     following = {"next": plan.command(given), "next_steps": _steps(plan.settings(given))}
     document = {**head, **report(examined, plan), **following, "sheet": sheet}
     return {**document, "sheet_problem": problem} if problem else document
+
+
+def _draw(examined: Examination, out: str) -> tuple[str, str]:
+    """Draw the contact sheet; its place, and why that is another one than asked for."""
+    from gsfw.core.files.elsewhere import write_here_or_elsewhere
+    from gsfw.preparation.check.contact_sheet import COLUMNS, ROWS, tiles_of, write_contact_sheet
+    from gsfw.preparation.finding import Verdict
+
+    survey, findings = examined.survey, examined.findings
+    tiles = tiles_of(survey, findings, COLUMNS * ROWS, COLUMNS)
+    verdict, name = Verdict.of(findings), survey.scene.name
+    with stage(f"drawing {out}"):
+        return write_here_or_elsewhere(
+            Path(out), lambda path: write_contact_sheet(path, name, verdict, survey, tiles)
+        )
 
 
 def _steps(values: Mapping[str, str]) -> int:

@@ -236,6 +236,7 @@ def test_rows_learn_the_mask_and_the_background_stays(scene, tmp_path):
     assert float(moved[~foreground].median()) < 0.1 * float(moved[foreground].median())
 
 
+@pytest.mark.slow
 def test_a_run_with_masks_resumes_and_is_exported_as_it_is(scene, tmp_path):
     run, parts = tmp_path / "run", tmp_path / "parts"
     train(scene, run, "checkpoint_every=64")

@@ -61,7 +61,7 @@ def test_the_end_of_a_run_states_the_bytes_of_a_captured_time(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("method", ["4dgs", "4d-rotor", "spacetime", "dynamic3dgs"])
-@pytest.mark.parametrize("budget", ["auto", "60"])
+@pytest.mark.parametrize("budget", [pytest.param("auto", marks=pytest.mark.slow), "60"])
 def test_every_dynamic_method_trains_within_a_budget(tmp_path, method, budget):
     """dynamic3dgs grows at its first time only; rows are removed while it tracks too."""
     arguments = ("steps=80", "eval_every=0", "seed=3", "strategy.grow_gradient=1e-5")

@@ -86,7 +86,7 @@ def test_points_that_are_not_there_cannot_be_asked_for():
 def test_notes_do_not_say_that_time_is_ignored():
     method = SlicedGaussiansConfig().build()
     assert method.notes(scene()) == ()
-    assert "Starting from 100000 random splats" in method.notes(scene(0))[0]
+    assert "Starting from 100,000 random splats" in method.notes(scene(0))[0]
 
 
 def test_points_start_when_they_were_seen():

@@ -78,6 +78,7 @@ def test_exchanged_and_misplaced_images_are_named(sound, tmp_path):
     assert turned.images == ("images/view_12.jpg",)
 
 
+@pytest.mark.slow
 def test_a_focal_length_of_other_images_is_told_with_its_factor(tmp_path):
     # Cameras that all look at one thing hardly tell their focal length.
     sound = faults.turntable(cast_capture(20, wander=0.9), GREY)
