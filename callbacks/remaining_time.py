@@ -1,12 +1,13 @@
 """Remaining time of a run, by a model of its growth instead of the rate of the moment.
 
-The time of a step is modelled as ``cost(phase) * gaussians ** 0.6 * pixels ** 0.6``, times a factor
-that is measured over the recent steps. Phases are the method's own (a field or further times are
-trained from some step on). The number of Gaussians grows until refinements end, as it grew so far
-and, as long as few refinements were seen, as usual runs do. Waiting for images is apart: each view
-is decoded once, if all fit into the cache. Evaluations take as long for a view as the last one.
+The time of a step is modelled as the cost of its phase times powers of the numbers of Gaussians and
+of pixels, times a factor that is measured over the recent steps. Phases are the method's own (a
+field or further times are trained from some step on). The number of Gaussians grows until
+refinements end, as it grew so far and, as long as few refinements were seen, as usual runs do.
+Waiting for images is apart: each view is decoded once, if all fit into the cache. Evaluations take
+as long for a view as the last one.
 
-Measured over 256 recorded runs (``benchmarks/remaining_time.py``).
+Measured over 258 recorded runs (``benchmarks/remaining_time.py``).
 """
 
 from __future__ import annotations

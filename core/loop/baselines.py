@@ -13,7 +13,7 @@ from torch import Tensor
 from gsfw.core.datamanager import DataManager, Split, spread
 from gsfw.core.metrics import psnr
 from gsfw.core.progress import tracked
-from gsfw.core.temporal_metrics.moving_region import camera_key
+from gsfw.core.temporal_metrics.moving_region import camera_key, views_of_cameras
 from gsfw.core.temporal_metrics.over_time import MOVING, means
 
 MOST_IMAGES = 16
@@ -152,10 +152,7 @@ class Baselines:
     @cached_property
     def _members(self) -> dict[object, list[int]]:
         """Training views of each fixed camera."""
-        found: dict[object, list[int]] = {}
-        for index, camera in enumerate(self._data.views(Split.TRAIN).cameras):
-            found.setdefault(camera_key(camera), []).append(index)
-        return found
+        return views_of_cameras(self._data.views(Split.TRAIN).cameras)
 
     def _training_image(self, index: int) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w 1"]]:
         """A training image, and 1 where it is valid."""

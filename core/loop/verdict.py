@@ -59,10 +59,11 @@ class Verdict:
             step: number of finished steps.
             evaluation: of the model after them. Without views, training views are judged.
         """
-        sampled = evaluation if self._split is Split.TRAIN else self._training_views()
-        if self._split is Split.EVAL:
-            evaluation = replace(evaluation, training_psnr=sampled.means["psnr"])
         held_out = bool(evaluation.views) and self._split is Split.EVAL
+        sampled = evaluation
+        if self._split is Split.EVAL:
+            sampled = self._training_views(None if held_out else self._of_training)
+            evaluation = replace(evaluation, training_psnr=sampled.means["psnr"])
         visible = self._visible()
         evidence = Evidence(
             evaluation=evaluation if held_out else sampled,
@@ -100,7 +101,7 @@ class Verdict:
             return None
         return int((model.opacities() >= self._plan.settings.profile.alpha_min).sum())
 
-    def _training_views(self) -> Evaluation:
+    def _training_views(self, baselines: Baselines | None) -> Evaluation:
         """PSNR of some training views, under the protocol of the evaluation."""
         parts, settings = self._parts, self._plan.settings
         assert settings.background is not None
@@ -116,12 +117,13 @@ class Verdict:
             valid = None if batch.valid is None else batch.valid[0]
             per_view.append({"psnr": psnr(image, target, valid)})
             one_color += is_one_color(image, target, valid)
-            self._of_training.compare(index, target, valid, None)
+            if baselines is not None:
+                baselines.compare(index, target, valid, None)
         return Evaluation(
             tuple(names[index] for index in indices),
             tuple(per_view),
             0.0,
             means(per_view),
             one_color=one_color,
-            baselines=self._of_training.document(),
+            baselines={} if baselines is None else baselines.document(),
         )

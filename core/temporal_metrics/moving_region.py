@@ -43,6 +43,14 @@ def camera_key(camera: Cameras) -> tuple[object, ...]:
     return pose, lens, camera.width, camera.height, camera.model
 
 
+def views_of_cameras(cameras: Sequence[Cameras]) -> dict[object, list[int]]:
+    """Indices of the views of each fixed camera, by its key."""
+    found: dict[object, list[int]] = {}
+    for index, camera in enumerate(cameras):
+        found.setdefault(camera_key(camera), []).append(index)
+    return found
+
+
 class MovingRegions:
     """The moving region of every view of a split; computed on first use."""
 
@@ -65,8 +73,8 @@ class MovingRegions:
         self._background, self._device = background, device
         self._members: dict[object, list[tuple[Split, int]]] = {}
         for part in Split:
-            for index, camera in enumerate(data.views(part).cameras):
-                self._members.setdefault(camera_key(camera), []).append((part, index))
+            for key, indices in views_of_cameras(data.views(part).cameras).items():
+                self._members.setdefault(key, []).extend((part, index) for index in indices)
         self._varying: dict[object, Tensor | None] = {}
         self._sources: Counter[str] = Counter()
         self._shares: list[float] = []

@@ -59,14 +59,8 @@ def _empty(survey: Survey) -> Iterator[Finding]:
     images = survey.sample.images
     empty = [image for image in images if image.contrast < EMPTY and not is_unlit(image)]
     if empty:
-        names = survey.viewpoints.named([image.view for image in empty])
-        yield Finding(
-            "empty images",
-            Weight.STOP if 2 * len(empty) > len(images) else Weight.LIMIT,
-            f"{len(empty)} of {len(images)} images are of one colour: {listed(names)}.",
-            "They teach that nothing is there.",
-            "Remove them; if alpha or masks made them empty, check which side is which.",
-            names,
+        yield _blank(
+            survey, empty, "empty images", "of one colour", "nothing is there", made="empty"
         )
 
 
@@ -80,15 +74,24 @@ def _unlit(survey: Survey) -> Iterator[Finding]:
     images = survey.sample.images
     unlit = [image for image in images if is_unlit(image)]
     if unlit:
-        names = survey.viewpoints.named([image.view for image in unlit])
-        yield Finding(
-            "unlit images",
-            Weight.STOP if 2 * len(unlit) > len(images) else Weight.LIMIT,
-            f"{len(unlit)} of {len(images)} images are (nearly) black: {listed(names)}.",
-            "They teach that everything is black from there.",
-            "Remove them; if alpha or masks made them black, check which side is which.",
-            names,
-        )
+        learnt = "everything is black from there"
+        yield _blank(survey, unlit, "unlit images", "(nearly) black", learnt, made="black")
+
+
+def _blank(
+    survey: Survey, blank: list[SampledImage], kind: str, what: str, learnt: str, made: str
+) -> Finding:
+    """Images that show nothing."""
+    names = survey.viewpoints.named([image.view for image in blank])
+    total = len(survey.sample.images)
+    return Finding(
+        kind,
+        Weight.STOP if 2 * len(blank) > total else Weight.LIMIT,
+        f"{len(blank)} of {total} images are {what}: {listed(names)}.",
+        f"They teach that {learnt}.",
+        f"Remove them; if alpha or masks made them {made}, check which side is which.",
+        names,
+    )
 
 
 def _textured(survey: Survey) -> list[SampledImage]:

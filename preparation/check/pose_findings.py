@@ -17,6 +17,8 @@ def pose_findings(survey: Survey) -> Iterator[Finding]:
     Where focal lengths of one lens differ, images contradict their poses for that reason.
     """
     found = survey.cross_check
+    if found.matches.problem:
+        yield _not_matched(found.matches.problem)
     if found.turntable is not None:
         yield _turntable(found.turntable)
     elif found.reading is not None:
@@ -29,6 +31,16 @@ def pose_findings(survey: Survey) -> Iterator[Finding]:
         yield from _contradictions(survey, found.contradictions)
         if found.row_shear is not None and not found.cameras_wrong:
             yield _rolling_shutter(found.row_shear)
+
+
+def _not_matched(problem: str) -> Finding:
+    return Finding(
+        "images not matched",
+        Weight.NOTE,
+        f"COLMAP does not load: {problem}.",
+        "Poses and focal lengths are not compared with the images.",
+        "Install it anew with: pip install --force-reinstall 'pycolmap>=4.2'",
+    )
 
 
 def _turntable(share: float) -> Finding:

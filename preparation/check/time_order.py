@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import DataError
-from gsfw.core.loop.area import shrink_batch
+from gsfw.preparation.check.small_images import load_small
 from gsfw.preparation.check.viewpoints import Viewpoints
 
 IMAGES = 24
@@ -62,9 +62,9 @@ class TimeOrder:
 
 
 def _small(data: DataManager, viewpoints: Viewpoints, view: int) -> Float[np.ndarray, " n"]:
-    (batch,) = data.load(viewpoints.splits[view], [viewpoints.numbers[view]], torch.device("cpu"))
     width, height = viewpoints.sizes[view] * min(1.0, SIDE / int(viewpoints.sizes[view].max()))
-    small = shrink_batch(batch, max(1, round(float(width))), max(1, round(float(height))))
+    size = max(1, round(float(width))), max(1, round(float(height)))
+    small = load_small(data, viewpoints.splits[view], viewpoints.numbers[view], *size)
     return small.target(torch.ones(3))[0].double().numpy().ravel()
 
 

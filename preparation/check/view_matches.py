@@ -56,6 +56,8 @@ class ViewMatches:
     unmoved: Float[np.ndarray, "i i"]
     """Part of the matches of two images that lie at the same pixel in both; NaN for images of one
     pose, and where there are fewer than ``FEWEST``. Such matches are in no pair."""
+    problem: str = ""
+    """Why images could not be matched, if COLMAP does not load."""
 
     @staticmethod
     def of(viewpoints: Viewpoints, sample: ImageSample) -> ViewMatches:
@@ -70,7 +72,10 @@ class ViewMatches:
         places = viewpoints.place_of[[image.view for image in images]]
         if len(np.unique(places)) < 2:
             return ViewMatches.none()
-        _load_colmap()
+        try:
+            _load_colmap()
+        except (ImportError, RuntimeError) as error:
+            return ViewMatches.none(str(error))
         features = [_features(image.preview) for image in images]
         unmoved = np.full((len(images), len(images)), np.nan)
         pairs, found = [], []
@@ -103,11 +108,11 @@ class ViewMatches:
         )
 
     @staticmethod
-    def none() -> ViewMatches:
+    def none(problem: str = "") -> ViewMatches:
         """No matches of no images."""
         nothing, pixels = np.zeros(0, np.int64), np.zeros((0, 2))
         return ViewMatches(
-            nothing, np.zeros((0, 2), np.int64), nothing, pixels, pixels, np.zeros((0, 0))
+            nothing, np.zeros((0, 2), np.int64), nothing, pixels, pixels, np.zeros((0, 0)), problem
         )
 
     def where(self, chosen: Bool[np.ndarray, " q"]) -> ViewMatches:

@@ -26,7 +26,9 @@ def test_every_file_is_tested():
 
 @pytest.mark.parametrize("name", DATAMANAGERS)
 def test_every_run_of_a_published_study_has_valid_settings(name):
-    for cell in read_study(FOLDER / f"{name}.yaml").cells():
+    cells = read_study(FOLDER / f"{name}.yaml").cells()
+    different = {repr(cell.settings | {"seed": 0}): cell for cell in cells}
+    for cell in different.values():
         datamanager = DATAMANAGERS[name] if "data" in cell.settings else "synthetic"
         given = {"device": "cpu", "datamanager": datamanager, **cell.settings}
         resolve(installed(), [Layer("study", given)]).config.check()

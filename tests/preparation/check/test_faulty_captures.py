@@ -71,6 +71,18 @@ def test_a_fault_is_named_first(sound, tmp_path, fault, kind, weight, advice):
     assert not {"images contradict points", "uneven exposure", "cameras see no points"} & set(found)
 
 
+def test_where_colmap_does_not_load_that_is_told_and_nothing_else_is_lost(
+    sound, tmp_path, monkeypatch
+):
+    def broken() -> None:
+        raise ImportError("libgomp.so.1: cannot open shared object file")
+
+    monkeypatch.setattr("gsfw.preparation.check.view_matches.load_colmap", broken)
+    found = findings_of(faults.unlit(sound), tmp_path / "a")
+    assert "libgomp.so.1" in found["images not matched"].found
+    assert "unlit images" in found
+
+
 def test_exchanged_and_misplaced_images_are_named(sound, tmp_path):
     exchanged = findings_of(faults.poses_exchanged(sound), tmp_path / "a")["poses exchanged"]
     assert set(exchanged.images) == {"images/view_04.jpg", "images/view_14.jpg"}
