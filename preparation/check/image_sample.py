@@ -15,7 +15,7 @@ from gsfw.core.errors import DataError
 from gsfw.core.loop.area import shrink_batch
 from gsfw.core.progress import tracked
 from gsfw.datamanagers.capture import Capture
-from gsfw.preparation.check.small_images import load_small
+from gsfw.preparation.check.small_images import load_small, size_at_most
 from gsfw.preparation.check.viewpoints import Viewpoints
 from gsfw.preparation.image_quality import MEASURED_SIDE, ImageQuality
 
@@ -84,7 +84,7 @@ class ImageSample:
         for view in tracked(views, "looking at images", len(views)):
             split, number = viewpoints.splits[view], viewpoints.numbers[view]
             stored = viewpoints.sizes[view]
-            width, height = _size_at_most(int(stored[0]), int(stored[1]), longest)
+            width, height = size_at_most(int(stored[0]), int(stored[1]), longest)
             try:
                 batch = load_small(data, split, number, width, height)
             except DataError as error:
@@ -106,13 +106,7 @@ def spread_views(viewpoints: Viewpoints, count: int) -> Sequence[int]:
 
 def _at_most(batch: Batch, longest: int) -> Batch:
     height, width = batch.images.shape[1:3]
-    return shrink_batch(batch, *_size_at_most(width, height, longest))
-
-
-def _size_at_most(width: int, height: int, longest: int) -> tuple[int, int]:
-    """Width and height, both divided so that neither exceeds ``longest``."""
-    factor = max(1.0, max(width, height) / longest)
-    return max(1, round(width / factor)), max(1, round(height / factor))
+    return shrink_batch(batch, *size_at_most(width, height, longest))
 
 
 def _measured(view: int, batch: Batch) -> SampledImage:

@@ -43,10 +43,8 @@ def point_findings(survey: Survey) -> Iterator[Finding]:
     yield from _copies(survey)
     yield from _outliers(survey)
     check = survey.cross_check
-    if (
-        check.cameras_wrong or check.other_scene
-    ):  # Points go with cameras, and so look wrong as well.
-        return
+    if check.cameras_wrong or check.other_scene:
+        return  # Points go with cameras, and so look wrong as well.
     factor = points_factor(survey)
     if factor is not None:
         yield _other_scale(factor)

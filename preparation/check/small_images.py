@@ -31,3 +31,9 @@ def load_small(data: DataManager, split: Split, index: int, width: int, height: 
         return data.load_small(split, index, width, height)
     (batch,) = data.load(split, [index], torch.device("cpu"))
     return shrink_batch(batch, width, height)
+
+
+def size_at_most(width: int, height: int, longest: int) -> tuple[int, int]:
+    """Width and height, both divided so that neither exceeds ``longest``."""
+    factor = max(1.0, max(width, height) / longest)
+    return max(1, round(width / factor)), max(1, round(height / factor))

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from gsfw.core.datamanager import DataManager
 from gsfw.core.errors import DataError
-from gsfw.preparation.check.small_images import load_small
+from gsfw.preparation.check.small_images import load_small, size_at_most
 from gsfw.preparation.check.viewpoints import Viewpoints
 
 IMAGES = 24
@@ -62,8 +62,8 @@ class TimeOrder:
 
 
 def _small(data: DataManager, viewpoints: Viewpoints, view: int) -> Float[np.ndarray, " n"]:
-    width, height = viewpoints.sizes[view] * min(1.0, SIDE / int(viewpoints.sizes[view].max()))
-    size = max(1, round(float(width))), max(1, round(float(height)))
+    width, height = viewpoints.sizes[view].tolist()
+    size = size_at_most(width, height, SIDE)
     small = load_small(data, viewpoints.splits[view], viewpoints.numbers[view], *size)
     return small.target(torch.ones(3))[0].double().numpy().ravel()
 
