@@ -50,7 +50,7 @@ class Column(nn.Module):
 
     def __init__(
         self,
-        values: Shaped[Tensor, ...],
+        values: Shaped[Tensor, " ..."],
         learning_rate: LearningRate | None = None,
         layout: Layout = Layout.DENSE,
         offsets: Int[Tensor, " n_plus_1"] | None = None,
