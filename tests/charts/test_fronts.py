@@ -72,7 +72,7 @@ def test_panels_share_a_legend():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kind", "other"]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 2))])
 def test_labels_lie_within_the_axes_and_cover_no_dot_and_no_other_label(seed):
     draw = random.Random(seed)
     dots = [CostDot("0", "the first", "#111111", 20.0, 36.0)]

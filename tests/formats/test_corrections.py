@@ -14,6 +14,9 @@ from gsfw.formats.corrections import refined_transforms
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 
+# Whole runs; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 SMALL = (
     "method=3dgs", "device=cpu", "datamanager.views=4", "datamanager.eval_views=1",
     "datamanager.width=32", "datamanager.height=24", "datamanager.points=100", "steps=6",

@@ -8,6 +8,9 @@ from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
 from gsfw.studies.study_file import read_study
 
+# Hundreds of settings are resolved; the tests of settings check types.
+pytestmark = pytest.mark.unchecked
+
 FOLDER = Path(__file__).parents[2] / "benchmarks/studies"
 DATAMANAGERS = {
     "d-nerf": "blender",

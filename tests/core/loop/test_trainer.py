@@ -181,7 +181,7 @@ def test_losses_fall_and_held_out_pictures_are_met(tmp_path, strategy):
     assert summary["skipped_steps"] == 0
 
 
-@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 7])
 def test_reports_say_what_became_of_rows_since_the_last_one(tmp_path, every):
     recorder = Recorder()
     trainer(tmp_path, "adc", recorder, log_every=every).fit()

@@ -9,6 +9,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder
 
+# Whole runs; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 VANISHING = ("opacity_penalty=1000", "optim.opacities_lr=1", "steps=30", "eval_every=10")
 """All Gaussians become transparent within ten steps."""
 

@@ -10,11 +10,16 @@ from tracks import track_errors
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
+# Whole runs; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 SHORT = (
     *("datamanager.points=400", "method=dynamic3dgs", "steps=42", "eval_every=0", "seed=3"),
     "strategy.grow_gradient=1e-5",
     *("strategy.refine_start=4", "strategy.refine_every=5", "strategy.refine_stop=18"),
 )
+
+DYNAMIC = ("4dgs", "4d-rotor", "spacetime", "dynamic3dgs")
 
 
 @pytest.mark.slow
@@ -60,8 +65,14 @@ def test_the_end_of_a_run_states_the_bytes_of_a_captured_time(tmp_path, capsys):
     assert report["floats_per_time"] == pytest.approx(report["total_floats"] / 4, abs=0.1)
 
 
-@pytest.mark.parametrize("method", ["4dgs", "4d-rotor", "spacetime", "dynamic3dgs"])
-@pytest.mark.parametrize("budget", [pytest.param("auto", marks=pytest.mark.slow), "60"])
+@pytest.mark.parametrize(
+    ("method", "budget"),
+    [
+        *(("spacetime", "60"), ("dynamic3dgs", "60")),
+        *(pytest.param(method, "60", marks=pytest.mark.slow) for method in ("4dgs", "4d-rotor")),
+        *(pytest.param(method, "auto", marks=pytest.mark.slow) for method in DYNAMIC),
+    ],
+)
 def test_every_dynamic_method_trains_within_a_budget(tmp_path, method, budget):
     """dynamic3dgs grows at its first time only; rows are removed while it tracks too."""
     arguments = ("steps=80", "eval_every=0", "seed=3", "strategy.grow_gradient=1e-5")

@@ -9,6 +9,9 @@ from support.states import assert_same_bits
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
+# Whole runs; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 MOVING = (
     "datamanager.moving=true", "datamanager.times=4", "datamanager.views=8",
     "datamanager.eval_views=2", "datamanager.width=32", "datamanager.height=24",

@@ -16,6 +16,9 @@ from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
+# Whole runs; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 SHORT = (
     *("steps=30", "checkpoint_every=15", "eval_every=0", "neighbors_every=8"),
     *("strategy.refine_start=4", "strategy.refine_every=10"),

@@ -9,6 +9,9 @@ from support.states import assert_same_bits
 from gsfw.commands.main import main
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 
+# Whole runs; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
 SHORT = (
     *("steps=30", "checkpoint_every=15", "eval_every=0"),
     *("strategy.refine_start=4", "strategy.refine_every=10"),
