@@ -31,8 +31,7 @@ AGAIN = ("/expected-depth", "/fisheye-no-cut-offs")
 
 
 SAMPLE = 4
-"""Of the cases that the emulation takes, every fourth is for every day, and the others are slow; of
-the others' cases, all but those ``AGAIN``."""
+"""Every fourth case of a backend is for every day, and the others are slow."""
 
 DRAWN = [case for name, case in CASES.items() if not name.startswith("input/shape-of-")]
 """Tensors of wrong shapes do not come past the shape checks of the tests; core/test_rasterizer.py
@@ -47,21 +46,19 @@ def emulation_takes(case: StressCase) -> bool:
 
 def groups() -> list:
     """Backends and the cases that each is held to in one test: those of a section."""
-    emulated = [case for case in DRAWN if emulation_takes(case)]
-    sample = emulated[::SAMPLE]
-    rest = [case for case in emulated if case not in sample]
-    new = [case for case in DRAWN if not case.name.endswith(AGAIN)]
-    again = [case for case in DRAWN if case.name.endswith(AGAIN)]
-    parts = [(EMULATED, sample, ", a sample", False), (EMULATED, rest, ", the rest", True)]
-    for backend in ("reference", "cpu", *CUDA):
-        parts += [(backend, new, "", False), (backend, again, ", again", True)]
+    parts = []
+    for backend in ("reference", "cpu", EMULATED, *CUDA):
+        taken = [case for case in DRAWN if backend != EMULATED or emulation_takes(case)]
+        daily = [case for case in taken if not case.name.endswith(AGAIN)][::SAMPLE]
+        rest = [case for case in taken if case not in daily]
+        parts += [(backend, daily, "a sample", False), (backend, rest, "the rest", True)]
     found = []
     for backend, cases, part, slow in parts:
         for section in Section:
             own = [case for case in cases if case.section is section]
             marks = [pytest.mark.slow] if slow or section is Section.SIZE else []
             marks += [pytest.mark.cuda] if backend in CUDA else []
-            name = f"{backend}: {section.value}{part}"
+            name = f"{backend}: {section.value}, {part}"
             found += [pytest.param(backend, own, marks=marks, id=name)] if own else []
     return found
 

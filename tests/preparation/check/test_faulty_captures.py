@@ -16,6 +16,9 @@ from gsfw.preparation.check.pose_agreement import agreement
 from gsfw.preparation.check.pose_findings import pose_findings
 from gsfw.preparation.finding import Weight
 
+# Whole data sets are read and judged, by parts that have tests of their own.
+pytestmark = pytest.mark.unchecked
+
 GREY = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
 
 
@@ -46,8 +49,20 @@ def test_matches_agree_with_right_poses_and_points_lie_at_their_depth(sound, tmp
     ("fault", "kind", "weight", "advice"),
     [
         (faults.poses_inverted, "poses inverted", Weight.STOP, "invert each matrix"),
-        (faults.axes_mixed, "camera axes", Weight.STOP, "OpenGL and OpenCV"),
-        (faults.images_flipped, "mirrored", Weight.STOP, "flip the images back"),
+        pytest.param(
+            faults.axes_mixed,
+            "camera axes",
+            Weight.STOP,
+            "OpenGL and OpenCV",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            faults.images_flipped,
+            "mirrored",
+            Weight.STOP,
+            "flip the images back",
+            marks=pytest.mark.slow,
+        ),
         (
             faults.images_shuffled,
             "images and poses do not belong together",
@@ -55,11 +70,23 @@ def test_matches_agree_with_right_poses_and_points_lie_at_their_depth(sound, tmp
             "Restore the order",
         ),
         (faults.poses_exchanged, "poses exchanged", Weight.LIMIT, "Exchange their poses"),
-        (faults.camera_turned, "cameras misplaced", Weight.LIMIT, "Leave these images out"),
+        pytest.param(
+            faults.camera_turned,
+            "cameras misplaced",
+            Weight.LIMIT,
+            "Leave these images out",
+            marks=pytest.mark.slow,
+        ),
         (faults.focal_lengths_spread, "focal lengths differ", Weight.LIMIT, "cameras=one"),
         (faults.masks_named_otherwise, "masks not used", Weight.LIMIT, "view_00.jpg.png or view"),
         (faults.unlit, "unlit images", Weight.LIMIT, "Remove them"),
-        (faults.points_of_another_scale, "points of another scale", Weight.LIMIT, "units"),
+        pytest.param(
+            faults.points_of_another_scale,
+            "points of another scale",
+            Weight.LIMIT,
+            "units",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_fault_is_named_first(sound, tmp_path, fault, kind, weight, advice):
