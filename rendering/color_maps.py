@@ -127,7 +127,7 @@ def _write_upwards(
     length, size = int(font.getlength(text)) + 2, int(font.size * 1.4)
     if length > image.height:
         return
-    strip = Image.new("RGB", (length, size), image.getpixel((0, 0)))  # type: ignore[arg-type]
+    strip = Image.new("RGB", (length, size), image.getpixel((0, 0)))
     ImageDraw.Draw(strip).text((0, size / 2), text, fill=INK, font=font, anchor="lm")
     turned = strip.rotate(90, expand=True)
     image.paste(turned, (middle[0] - turned.width // 2 + size // 3, middle[1] - length // 2))
