@@ -78,7 +78,7 @@ def write_values(path: Path, channels: Sequence[Channel], images: Sequence[Tenso
     Raises:
         OutputError: it cannot be written.
     """
-    named = {}
+    named: dict[str, np.ndarray] = {}
     for channel, image in zip(channels, images, strict=True):
         values = image.float().cpu()
         if channel.name == "normals":
