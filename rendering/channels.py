@@ -72,7 +72,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel("normals", "surface directions, from depth", "color"),
             Channel(
-                "error", "mean absolute difference to the photo", "scalar", "of 1",
+                "error", "mean absolute difference to the photo", "scalar", "difference",
                 needs_image=True, low=0.0, colormap="magma",
             ),
             Channel(
