@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -60,6 +60,8 @@ class RenderOptions(RunOptions):
     """Draw a colour bar beside each channel of values."""
     labels: bool = True
     """Write the names of the channels, where there are several."""
+    background: str = ""
+    """Colour behind the scene: white, black, or r,g,b in [0, 1]. Empty: that of the training."""
     out: str = ""
     """Folder for the images. Empty: renders/ in the run, or beside the model file."""
     frames: int | None = None
@@ -113,6 +115,7 @@ def run(arguments: list[str]) -> int:
     _check_channels(options)
     found = find_run(options.run, console.say)
     composition = open_run(found, installed(), options.changed()).composition
+    composition = _on_background(composition, options.background)
     rule = _film_rule(options)
     asked = paths(composition, options.what, rule)
     out = Path(options.out) if options.out else found.folder.path / "renders"
@@ -134,6 +137,7 @@ def run(arguments: list[str]) -> int:
 
 def _check(options: RenderOptions) -> None:
     """Refuse invalid settings before anything is loaded."""
+    from gsfw.core.config import parse_background
     from gsfw.core.errors import ConfigError
 
     frames = 1 if options.frames is None else options.frames
@@ -156,6 +160,8 @@ def _check(options: RenderOptions) -> None:
             "smaller one first.",
             "Write range=LOW,HIGH, such as range=0,5.",
         )
+    if options.background:
+        parse_background(options.background)
     if options.eye_distance < 0:
         raise ConfigError(f"eye_distance={options.eye_distance:g}: expected 0 or more.")
     if options.images == "exr" and options.video not in ("auto", "none"):
@@ -209,6 +215,21 @@ def _check_tracks(options: RenderOptions) -> None:
             "tracks=true: tracks are drawn on the colours of one camera.",
             "Leave projection out, and let channel have color.",
         )
+
+
+def _on_background(composition: Composition, text: str) -> Composition:
+    """The same before another colour; as it is for none."""
+    if not text:
+        return composition
+    import torch
+
+    from gsfw.core.config import parse_background
+
+    plan = composition.plan
+    like = plan.settings.background
+    color = torch.tensor(parse_background(text, composition.scene.has_alpha))
+    settings = replace(plan.settings, background=color if like is None else color.to(like))
+    return replace(composition, plan=replace(plan, settings=settings))
 
 
 def _film_rule(options: RenderOptions) -> FilmRule:
