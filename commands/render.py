@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.commands.interface.arguments import RunOptions, read, word
 from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ class RenderOptions(RunOptions):
         "gsfw render runs/moving what=time tracks=true",
     )
 
+    run: str = word("RUN")
+    """A run folder, a checkpoint, a model file (.gsfw), a splat file (.ply), or latest."""
     what: Literal[
         "all", "views", "orbit", "path", "spiral", "time", "orbit-time", "path-time", "spiral-time"
     ] = "all"
@@ -51,8 +53,10 @@ class RenderOptions(RunOptions):
     channel: tuple[str, ...] = ()
     """Images side by side: color, photo, depth, alpha, normals, error, contribution, count,
     sh_degree, motion. Empty: photo,color for views, color for films."""
-    colormap: Literal["", "turbo", "viridis", "magma", "inferno", "plasma", "cividis", "gray"] = ""
-    """Colours of values, such as depth. Empty: those that suit the channel."""
+    colormap: Literal[
+        "auto", "turbo", "viridis", "magma", "inferno", "plasma", "cividis", "gray"
+    ] = "auto"
+    """Colours of values, such as depth. auto: those that suit the channel."""
     range: tuple[float, ...] = ()
     """Values at the two ends of the colours: range=LOW,HIGH. Empty: found, and the same for all
     frames of a film."""
@@ -113,7 +117,7 @@ def run(arguments: list[str]) -> int:
     chosen = choose_format("none" if options.images == "exr" else options.video)
     console = Console(options.json)
     _check_channels(options)
-    found = find_run(options.run, console.say)
+    found = find_run(options.run, console.say, splats=True)
     composition = open_run(found, installed(), options.changed()).composition
     composition = _on_background(composition, options.background)
     rule = _film_rule(options)
@@ -269,7 +273,8 @@ def _renderer(
                 "Leave this channel out.",
             )
     ends = (options.range[0], options.range[1]) if options.range else None
-    style = PictureStyle(shown, options.colormap, ends, options.bars, options.labels)
+    colormap = "" if options.colormap == "auto" else options.colormap
+    style = PictureStyle(shown, colormap, ends, options.bars, options.labels)
     rule = FrameRule(style, options.images, options.projection, options.eye_distance, options.width)
     return FrameRenderer(composition, rule)
 
