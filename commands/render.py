@@ -233,6 +233,7 @@ def _on_background(composition: Composition, text: str) -> Composition:
     like = plan.settings.background
     color = torch.tensor(parse_background(text, composition.scene.has_alpha))
     settings = replace(plan.settings, background=color if like is None else color.to(like))
+    settings = composition.parts.method.render_settings(settings, None)
     return replace(composition, plan=replace(plan, settings=settings))
 
 
