@@ -281,6 +281,17 @@ def test_what_stops_in_the_middle_leaves_whole_frames(moving_run, tmp_path, monk
     assert "orbit: 3 of 5 frames were rendered before" in capsys.readouterr().out
 
 
+def test_a_full_disk_leaves_whole_frames(moving_run, tiny_disk, capsys):
+    arguments = ("what=orbit", "frames=9", "video=none", "images=exr", "width=320")
+    assert main(["render", str(moving_run), f"out={tiny_disk}", *arguments]) == 2
+    assert "the disk is full" in capsys.readouterr().err
+    left = sorted((tiny_disk / "orbit").iterdir())
+    assert {item.suffix for item in left} == {".exr", ".json"}
+    sizes = [item.stat().st_size for item in left if item.suffix == ".exr"]
+    assert 1 <= len(sizes) < 9
+    assert min(sizes) > 0.5 * max(sizes)
+
+
 def test_another_background_is_behind_the_scene(finished_run, tmp_path):
     arguments = ("what=orbit", "frames=1", "video=none", "background=0,1,0")
     assert render(finished_run, tmp_path, *arguments) == 0
