@@ -52,7 +52,7 @@ VIEW, FRAME = 2, 2
 KEYS, FPS, SECONDS = 12, 20, 5.0
 """Key frames of the film, and its speed and length."""
 
-CLOSER = 0.8
+CLOSER = 0.95
 """Part of the view of the training cameras that the film shows: the scene fills the frame."""
 
 FILM_BYTES, STILL_BYTES = 2_000_000, 300_000
