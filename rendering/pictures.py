@@ -29,7 +29,7 @@ class PictureStyle:
     """The look of every frame."""
 
     channels: tuple[Channel, ...]
-    """From left to right; at least one."""
+    """From left to right; none for the usual ones of what is rendered."""
     colormap: str = ""
     """Of all values; empty: that of each channel."""
     ends: tuple[float, float] | None = None

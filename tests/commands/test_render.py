@@ -309,6 +309,7 @@ def test_another_background_is_behind_the_scene(finished_run, tmp_path):
         ("width=100 scale=2", "width=100 scale=2: expected one of them"),
         ("images=exr video=mp4", "a film is made of pictures, and an EXR holds values"),
         ("what=views projection=stereo", "views are compared with photos, which have one image"),
+        ("what=time camera=a.json", "what=time camera=a.json: the file has the whole path"),
         ("background=green", "background=green: expected white, black, auto, or three numbers"),
         ("eye_distance=-1", "eye_distance=-1: expected 0 or more"),
         ("tracks=true what=spiral", "nothing moves there"),
