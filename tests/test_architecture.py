@@ -26,6 +26,7 @@ MAY_IMPORT = {
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
     "viewer": {
+        "gsfw.callbacks.remaining_time",
         *("gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"),
     },
     "studies": {

@@ -244,7 +244,7 @@ class Page:
         ]
 
     def requests(self) -> list[str]:
-        """Addresses of all requests so far."""
+        """Addresses of all requests so far, except those of content that the page itself holds."""
         self.evaluate("0")
         return list(self._requests)
 
@@ -270,7 +270,9 @@ class Page:
                 text = f"{entry['text']} {entry.get('url', '')}".strip()
                 self._messages.append(Message(entry["level"], text))
             case "Network.requestWillBeSent":
-                self._requests.append(values["request"]["url"])
+                url = values["request"]["url"]
+                if not url.startswith(("data:", "blob:")):
+                    self._requests.append(url)
             case "Page.javascriptDialogOpening":  # It would stop the page for ever.
                 command = {"method": "Page.handleJavaScriptDialog", "params": {"accept": True}}
                 self._socket.send(json.dumps({"id": next(self._numbers), **command}))
