@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
@@ -26,7 +27,7 @@ def slots(width: int, height: int, count: int) -> list[tuple[int, int]]:
     """Sizes of ``count`` images beside one another, with gaps, that fill ``width`` together."""
     room = width - GAP * (count - 1)
     edges = [round(room * place / count) for place in range(count + 1)]
-    return [(max(last - first, 1), height) for first, last in zip(edges, edges[1:], strict=False)]
+    return [(max(last - first, 1), height) for first, last in pairwise(edges)]
 
 
 def centred(image: Float[Tensor, "h w 3"], size: tuple[int, int]) -> Float[Tensor, "h2 w2 3"]:

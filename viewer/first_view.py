@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -11,6 +12,8 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.maths.camera_path import look_at, up_direction, viewing_center
+from gsfw.core.maths.spherical_harmonics import degree_of
+from gsfw.core.splats import Sh, Splats
 from gsfw.viewer.view_state import Box, Pose, Vector
 from gsfw.viewer.viewed_model import ViewedModel
 
@@ -35,15 +38,20 @@ class FirstView:
     """Box of nearly all Gaussians at the first time."""
     size: float
     """Length to draw cameras by, in scene units: the size of the scene."""
+    sh_degree: int
+    """Largest degree that the colours may have; 0 if they do not depend on the view."""
 
 
 @torch.no_grad()
 def first_view(model: ViewedModel) -> FirstView:
     """The first view of a model: its first camera; without cameras, from outside."""
-    bounds = _bounds(model)
+    moment = torch.tensor(0.0, device=model.device) if model.is_dynamic else None
+    splats = model.model.splats(moment)
+    bounds = _bounds(splats)
+    degree = degree_of(splats.colors.width) if isinstance(splats.colors, Sh) else 0
     low, high = torch.tensor(bounds.low), torch.tensor(bounds.high)
     size = max(float((high - low).norm()) / 2, 1e-6)
-    cameras = [] if model.data is None else model.data.views(Split.TRAIN).cameras
+    cameras: Sequence[Cameras] = () if model.data is None else model.data.views(Split.TRAIN).cameras
     up = _up(model, cameras)
     if not cameras:
         middle = ((low + high) / 2).double()
@@ -52,24 +60,26 @@ def first_view(model: ViewedModel) -> FirstView:
         pose = look_at(position[None], middle, up)
         placed = Pose.of(_posed(pose)).position
         wxyz = Pose.of(_posed(pose)).wxyz
-        return FirstView(Pose(placed, wxyz, FOV), _vector(middle), _vector(up), bounds, size)
+        return FirstView(
+            Pose(placed, wxyz, FOV), _vector(middle), _vector(up), bounds, size, degree
+        )
     first = cameras[0].to("cpu")
-    pose = Pose.of(first)
+    seen = Pose.of(first)
     axis = first.world_to_camera[0, 2, :3].double()
-    position = torch.tensor(pose.position, dtype=torch.float64)
+    position = torch.tensor(seen.position, dtype=torch.float64)
     target = _focus(cameras)
     distance = max(float((target - position) @ axis), 0.2 * model.scene.extent)
     place = _vector(position + distance * axis)
-    return FirstView(pose, place, _vector(up), bounds, max(model.scene.extent, 1e-6))
+    return FirstView(seen, place, _vector(up), bounds, max(model.scene.extent, 1e-6), degree)
 
 
-def _focus(cameras: list[Cameras] | tuple[Cameras, ...]) -> Tensor:
+def _focus(cameras: Sequence[Cameras]) -> Tensor:
     """The point that cameras look at."""
     poses = torch.cat([camera.world_to_camera.detach().cpu() for camera in cameras])
     return viewing_center(replace(cameras[0].to("cpu"), world_to_camera=poses))
 
 
-def _up(model: ViewedModel, cameras: list[Cameras] | tuple[Cameras, ...]) -> Tensor:
+def _up(model: ViewedModel, cameras: Sequence[Cameras]) -> Tensor:
     """The upward direction in the scene frame: as the data says, else that of its cameras."""
     stated = model.scene.up.strip()
     if stated.lstrip("+-") in AXES:
@@ -82,10 +92,9 @@ def _up(model: ViewedModel, cameras: list[Cameras] | tuple[Cameras, ...]) -> Ten
     return up_direction(replace(cameras[0].to("cpu"), world_to_camera=poses))
 
 
-def _bounds(model: ViewedModel) -> Box:
+def _bounds(splats: Splats) -> Box:
     """The box of nearly all Gaussians."""
-    moment = torch.tensor(0.0, device=model.device) if model.is_dynamic else None
-    means = model.model.splats(moment).means.detach().float().cpu()
+    means = splats.means.detach().float().cpu()
     means = means[means.isfinite().all(1)]
     if not len(means):
         return Box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))

@@ -113,9 +113,11 @@ class _Shot:
 
     def _makers(self) -> list[MakeImage]:
         """What makes the images of the comparison, from left to right."""
-        renders = [self._render_of(model) for model in self._models]
+        renders: list[MakeImage] = [self._render_of(model) for model in self._models]
         view, comparison = self._state.view, self._state.comparison
-        photos = [self._photo] if view is not None and self._models[0].has_photos else []
+        photos: list[MakeImage] = (
+            [self._photo] if view is not None and self._models[0].has_photos else []
+        )
         single = len(self._models) == 1
         if comparison is Comparison.OTHER:
             return photos or renders[-1:]

@@ -44,7 +44,7 @@ def guarded(listening: socket.socket, secret: str) -> Iterator[None]:
     Raises:
         UnavailableError: the installed viser does not start as expected; it is not left open.
     """
-    import websockets.asyncio.server as server
+    from websockets.asyncio import server
 
     original, used = server.serve, False
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 import threading
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 from gsfw.viewer.frame import Frame
+from gsfw.viewer.panels.cameras_panel import CamerasPanel
+from gsfw.viewer.panels.compare_panel import ComparePanel
+from gsfw.viewer.panels.panel import Panel
+from gsfw.viewer.panels.run_panel import RunPanel
 from gsfw.viewer.panels.view_panel import ViewPanel
 from gsfw.viewer.session import Session
-from gsfw.viewer.view_state import Pose, ViewState
+from gsfw.viewer.view_state import Comparison, Pose, ViewState
 from gsfw.viewer.viewport import Viewport
 
 if TYPE_CHECKING:
@@ -27,9 +32,13 @@ class Page:
     def __init__(self, client: viser.ClientHandle, session: Session) -> None:
         """Build the interface, and show the scene from its first view."""
         self.client, self.session = client, session
+        self.free_comparison = Comparison.RENDER
+        """How two runs are shown while the page moves freely."""
+        self._cameras: CamerasPanel | None = None
+        self._panels: tuple[Panel, ...] = ()
         state = ViewState(pose=session.first.pose, sh_degree=4)
         self.viewport = Viewport(state, self._send, session.service.wake)
-        self.viewport.problem = self._tell
+        self.viewport.problem = self.tell
         self._build()
         client.camera.on_update(self._moved)
         self._moved(client.camera)
@@ -43,8 +52,15 @@ class Page:
         gui.set_panel_label(self.session.title)
         tabs = gui.add_tab_group()
         with tabs.add_tab("View"):
-            self.view_panel = ViewPanel(self)
-        self._panels = [self.view_panel]
+            compare = ComparePanel(self) if len(self.session.models) > 1 else None
+            panels: list[Panel] = [ViewPanel(self), *([compare] if compare else [])]
+        if self.session.model.captured():
+            with tabs.add_tab("Cameras"):
+                self._cameras = CamerasPanel(self)
+            panels.append(self._cameras)
+        with tabs.add_tab("Run"):
+            panels.append(RunPanel(self))
+        self._panels = tuple(panels)
 
     def _moved(self, camera: viser.CameraHandle) -> None:
         """Follow the camera of the page."""
@@ -53,7 +69,8 @@ class Page:
         px, py, pz = (float(value) for value in camera.position)
         w, x, y, z = (float(value) for value in camera.wxyz)
         pose = Pose((px, py, pz), (w, x, y, z), float(camera.fov))
-        self.viewport.change(pose=pose, width=camera.image_width, height=camera.image_height)
+        width, height = camera.image_width, camera.image_height
+        self.viewport.change(lambda state: replace(state, pose=pose, width=width, height=height))
 
     def _send(self, frame: Frame, still: bool) -> None:
         """Encode and send a frame; runs in the viewport's thread."""
@@ -63,9 +80,9 @@ class Page:
         for panel in self._panels:
             panel.shown(frame)
 
-    def _tell(self, text: str) -> None:
-        """Show a message on the page."""
-        self.client.add_notification("gsfw", text, auto_close_seconds=8.0, color="red")
+    def tell(self, text: str, color: Literal["red", "yellow", "green"] = "red") -> None:
+        """Show a message on the page for some seconds."""
+        self.client.add_notification("gsfw", text, auto_close_seconds=8.0, color=color)
 
     def update(self) -> None:
         """Refresh figures that change without a frame; called a few times a second."""
@@ -97,10 +114,14 @@ class Pages:
         if page is not None:
             page.close()
 
+    def update(self) -> None:
+        """Refresh the figures of every page."""
+        for page in tuple(self._pages.values()):
+            page.update()
+
     def _tick(self) -> None:
         while not self._closed.wait(UPDATE_SECONDS):
-            for page in tuple(self._pages.values()):
-                page.update()
+            self.update()
 
     def close(self) -> None:
         """Stop the clock, and want no frames any more."""

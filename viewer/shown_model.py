@@ -1,4 +1,4 @@
-"""ShownModel: a model as a page wants to see it: cropped, with smaller Gaussians, or fewer bands."""
+"""ShownModel: a model as a page wants it: cropped, with smaller Gaussians, or fewer bands."""
 
 from __future__ import annotations
 

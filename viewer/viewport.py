@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 from gsfw.viewer.budget import FrameBudget
 from gsfw.viewer.frame import Frame
@@ -73,10 +72,10 @@ class Viewport:
         """The newest state."""
         return self._state
 
-    def change(self, **values: Any) -> None:
-        """Change fields of the state, by name; equal values are no change."""
+    def change(self, edit: Callable[[ViewState], ViewState]) -> None:
+        """Change the state by a function of it; an equal state is no change."""
         with self._lock:
-            state = replace(self._state, **values)
+            state = edit(self._state)
             if state == self._state:
                 return
             self._state, self._changed = state, time.monotonic()
@@ -93,7 +92,7 @@ class Viewport:
         """Start or stop the playback; from the start if it is at its end."""
         self.playback.playing = playing
         if playing and self._state.time >= 1.0:
-            self.change(time=0.0)
+            self.change(lambda state: replace(state, time=0.0))
         self._wake()
 
     def wanted(self, now: float, seconds: float) -> FrameRequest | None:
@@ -106,14 +105,17 @@ class Viewport:
         if self.closed or self._sending:
             return None
         if self.playback.playing:
-            self.change(time=self.playback.advance(self._state.time, now))
+            moment = self.playback.advance(self._state.time, now)
+            self.change(lambda state: replace(state, time=moment))
         with self._lock:
             state, version = self._state, self._version
             resting = now - self._changed > REST_SECONDS and not self.playback.playing
         width, height = state.full_size()
         moving_scale = self._budget.scale(width * height, seconds)
         if version != self._rendered:
-            return FrameRequest(state, version, moving_scale)
+            # Where only the model has changed, an image at rest stays as sharp as it was.
+            scale = max(moving_scale, self._scale) if resting else moving_scale
+            return FrameRequest(state, version, scale)
         if resting and self._scale < 1.0:
             return FrameRequest(state, version, min(1.0, REFINEMENT * self._scale))
         return None

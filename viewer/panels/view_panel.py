@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from viser import Icon
 
 from gsfw.rendering.channels import available_channels
 from gsfw.rendering.color_maps import color_bar
 from gsfw.viewer.frame import Frame, ValueScale
 from gsfw.viewer.panels.panel import Panel
+from gsfw.viewer.view_state import Box, ViewState
 
 if TYPE_CHECKING:
     from gsfw.viewer.page import Page
@@ -38,19 +42,22 @@ class ViewPanel(Panel):
         self._add_crop()
         self._add_picture()
 
+    def _change(self, edit: Callable[[ViewState], ViewState]) -> None:
+        self._viewport.change(edit)
+
     def _add_channel(self) -> None:
         model = self._page.session.model
         channels = available_channels(model.is_dynamic, model.has_photos)
         descriptions = "; ".join(f"{channel.name}: {channel.description}" for channel in channels)
         names = [channel.name for channel in channels]
         chosen = self._gui.add_dropdown("Channel", names, initial_value="color", hint=descriptions)
-        chosen.on_update(lambda _: self._viewport.change(channel=chosen.value))
+        chosen.on_update(lambda _: self._change(lambda state: replace(state, channel=chosen.value)))
         self._bar = self._gui.add_image(np.zeros((2, 2, 3), np.uint8), format="png", visible=False)
 
     def _add_time(self) -> None:
         with self._gui.add_folder("Time"):
             self._time = self._gui.add_slider("Time", 0.0, 1.0, 0.001, 0.0)
-            self._play = self._gui.add_button("Play", icon="player-play")
+            self._play = self._gui.add_button("Play", icon=Icon.PLAYER_PLAY)
             self._loop = self._gui.add_checkbox("Loop", True)
             self._speed = self._gui.add_slider(
                 "Speed", 0.05, 4.0, 0.05, 1.0, hint="1: from the first time to the last in 4 s"
@@ -63,7 +70,7 @@ class ViewPanel(Panel):
     def _time_moved(self, event: object) -> None:
         # The page's own moves of the slider, while it plays, come back here without a client.
         if getattr(event, "client", None) is not None:
-            self._viewport.change(time=float(self._time.value))
+            self._change(lambda state: replace(state, time=float(self._time.value)))
 
     def _toggle(self) -> None:
         self._viewport.play(not self._viewport.playback.playing)
@@ -73,34 +80,43 @@ class ViewPanel(Panel):
         playback = self._viewport.playback
         playback.loop, playback.speed = bool(self._loop.value), float(self._speed.value)
         self._play.label = "Pause" if playback.playing else "Play"
-        self._play.icon = "player-pause" if playback.playing else "player-play"
+        self._play.icon = Icon.PLAYER_PAUSE if playback.playing else Icon.PLAYER_PLAY
 
     def _add_gaussians(self) -> None:
         with self._gui.add_folder("Gaussians"):
             size = self._gui.add_slider(
                 "Size", LEAST_SIZE, 1.0, 0.05, 1.0, hint="small: each Gaussian is a point"
             )
+            most = self._page.session.first.sh_degree
             degree = self._gui.add_slider(
-                "SH degree", 0, 4, 1, 4, hint="bands of view-dependent colour above are left out"
+                "SH degree",
+                0,
+                max(most, 1),
+                1,
+                most,
+                hint="bands of view-dependent colour above are left out",
+                visible=most > 0,
             )
             behind = self._gui.add_dropdown("Background", ["of the run", "black", "white", "other"])
             color = self._gui.add_rgb("Color", (30, 60, 90), visible=False)
-        size.on_update(lambda _: self._viewport.change(splat_scale=float(size.value)))
-        degree.on_update(lambda _: self._viewport.change(sh_degree=int(degree.value)))
+        size.on_update(
+            lambda _: self._change(lambda state: replace(state, splat_scale=float(size.value)))
+        )
+        degree.on_update(
+            lambda _: self._change(lambda state: replace(state, sh_degree=int(degree.value)))
+        )
 
         def recolor(_: object) -> None:
             color.visible = behind.value == "other"
             red, green, blue = (value / 255 for value in color.value)
             chosen = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
             chosen["other"] = (red, green, blue)
-            self._viewport.change(background=chosen.get(behind.value))
+            self._change(lambda state: replace(state, background=chosen.get(behind.value)))
 
         behind.on_update(recolor)
         color.on_update(recolor)
 
     def _add_crop(self) -> None:
-        from gsfw.viewer.view_state import Box
-
         bounds = self._page.session.first.bounds
         with self._gui.add_folder("Crop", expand_by_default=False):
             on = self._gui.add_checkbox("Crop to the box", False)
@@ -112,12 +128,13 @@ class ViewPanel(Panel):
 
         def crop(_: object) -> None:
             if not on.value or len(ranges) < 3:
-                self._viewport.change(crop=None)
+                self._change(lambda state: replace(state, crop=None))
                 return
             (x, right), (y, bottom), (z, back) = (item.value for item in ranges)
-            self._viewport.change(crop=Box((x, y, z), (right, bottom, back)))
+            self._change(lambda state: replace(state, crop=Box((x, y, z), (right, bottom, back))))
 
-        for item in (on, *ranges):
+        on.on_update(crop)
+        for item in ranges:
             item.on_update(crop)
 
     def _add_picture(self) -> None:
@@ -125,8 +142,10 @@ class ViewPanel(Panel):
             height = self._gui.add_dropdown(
                 "Largest height", HEIGHTS, initial_value="1080", hint="of frames at rest, in pixels"
             )
-            shot = self._gui.add_button("Screenshot", icon="camera")
-        height.on_update(lambda _: self._viewport.change(full_height=int(height.value)))
+            shot = self._gui.add_button("Screenshot", icon=Icon.CAMERA)
+        height.on_update(
+            lambda _: self._change(lambda state: replace(state, full_height=int(height.value)))
+        )
         shot.on_click(lambda _: self._screenshot())
 
     def _screenshot(self) -> None:
@@ -166,6 +185,6 @@ class ViewPanel(Panel):
                 f" &middot; {1e3 * frame.seconds:.0f} ms &middot; {moving}</div>"
             )
         if self._page.session.model.is_dynamic and self._viewport.playback.playing:
-            self._time.value = round(self._viewport.state.time, 3)
+            self._time.value = round(self._viewport.state.time, 3)  # type: ignore[misc]
         elif self._page.session.model.is_dynamic:
             self._follow()
