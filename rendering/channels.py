@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
@@ -65,6 +65,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
         channel.name: channel
         for channel in (
             Channel("color", "the rendered image", "color"),
+            Channel("photo", "the image of the data", "color", needs_image=True),
             Channel("depth", "distance along the view axis", "scalar", "scene units"),
             Channel(
                 "alpha", "coverage by Gaussians", "scalar", low=0.0, high=1.0, colormap="gray"
@@ -132,9 +133,10 @@ def render_channel(
     settings: RenderSettings,
     time: Float[Tensor, ""] | None = None,
     target: Float[Tensor, "h w 3"] | None = None,
+    valid: Bool[Tensor, "h w 1"] | None = None,
 ) -> Float[Tensor, "h w 3"] | Float[Tensor, "h w"]:
     """Render one channel of one camera; see ``render_channels``."""
-    return render_channels([channel], model, rasterizer, camera, settings, time, target)[0]
+    return render_channels([channel], model, rasterizer, camera, settings, time, target, valid)[0]
 
 
 @torch.no_grad()
@@ -146,6 +148,7 @@ def render_channels(
     settings: RenderSettings,
     time: Float[Tensor, ""] | None = None,
     target: Float[Tensor, "h w 3"] | None = None,
+    valid: Bool[Tensor, "h w 1"] | None = None,
 ) -> list[Float[Tensor, "h w 3"] | Float[Tensor, "h w"]]:
     """Render channels of one camera; those that need the same pass share it.
 
@@ -156,8 +159,8 @@ def render_channels(
         camera: one camera.
         settings: conventions of the render; depth and statistics are set as the channels need.
         time: in [0, 1]; ``None`` for a static capture.
-        target: the photo, over the background; NaN where it is not to be compared. Only for
-            channels that ``needs_image``.
+        target: the photo, over the background; only for channels that ``needs_image``.
+        valid: true where a pixel is to be compared; ``None`` for all.
 
     Returns:
         For each channel [h, w, 3] in [0, 1] of kind ``color``, or [h, w] values of kind ``scalar``,
@@ -179,7 +182,7 @@ def render_channels(
                 "Leave this channel out.",
             )
     surface = any(channel.name in SURFACE for channel in channels)
-    shot = _Shot(model, rasterizer, camera, settings, time, target, surface)
+    shot = _Shot(model, rasterizer, camera, settings, time, target, valid, surface)
     return [_MAKERS[channel.name](shot) for channel in channels]
 
 
@@ -197,6 +200,7 @@ class _Shot:
     settings: RenderSettings
     time: Tensor | None
     target: Tensor | None
+    valid: Tensor | None
     surface: bool
     """True if the depth image is wanted too."""
 
@@ -254,6 +258,11 @@ def _color(shot: _Shot) -> Tensor:
     return shot.output.color[0].clamp(0, 1)
 
 
+def _photo(shot: _Shot) -> Tensor:
+    assert shot.target is not None, "it was checked"
+    return shot.target.clamp(0, 1)
+
+
 def _depth(shot: _Shot) -> Tensor:
     return shot.depth
 
@@ -271,7 +280,8 @@ def _normals(shot: _Shot) -> Tensor:
 
 def _error(shot: _Shot) -> Tensor:
     assert shot.target is not None, "it was checked"
-    return (shot.output.color[0].clamp(0, 1) - shot.target).abs().mean(2)
+    error = (shot.output.color[0].clamp(0, 1) - shot.target.clamp(0, 1)).abs().mean(2)
+    return error if shot.valid is None else torch.where(shot.valid[..., 0], error, NAN)
 
 
 def _contribution(shot: _Shot) -> Tensor:
@@ -307,6 +317,7 @@ def _motion(shot: _Shot) -> Tensor:
 
 _MAKERS: Mapping[str, Callable[[_Shot], Tensor]] = {
     "color": _color,
+    "photo": _photo,
     "depth": _depth,
     "alpha": _alpha,
     "normals": _normals,

@@ -89,7 +89,7 @@ def color_bar(
     from PIL import Image, ImageDraw
 
     size = max(min(height // 18, 26), 9)
-    font = _font(size)
+    font = type_face(size)
     margin = max(size * 2 // 3, 4)
     bar = max(size, 6)
     ticks = _ticks(low, high, max(min(height // (4 * size), 6), 2))
@@ -127,7 +127,7 @@ def _write_upwards(
     length, size = int(font.getlength(text)) + 2, int(font.size * 1.4)
     if length > image.height:
         return
-    strip = Image.new("RGB", (length, size), image.getpixel((0, 0)))  # type: ignore[arg-type]
+    strip = Image.new("RGB", (length, size), image.getpixel((0, 0)))
     ImageDraw.Draw(strip).text((0, size / 2), text, fill=INK, font=font, anchor="lm")
     turned = strip.rotate(90, expand=True)
     image.paste(turned, (middle[0] - turned.width // 2 + size // 3, middle[1] - length // 2))
@@ -151,7 +151,7 @@ def _ticks(low: float, high: float, most: int) -> Sequence[tuple[float, str]]:
 
 
 @lru_cache(maxsize=16)
-def _font(size: int) -> ImageFont.FreeTypeFont:
+def type_face(size: int) -> ImageFont.FreeTypeFont:
     """The house's type: that of the charts, which is there on every machine."""
     import matplotlib
     from PIL import ImageFont
