@@ -16,7 +16,7 @@ MOST = 250
 """Frusta drawn at most, evenly spread: more hide the scene, and slow down the page."""
 COLORS = {Split.TRAIN: (74, 155, 224), Split.EVAL: (240, 160, 60)}
 """Colours of cameras that are trained on, and of those held out."""
-SIZE = 0.05
+SIZE = 0.04
 """Length of a frustum, relative to the size of the scene."""
 
 
@@ -69,14 +69,14 @@ class CameraFrusta:
                     fov=pose.fov,
                     aspect=camera.width / camera.height,
                     scale=self._scale,
-                    thickness=1.5,
+                    thickness=2.0,
                     thickness_units="screen",
                     color=COLORS[view.split],
                     wxyz=pose.wxyz,
                     position=pose.position,
                     cast_shadow=False,
                     receive_shadow=False,
-                    variant="filled",
+                    variant="wireframe",
                 )
                 handle.on_click(self._click_of(view))
                 self._handles.append(handle)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 from torch.nn.functional import interpolate
 
@@ -48,6 +48,27 @@ class Frame:
     """Meaning of its colours; ``None`` where they are those of the scene."""
     psnr: float | None = None
     """Of the render against the photo, in dB; ``None`` if it is not of a view that has one."""
+    psnr_size: Size = (0, 0)
+    """Width and height that it was measured at: those of the photo, unless the page is smaller."""
+
+
+@dataclass(frozen=True)
+class Photo:
+    """The photo of a captured view."""
+
+    color: Float[Tensor, "h w 3"]
+    """Over the background."""
+    valid: Bool[Tensor, "h w 1"] | None
+    """True where it is compared; ``None`` for everywhere."""
+
+    def fitted(self, size: Size) -> Photo:
+        """The photo at the largest size that fits, but no larger than it is."""
+        height, width = self.color.shape[:2]
+        inner = compared_size(width, height, size)
+        valid = self.valid
+        if valid is not None and inner != (width, height):
+            valid = resized(valid.float().expand(-1, -1, 3), inner)[..., :1] > 0.5
+        return Photo(resized(self.color, inner), valid)
 
 
 class FrameMaker:
@@ -56,7 +77,7 @@ class FrameMaker:
     def __init__(self, models: Sequence[ViewedModel]) -> None:
         """Show these models, one or two to compare."""
         self._models = tuple(models)
-        self._photo: tuple[CapturedView, Tensor] | None = None
+        self._photo: tuple[CapturedView, Photo] | None = None
 
     @torch.no_grad()
     def make(self, state: ViewState, scale: float = 1.0) -> Frame:
@@ -75,15 +96,17 @@ class FrameMaker:
         shot = _Shot(self._models, state, self._photo_of)
         image = shot.image(size)
         values = (image.clamp(0, 1) * 255).round().byte().cpu().numpy()
-        return Frame(values, time.perf_counter() - started, shot.scale, shot.psnr)
+        return Frame(values, time.perf_counter() - started, shot.scale, shot.psnr, shot.psnr_size)
 
-    def _photo_of(self, view: CapturedView) -> Tensor:
+    def _photo_of(self, view: CapturedView) -> Photo:
         """The photo of a view, over the background; the last one is kept."""
         if self._photo is None or self._photo[0] != view:
             model = self._models[0]
             background = model.settings.background
             assert background is not None
-            self._photo = (view, model.batch(view).target(background)[0])
+            batch = model.batch(view)
+            valid = None if batch.valid is None else batch.valid[0]
+            self._photo = (view, Photo(batch.target(background)[0], valid))
         return self._photo[1]
 
 
@@ -94,11 +117,12 @@ class _Shot:
         self,
         models: Sequence[ViewedModel],
         state: ViewState,
-        photo_of: Callable[[CapturedView], Tensor],
+        photo_of: Callable[[CapturedView], Photo],
     ) -> None:
         self._models, self._state, self._photo_of = models, state, photo_of
         self.scale: ValueScale | None = None
         self.psnr: float | None = None
+        self.psnr_size = (0, 0)
 
     def image(self, size: Size) -> Float[Tensor, "h w 3"]:
         """The arranged images, of this size exactly."""
@@ -130,34 +154,36 @@ class _Shot:
     def _render_of(self, model: ViewedModel) -> MakeImage:
         def make(size: Size) -> Tensor:
             channel = CHANNELS[self._state.channel]
-            target = None
-            if channel.needs_image:
-                if self._state.view is None or not model.has_photos:
-                    channel = CHANNELS["color"]
-                else:
-                    target = self._photo(size)
-            return self._render(model, channel, size, target)
+            if channel.needs_image and not self._has_photo:
+                channel = CHANNELS["color"]
+            return self._render(model, channel, size)
 
         return make
 
+    @property
+    def _has_photo(self) -> bool:
+        return self._state.view is not None and self._models[0].has_photos
+
     def _photo(self, size: Size) -> Float[Tensor, "h w 3"]:
         assert self._state.view is not None
-        photo = self._photo_of(self._state.view)
+        photo = self._photo_of(self._state.view).color
         return resized(photo, fitted(photo.shape[1], photo.shape[0], size))
 
     def _error(self, size: Size) -> Float[Tensor, "h w 3"]:
         """The error of the render, in colours of its own scale."""
         kept = self.scale
-        image = self._render(self._models[0], CHANNELS["error"], size, self._photo(size))
+        image = self._render(self._models[0], CHANNELS["error"], size)
         self.scale = kept or self.scale
         return image
 
-    def _render(
-        self, model: ViewedModel, channel: Channel, size: Size, target: Tensor | None
-    ) -> Float[Tensor, "h w 3"]:
-        """One channel of a model, in colours."""
+    def _render(self, model: ViewedModel, channel: Channel, size: Size) -> Float[Tensor, "h w 3"]:
+        """One channel of a model, in colours; of a view at the size of its photo at most."""
         state = self._state
         camera = self._camera(model, size)
+        photo = None
+        if self._has_photo:
+            assert state.view is not None
+            photo = self._photo_of(state.view).fitted(size)
         moment = torch.tensor(state.time, device=model.device) if model.is_dynamic else None
         values = render_channel(
             channel,
@@ -166,14 +192,18 @@ class _Shot:
             camera,
             self._settings(model),
             moment,
-            target,
+            photo.color if photo is not None and channel.needs_image else None,
+            photo.valid if photo is not None and channel.needs_image else None,
         )
-        if channel.kind == "color":
-            if channel.name == "color" and state.view is not None and model.has_photos:
-                self.psnr = psnr(values, self._photo(size))
-            return values
+        if photo is not None and channel.name == "color" and self.psnr is None:
+            self.psnr = psnr(values, photo.color, photo.valid)
+            self.psnr_size = (camera.width, camera.height)
+        image = values if channel.kind == "color" else self._colored(channel, values)
+        return image if state.view is None else resized(image, fitted(*_size(image), size))
+
+    def _colored(self, channel: Channel, values: Tensor) -> Float[Tensor, "h w 3"]:
         low, high = value_range(values, channel.low, channel.high)
-        if self.scale is not None and channel.name == state.channel:
+        if self.scale is not None and channel.name == self._state.channel:
             low, high = self.scale.low, self.scale.high  # Two runs share one scale.
         self.scale = ValueScale(low, high, channel.unit, channel.colormap)
         return colored(values, low, high, channel.colormap)
@@ -184,7 +214,7 @@ class _Shot:
         moment = state.time if model.is_dynamic else None
         if state.view is not None:
             camera = first.camera(state.view)
-            camera = camera.resized(*fitted(camera.width, camera.height, size))
+            camera = camera.resized(*compared_size(camera.width, camera.height, size))
             time = None if moment is None else torch.tensor([moment])
             camera = replace(camera.to("cpu"), time=time)
         else:
@@ -201,6 +231,16 @@ class _Shot:
         if color is None:
             return settings
         return replace(settings, background=torch.tensor(color, device=model.device))
+
+
+def compared_size(width: int, height: int, size: Size) -> Size:
+    """Size at which a photo and its render are compared: the photo's own, where it fits."""
+    inner = fitted(width, height, size)
+    return inner if inner[0] < width else (width, height)
+
+
+def _size(image: Tensor) -> Size:
+    return image.shape[1], image.shape[0]
 
 
 def resized(image: Float[Tensor, "h w 3"], size: Size) -> Float[Tensor, "h2 w2 3"]:

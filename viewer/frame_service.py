@@ -38,7 +38,7 @@ class FrameService:
         self._tasks: deque[Task] = deque()
         self._woken = threading.Event()
         self._lock = threading.Lock()
-        self._turn = 0
+        self._turn, self._after_frame = 0, False
 
     def add(self, viewport: Viewport) -> None:
         """Serve one more page."""
@@ -79,12 +79,17 @@ class FrameService:
 
     def serve_one(self) -> bool:
         """Render one frame, or do one part of a task; false if there was nothing to do."""
+        if self._after_frame and self._advance_task():  # A page that plays starves no task.
+            self._after_frame = False
+            return True
+        self._after_frame = False
         viewports = tuple(self._viewports)
         now = time.monotonic()
         for place in range(len(viewports)):
             viewport = viewports[(self._turn + place) % len(viewports)]
             if self._serve(viewport, now):
                 self._turn += place + 1  # The next page has the next turn.
+                self._after_frame = True
                 return True
         return self._advance_task()
 

@@ -7,10 +7,13 @@ import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from gsfw.viewer.frame import Frame
 from gsfw.viewer.panels.cameras_panel import CamerasPanel
 from gsfw.viewer.panels.compare_panel import ComparePanel
 from gsfw.viewer.panels.panel import Panel
+from gsfw.viewer.panels.path_panel import PathPanel
 from gsfw.viewer.panels.run_panel import RunPanel
 from gsfw.viewer.panels.view_panel import ViewPanel
 from gsfw.viewer.session import Session
@@ -58,6 +61,8 @@ class Page:
             with tabs.add_tab("Cameras"):
                 self._cameras = CamerasPanel(self)
             panels.append(self._cameras)
+        with tabs.add_tab("Path"):
+            panels.append(PathPanel(self))
         with tabs.add_tab("Run"):
             panels.append(RunPanel(self))
         self._panels = tuple(panels)
@@ -66,11 +71,25 @@ class Page:
         """Follow the camera of the page."""
         if not (camera.image_width > 0 and camera.image_height > 0 and math.isfinite(camera.fov)):
             return
-        px, py, pz = (float(value) for value in camera.position)
-        w, x, y, z = (float(value) for value in camera.wxyz)
-        pose = Pose((px, py, pz), (w, x, y, z), float(camera.fov))
+        pose = _pose(camera)
         width, height = camera.image_width, camera.image_height
         self.viewport.change(lambda state: replace(state, pose=pose, width=width, height=height))
+        if self._cameras is not None:
+            self._cameras.moved(pose)
+
+    def place(self, pose: Pose) -> Pose:
+        """Move the page's camera, but for its roll, which orbits keep upright; the new pose."""
+        camera = self.client.camera
+        to_scene = np.linalg.inv(pose.world_to_camera().numpy())
+        position, axis = to_scene[:3, 3], to_scene[:3, 2]
+        distance = float(np.linalg.norm(np.asarray(self.session.first.target) - position))
+        with self.client.atomic():
+            camera.position = position
+            camera.look_at = position + max(distance, 1e-3 * self.session.first.size) * axis
+            camera.fov = pose.fov
+        placed = _pose(camera)
+        self.viewport.change(lambda state: replace(state, pose=placed))
+        return placed
 
     def _send(self, frame: Frame, still: bool) -> None:
         """Encode and send a frame; runs in the viewport's thread."""
@@ -82,16 +101,30 @@ class Page:
 
     def tell(self, text: str, color: Literal["red", "yellow", "green"] = "red") -> None:
         """Show a message on the page for some seconds."""
-        self.client.add_notification("gsfw", text, auto_close_seconds=8.0, color=color)
+        if not self.closed:
+            self.client.add_notification("gsfw", text, auto_close_seconds=8.0, color=color)
+
+    @property
+    def closed(self) -> bool:
+        """True if the page is gone: what it ordered may still be in work."""
+        return self.viewport.closed
 
     def update(self) -> None:
         """Refresh figures that change without a frame; called a few times a second."""
+        if self.closed:
+            return
         for panel in self._panels:
             panel.update()
 
     def close(self) -> None:
         """The page is gone."""
         self.session.service.remove(self.viewport)
+
+
+def _pose(camera: viser.CameraHandle) -> Pose:
+    px, py, pz = (float(value) for value in camera.position)
+    w, x, y, z = (float(value) for value in camera.wxyz)
+    return Pose((px, py, pz), (w, x, y, z), float(camera.fov))
 
 
 class Pages:

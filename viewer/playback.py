@@ -1,8 +1,11 @@
-"""Playback: the time of a moving scene while a page plays it."""
+"""Playback: what moves by the clock: the time of a moving scene, and a flight along a path."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from gsfw.viewer.key_frames import PathStates
+from gsfw.viewer.view_state import ViewState
 
 DURATION = 4.0
 """Seconds from the first time to the last at speed 1."""
@@ -32,3 +35,19 @@ class Playback:
             return moved % 1.0
         self.playing, self._last = False, None
         return 1.0
+
+
+@dataclass
+class Flight:
+    """A flight along a camera path, by the clock."""
+
+    path: PathStates
+    home: ViewState
+    """The state before the flight, and after it."""
+    _began: float | None = None
+
+    def state(self, now: float) -> ViewState | None:
+        """The state at ``now`` (a clock in seconds); ``None`` after the last frame."""
+        self._began = now if self._began is None else self._began
+        number = int((now - self._began) * self.path.fps)
+        return None if number >= len(self.path) else self.path.at(number, self.home)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 from gsfw.viewer.budget import FrameBudget
 from gsfw.viewer.frame import Frame
-from gsfw.viewer.playback import Playback
+from gsfw.viewer.key_frames import PathStates
+from gsfw.viewer.playback import Flight, Playback
 from gsfw.viewer.view_state import ViewState
 
 logger = logging.getLogger(__name__)
@@ -54,6 +55,7 @@ class Viewport:
             wake: tells the thread that owns the models that something is wanted.
         """
         self.playback = Playback()
+        self._flight: Flight | None = None
         self.closed = False
         self.problem: Callable[[str], None] = lambda text: None
         """Tells the page why its state cannot be rendered."""
@@ -95,6 +97,26 @@ class Viewport:
             self.change(lambda state: replace(state, time=0.0))
         self._wake()
 
+    def fly(self, path: PathStates) -> None:
+        """Fly along a path once, then return to where the page is."""
+        self._flight = Flight(path, self._state)
+        self._wake()
+
+    def _advance(self, now: float) -> bool:
+        """Move on with the playback or the flight; false if nothing plays."""
+        if self._flight is not None:
+            flight = self._flight
+            state = flight.state(now)
+            if state is None:
+                self._flight = None
+            self.change(lambda _: flight.home if state is None else state)
+            return True
+        if self.playback.playing:
+            moment = self.playback.advance(self._state.time, now)
+            self.change(lambda state: replace(state, time=moment))
+            return True
+        return False
+
     def wanted(self, now: float, seconds: float) -> FrameRequest | None:
         """The frame to render next; ``None`` while nothing is to be done.
 
@@ -104,12 +126,10 @@ class Viewport:
         """
         if self.closed or self._sending:
             return None
-        if self.playback.playing:
-            moment = self.playback.advance(self._state.time, now)
-            self.change(lambda state: replace(state, time=moment))
+        playing = self._advance(now)
         with self._lock:
             state, version = self._state, self._version
-            resting = now - self._changed > REST_SECONDS and not self.playback.playing
+            resting = now - self._changed > REST_SECONDS and not playing
         width, height = state.full_size()
         moving_scale = self._budget.scale(width * height, seconds)
         if version != self._rendered:

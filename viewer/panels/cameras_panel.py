@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 NONE = "free view"
 """The choice of no captured view."""
 SETTLING_SECONDS = 1.0
-"""After the page's camera is set, it reports poses on the way there for no longer than this."""
+"""For so long after the page's camera is set, it may still report the pose of before."""
 MOVED = 1e-3
 """Change of a position, relative to the scene, or of a rotation's entries, that leaves a view."""
 
@@ -78,7 +78,7 @@ class CamerasPanel(Panel):
             self._choice.value = name  # type: ignore[misc]
         self._wipe.visible = comparison is Comparison.WIPE
         self._show_frusta()
-        self._place(Pose.of(camera))
+        self._anchor = self._page.place(Pose.of(camera))
 
     def leave(self) -> None:
         """Move freely again."""
@@ -95,8 +95,8 @@ class CamerasPanel(Panel):
         if self._viewport.state.view is None:
             return
         if time.monotonic() - self._entered < SETTLING_SECONDS:
-            self._anchor = pose
-        elif _apart(pose, self._anchor, self._page.session.first.size):
+            return
+        if _apart(pose, self._anchor, self._page.session.first.size):
             self.leave()
 
     def shown(self, frame: Frame) -> None:
@@ -106,8 +106,9 @@ class CamerasPanel(Panel):
             return
         camera = self._page.session.model.camera(view)
         rows = [
-            ("PSNR here", f"{frame.psnr:.2f} dB"),
-            ("image", f"{camera.width} &times; {camera.height}"),
+            ("PSNR", f"{frame.psnr:.2f} dB"),
+            ("measured at", f"{frame.psnr_size[0]} &times; {frame.psnr_size[1]}"),
+            ("photo", f"{camera.width} &times; {camera.height}"),
         ]
         self._figures.content = figures_html(rows)
 
@@ -147,17 +148,6 @@ class CamerasPanel(Panel):
         state = self._viewport.state
         single = state.view is None and state.comparison is not Comparison.SIDE_BY_SIDE
         self._frusta.show(bool(self._shown.value) and single)
-
-    def _place(self, pose: Pose) -> None:
-        """Move the page's camera to a pose, but for its roll, which orbits keep upright."""
-        page, camera = self._page, self._page.client.camera
-        inverse = np.linalg.inv(pose.world_to_camera().numpy())
-        target = np.asarray(page.session.first.target)
-        distance = float(np.linalg.norm(target - inverse[:3, 3]))
-        with page.client.atomic():
-            camera.position = inverse[:3, 3]
-            camera.look_at = inverse[:3, 3] + distance * inverse[:3, 2]
-            camera.fov = pose.fov
 
 
 def _apart(pose: Pose, anchor: Pose, size: float) -> bool:
