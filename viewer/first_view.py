@@ -67,16 +67,18 @@ def first_view(model: ViewedModel) -> FirstView:
     seen = Pose.of(first)
     axis = first.world_to_camera[0, 2, :3].double()
     position = torch.tensor(seen.position, dtype=torch.float64)
-    target = _focus(cameras)
+    target = viewing_center(_joined(cameras))
     distance = max(float((target - position) @ axis), 0.2 * model.scene.extent)
     place = _vector(position + distance * axis)
     return FirstView(seen, place, _vector(up), bounds, max(model.scene.extent, 1e-6), degree)
 
 
-def _focus(cameras: Sequence[Cameras]) -> Tensor:
-    """The point that cameras look at."""
+def _joined(cameras: Sequence[Cameras]) -> Cameras:
+    """Where all cameras are, with the lens of the first one."""
+    first = cameras[0].to("cpu")
     poses = torch.cat([camera.world_to_camera.detach().cpu() for camera in cameras])
-    return viewing_center(replace(cameras[0].to("cpu"), world_to_camera=poses))
+    lenses = first.intrinsics.expand(len(poses), 3, 3)
+    return replace(first, world_to_camera=poses, intrinsics=lenses, time=None, camera_index=None)
 
 
 def _up(model: ViewedModel, cameras: Sequence[Cameras]) -> Tensor:
@@ -88,8 +90,7 @@ def _up(model: ViewedModel, cameras: Sequence[Cameras]) -> Tensor:
         return _unit(model.scene.world_from_scene.rotation.T @ world)
     if not cameras:
         return torch.tensor([0.0, -1.0, 0.0], dtype=torch.float64)
-    poses = torch.cat([camera.world_to_camera.detach().cpu() for camera in cameras])
-    return up_direction(replace(cameras[0].to("cpu"), world_to_camera=poses))
+    return up_direction(_joined(cameras))
 
 
 def _bounds(splats: Splats) -> Box:

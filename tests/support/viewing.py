@@ -9,21 +9,36 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from support.moving_scene import two_balls
-from support.scenes import front_camera, random_splats
 
 from gsfw.core.batch import Batch
 from gsfw.core.datamanager import DataManager, Split, Views
+from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
+from gsfw.plugins.automatic import rasterizer_capabilities
+from gsfw.plugins.loading import load
+from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.viewer.opening import FixedSplats
 from gsfw.viewer.page import Pages
 from gsfw.viewer.server import ViewerServer
 from gsfw.viewer.session import Session, serve
 from gsfw.viewer.viewed_model import ViewedModel
+from support.moving_scene import two_balls
+from support.scenes import front_camera, random_splats
 
 BLACK = RenderSettings(background=torch.zeros(3))
+
+
+def fast_rasterizer() -> Rasterizer:
+    """The fastest one here for whole pages on the CPU."""
+    device = torch.device("cpu")
+    able = rasterizer_capabilities(installed())
+    name = "reference" if able["cpu"].unavailable else "cpu"
+    rasterizer: Rasterizer = load("rasterizer", installed().find("rasterizer", name))().build(
+        device
+    )
+    return rasterizer
 
 
 class OneView(DataManager):
@@ -50,20 +65,21 @@ def scene() -> Scene:
     return Scene("small", nothing, nothing, torch.zeros(1, 3), 1.0)
 
 
-def still_model(name: str = "small", count: int = 40, seed: int = 0) -> ViewedModel:
+def still_model(
+    name: str = "small", count: int = 40, seed: int = 0, rasterizer: Rasterizer | None = None
+) -> ViewedModel:
     """A static model without cameras."""
-    splats = random_splats(count, seed=seed)
-    return ViewedModel(
-        name, FixedSplats(splats), ReferenceRasterizer(), BLACK, scene(), torch.device("cpu")
-    )
+    splats = FixedSplats(random_splats(count, seed=seed))
+    drawn = rasterizer or ReferenceRasterizer()
+    return ViewedModel(name, splats, drawn, BLACK, scene(), torch.device("cpu"))
 
 
-def moving_model() -> ViewedModel:
+def moving_model(rasterizer: Rasterizer | None = None) -> ViewedModel:
     """Two balls that move apart."""
     return ViewedModel(
         "balls",
         two_balls(),
-        ReferenceRasterizer(),
+        rasterizer or ReferenceRasterizer(),
         BLACK,
         scene(),
         torch.device("cpu"),

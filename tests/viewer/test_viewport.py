@@ -76,7 +76,7 @@ def test_an_equal_state_is_no_change():
     later = time.monotonic() + LATER
     while (request := viewport.wanted(later, 0.05)) is not None:
         deliver(viewport, request)
-    viewport.change(lambda state: replace(state))
+    viewport.change(replace)
     assert viewport.wanted(later, 0.05) is None
 
 
