@@ -39,7 +39,7 @@ class Countdown:
         return max(0.0, self._seconds - (time.monotonic() - self._estimated))
 
 
-def duration(seconds: float) -> str:
+def duration(seconds: int | float) -> str:
     """A time as minutes and seconds, or with hours: "0:17", "1:02:05"."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

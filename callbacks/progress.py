@@ -95,8 +95,7 @@ class Progress(Callback):
         now = time.monotonic()
         logged = step == 1 or step % int(self._run.settings.get("log_every", 1)) == 0
         if self._live is None and not logged and now - self._last_line >= self._seconds:
-            self._last_line = now
-            self._say(f"{step}/{self._run.steps}")
+            self._tell(now)
 
     def on_step(self, report: StepReport, control: Control) -> None:
         """Update loss, PSNR, count, speed, remaining time and memory."""
@@ -113,9 +112,14 @@ class Progress(Callback):
         now = time.monotonic()
         is_due = now - self._last_line >= self._seconds or report.step == self._run.steps
         if self._live is None and is_due:
-            self._last_line = now
-            figures.seconds_left = self._countdown.seconds()
-            self._say(GAP.join(text for _, text in figures.parts(is_short=False)).lstrip())
+            self._tell(now)
+
+    def _tell(self, now: float) -> None:
+        """Print a plain line."""
+        assert self._countdown is not None
+        self._last_line = now
+        self._figures.seconds_left = self._countdown.seconds()
+        self._say(GAP.join(text for _, text in self._figures.parts(is_short=False)).lstrip())
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Print the means on a permanent line; those of the end are in the summary of the run."""

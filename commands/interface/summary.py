@@ -44,7 +44,7 @@ class Row:
     remark: str = ""
 
 
-def size(number: float) -> str:
+def size(number: int | float) -> str:
     """A number of bytes in words: "812 kB", "2.9 MB", "1.3 GB"."""
     for unit, name in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
         if number >= 0.9995 * unit:
@@ -55,7 +55,7 @@ def size(number: float) -> str:
     return f"{number:.0f} bytes"
 
 
-def duration(seconds: float) -> str:
+def duration(seconds: int | float) -> str:
     """A time in words: "17 s", "8 min 20 s", "3 h 5 min"."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -2,23 +2,18 @@
 
 import json
 import logging
-import math
 from dataclasses import replace
 
 import pytest
-import torch
 from PIL import Image
-from support.watched_run import SUMMARY, play, report_of, run_info
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from support.watched_run import SUMMARY, play, report_of, run_info, told_requirements
 
 from gsfw.callbacks.config import AutosaveConfig
 from gsfw.callbacks.log import Log
 from gsfw.callbacks.progress import Progress
 from gsfw.callbacks.results import Results
-from gsfw.callbacks.tensorboard import TensorBoard
-from gsfw.core.callback import Callback, Control
+from gsfw.core.callback import Control
 from gsfw.core.loop.evaluation import Evaluation
-from gsfw.core.loop.requirements import FloatGroup, Requirements
 from gsfw.core.loop.run_folder import RunFolder
 
 
@@ -45,32 +40,6 @@ def test_a_resumed_run_does_not_repeat_lines(tmp_path):
     play(Results(), tmp_path, steps=(20,), first_step=10)
     lines = RunFolder(tmp_path).metrics_log.read_text().splitlines()
     assert [json.loads(line)["step"] for line in lines] == [10, 20, 20]
-
-
-def test_tensorboard_has_curves_images_settings_and_hparams(tmp_path):
-    play(TensorBoard(4), tmp_path)
-    events = EventAccumulator(str(tmp_path / "tb"), size_guidance={"images": 0})
-    events.Reload()
-    tags = events.Tags()
-    expected = {
-        *(
-            "train/loss",
-            "train/l1",
-            "train/psnr",
-            "train/resolution",
-            "eval/psnr",
-            "gaussians/count",
-            "gaussians/cloned",
-            "lr/means",
-        ),
-        *("time/step_ms", "time/render_ms", "mem/rss_mb", "hparam/psnr"),
-    }
-    assert expected <= set(tags["scalars"])
-    assert [event.value for event in events.Scalars("train/loss")] == pytest.approx([0.05, 0.025])
-    of_views = [f"eval/v{index}" for index in range(4)]
-    assert set(tags["images"]) == {*of_views, "eval/v0/depth"}
-    assert events.Images("eval/v0")[0].width == 3 * 10
-    assert "config/text_summary" in tags["tensors"]
 
 
 def test_the_log_is_for_people_and_lets_go_of_its_file(tmp_path):
@@ -114,7 +83,7 @@ def test_slow_steps_between_logged_ones_are_told(tmp_path, capsys):
         if step == 10:
             progress.on_step(report_of(step), control)
     progress.close()
-    assert capsys.readouterr().err.splitlines()[-1] == "11/20"
+    assert capsys.readouterr().err.splitlines()[-1].startswith("55%  11/20  ")
 
 
 def test_an_evaluation_of_a_sample_says_of_how_many_views(tmp_path, capsys):
@@ -160,23 +129,6 @@ def test_lists_of_the_summary_are_left_out_of_the_log(tmp_path):
     assert "over_time" not in said
 
 
-REQUIREMENTS = Requirements(
-    headline="48 floats each for colour", step=20, num_gaussians=2,
-    groups=(FloatGroup("positions", 6, None, ""), FloatGroup("SH band 1", 18, 0.25, "so")),
-    sh_floats=18, sh_floats_full=24, rows_by_degree=(0, 2), training_floats={"optimizer": 48},
-    views=("v0",), split="eval", protocol="", psnr=30.0, strategy={"why": math.nan},
-)  # fmt: skip
-PLOT = torch.full((4, 5, 3), 200, dtype=torch.uint8)
-
-
-def told_requirements(callback: Callback, path) -> None:
-    """What the trainer tells it at the end of a run."""
-    callback.on_start(run_info(path), Control())
-    callback.on_end(20, SUMMARY)
-    callback.on_requirements(REQUIREMENTS, PLOT)
-    callback.close()
-
-
 def test_results_keep_what_a_run_required_as_figures_and_as_an_image(tmp_path):
     told_requirements(Results(), tmp_path)
     folder = RunFolder(tmp_path)
@@ -188,24 +140,6 @@ def test_results_keep_what_a_run_required_as_figures_and_as_an_image(tmp_path):
     assert document["strategy"] == {"why": None}
     with Image.open(folder.requirements_plot) as image:
         assert (image.size, image.getpixel((0, 0))) == ((5, 4), (200, 200, 200))
-
-
-def test_tensorboard_shows_what_a_run_required(tmp_path):
-    told_requirements(TensorBoard(4), tmp_path)
-    events = EventAccumulator(str(tmp_path / "tb"))
-    events.Reload()
-    floats = {
-        tag: events.Scalars(tag)[0].value
-        for tag in events.Tags()["scalars"]
-        if tag.startswith("requirements/")
-    }
-    assert floats == {
-        "requirements/sh_floats": 18, "requirements/sh_floats_full": 24,
-        "requirements/total_floats": 24, "requirements/floats/positions": 6,
-        "requirements/floats/SH_band_1": 18, "requirements/bought_db/SH_band_1": 0.25,
-    }  # fmt: skip
-    assert events.Images("requirements")[0].width == 5
-    assert "requirements/text_summary" in events.Tags()["tensors"]
 
 
 def test_the_log_has_what_a_run_required_in_a_line(tmp_path):

@@ -17,7 +17,8 @@ from gsfw.core.progress import stage
 def long_run() -> Figures:
     return Figures(
         12_345, 30_000, 3725.0, loss=0.0217, psnr=28.5, held_out_psnr=27.9, gaussians=1_234_567,
-        steps_per_second=27.3, resolution=0.5, skipped=3, memory_mb={"rss": 4100.0, "cuda": 12_400.0},
+        steps_per_second=27.3, resolution=0.5, skipped=3,
+        memory_mb={"rss": 4100.0, "cuda": 12_400.0},
     )  # fmt: skip
 
 

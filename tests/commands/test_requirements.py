@@ -48,7 +48,7 @@ def test_the_same_is_in_the_picture_in_tensorboard_and_in_the_log(finished_run):
     events = EventAccumulator(str(folder.tensorboard))
     events.Reload()
     found = document(finished_run)
-    assert events.Scalars("requirements/sh_floats")[0].value == found["sh_floats"]
+    assert events.Scalars("9_requirements/sh_floats")[0].value == found["sh_floats"]
     assert f"requirements: {found['headline']}" in folder.log.read_text()
 
 

@@ -1,9 +1,12 @@
 """A short run as its callbacks see it: what they are told, without a training."""
 
+import math
+
 import torch
 
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
 from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.requirements import FloatGroup, Requirements
 
 SUMMARY = {
     "completed": True, "psnr": 30.5, "ssim": 0.9, "num_gaussians": 100, "train_seconds": 1.0,
@@ -43,15 +46,32 @@ def evaluation(psnr: float = 30.0, **more) -> Evaluation:
 
 def play(callback: Callback, path, steps=(10, 20), first_step: int = 0, summary=None) -> None:
     """A short run as the trainer tells it, with one evaluation, after its last step."""
-    control = Control()
+    control, last = Control(), max((first_step, *steps))
     callback.on_start(run_info(path, first_step), control)
     for step in steps:
         callback.on_tick(step, control)
         callback.on_step(report_of(step), control)
     for index in range(6):
-        callback.on_view(steps[-1], view(index))
-    callback.on_evaluation(steps[-1], evaluation(), control)
-    callback.on_checkpoint(steps[-1], path / "step.pt")
-    callback.on_end(steps[-1], SUMMARY if summary is None else summary)
+        callback.on_view(last, view(index))
+    callback.on_evaluation(last, evaluation(), control)
+    callback.on_checkpoint(last, path / "step.pt")
+    callback.on_end(last, SUMMARY if summary is None else summary)
     callback.close()
     assert control.stop_reason is None
+
+
+REQUIREMENTS = Requirements(
+    headline="48 floats each for colour", step=20, num_gaussians=2,
+    groups=(FloatGroup("positions", 6, None, ""), FloatGroup("SH band 1", 18, 0.25, "so")),
+    sh_floats=18, sh_floats_full=24, rows_by_degree=(0, 2), training_floats={"optimizer": 48},
+    views=("v0",), split="eval", protocol="", psnr=30.0, strategy={"why": math.nan},
+)  # fmt: skip
+PLOT = torch.full((4, 5, 3), 200, dtype=torch.uint8)
+
+
+def told_requirements(callback: Callback, path) -> None:
+    """What the trainer tells a callback at the end of a run."""
+    callback.on_start(run_info(path), Control())
+    callback.on_end(20, SUMMARY)
+    callback.on_requirements(REQUIREMENTS, PLOT)
+    callback.close()
