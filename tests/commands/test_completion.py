@@ -65,7 +65,7 @@ def test_verbs_and_their_keys_are_offered(bash):
     assert {"train", "runs", "completion", "--help"} <= set(bash("gsfw "))
     assert bash("gsfw eval spl") == ["split="]
     assert bash("gsfw runs com") == ["compare"]
-    assert bash("gsfw config sh") == ["show"]
+    assert bash("gsfw config sho") == ["show"]
 
 
 def test_values_of_choices_and_names_of_parts_are_offered(bash):
