@@ -25,6 +25,10 @@ MAY_IMPORT = {
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
+    "viewer": {
+        "gsfw.callbacks.remaining_time",
+        *("gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"),
+    },
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
         *("gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),
