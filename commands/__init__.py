@@ -15,8 +15,10 @@ def gsfw_commands() -> list[Spec]:
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
         Spec("render", "render images of a run", "gsfw.commands.render:run"),
         Spec("view", "look at a trained model in the browser", "gsfw.commands.view:run"),
+        Spec("open", "the same for the latest run", "gsfw.commands.open:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
+        Spec("runs", "list, compare and remove runs", "gsfw.commands.runs:run"),
         Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),
         Spec("study", "make a table of runs, and keep what is finished", "gsfw.commands.study:run"),
         Spec(
@@ -30,6 +32,7 @@ def gsfw_commands() -> list[Spec]:
             "gsfw.commands.stress:run",
         ),
         Spec("bench", "measure how fast drawing and training are here", "gsfw.commands.bench:run"),
+        Spec("completion", "complete command lines in a shell", "gsfw.commands.completion:run"),
         Spec("plugins", "list what is installed, slot by slot", "gsfw.commands.plugins:run"),
         Spec("config", "show every setting, and where it came from", "gsfw.commands.config:run"),
         Spec("doctor", "check what works on this machine, and why not", "gsfw.commands.doctor:run"),

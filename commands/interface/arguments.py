@@ -22,7 +22,11 @@ _OPTION = re.compile(r"--([A-Za-z_][\w.\-]*)")
 
 
 class HelpRequested(Exception):
-    """``--help`` was given; carries the help text."""
+    """``--help`` was given; carries the help text, and the options that it explains."""
+
+    def __init__(self, text: str, options: tuple[type[Options], ...] = ()) -> None:
+        super().__init__(text)
+        self.options = options
 
 
 @dataclass(frozen=True)
@@ -117,9 +121,9 @@ def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a data
     return field(default=default, metadata=metadata)
 
 
-def words(name: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """An option as one or more bare words, after all other words of its verb."""
-    return field(default=(), metadata={"word": name, "many": True})
+def words(name: str, least: int = 1) -> Any:  # noqa: ANN401 - a dataclass field
+    """An option as ``least`` or more bare words, after all other words of its verb."""
+    return field(default=(), metadata={"word": name, "many": True, "least": least})
 
 
 @dataclass(kw_only=True)
@@ -149,11 +153,11 @@ def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptio
 
     arguments = parse(tokens)
     if arguments.flag("help"):
-        raise HelpRequested(options_help(verb, kind))
+        raise HelpRequested(options_help(verb, kind), (kind,))
     places = [item for item in fields(kind) if "word" in item.metadata]
     given = _placed(verb, kind, arguments.words)
     for item in places[len(given) :]:
-        required = item.default is MISSING or item.metadata.get("many", False)
+        required = item.default is MISSING or item.metadata.get("least", 0) > 0
         if required and item.name not in arguments.values:
             raise ConfigError(
                 f"gsfw {verb}: {item.metadata['word']} is missing.", f"See gsfw {verb} --help."
