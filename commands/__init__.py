@@ -14,6 +14,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("resume", "go on with a run that was stopped", "gsfw.commands.resume:run"),
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
         Spec("render", "render images of a run", "gsfw.commands.render:run"),
+        Spec("report", "write one page of a run, or of several", "gsfw.commands.report:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
         Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),

@@ -25,6 +25,10 @@ MAY_IMPORT = {
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
+    "reports": {
+        *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering"),
+        "gsfw.reports",
+    },
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
         *("gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),

@@ -174,6 +174,15 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
     return state
 
 
+def checkpoint_environment(path: Path) -> dict[str, Any]:
+    """The machine of a checkpoint, without its tensors; empty if it cannot be read."""
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+        return dict(state["environment"])
+    except Exception:  # It may be damaged in as many ways as there are in a zip and a pickle.
+        return {}
+
+
 def _upgraded(state: Mapping[str, Any]) -> dict[str, Any]:
     """Convert a checkpoint of schema 1 (gsfw 0.1.0): its strategy state holds all refiners' states.
 
