@@ -11,6 +11,7 @@ from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
 from gsfw.reports.comparison_page import comparison_page
 from gsfw.reports.drawing import DrawingRule, draw_pictures
+from gsfw.reports.error_image import ErrorImage
 from gsfw.reports.pictures import Pictures, stored_pictures
 from gsfw.reports.run_record import RunRecord, number
 from gsfw.reports.run_report import Opened
@@ -85,8 +86,8 @@ def write_comparison(
         f"{name}: {note}" for name, run in zip(names, found, strict=True) for note in run.notes
     ]
     views = common_views(found, rule.views)
-    # The films share the bytes of one.
-    shared = replace(rule, film_share=1 / len(found))
+    # The films share the bytes of one; errors are not shown, and FLIP would take its time.
+    shared = replace(rule, film_share=1 / len(found), error=ErrorImage(is_flip=False))
     pictures = [_pictures(run, shared, views) for run in found]
     with stage("writing the report"):
         records = [run.record for run in found]

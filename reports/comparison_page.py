@@ -13,6 +13,7 @@ from gsfw.reports.markup import (
     NOTHING,
     Child,
     Markup,
+    aspect,
     div,
     element,
     folded,
@@ -28,6 +29,9 @@ from gsfw.reports.run_record import RunRecord, number
 
 UNALIKE = ("data", "split", "held_out", "views", "image_sizes", "background", "numerics")
 """Entries of the protocol that have to agree for figures to be comparable."""
+
+FILM_HEIGHT, SLIDE_HEIGHT = 300, 470
+"""Most heights of films and of views side by side, in CSS pixels."""
 
 MOST_ROWS = 200
 """Most views in the table of PSNR by view."""
@@ -121,7 +125,9 @@ def _films(names: Sequence[str], pictures: Sequence[Pictures | None]) -> Markup:
     for name, found in zip(names, pictures, strict=True):
         if found is not None and found.orbit:
             image = element("img", NOTHING, {"src": webp_uri(found.orbit), "alt": name})
-            shown.append(element("figure", [image, element("figcaption", name)]))
+            width = min(aspect(found.orbit) * FILM_HEIGHT, 1100 / len(names))
+            style = {"style": f"width:{width:.0f}px"}
+            shown.append(element("figure", [image, element("figcaption", name)], style))
     return div("films", shown) if shown else NOTHING
 
 
@@ -203,7 +209,9 @@ def _slide(name: str, views: Sequence[ViewPicture]) -> Markup:
     layers += [span("side l"), span("side r"), slider]
     figures = " | ".join(f"{view.psnr:.2f}" for view in views)
     caption = element("figcaption", f"{name}, PSNR {figures} dB")
-    return element("figure", [div("slide", layers), caption], {"class": "pair"})
+    width = min(aspect(views[0].target) * SLIDE_HEIGHT, 545)
+    style = {"class": "pair", "style": f"width:{width:.0f}px"}
+    return element("figure", [div("slide", layers), caption], style)
 
 
 def _curves(records: Sequence[RunRecord], names: Sequence[str]) -> Markup:
@@ -247,20 +255,22 @@ def _by_view(records: Sequence[RunRecord], names: Sequence[str]) -> Markup:
 
 
 def _settings(records: Sequence[RunRecord], names: Sequence[str]) -> Markup:
-    """Settings that differ between the runs."""
-    keys = dict.fromkeys(key for record in records for key in record.settings)
-    rows = []
-    for key in keys:
+    """Settings that differ between the runs, those first that a user gave."""
+    given: list[list[Markup]] = []
+    others: list[list[Markup]] = []
+    for key in dict.fromkeys(key for record in records for key in record.settings):
         values = [
-            plain(record.settings[key]) if key in record.settings else "not a setting of it"
-            for record in records
+            plain(record.settings[key]) if key in record.settings else "-" for record in records
         ]
         if len(set(values)) > 1:
-            rows.append([element("code", key), *(element("code", value) for value in values)])
-    if not rows:
+            row = [element("code", key), *(element("code", value) for value in values)]
+            (given if any(key in record.given for record in records) else others).append(row)
+    if not given and not others:
         text = "All settings of the runs are equal."
         return section("settings", "Settings", element("p", text))
-    listed = folded(
-        f"{len(rows)} settings differ", table(["setting", *names], rows, "text"), len(rows) <= 12
-    )
-    return section("settings", "Settings", listed)
+    head = ["setting", *names]
+    content = [table(head, given, "text")] if given else []
+    if others:
+        title = f"{len(others)} more that follow from them"
+        content.append(folded(title, table(head, others, "text")))
+    return section("settings", "Settings that differ", content)

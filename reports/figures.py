@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gsfw.reports.curves import baseline
-from gsfw.reports.markup import NOTHING, Child, Markup, div, element, folded, section, span
+from gsfw.reports.markup import NOTHING, Child, Markup, div, element, folded, span
 from gsfw.reports.page import size_text
 from gsfw.reports.run_record import RunRecord, number
 
@@ -143,16 +143,14 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def figures_section(record: RunRecord, notes: list[str]) -> Markup:
-    """Tiles, findings and the protocol.
+def callouts(record: RunRecord, notes: list[str]) -> list[Markup]:
+    """Findings, and what the reader has to know of this page.
 
     Args:
         record: the run.
-        notes: what the reader has to know of this page, as sentences.
+        notes: sentences.
     """
-    content = [tiles(record), *findings(record)]
-    content += [div("callout", element("p", note)) for note in notes]
-    return section("figures", "Figures", [*content, protocol(record)])
+    return [*findings(record), *(div("callout", element("p", note)) for note in notes)]
 
 
 def findings(record: RunRecord) -> list[Markup]:
@@ -164,8 +162,8 @@ def findings(record: RunRecord) -> list[Markup]:
         )
         for item in record.findings
     ]
-    judged = isinstance(record.evaluation.get("findings"), list)
-    if judged and not found and record.is_finished:
+    is_judged = isinstance(record.evaluation.get("findings"), list)
+    if is_judged and record.per_view and not found and record.is_finished:
         text = "No sign of trouble: the result beats its baselines, and held-out views are not far "
         return [div("callout good", element("p", f"{text}below training views."))]
     return found

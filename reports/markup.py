@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import base64
 import html
+import io
 from collections.abc import Iterable, Mapping
 from typing import TypeAlias
+
+from PIL import Image
 
 VOID = frozenset({"br", "hr", "img", "input", "link", "meta", "source"})
 """Elements without content and without a closing tag."""
@@ -89,3 +92,9 @@ def table(head: Iterable[Child], rows: Iterable[Iterable[Child]], style_class: s
 def webp_uri(content: bytes) -> str:
     """A WebP image as an address that holds it."""
     return f"data:image/webp;base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def aspect(content: bytes) -> float:
+    """Width over height of an image."""
+    with Image.open(io.BytesIO(content)) as image:
+        return image.width / image.height

@@ -65,7 +65,8 @@ def messages_section(record: RunRecord) -> Markup:
         content.append(bullet_list(record.warnings))
     if record.notes:
         listed = bullet_list(record.notes)
-        content.append(folded(f"{len(record.notes)} notes at the start", listed))
+        plural = "s" if len(record.notes) > 1 else ""
+        content.append(folded(f"{len(record.notes)} note{plural} at the start", listed))
     if not content:
         return NOTHING
     title = "Warnings and notes" if record.warnings else "Notes"

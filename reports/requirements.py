@@ -29,7 +29,8 @@ def requirements_section(record: RunRecord) -> Markup:
     content.append(_least_useful(found))
     measured = found.get("measured")
     if isinstance(measured, Mapping) and measured.get("how"):
-        content.append(folded("How this was measured", element("p", str(measured["how"]))))
+        how = f"{measured['how']} A dash: not measured."
+        content.append(folded("How this was measured", element("p", how)))
     headline = str(found.get("headline", ""))
     lead = headline[:1].upper() + headline[1:] + ("." if headline else "")
     return section("requirements", "What the scene required", content, lead)
@@ -52,7 +53,7 @@ def _groups(found: Mapping[str, Any]) -> Markup:
                 str(group.get("name", "")),
                 "-" if floats is None else f"{floats:,.0f}",
                 join(["-" if share is None else f"{100 * share:.1f} %", bar]),
-                "not measured" if gain is None else f"{gain:+.2f} dB",
+                "-" if gain is None else f"{gain:+.2f} dB",
             ]
         )
     return (

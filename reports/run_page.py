@@ -5,14 +5,17 @@ from __future__ import annotations
 import time
 
 from gsfw.reports.curves import time_section, training_section
-from gsfw.reports.figures import figures_section, headline
-from gsfw.reports.markup import NOTHING, Markup, div, element, span, webp_uri
+from gsfw.reports.figures import callouts, headline, protocol, tiles
+from gsfw.reports.markup import NOTHING, Markup, aspect, div, element, span, webp_uri
 from gsfw.reports.page import write_page
 from gsfw.reports.pictures import Pictures
 from gsfw.reports.provenance import environment_section, messages_section, settings_section
 from gsfw.reports.requirements import requirements_section
 from gsfw.reports.run_record import RunRecord
 from gsfw.reports.view_table import view_section
+
+HERO_HEIGHT = 400
+"""Most height of the images at the top, in CSS pixels."""
 
 
 def run_page(record: RunRecord, pictures: Pictures | None, notes: list[str]) -> str:
@@ -26,8 +29,9 @@ def run_page(record: RunRecord, pictures: Pictures | None, notes: list[str]) -> 
     said = [*state_notes(record), *notes, *record.problems]
     body = [
         _header(record),
-        _hero(pictures),
-        figures_section(record, said),
+        _hero(record, pictures),
+        *callouts(record, said),
+        protocol(record),
         view_section(record, pictures),
         training_section(record),
         time_section(record),
@@ -50,10 +54,10 @@ def _left_out(record: RunRecord, pictures: Pictures | None) -> str:
 
 def _header(record: RunRecord) -> Markup:
     settings = record.settings
-    parts = [record.method]
-    parts += [str(settings[key]) for key in ("strategy", "rasterizer") if settings.get(key)]
+    parts = [f"method {record.method}"]
+    parts += [f"{key} {settings[key]}" for key in ("strategy", "rasterizer") if settings.get(key)]
     device = record.environment.get("device") or settings.get("device")
-    parts += [f"on {device}"] if device else []
+    parts += [f"device {device}"] if device else []
     parts += [f"{record.steps_done:,} steps"] if record.steps_done else []
     return element(
         "header",
@@ -98,21 +102,23 @@ def state_notes(record: RunRecord) -> list[str]:
     return notes
 
 
-def _hero(pictures: Pictures | None) -> Markup:
-    """The median view, and a film around the scene."""
-    if pictures is None or not (pictures.still or pictures.orbit):
-        return NOTHING
-    shown = []
-    if pictures.orbit:
+def _hero(record: RunRecord, pictures: Pictures | None) -> Markup:
+    """A film around the scene and the median view, beside the main figures."""
+    shown: list[tuple[bytes, str, str]] = []
+    if pictures is not None and pictures.orbit:
         words = "Around the scene while time passes" if pictures.is_moving else "Around the scene"
-        shown.append(_figure(pictures.orbit, words, "film"))
-    if pictures.still:
-        shown.append(_figure(pictures.still, f"Render of the median view, {pictures.still_name}"))
-    return div("hero", shown)
-
-
-def _figure(content: bytes, caption: str, kind: str = "still") -> Markup:
-    """An image with its caption; readers who want no motion see no film."""
-    image = element("img", NOTHING, {"src": webp_uri(content), "alt": caption})
-    body = [div("frame", image), element("figcaption", caption)]
-    return element("figure", body, {"class": kind})
+        shown.append((pictures.orbit, words, "film"))
+    if pictures is not None and pictures.still:
+        words = f"Render of the median view, {pictures.still_name}"
+        shown.append((pictures.still, words, "still"))
+    ratios = [aspect(content) for content, _, _ in shown]
+    figures = []
+    for (content, words, kind), ratio in zip(shown, ratios, strict=True):
+        image = element("img", NOTHING, {"src": webp_uri(content), "alt": words})
+        body = [image, element("figcaption", words)]
+        # Widths in proportion to the ratios give all images one height.
+        style = {"class": kind, "style": f"flex:{ratio:.3f} 1 0"}
+        figures.append(element("figure", body, style))
+    limit = {"class": "pictures", "style": f"max-width:{sum(ratios) * HERO_HEIGHT:.0f}px"}
+    pictured = [element("div", figures, limit)] if figures else []
+    return div("hero", [*pictured, tiles(record)])

@@ -74,7 +74,7 @@ def _lead(
     labels = any(view.label for view in pictures.views)
     detail = " (the worst, the median and the best)" if labels else ""
     text = f"{len(views)} views sorted by PSNR. {which}{detail}; click one to flip through it. "
-    return [text, f"Error: {pictures.error}", span("scale"), "."]
+    return [text, f"Error: {pictures.error}", span("scale")]
 
 
 def _stretches(

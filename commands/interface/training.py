@@ -24,6 +24,7 @@ from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
 from gsfw.plugins.snapshot import snapshot
+from gsfw.reports.run_report import report_training
 from gsfw.studies.requirements.report import RequirementsReport
 
 
@@ -58,9 +59,12 @@ def run_training(trainer: Trainer, console: Console) -> int:
                 write_splats(trainer, console)
                 for path in write_corrections(trainer.parts, folder.path):
                     console.say(f"learnt of the capture: {path}")
+            page = report_training(trainer) if trainer.info.settings["report"] else None
     finally:
         trainer.parts.data.close()
     _tell(summary, trainer, console, report.line)
+    if page is not None:
+        console.say(f"one page to look at and to send: {page}")
     console.result({**summary, "run": str(folder.path)})
     return INTERRUPTED if interrupt.received and not summary["completed"] else 0
 
