@@ -110,7 +110,7 @@ class _Frame:
         """The frame of some lines; levels stretch it upward only."""
         points = [point for curve in curves for point in curve.points]
         xs, ys = [x for x, _ in points], [y for _, y in points]
-        upward = ratio_marks(min(ys), max(ys)) if is_ratio else round_marks(min(ys), max(ys), 5)
+        upward = _upward_marks(min(ys), max(ys), is_ratio)
         left, right = (min(xs), max(xs)) if min(xs) < max(xs) else (min(xs) - 0.5, max(xs) + 0.5)
         across = [mark for mark in round_marks(left, right, 6) if left <= mark <= right]
         shown = [mark for mark in upward if _digit(mark) == 1] if is_ratio else upward
@@ -191,6 +191,14 @@ def brief(value: float) -> str:
         if abs(value) >= size:
             return f"{value / size:.4g}{letter}"
     return f"{value:.4g}"
+
+
+def _upward_marks(low: float, high: float, is_ratio: bool) -> list[float]:
+    """Marks around all values; at least two."""
+    if not is_ratio:
+        return round_marks(low, high, 5)
+    marks = ratio_marks(low, high)
+    return marks if len(marks) > 1 else [marks[0] / 2, marks[0] * 2]
 
 
 def _digit(mark: float) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gsfw.reports.chart import Chart, Curve, Point, smoothed
 from gsfw.reports.markup import Markup, div, join, section
-from gsfw.reports.run_record import RunRecord, number
+from gsfw.reports.run_record import RunRecord, listed, number
 
 FEW = 20
 """Logged steps up to which raw values are shown without a mean over neighbours."""
@@ -86,9 +86,8 @@ def time_chart(records: list[RunRecord], names: tuple[str, ...] = ()) -> Chart |
 
 
 def _over_time(record: RunRecord, key: str) -> list[Point]:
-    found = record.evaluation.get("over_time")
     points = []
-    for item in found if isinstance(found, list) else []:
+    for item in listed(record.evaluation, "over_time"):
         time, value = number(item.get("data_time")), number(item.get(key))
         if time is not None and value is not None:
             points.append((time, value))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gsfw.reports.markup import NOTHING, Markup, bullet_list, element, folded, join, section, table
-from gsfw.reports.run_record import RunRecord, number
+from gsfw.reports.run_record import RunRecord, listed, number
 
 LISTS = (
     ("could_go", "What could go"),
@@ -23,9 +23,9 @@ def requirements_section(record: RunRecord) -> Markup:
         return NOTHING
     content = [_groups(found), _motion(found)]
     for key, heading in LISTS:
-        items = [str(item) for item in _list(found, key)]
-        if items:
-            content += [element("h3", heading), bullet_list(items)]
+        items = found.get(key)
+        if isinstance(items, list) and items:
+            content += [element("h3", heading), bullet_list(map(str, items))]
     content.append(_least_useful(found))
     measured = found.get("measured")
     if isinstance(measured, Mapping) and measured.get("how"):
@@ -39,9 +39,7 @@ def requirements_section(record: RunRecord) -> Markup:
 def _groups(found: Mapping[str, Any]) -> Markup:
     """Parameters by purpose: their number, their share, and what they gain."""
     rows = []
-    for group in _list(found, "groups"):
-        if not isinstance(group, Mapping):
-            continue
+    for group in listed(found, "groups"):
         floats, share = number(group.get("floats")), number(group.get("share"))
         gain = number(group.get("bought_db"))
         bar = NOTHING
@@ -74,17 +72,11 @@ def _motion(found: Mapping[str, Any]) -> Markup:
 def _least_useful(found: Mapping[str, Any]) -> Markup:
     """The loss without the Gaussians that contribute least."""
     rows = []
-    for item in _list(found, "least_useful"):
-        if isinstance(item, Mapping):
-            part, loss = number(item.get("part")), number(item.get("bought_db"))
-            if part is not None and loss is not None:
-                rows.append([f"{100 * part:g} %", f"{loss:+.2f} dB"])
+    for item in listed(found, "least_useful"):
+        part, loss = number(item.get("part")), number(item.get("bought_db"))
+        if part is not None and loss is not None:
+            rows.append([f"{100 * part:g} %", f"{loss:+.2f} dB"])
     if not rows:
         return NOTHING
     listed = table(["least useful Gaussians", "PSNR they buy"], rows)
     return folded("The least useful Gaussians", listed)
-
-
-def _list(found: Mapping[str, Any], key: str) -> list[Any]:
-    items = found.get(key)
-    return items if isinstance(items, list) else []

@@ -106,7 +106,7 @@ class RunRecord:
     @property
     def per_view(self) -> list[Mapping[str, Any]]:
         """Figures of each compared view, the worst PSNR first; those without one last."""
-        views = [item for item in _listed(self.evaluation, "per_view") if "name" in item]
+        views = [item for item in listed(self.evaluation, "per_view") if "name" in item]
         return sorted(views, key=lambda view: _or_last(number(view.get("psnr"))))
 
     def series(self, name: str) -> list[tuple[float, float]]:
@@ -121,21 +121,22 @@ class RunRecord:
     @property
     def findings(self) -> list[Mapping[str, Any]]:
         """Signs that the result is not sound."""
-        return _listed(self.evaluation, "findings")
+        return listed(self.evaluation, "findings")
 
 
 def number(value: object) -> float | None:
     """A finite number; ``None`` for all else."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return None
-    return value
+    return float(value)
 
 
 def _or_last(value: float | None) -> float:
     return math.inf if value is None else value
 
 
-def _listed(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+def listed(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    """The objects of a list in a file; empty if it is not there."""
     found = document.get(key)
     return [item for item in found if isinstance(item, dict)] if isinstance(found, list) else []
 
