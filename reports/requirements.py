@@ -78,5 +78,5 @@ def _least_useful(found: Mapping[str, Any]) -> Markup:
             rows.append([f"{100 * part:g} %", f"{loss:+.2f} dB"])
     if not rows:
         return NOTHING
-    listed = table(["least useful Gaussians", "PSNR they buy"], rows)
-    return folded("The least useful Gaussians", listed)
+    losses = table(["least useful Gaussians", "PSNR they buy"], rows)
+    return folded("The least useful Gaussians", losses)
