@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from gsfw.charts.style import ratio_marks, round_marks
 from gsfw.reports.markup import Markup, div, element, span
 
-WIDTH, HEIGHT = 460.0, 240.0
-LEFT, TOP, RIGHT, BOTTOM = 46.0, 12.0, 12.0, 34.0
+WIDTH, HEIGHT = 400.0, 225.0
+LEFT, TOP, RIGHT, BOTTOM = 42.0, 10.0, 12.0, 36.0
 """Margins of the plot, in units of the drawing."""
 
 MOST_POINTS = 300

@@ -59,6 +59,7 @@ if (dialog) {
     large.alt = images[place].alt;
     [...choices.children].forEach((button, index) =>
       button.setAttribute("aria-pressed", String(index === place)));
+    choices.children[place].focus();
   };
   document.addEventListener("click", (event) => {
     const image = event.target.closest(".views img");
@@ -70,8 +71,8 @@ if (dialog) {
       button.addEventListener("click", () => show(index));
       return button;
     }));
-    show(images.indexOf(image));
     dialog.showModal();
+    show(images.indexOf(image));
   });
   large.addEventListener("click", () => dialog.close());
   dialog.addEventListener("click", (event) => { if (event.target === dialog) dialog.close(); });
