@@ -40,10 +40,10 @@ class ComparedRun:
             return {str(view["name"]) for view in self.record.per_view}
         return set() if self.stored is None else {view.name for view in self.stored.views}
 
-    def psnr(self, name: str) -> float | None:
-        """PSNR of a view; ``None`` if it was not compared."""
-        views = {str(view["name"]): view for view in self.record.per_view}
-        return number(views[name].get("psnr")) if name in views else None
+    @property
+    def psnrs(self) -> dict[str, float | None]:
+        """PSNR by view; ``None`` if it is not known."""
+        return {str(view["name"]): number(view.get("psnr")) for view in self.record.per_view}
 
 
 def check_count(count: int) -> None:
@@ -99,9 +99,10 @@ def write_comparison(
 def common_views(runs: Sequence[ComparedRun], most: int) -> list[str]:
     """Views that all runs have images of: those first whose PSNR differs most between the runs."""
     shared = set.intersection(*(run.views for run in runs))
+    known = [run.psnrs for run in runs]
 
     def difference(name: str) -> float:
-        values = [value for run in runs if (value := run.psnr(name)) is not None]
+        values = [value for psnrs in known if (value := psnrs.get(name)) is not None]
         return max(values) - min(values) if values else 0.0
 
     return sorted(sorted(shared), key=difference, reverse=True)[:most]

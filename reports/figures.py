@@ -19,13 +19,13 @@ BASELINES = (
 
 def headline(record: RunRecord) -> str:
     """The result in a sentence or two."""
-    psnr, views = record.figure("psnr"), len(record.per_view)
+    psnr, views = record.figure("psnr"), len(record.per_view) or record.summary.get("views")
     level, seconds = baseline(record, "constant_psnr"), record.figure("train_seconds")
     parts = []
-    if psnr is not None and views:
+    if psnr is not None:
         above = f", {psnr - level:.1f} dB above a single colour" if level is not None else ""
-        plural = "s" if views != 1 else ""
-        parts.append(f"PSNR {psnr:.2f} dB on {views} held-out view{plural}{above}.")
+        held_out = "1 held-out view" if views == 1 else f"{views or ''} held-out views".lstrip()
+        parts.append(f"PSNR {psnr:.2f} dB on {held_out}{above}.")
     elif (trained := record.figure("training_psnr")) is not None:
         parts.append(f"PSNR {trained:.2f} dB on training views; none is held out.")
     count = record.figure("num_gaussians") or record.last("num_gaussians")

@@ -51,12 +51,14 @@ const dialog = document.querySelector("dialog");
 if (dialog) {
   const large = dialog.querySelector("img");
   const choices = dialog.querySelector(".choices");
+  const named = dialog.querySelector(".named");
   let images = [];
   let place = 0;
   const show = (wanted) => {
     place = (wanted + images.length) % images.length;
     large.src = images[place].src;
     large.alt = images[place].alt;
+    named.textContent = images[place].alt;
     [...choices.children].forEach((button, index) =>
       button.setAttribute("aria-pressed", String(index === place)));
     choices.children[place].focus();

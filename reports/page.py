@@ -59,4 +59,4 @@ def size_text(count: int) -> str:
 def _dialog() -> Markup:
     """Where images of views are shown large."""
     image = element("img", NOTHING, {"alt": ""})
-    return element("dialog", [image, div("choices")], {"aria-label": "view, large"})
+    return element("dialog", [image, div("choices"), div("named")], {"aria-label": "view, large"})

@@ -82,19 +82,26 @@ def state(record: RunRecord) -> Markup:
 def state_notes(record: RunRecord) -> list[str]:
     """What an unfinished run or one without held-out views lacks, and what to do."""
     notes = []
-    if not record.is_finished:
+    path = record.folder.path
+    if not record.summary and record.steps_done >= record.steps > 0:
+        notes.append(
+            f"All {record.steps:,} steps are done, but there are no final figures: the run was "
+            f"stopped in its last evaluation, or callbacks.results was off. Make them with: "
+            f"gsfw eval {path}"
+        )
+    elif not record.is_finished:
         of = f" of {record.steps:,}" if record.steps else ""
         step = record.evaluated_step
         figures = (
-            f"its figures are those after step {step:,}"
+            f"Its figures are those after step {step:,}."
             if step is not None
-            else "it was not evaluated before"
+            else "It was not evaluated yet."
         )
         notes.append(
-            f"This run was stopped after {record.steps_done:,}{of} steps; {figures}. "
-            f"Go on with: gsfw resume {record.folder.path}"
+            f"This run is not finished: it has done {record.steps_done:,}{of} steps. {figures} If "
+            f"it was stopped, go on with: gsfw resume {path}"
         )
-    elif not record.per_view:
+    elif record.summary.get("views") == 0:
         notes.append(
             "No view is held out, so nothing tells how new views look: hold some out with "
             "holdout_every=8."

@@ -100,7 +100,7 @@ def test_names_and_settings_may_hold_anything(tmp_path):
 def test_a_stopped_run_says_how_far_it_came_and_how_to_go_on(tmp_path):
     folder = write_run(tmp_path / "run", {"a": 20.0}, steps=100, done=40)
     text = page_of(folder).text
-    assert "This run was stopped after 40 of 100 steps" in text
+    assert "This run is not finished: it has done 40 of 100 steps." in text
     assert f"gsfw resume {folder.path}" in text
     assert "not finished" in text
 
@@ -109,8 +109,17 @@ def test_a_run_that_never_was_evaluated_still_has_a_page(tmp_path):
     folder = write_run(tmp_path / "run", {"a": 20.0}, steps=100, done=40)
     shutil.rmtree(folder.evaluations)
     text = page_of(folder).text
-    assert "it was not evaluated before" in text
+    assert "It was not evaluated yet." in text
     assert "No view was compared." in text
+
+
+def test_a_run_without_final_figures_says_how_to_make_them(tmp_path):
+    folder = write_run(tmp_path / "run", {"a": 20.0})
+    folder.summary.unlink()
+    text = page_of(folder).text
+    assert "All 100 steps are done, but there are no final figures" in text
+    assert f"gsfw eval {folder.path}" in text
+    assert "it was stopped" not in text
 
 
 def test_a_later_evaluation_of_a_run_that_was_set_back_does_not_count(tmp_path):
@@ -152,6 +161,14 @@ def test_a_damaged_file_is_left_out_with_a_sentence(tmp_path, name, content):
     text = page_of(folder).text
     assert text.count(f"{name.rpartition('/')[2]} ") == 1
     assert "left out" in text
+
+
+def test_where_figures_of_views_are_lost_nobody_says_that_none_are_held_out(tmp_path):
+    folder = write_run(tmp_path / "run", {"a": 20.0}, views=1)
+    (folder.evaluations / "step_000000100.json").write_text("{")
+    text = page_of(folder).text
+    assert "PSNR 20.00 dB on 1 held-out view, 12.0 dB above a single colour." in text
+    assert "No view is held out" not in text
 
 
 def test_a_damaged_log_ends_the_curves(tmp_path):
