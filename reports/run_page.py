@@ -14,7 +14,7 @@ from gsfw.reports.requirements import requirements_section
 from gsfw.reports.run_record import RunRecord
 from gsfw.reports.view_table import view_section
 
-HERO_HEIGHT = 400
+HERO_HEIGHT = 430
 """Most height of the images at the top, in CSS pixels."""
 
 
