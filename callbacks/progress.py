@@ -9,18 +9,21 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, TaskID, TextColumn
-from rich.progress import Progress as Bar
-from rich.table import Column as TableColumn
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+from rich.progress import Progress as Bars
 
-from gsfw.callbacks.remaining_time import RemainingTime
+from gsfw.callbacks.countdown import Countdown
+from gsfw.callbacks.live_line import GAP, Figures, LiveLine
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.progress import Advance, shown_by
 
 SMOOTHING = 0.9
 """Weight of the past in the displayed loss and PSNR: single views differ too much."""
+REFRESHES = 5.0
+"""Updates of the line per second; each takes under a millisecond."""
 
 
 class Progress(Callback):
@@ -30,98 +33,105 @@ class Progress(Callback):
         """Write a plain line every ``seconds`` if there is no terminal."""
         self._seconds = seconds
         self._console = Console(stderr=True, highlight=False)
-        self._bar: Bar | None = None
-        self._task = TaskID(0)
+        self._live: Live | None = None
+        self._stages: Bars | None = None
         self._run: RunInfo | None = None
         self._last_line = 0.0
-        self._loss = self._psnr = float("nan")
-        self._remaining: RemainingTime | None = None
-        self._ticked = 0.0
-        self._stages = ExitStack()
+        self._figures = Figures(0, 0)
+        self._countdown: Countdown | None = None
+        self._shown = ExitStack()
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Display the notes, then the line."""
-        self._run, self._remaining = run, RemainingTime(run)
+        self._run, self._countdown = run, Countdown(run)
+        self._figures = Figures(run.first_step, run.steps)
         for note in run.notes:
             self._say(f"note: {note}")
-        if self._console.is_terminal:
-            # The figures come first: on a narrow terminal the bar is truncated.
-            self._bar = Bar(
-                TextColumn("{task.description}", table_column=TableColumn(no_wrap=True)),
-                BarColumn(bar_width=None),
-                console=self._console,
-                expand=True,
-            )
-            self._task = self._bar.add_task(
-                f"{run.method} on {run.scene}", total=run.steps, completed=run.first_step
-            )
-            self._bar.start()
-            self._stages.enter_context(shown_by(self._stage))
+        if self._console.is_terminal and not self._console.is_dumb_terminal:
+            self._go_live()
+
+    def _go_live(self) -> None:
+        """Display the line, and below it a bar for each stage of other work than steps."""
+        console = self._console
+        self._stages = Bars(
+            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), console=console
+        )
+        line = LiveLine(self._figures)
+        self._live = Live(
+            console=console,
+            get_renderable=lambda: self._drawn(line),
+            refresh_per_second=REFRESHES,
+            transient=True,  # The summary of the run takes its place.
+            redirect_stdout=sys.stdout.isatty(),  # A file gets what is printed meanwhile.
+        )
+        self._live.start()
+        self._shown.enter_context(shown_by(self._stage))
+
+    def _drawn(self, line: LiveLine) -> Group | LiveLine:
+        assert self._countdown is not None
+        self._figures.seconds_left = self._countdown.seconds()
+        return line if self._stages is None or not self._stages.tasks else Group(line, self._stages)
 
     @contextmanager
     def _stage(self, name: str, total: int) -> Iterator[Advance]:
         """Display a second line below the first during other work than steps."""
-        assert self._bar is not None
-        bar, task = self._bar, self._bar.add_task(name, total=total or None)
+        bars = self._stages
+        assert bars is not None
+        task = bars.add_task(name, total=total or None)
         try:
-            yield lambda done: bar.update(task, completed=done)
+            yield lambda done: bars.update(task, completed=done)
         finally:
-            bar.remove_task(task)
+            bars.remove_task(task)
 
     def _say(self, line: str) -> None:
-        self._console.print(line, markup=False, soft_wrap=True)
+        self._console.print(line, markup=False, soft_wrap=not self._console.is_terminal)
 
     def on_tick(self, step: int, control: Control) -> None:
-        """Note the time, as an evaluation may begin now; say that slow steps go on."""
-        self._ticked = time.monotonic()
+        """Advance the bar; without a terminal say that slow steps go on."""
         assert self._run is not None
+        assert self._countdown is not None
+        self._countdown.tick()
+        self._figures.step = step
+        now = time.monotonic()
         logged = step == 1 or step % int(self._run.settings.get("log_every", 1)) == 0
-        if self._bar is None and not logged and self._ticked - self._last_line >= self._seconds:
-            self._last_line = self._ticked
-            self._say(f"{step}/{self._run.steps}")
+        if self._live is None and not logged and now - self._last_line >= self._seconds:
+            self._tell(now)
 
     def on_step(self, report: StepReport, control: Control) -> None:
         """Update loss, PSNR, count, speed, remaining time and memory."""
-        self._loss = _smoothed(self._loss, report.loss)
-        self._psnr = _smoothed(self._psnr, report.psnr)
         assert self._run is not None
-        assert self._remaining is not None
-        self._remaining.observe(
-            report.step,
-            report.num_gaussians,
-            report.resolution,
-            report.step_ms / 1e3,
-            report.stage_ms.get("load", 0.0) / 1e3,
-        )
-        line = self._line(report, self._run.steps)
+        assert self._countdown is not None
+        self._countdown.report(report)
+        figures = self._figures
+        figures.step = report.step
+        figures.loss = _smoothed(figures.loss, report.loss)
+        figures.psnr = _smoothed(figures.psnr, report.psnr)
+        figures.gaussians, figures.skipped = report.num_gaussians, report.skipped_steps
+        figures.steps_per_second = 1e3 / max(report.step_ms, 1e-3)
+        figures.resolution, figures.memory_mb = report.resolution, report.memory_mb
         now = time.monotonic()
-        if self._bar is not None:
-            self._bar.update(self._task, completed=report.step, description=line)
-        elif now - self._last_line >= self._seconds or report.step == self._run.steps:
-            self._last_line = now
-            self._say(line)
+        is_due = now - self._last_line >= self._seconds or report.step == self._run.steps
+        if self._live is None and is_due:
+            self._tell(now)
 
-    def _line(self, report: StepReport, steps: int) -> str:
-        assert self._remaining is not None
-        seconds = self._remaining.seconds()
-        left = "" if seconds is None else f"  about {_duration(seconds)} left"
-        memory = "  ".join(f"{name} {mb / 1e3:.1f} GB" for name, mb in report.memory_mb.items())
-        small = f"  at 1/{1 / report.resolution:.2g} size" if report.resolution < 1 else ""
-        skipped = f"  {report.skipped_steps} skipped" if report.skipped_steps else ""
-        return (
-            f"{report.step}/{steps}  loss {self._loss:.4f}  psnr {self._psnr:.2f}{small}  "
-            f"{report.num_gaussians:,} Gaussians  {1e3 / max(report.step_ms, 1e-3):.1f} it/s"
-            f"{left}{skipped}  {memory}"
-        )
+    def _tell(self, now: float) -> None:
+        """Print a plain line."""
+        assert self._countdown is not None
+        self._last_line = now
+        self._figures.seconds_left = self._countdown.seconds()
+        self._say(GAP.join(text for _, text in self._figures.parts(is_short=False)).lstrip())
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """Print the means on a permanent line."""
-        assert self._remaining is not None
-        seconds = time.monotonic() - self._ticked
-        self._remaining.evaluated(step, seconds, len(evaluation.views))
-        means = "  ".join(f"{name} {value:.4g}" for name, value in evaluation.means.items())
+        """Print the means on a permanent line; those of the end are in the summary of the run."""
+        assert self._run is not None
+        assert self._countdown is not None
+        self._countdown.evaluated(step, len(evaluation.views))
+        self._figures.held_out_psnr = evaluation.means.get("psnr")
+        if step == self._run.steps:
+            return
+        means = ", ".join(_figure(name, value) for name, value in evaluation.means.items())
         self._say(
-            f"step {step}: {evaluation.count} held-out views: {means}"
+            f"step {step}: {means} on {evaluation.count} held-out views"
             if means
             else f"step {step}: no held-out views to evaluate"
         )
@@ -132,18 +142,19 @@ class Progress(Callback):
 
     def close(self) -> None:
         """Release the terminal."""
-        self._stages.close()
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
+        self._shown.close()
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
         sys.stderr.flush()
+
+
+def _figure(name: str, value: float) -> str:
+    """A metric in words: "PSNR 30.52 dB", "SSIM 0.9871"."""
+    words = name.replace("_", " ").replace("psnr", "PSNR").replace("ssim", "SSIM")
+    is_psnr = name.endswith("psnr")
+    return f"{words} {value:.2f} dB" if is_psnr else f"{words} {value:.4g}"
 
 
 def _smoothed(past: float, now: float) -> float:
     return now if math.isnan(past) else SMOOTHING * past + (1 - SMOOTHING) * now
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,68 +1,93 @@
-"""TensorBoard: curves, images and settings as event files."""
+"""TensorBoard: curves, images, histograms, settings and findings of a run as event files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
+import numpy as np
 import torch
-import yaml
 from jaxtyping import UInt8
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
+from gsfw.callbacks.board_curves import (
+    LAYOUT,
+    evaluation_curves,
+    hparam_metrics,
+    of_a_step,
+    requirement_curves,
+    result_curves,
+    step_curves,
+)
+from gsfw.callbacks.board_images import captioned, comparison
+from gsfw.callbacks.board_pages import findings_page, run_page, settings_page
+from gsfw.callbacks.countdown import Countdown
+from gsfw.callbacks.event_files import cut_events
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
 from gsfw.core.files.atomic import readable_write_errors
 from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.requirements import Requirements
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.splats import Sh, Splats
 
-ERROR_GAIN = 4.0
-"""Factor of absolute errors, for visibility."""
+IMAGES_OF_A_RUN = 10
+"""Evaluations with images in a run, about; each costs megabytes."""
+PAGES = ("1_run", "2_settings")
+"""Texts at the start of a run, and of each part of a resumed one."""
+WRITTEN_ANEW = ("_hparams_/", "custom_scalars__config__")
+"""Tags without a step that each part of a run writes."""
+BINS: dict[str, Sequence[float] | int] = {
+    "opacity": [place / 40 for place in range(41)],
+    "log10_scale": 60,
+    "sh_degree": [degree - 0.5 for degree in range(6)],
+}
+"""Edges of the bins of each histogram, or their number."""
+FAINTEST = 1e-12
+"""Scales are at least this, in scene units, for their logarithm."""
 
 
 class TensorBoard(Callback):
-    """train/*, eval/*, baseline/*, gaussians/count, lr/*, time/*, mem/*; findings/* as text.
-
-    Images are gt | render | error. At the end requirements/*: the floats of the final model, and
-    the PSNR gain of each group.
-    """
+    """Curves (``board_curves``), images, histograms, settings, findings and hparams."""
 
     def __init__(self, images: int) -> None:
         """Store the number of displayed held-out views per evaluation."""
         self._images = images
         self._writer: SummaryWriter | None = None
         self._run: RunInfo | None = None
+        self._countdown: Countdown | None = None
+        self._model: ModelHandle | None = None
         self._shown: set[str] = set()
+        self._last_images = 0
+        self._findings: str | None = None
 
     def on_start(self, run: RunInfo, control: Control) -> None:
-        """Open the events; steps of an interrupted run after its checkpoint are purged."""
-        self._run = run
+        """Open the events; those of an interrupted run after its checkpoint are removed."""
+        self._run, self._countdown = run, Countdown(run)
+        self._last_images = run.first_step
         path = RunFolder(run.folder).tensorboard
-        purge = run.first_step + 1 if run.first_step else None
         with readable_write_errors(path):
-            self._writer = SummaryWriter(str(path), purge_step=purge)
-        text = yaml.safe_dump(dict(run.settings), sort_keys=False)
-        indented = "".join(f"    {line}\n" for line in text.splitlines())
-        self._writer.add_text("config", indented, run.first_step)
+            cut_events(path, partial(_stays, run))
+            self._writer = SummaryWriter(str(path))
+            self._writer.add_custom_scalars(LAYOUT)
+            for name, text in zip(PAGES, (run_page(run), settings_page(run.settings)), strict=True):
+                self._writer.add_text(name, text, run.first_step)
+            self._writer.flush()
+
+    def on_tick(self, step: int, control: Control) -> None:
+        """Note the time, for the remaining one."""
+        assert self._countdown is not None
+        self._countdown.tick()
 
     def on_step(self, report: StepReport, control: Control) -> None:
         """Write the curves of a logged step."""
-        scalars = {
-            "train/loss": report.loss,
-            "train/psnr": report.psnr,
-            "train/skipped_steps": report.skipped_steps,
-            "train/resolution": report.resolution,
-            "gaussians/count": report.num_gaussians,
-            **{f"gaussians/{verb}": count for verb, count in report.refined.items()},
-            "time/step_ms": report.step_ms,
-            **{f"train/{name}": value for name, value in report.losses.items()},
-            **{f"lr/{name}": value for name, value in report.learning_rates.items()},
-            **{f"time/{name}_ms": value for name, value in report.stage_ms.items()},
-            **{f"mem/{name}_mb": value for name, value in report.memory_mb.items()},
-        }
-        self._add(report.step, scalars)
+        assert self._countdown is not None
+        self._countdown.report(report)
+        self._model = report.model
+        self._add(report.step, step_curves(report, self._countdown.seconds()))
 
     def _add(self, step: int, scalars: Mapping[str, float]) -> None:
         assert self._writer is not None
@@ -71,72 +96,119 @@ class TensorBoard(Callback):
             for tag, value in scalars.items():
                 self._writer.add_scalar(tag, value, step)
 
-    def on_view(self, step: int, view: EvaluatedView) -> None:
-        """Write the images of the first few held-out views, the same ones in each evaluation."""
+    def _add_image(self, tag: str, image: UInt8[np.ndarray, "h w 3"], step: int) -> None:
         assert self._writer is not None
+        self._writer.add_image(tag, image, step, dataformats="HWC")
+
+    def on_view(self, step: int, view: EvaluatedView) -> None:
+        """Write the images of a few held-out views, the same ones about ten times in a run."""
+        assert self._run is not None
+        if not self._images_due(step, self._run.steps):
+            return
         if len(self._shown) < self._images:
             self._shown.add(view.name)
         if view.name not in self._shown:
             return
-        rendered, target = view.rendered.clamp(0, 1), view.target.clamp(0, 1)
-        error = ((rendered - target).abs() * ERROR_GAIN).clamp(0, 1)
-        row = torch.cat([target, rendered, error], dim=1)
-        images = {f"eval/{view.name}": row}
-        images |= {f"eval/{view.name}/{name}": image for name, image in view.images.items()}
-        for tag, image in images.items():
-            self._writer.add_image(tag, image.clamp(0, 1).cpu(), step, dataformats="HWC")
+        self._add_image(f"views/{view.name}", comparison(view, step, self._run.steps), step)
+        for name, image in view.images.items():
+            caption = f"{name}, step {step:,} of {self._run.steps:,}"
+            self._add_image(
+                f"views/{view.name}/{name}", captioned([image], ("",), view.name, caption), step
+            )
+
+    def _images_due(self, step: int, steps: int) -> bool:
+        """True if an evaluation has images: the last one, and those a tenth of the run apart."""
+        return step >= steps or step - self._last_images >= steps // IMAGES_OF_A_RUN
 
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
-        """Write the curves of the means."""
+        """Write the curves of the means, histograms of the model, and what is not sound."""
         assert self._writer is not None
-        self._add(step, {f"eval/{name}": value for name, value in evaluation.means.items()})
-        if evaluation.training_psnr is not None:
-            self._add(step, {"eval/training_psnr": evaluation.training_psnr})
-        baselines = {k: v for k, v in evaluation.baselines.items() if isinstance(v, float)}
-        self._add(step, {f"baseline/{name}": value for name, value in baselines.items()})
-        for finding in evaluation.findings or ():
-            self._writer.add_text(f"findings/{finding.key}", finding.message, step)
+        assert self._run is not None
+        assert self._countdown is not None
+        self._countdown.evaluated(step, len(evaluation.views))
+        if self._images_due(step, self._run.steps):
+            self._last_images = step
+        self._add(step, evaluation_curves(evaluation))
+        if self._model is not None:
+            self._add_histograms(step, self._model.splats())
+        if evaluation.findings is not None:
+            keys = " ".join(finding.key for finding in evaluation.findings)
+            if keys != self._findings:  # Said again only when it changes.
+                page = findings_page(step, evaluation.findings)
+                self._writer.add_text("3_findings", page, step)
+            self._findings = keys
         self._writer.flush()
+
+    def _add_histograms(self, step: int, splats: Splats) -> None:
+        """Write opacity, largest scale and SH degree; those of a moving scene at its first time."""
+        assert self._writer is not None
+        for name, values in _distributions(splats).items():
+            if len(values):
+                self._writer.add_histogram(f"gaussians/{name}", values, step, bins=BINS[name])
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
         """Write settings and final figures, for the hparams page."""
         assert self._writer is not None
         assert self._run is not None
-        if summary["completed"]:
-            plain = (bool, int, float, str)
-            settings = {
-                key: value if isinstance(value, plain) else str(value)
-                for key, value in self._run.settings.items()
-            }
-            figures = {
-                f"hparam/{key}": float(value)
-                for key, value in summary.items()
-                if isinstance(value, int | float) and not isinstance(value, bool)
-            }
-            # SummaryWriter.add_hparams would open a second run beside this one.
-            for event in hparams(settings, figures):
-                self._writer._get_file_writer().add_summary(event)
-            self._add(step, figures)
+        if not summary["completed"]:
+            return
+        settings = {
+            key: _hparam(value)
+            for key, value in self._run.settings.items()
+            if not key.startswith("callbacks.")
+        }
+        # SummaryWriter.add_hparams would open a second run beside this one.
+        for event in hparams(settings, hparam_metrics(summary)):
+            self._writer._get_file_writer().add_summary(event)
+        self._add(step, result_curves(summary))
 
     def on_requirements(self, requirements: Requirements, plot: UInt8[Tensor, "h w 3"]) -> None:
         """Write floats and dB of every group, and the plot as an image."""
         assert self._writer is not None
-        scalars = {
-            "requirements/sh_floats": float(requirements.sh_floats),
-            "requirements/sh_floats_full": float(requirements.sh_floats_full),
-            "requirements/total_floats": float(requirements.total_floats),
-        }
-        for group in requirements.groups:
-            name = group.name.replace(" ", "_")
-            scalars[f"requirements/floats/{name}"] = float(group.floats)
-            if group.bought_db is not None:
-                scalars[f"requirements/bought_db/{name}"] = group.bought_db
-        self._add(requirements.step, scalars)
-        self._writer.add_text("requirements", requirements.headline, requirements.step)
-        self._writer.add_image("requirements", plot, requirements.step, dataformats="HWC")
+        self._add(requirements.step, requirement_curves(requirements))
+        self._writer.add_text("4_requirements", requirements.headline, requirements.step)
+        self._add_image("requirements", plot.numpy(), requirements.step)
 
     def close(self) -> None:
         """Flush and close the events."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None
+
+
+def _stays(run: RunInfo, step: int, tag: str) -> bool:
+    """True if a resumed run does not write this event again."""
+    if not run.first_step or step > run.first_step or tag.startswith(WRITTEN_ANEW):
+        return False
+    is_again = step == run.first_step and (
+        tag.startswith(PAGES) or (step >= run.steps and not of_a_step(tag))
+    )
+    return not is_again
+
+
+def _hparam(value: object) -> int | float | str:
+    """A setting as the hparams page can hold it; torch would write truth as 1.0."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value
+    return str(value)
+
+
+def _distributions(splats: Splats) -> dict[str, np.ndarray]:
+    """Values of each Gaussian, by name: opacity, log10 of the largest scale, SH degree."""
+    found: dict[str, Tensor] = {"opacity": splats.opacities}
+    if splats.scales is not None:
+        found["log10_scale"] = splats.scales.amax(-1).clamp_min(FAINTEST).log10()
+    if isinstance(splats.colors, Sh):
+        found["sh_degree"] = _degrees(splats.colors)
+    finite = {name: values[values.isfinite()] for name, values in found.items()}
+    return {name: values.float().cpu().numpy() for name, values in finite.items()}
+
+
+def _degrees(colors: Sh) -> Tensor:
+    """SH degree of each Gaussian that is in use: at most the active one."""
+    if colors.offsets is not None:
+        degrees = (colors.offsets.diff() + 1).sqrt().round() - 1
+    else:
+        full = round(colors.width**0.5) - 1
+        degrees = torch.full((len(colors.coefficients),), float(full))
+    return degrees.clamp_max(colors.degree)

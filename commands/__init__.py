@@ -17,6 +17,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("report", "write one page of a run, or of several", "gsfw.commands.report:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
+        Spec("runs", "list, compare and remove runs", "gsfw.commands.runs:run"),
         Spec("check", "say whether a data set will train well", "gsfw.commands.check:run"),
         Spec("study", "make a table of runs, and keep what is finished", "gsfw.commands.study:run"),
         Spec(

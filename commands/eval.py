@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.summary import Row
     from gsfw.core.datamanager import Split
     from gsfw.core.loop.evaluation import Evaluation
     from gsfw.core.loop.run_folder import RunFolder
@@ -46,6 +46,7 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, open_run
+    from gsfw.commands.interface.summary import Row, next_rows, summary_text
     from gsfw.core.datamanager import Split
     from gsfw.core.errors import DataError
     from gsfw.plugins.registry import installed
@@ -68,10 +69,16 @@ def run(arguments: list[str]) -> int:
         **evaluation.document(),
         "protocol": _protocol(restored, split),
     }
-    _show(console, evaluation, f"{found.name}, step {restored.step}, {options.split} views")
     suffix = "" if split is Split.EVAL else f"_{options.split}"
     path = found.folder.evaluations / f"step_{restored.step:09d}{suffix}.json"
-    _write(console, found.folder, path, document, evaluation)
+    files = _written(found.folder, path, document, evaluation)
+    _show_views(console, evaluation, f"{found.name}, step {restored.step}, {options.split} views")
+    rows = _rows(evaluation, split)
+    rows.append(Row("files", ", ".join(map(str, files))))
+    rows += next_rows(found.name, ("view", "report", "render"))
+    console.say("\n" + summary_text(f"{found.name} after {restored.step} steps", rows))
+    for finding in evaluation.findings or ():
+        console.warn(finding.message)
     console.result(document)
     return 0
 
@@ -108,49 +115,52 @@ def _protocol(restored: Restored, split: Split) -> dict[str, Any]:
     return protocol
 
 
-def _write(
-    console: Console,
-    folder: RunFolder,
-    path: Path,
-    document: Mapping[str, Any],
-    evaluation: Evaluation,
-) -> None:
-    """Write the document and, for a moving scene, the curve over time."""
+def _written(
+    folder: RunFolder, path: Path, document: Mapping[str, Any], evaluation: Evaluation
+) -> list[Path]:
+    """Write the document and, for a moving scene, the curve over time; the files."""
     from gsfw.charts.time_plot import write_time_plot
 
     folder.write_json(path, document)
-    console.say(f"written: {path}")
     plot = write_time_plot(path, evaluation)
-    if plot is not None:
-        console.say(f"curve over time: {plot}")
+    return [path] if plot is None else [path, plot]
 
 
-def _show(console: Console, evaluation: Evaluation, title: str) -> None:
+def _show_views(console: Console, evaluation: Evaluation, title: str) -> None:
+    """Print the figures of each image."""
     # Flicker belongs to pairs of images, so it has no column here.
     names = list(dict.fromkeys(name for figures in evaluation.per_view for name in figures))
-    views = sorted(
-        zip(evaluation.views, evaluation.per_view, strict=True), key=lambda view: natural(view[0])
-    )
     rows: list[Sequence[str]] = [
-        [view, *(_cell(figures.get(name)) for name in names)] for view, figures in views
+        [view, *(_cell(figures.get(name)) for name in names)]
+        for view, figures in _views(evaluation)
     ]
     rows.append(["mean", *(_cell(evaluation.means.get(name)) for name in names)])
     console.table(["image", *names], rows, title)
+
+
+def _views(evaluation: Evaluation) -> list[tuple[str, Mapping[str, float]]]:
+    """The images with their figures, by name."""
+    views = zip(evaluation.views, evaluation.per_view, strict=True)
+    return sorted(views, key=lambda view: natural(view[0]))
+
+
+def _rows(evaluation: Evaluation, split: Split) -> list[Row]:
+    """The figures of all images together, and the worst images."""
+    from gsfw.commands.interface.summary import Row, quality_rows
+    from gsfw.core.datamanager import Split
+
+    kind = "held-out views" if split is Split.EVAL else "training views"
+    rows = quality_rows(evaluation.means, evaluation.baselines, f"{evaluation.count} {kind}")
+    rows += [Row("", "", f"{name}: {note}") for name, note in evaluation.notes.items()]
+    views = _views(evaluation)
     if len(views) > WORST:
-        worst = sorted(views, key=lambda view: view[1].get("psnr", math.inf))[:WORST]
-        texts = (f"{view} {_cell(figures.get('psnr'))}" for view, figures in worst)
-        console.say(f"worst by PSNR: {', '.join(texts)}")
-    for name in evaluation.means:
-        if name not in names:
-            console.say(f"{name}: {evaluation.means[name]:.5f}")
-    for name, note in evaluation.notes.items():
-        console.say(f"{name}: {note}")
-    console.say(f"rendering one image takes {evaluation.render_ms:.1f} ms (median)")
-    for name in ("constant_psnr", "mean_image_psnr", "still_psnr"):
-        if name in evaluation.baselines:
-            console.say(f"baseline {name}: {evaluation.baselines[name]:.4f}")
-    for finding in evaluation.findings or ():
-        console.warn(finding.message)
+        known = sorted((figures["psnr"], view) for view, figures in views if "psnr" in figures)
+        texts = [f"{view} {value:.2f}" for value, view in known[:WORST]]
+        rows += (
+            [Row("worst", f"{known[0][0]:.2f} dB", f"PSNR: {', '.join(texts)}")] if known else []
+        )
+    rows.append(Row("rendering", f"{evaluation.render_ms:.1f} ms", "an image, median"))
+    return rows
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -19,9 +19,6 @@ from gsfw.reports.run_record import RunRecord, read_run
 
 logger = logging.getLogger("gsfw.run")
 
-PAGE = "report.html"
-"""Name of the page in the folder of its run."""
-
 QUICK_FRAMES = 24
 """Frames of the film that ends a training; gsfw report has more."""
 
@@ -56,7 +53,7 @@ def write_run_report(
     notes: list[str] = []
     pictures = find_pictures(record, opened, rule, notes)
     with stage("writing the report"):
-        path = folder.path / PAGE if out is None else out
+        path = folder.report if out is None else out
         write_atomically(path, run_page(record, pictures, notes).encode())
     return path
 
@@ -103,21 +100,20 @@ def _note_step(record: RunRecord, pictures: Pictures, notes: list[str]) -> None:
         )
 
 
-def report_training(trainer: Trainer) -> Path | None:
+def report_training(trainer: Trainer) -> None:
     """Write the page of a run that has ended; a failure does not fail the run.
 
     A run that was stopped gets none: somebody wants it to end now.
     """
     if trainer.control.stop_reason is not None:
-        return None
+        return
     model = Model(trainer.parts, trainer.plan.settings, trainer.step)
     # The absolute error takes no time; FLIP takes about a second for each view.
     rule = DrawingRule(MOST_VIEWS, QUICK_FRAMES, choose_error("absolute"))
     try:
-        return write_run_report(trainer.folder, Opened(model), rule)
+        write_run_report(trainer.folder, Opened(model), rule)
     except UserError as error:
-        logger.warning("no %s was written: %s", PAGE, error.message)
+        logger.warning("no report was written: %s", error.message)
     except Exception as error:  # The run is finished: all that matters of it is written.
         kind = type(error).__name__
-        logger.warning("no %s was written: %s: %s", PAGE, kind, error, exc_info=True)
-    return None
+        logger.warning("no report was written: %s: %s", kind, error, exc_info=True)

@@ -109,9 +109,9 @@ def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a data
     return field(default=default, metadata=metadata)
 
 
-def words(name: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """An option as one or more bare words, after all other words of its verb."""
-    return field(default=(), metadata={"word": name, "many": True})
+def words(name: str, least: int = 1) -> Any:  # noqa: ANN401 - a dataclass field
+    """An option as ``least`` or more bare words, after all other words of its verb."""
+    return field(default=(), metadata={"word": name, "many": True, "least": least})
 
 
 @dataclass(kw_only=True)
@@ -145,7 +145,7 @@ def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptio
     places = [item for item in fields(kind) if "word" in item.metadata]
     given = _placed(verb, kind, arguments.words)
     for item in places[len(given) :]:
-        required = item.default is MISSING or item.metadata.get("many", False)
+        required = item.default is MISSING or item.metadata.get("least", 0) > 0
         if required and item.name not in arguments.values:
             raise ConfigError(
                 f"gsfw {verb}: {item.metadata['word']} is missing.", f"See gsfw {verb} --help."

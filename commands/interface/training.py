@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -11,6 +13,7 @@ import torch
 from gsfw.commands.interface.console import Console
 from gsfw.commands.interface.failure import INTERRUPTED, tracebacks_in
 from gsfw.commands.interface.interrupt import stop_on_signal
+from gsfw.commands.interface.summary import file_rows, next_rows, run_rows, summary_text
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
 from gsfw.core.exchange import Exporter
@@ -26,6 +29,18 @@ from gsfw.plugins.registry import installed
 from gsfw.plugins.snapshot import snapshot
 from gsfw.reports.run_report import report_training
 from gsfw.studies.requirements.report import RequirementsReport
+
+
+@dataclass
+class Ending:
+    """What is known of a run besides the figures of its summary."""
+
+    headline: str
+    """What the parts of the model are worth, as a phrase; empty if not measured."""
+    invisible: int = 0
+    """Gaussians that are not in splats.ply, as they are too faint to be seen."""
+    learnt: Sequence[Path] = ()
+    """Files of learnt exposures and cameras."""
 
 
 def describe(composition: Composition) -> str:
@@ -55,16 +70,15 @@ def run_training(trainer: Trainer, console: Console) -> int:
         recorded = tracebacks_in(folder, lambda: trainer.step > 0)
         with stop_on_signal(trainer.control) as interrupt, recorded:
             summary = _fit(trainer, report)
+            ending = Ending(report.headline)
             if summary["completed"]:
-                write_splats(trainer, console)
-                for path in write_corrections(trainer.parts, folder.path):
-                    console.say(f"learnt of the capture: {path}")
-            page = report_training(trainer) if trainer.info.settings["report"] else None
+                ending.invisible = write_splats(trainer, console)
+                ending.learnt = write_corrections(trainer.parts, folder.path)
+                if trainer.info.settings["report"]:
+                    report_training(trainer)
     finally:
         trainer.parts.data.close()
-    _tell(summary, trainer, console, report.line)
-    if page is not None:
-        console.say(f"one page to look at and to send: {page}")
+    _tell(summary, trainer, console, ending)
     console.result({**summary, "run": str(folder.path)})
     return INTERRUPTED if interrupt.received and not summary["completed"] else 0
 
@@ -81,10 +95,13 @@ def _fit(trainer: Trainer, report: RequirementsReport) -> dict[str, Any]:
         ) from None
 
 
-def write_splats(trainer: Trainer, console: Console) -> None:
+def write_splats(trainer: Trainer, console: Console) -> int:
     """Write the model as a 3DGS PLY, in the world of the data.
 
     Leaves out rows that are not finite or too faint to be seen; the checkpoint holds all.
+
+    Returns:
+        Number of rows that are too faint (opacity below 1/255).
     """
     parts = trainer.parts
     taken = snapshot(parts.model, parts.data.scene, trainer.plan.settings.antialias)
@@ -97,11 +114,7 @@ def write_splats(trainer: Trainer, console: Console) -> None:
         console.warn(f"no splats.ply was written: {error}")
     if taken.num_dropped:
         console.warn(f"splats.ply leaves out {taken.num_dropped} rows that are not finite")
-    if invisible:
-        console.say(
-            f"splats.ply leaves out {invisible:,} of {len(taken.content.splats):,} Gaussians that "
-            "are too faint to be seen (opacity below 1/255)"
-        )
+    return invisible
 
 
 def quoted(folder: RunFolder) -> str:
@@ -109,50 +122,24 @@ def quoted(folder: RunFolder) -> str:
     return shlex.quote(str(folder.path))
 
 
-def _tell(
-    summary: Mapping[str, Any], trainer: Trainer, console: Console, requirements: str
-) -> None:
-    run = quoted(trainer.folder)
+def _tell(summary: Mapping[str, Any], trainer: Trainer, console: Console, ending: Ending) -> None:
+    """Print the summary of a run that has ended."""
+    folder, steps = trainer.folder, trainer.plan.steps
     if not summary["completed"]:
         console.say(
-            f"stopped after {summary['steps']} of {trainer.plan.steps} steps: {summary['stopped']}."
+            f"stopped after {summary['steps']} of {steps} steps: {summary['stopped']}.\n"
+            f"Go on with: gsfw resume {quoted(folder)}"
         )
-        console.say(f"Go on with: gsfw resume {run}")
         return
-    figures = "".join(
-        f", {name.upper()} {summary[name]:.{digits}f}{unit}"
-        for name, digits, unit in (("psnr", 2, " dB"), ("ssim", 4, ""))
-        if name in summary
-    )
-    if "moving_psnr" in summary:
-        figures += f", of what moves PSNR {summary['moving_psnr']:.2f} dB"
     findings = summary["findings"]
     done = "done" if not any(item["collapse"] for item in findings) else "done, but not sound"
-    console.say(
-        f"{done}: {summary['steps']} steps in {summary['train_seconds']:.0f} s of training, "
-        f"{summary['num_gaussians']:,} Gaussians{_size(summary)}"
-    )
-    console.say(f"held-out views: {summary['views']}{figures}{_baseline(summary)}")
+    title = f"{done}: {trainer.info.method} on {trainer.info.scene}, {summary['steps']} steps"
+    figures = run_rows(summary, trainer.parts.metrics, ending.headline, ending.invisible)
+    files = file_rows(folder, ending.learnt)
+    run = quoted(folder)
+    others = [] if folder.splats.exists() else [f"gsfw export {run} format=ply"]
+    others.append(f"tensorboard --logdir {run}")
+    following = next_rows(str(folder.path), ("view", "report", "eval", "render"), others)
+    console.say("\n" + summary_text(title, figures, [*files, *following]))
     for finding in findings:
         console.warn(finding["message"])
-    if requirements:
-        console.say(requirements)
-    console.say(f"everything is in {run}")
-    export = "" if trainer.folder.splats.exists() else f"\n  gsfw export {run} format=ply"
-    console.say(
-        f"next:\n  tensorboard --logdir {run}\n  gsfw eval {run}\n  gsfw render {run}{export}"
-    )
-
-
-def _baseline(summary: Mapping[str, Any]) -> str:
-    """The figure to beat; nothing without held-out views."""
-    constant = summary.get("baselines", {}).get("constant_psnr")
-    return "" if constant is None else f" (a single colour has {constant:.2f} dB)"
-
-
-def _size(summary: Mapping[str, Any]) -> str:
-    """The size of a model of a moving scene; nothing for a static one."""
-    if "bytes_per_time" not in summary:
-        return ""
-    model, time = summary["model_bytes"] / 1e6, summary["bytes_per_time"] / 1e6
-    return f", {model:.2f} MB, {time:.3f} MB per captured time"

@@ -108,6 +108,28 @@ def only_one(folder: Path, others: str, remedy: str = REMEDY) -> Iterator[int]:
             (folder / CLAIM).unlink(missing_ok=True)
 
 
+def holder(folder: Path) -> Owner | None:
+    """The process that has the lock of a folder; ``None`` if nobody has it.
+
+    A lock is tried only where a process is named: one that was killed has named itself too.
+    """
+    claim = Owner.read(folder / CLAIM)
+    if claim is not None and not claim.is_gone:
+        return claim
+    owner = Owner.read(folder / LOCK)
+    if owner is None or owner.is_gone:
+        return None
+    with suppress(OSError):
+        handle = os.open(folder / LOCK, os.O_RDWR)
+        try:
+            return None if _lock(handle) else owner
+        except BlockingIOError:
+            return owner
+        finally:
+            os.close(handle)
+    return owner
+
+
 def _name_owner(handle: int, content: bytes) -> None:
     """Write who has the lock, which only messages need: a full disk does not matter."""
     with suppress(OSError):

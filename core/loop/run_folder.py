@@ -7,14 +7,14 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Any
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
+
+if TYPE_CHECKING:
+    import torch
 
 CHECKPOINT_SCHEMA = 2
 """Version of the checkpoint layout; raised when an older gsfw could not read a newer file."""
@@ -28,7 +28,9 @@ def check_finite(state: object, where: str = "") -> None:
     Raises:
         ValueError: a tensor holds a NaN or an infinity; names the first such tensor.
     """
-    if isinstance(state, Tensor):
+    import torch  # Not at the top: gsfw runs lists the files of runs without it.
+
+    if isinstance(state, torch.Tensor):
         if state.is_floating_point() and not bool(state.isfinite().all()):
             raise ValueError(f"{where} is not finite")
     elif isinstance(state, Mapping):
@@ -69,6 +71,11 @@ class RunFolder:
     def requirements_plot(self) -> Path:
         """The same as an image."""
         return self.path / "requirements.png"
+
+    @property
+    def report(self) -> Path:
+        """One page of all of it, to look at and to send."""
+        return self.path / "report.html"
 
     @property
     def log(self) -> Path:
@@ -121,6 +128,8 @@ class RunFolder:
             ValueError: a tensor is not finite (nothing is written).
             OutputError: it cannot be written; earlier checkpoints are untouched.
         """
+        import torch
+
         check_finite(state)
         buffer = io.BytesIO()
         torch.save({"schema": CHECKPOINT_SCHEMA, "step": step, **state}, buffer)
@@ -154,6 +163,8 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
     Raises:
         DataError: it is missing, damaged, or of an unknown layout.
     """
+    import torch
+
     try:
         state: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
     except FileNotFoundError:

@@ -15,12 +15,12 @@ logger = logging.getLogger("gsfw.run")
 class RequirementsReport:
     """Measures a completed run and hands the result to the callbacks.
 
-    ``line`` is a summary for the end of the run; empty when nothing was measured.
+    ``headline`` is a phrase for the end of the run; empty when nothing was measured.
     """
 
     def __init__(self, trainer: Trainer) -> None:
         self._trainer = trainer
-        self.line = ""
+        self.headline = ""
 
     def make(self) -> None:
         """Measure, plot and notify the callbacks; a failure here does not fail the run."""
@@ -36,5 +36,4 @@ class RequirementsReport:
             kind = type(error).__name__
             logger.warning("no report of requirements: %s: %s", kind, error, exc_info=True)
             return
-        file = trainer.folder.requirements_plot.name
-        self.line = f"requirements: {found.headline}: {file}"
+        self.headline = found.headline

@@ -2,63 +2,19 @@
 
 import json
 import logging
-import math
 from dataclasses import replace
 
 import pytest
-import torch
 from PIL import Image
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from support.watched_run import SUMMARY, play, report_of, run_info, told_requirements
 
 from gsfw.callbacks.config import AutosaveConfig
 from gsfw.callbacks.log import Log
 from gsfw.callbacks.progress import Progress
 from gsfw.callbacks.results import Results
-from gsfw.callbacks.tensorboard import TensorBoard
-from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
+from gsfw.core.callback import Control
 from gsfw.core.loop.evaluation import Evaluation
-from gsfw.core.loop.requirements import FloatGroup, Requirements
 from gsfw.core.loop.run_folder import RunFolder
-
-SUMMARY = {
-    "completed": True, "psnr": 30.5, "ssim": 0.9, "num_gaussians": 100, "train_seconds": 1.0,
-    "steps": 20, "peak_memory_mb": 100.0, "views": 5,
-}  # fmt: skip
-
-
-def info(path, first_step: int = 0) -> RunInfo:
-    settings = {"method": "3dgs", "steps": 20, "holdout": []}
-    protocol = {"background": [1.0, 1.0, 1.0]}
-    return RunInfo(path, "3dgs", "toy", 20, first_step, settings, protocol, ("a note",))
-
-
-def report(step: int, resolution: float = 1.0) -> StepReport:
-    return StepReport(
-        step=step, loss=0.5 / step, losses={"l1": 0.4 / step}, psnr=20.0 + step,
-        num_gaussians=100, learning_rates={"means": 1e-4}, step_ms=10.0,
-        stage_ms={"render": 5.0}, memory_mb={"rss": 200.0}, resolution=resolution,
-        refined={"cloned": 3},
-    )  # fmt: skip
-
-
-def play(callback: Callback, path, steps=(10, 20), first_step: int = 0, summary=None) -> None:
-    """A short run as the trainer tells it."""
-    control = Control()
-    callback.on_start(info(path, first_step), control)
-    for step in steps:
-        callback.on_tick(step, control)
-        callback.on_step(report(step), control)
-    for index in range(6):
-        image = torch.full((8, 10, 3), 0.5)
-        own = {"depth": image} if index == 0 else {}
-        view = EvaluatedView(f"v{index}", {"psnr": 30.0}, image, image, own)
-        callback.on_view(steps[-1], view)
-    evaluation = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0})
-    callback.on_evaluation(steps[-1], evaluation, control)
-    callback.on_checkpoint(steps[-1], path / "step.pt")
-    callback.on_end(steps[-1], SUMMARY if summary is None else summary)
-    callback.close()
-    assert control.stop_reason is None
 
 
 def test_results_have_a_line_per_logged_step_and_a_final_summary(tmp_path):
@@ -86,32 +42,6 @@ def test_a_resumed_run_does_not_repeat_lines(tmp_path):
     assert [json.loads(line)["step"] for line in lines] == [10, 20, 20]
 
 
-def test_tensorboard_has_curves_images_settings_and_hparams(tmp_path):
-    play(TensorBoard(4), tmp_path)
-    events = EventAccumulator(str(tmp_path / "tb"), size_guidance={"images": 0})
-    events.Reload()
-    tags = events.Tags()
-    expected = {
-        *(
-            "train/loss",
-            "train/l1",
-            "train/psnr",
-            "train/resolution",
-            "eval/psnr",
-            "gaussians/count",
-            "gaussians/cloned",
-            "lr/means",
-        ),
-        *("time/step_ms", "time/render_ms", "mem/rss_mb", "hparam/psnr"),
-    }
-    assert expected <= set(tags["scalars"])
-    assert [event.value for event in events.Scalars("train/loss")] == pytest.approx([0.05, 0.025])
-    of_views = [f"eval/v{index}" for index in range(4)]
-    assert set(tags["images"]) == {*of_views, "eval/v0/depth"}
-    assert events.Images("eval/v0")[0].width == 3 * 10
-    assert "config/text_summary" in tags["tensors"]
-
-
 def test_the_log_is_for_people_and_lets_go_of_its_file(tmp_path):
     play(Log(10), tmp_path)
     text = RunFolder(tmp_path).log.read_text()
@@ -126,50 +56,47 @@ def test_progress_is_plain_lines_on_standard_error_without_a_terminal(tmp_path, 
     out, err = capsys.readouterr()
     assert out == ""
     lines = err.splitlines()
-    assert lines[0] == "note: a note"
-    assert lines[1].startswith("10/20  loss 0.0500  psnr 30.00  100 Gaussians  100.0 it/s")
-    assert "1 held-out views: psnr 30" in lines[-1]
+    assert lines == [
+        "note: a note",
+        "50%  10/20  --:-- left  PSNR 30.0 dB  loss 0.0500  100 Gaussians  100.0 steps/s  "
+        "RAM 0.2 GB",
+        "100%  20/20  --:-- left  PSNR 31.0 dB  loss 0.0475  100 Gaussians  100.0 steps/s  "
+        "RAM 0.2 GB",
+    ]
 
 
 def test_progress_says_how_small_images_are_while_they_are(tmp_path, capsys):
     progress, control = Progress(10.0), Control()
-    progress.on_start(info(tmp_path), control)
-    progress.on_step(report(20, resolution=0.3535), control)
+    progress.on_start(run_info(tmp_path), control)
+    progress.on_step(report_of(20, resolution=0.3535), control)
     progress.close()
-    assert "psnr 40.00  at 1/2.8 size  100 Gaussians" in capsys.readouterr().err
+    assert "PSNR 40.0 dB" in (said := capsys.readouterr().err)
+    assert "at 1/2.8 size" in said
 
 
 def test_slow_steps_between_logged_ones_are_told(tmp_path, capsys):
-    run = replace(info(tmp_path), settings={"log_every": 10})
+    run = replace(run_info(tmp_path), settings={"log_every": 10})
     progress, control = Progress(0.0), Control()
     progress.on_start(run, control)
     for step in (10, 11):
         progress.on_tick(step, control)
         if step == 10:
-            progress.on_step(report(step), control)
+            progress.on_step(report_of(step), control)
     progress.close()
-    assert capsys.readouterr().err.splitlines()[-1] == "11/20"
+    assert capsys.readouterr().err.splitlines()[-1].startswith("55%  11/20  ")
 
 
 def test_an_evaluation_of_a_sample_says_of_how_many_views(tmp_path, capsys):
     sample = Evaluation(("v0",), ({"psnr": 30.0},), 1.0, {"psnr": 30.0}, held_out=200)
     for callback in (Progress(10.0), Log(10), Results()):
-        callback.on_start(info(tmp_path), Control())
+        callback.on_start(run_info(tmp_path), Control())
         callback.on_evaluation(10, sample, Control())
         callback.close()
-    assert "step 10: 1 of 200 held-out views: psnr 30" in capsys.readouterr().err
+    assert "step 10: PSNR 30.00 dB on 1 of 200 held-out views" in capsys.readouterr().err
     folder = RunFolder(tmp_path)
     assert "step 10: 1 of 200 held-out views: psnr" in folder.log.read_text()
     written = json.loads((folder.evaluations / "step_000000010.json").read_text())
     assert written["protocol"]["sample"] == "1 of 200 held-out views, evenly spread"
-
-
-def test_time_left_is_counted_from_the_steps_that_remain():
-    from gsfw.callbacks.progress import _duration
-
-    assert _duration(59.6) == "1:00"
-    assert _duration(3725.0) == "1:02:05"
-    assert math.isfinite(SUMMARY["psnr"])
 
 
 def dynamic_evaluation() -> Evaluation:
@@ -179,7 +106,7 @@ def dynamic_evaluation() -> Evaluation:
 
 def test_an_evaluation_over_time_leaves_a_plot_and_says_which_step_it_is_of(tmp_path):
     results, control = Results(), Control()
-    results.on_start(info(tmp_path), control)
+    results.on_start(run_info(tmp_path), control)
     for step in (10, 20):
         results.on_evaluation(step, dynamic_evaluation(), control)
     results.close()
@@ -202,23 +129,6 @@ def test_lists_of_the_summary_are_left_out_of_the_log(tmp_path):
     assert "over_time" not in said
 
 
-REQUIREMENTS = Requirements(
-    headline="48 floats each for colour", step=20, num_gaussians=2,
-    groups=(FloatGroup("positions", 6, None, ""), FloatGroup("SH band 1", 18, 0.25, "so")),
-    sh_floats=18, sh_floats_full=24, rows_by_degree=(0, 2), training_floats={"optimizer": 48},
-    views=("v0",), split="eval", protocol="", psnr=30.0, strategy={"why": math.nan},
-)  # fmt: skip
-PLOT = torch.full((4, 5, 3), 200, dtype=torch.uint8)
-
-
-def told_requirements(callback: Callback, path) -> None:
-    """What the trainer tells it at the end of a run."""
-    callback.on_start(info(path), Control())
-    callback.on_end(20, SUMMARY)
-    callback.on_requirements(REQUIREMENTS, PLOT)
-    callback.close()
-
-
 def test_results_keep_what_a_run_required_as_figures_and_as_an_image(tmp_path):
     told_requirements(Results(), tmp_path)
     folder = RunFolder(tmp_path)
@@ -232,24 +142,6 @@ def test_results_keep_what_a_run_required_as_figures_and_as_an_image(tmp_path):
         assert (image.size, image.getpixel((0, 0))) == ((5, 4), (200, 200, 200))
 
 
-def test_tensorboard_shows_what_a_run_required(tmp_path):
-    told_requirements(TensorBoard(4), tmp_path)
-    events = EventAccumulator(str(tmp_path / "tb"))
-    events.Reload()
-    floats = {
-        tag: events.Scalars(tag)[0].value
-        for tag in events.Tags()["scalars"]
-        if tag.startswith("requirements/")
-    }
-    assert floats == {
-        "requirements/sh_floats": 18, "requirements/sh_floats_full": 24,
-        "requirements/total_floats": 24, "requirements/floats/positions": 6,
-        "requirements/floats/SH_band_1": 18, "requirements/bought_db/SH_band_1": 0.25,
-    }  # fmt: skip
-    assert events.Images("requirements")[0].width == 5
-    assert "requirements/text_summary" in events.Tags()["tensors"]
-
-
 def test_the_log_has_what_a_run_required_in_a_line(tmp_path):
     told_requirements(Log(10), tmp_path)
     assert "requirements: 48 floats each for colour" in RunFolder(tmp_path).log.read_text()
@@ -259,7 +151,7 @@ def test_autosave_asks_for_a_checkpoint_once_the_last_one_is_too_old(tmp_path, m
     now = 1000.0
     monkeypatch.setattr("time.monotonic", lambda: now)
     autosave, control = AutosaveConfig(minutes=2.0).build(), Control()
-    autosave.on_start(info(tmp_path), control)
+    autosave.on_start(run_info(tmp_path), control)
     now += 119
     autosave.on_tick(1, control)
     assert not control.checkpoint_requested

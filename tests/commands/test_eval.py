@@ -7,9 +7,10 @@ import shutil
 import pytest
 import torch
 
-from gsfw.commands.eval import _show, natural
+from gsfw.commands.eval import _rows, _show_views, natural
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
+from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.run_folder import RunFolder
 
@@ -67,10 +68,22 @@ def test_numbers_in_names_sort_as_numbers():
     assert sorted(names, key=natural) == ["a_3", "r_1", "r_2", "r_10", "r_100"]
 
 
-def test_the_worst_images_are_named(capsys):
+def test_the_worst_images_are_named_and_those_in_the_table_are_sorted_by_number(capsys):
     figures = [{"psnr": 20.0 + number} for number in range(12)]
     views = tuple(f"r_{number}" for number in range(12))
-    _show(Console(), Evaluation(views, tuple(figures), 1.0, {"psnr": 25.5}), "title")
+    evaluation = Evaluation(views, tuple(figures), 1.0, {"psnr": 25.5})
+    _show_views(Console(), evaluation, "title")
     out = capsys.readouterr().out
     assert out.index("r_2 ") < out.index("r_10 ")
-    assert "worst by PSNR: r_0 20.0000, r_1 21.0000, r_2 22.0000, r_3 23.0000, r_4 24" in out
+    (worst,) = (row for row in _rows(evaluation, Split.EVAL) if row.name == "worst")
+    assert worst.value == "20.00 dB"
+    assert worst.remark == "PSNR: r_0 20.00, r_1 21.00, r_2 22.00, r_3 23.00, r_4 24.00"
+
+
+def test_the_summary_ends_with_the_file_and_the_next_commands(run, capsys):
+    assert main(["eval", str(run)]) == 0
+    out = capsys.readouterr().out
+    assert f"\n\n{run} after 20 steps\n\n  PSNR " in out
+    assert "mean of 2 held-out views; one colour has " in out
+    assert re.search(rf"\n  files +{run}/eval/step_000000020.json\n  next +gsfw ", out)
+    assert f"gsfw render {run}\n" in out

@@ -48,17 +48,18 @@ def test_the_same_is_in_the_picture_in_tensorboard_and_in_the_log(finished_run):
     events = EventAccumulator(str(folder.tensorboard))
     events.Reload()
     found = document(finished_run)
-    assert events.Scalars("requirements/sh_floats")[0].value == found["sh_floats"]
+    assert events.Scalars("9_requirements/sh_floats")[0].value == found["sh_floats"]
     assert f"requirements: {found['headline']}" in folder.log.read_text()
 
 
-def test_the_end_of_a_run_has_a_line_of_it_and_info_shows_it(tmp_path, capsys):
+def test_the_summary_of_a_run_has_it_and_info_shows_it(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", *SMALL, f"out={out}"]) == 0
     found = document(out)
     assert found["headline"].startswith("colour takes 48 numbers for each Gaussian; PSNR falls by")
-    line = f"\nrequirements: {found['headline']}: requirements.png\neverything is in {out}\n"
-    assert line in capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
+    assert f" kB {found['headline']} folder {out} files splats.ply" in said
+    assert ", requirements.png, metrics.json, log.txt next" in said
     assert main(["info", out, "json=true"]) == 0
     shown = json.loads(capsys.readouterr().out)["requirements"]
     assert shown == {key: found[key] for key in shown}
@@ -109,8 +110,8 @@ def test_a_failure_to_measure_loses_nothing(tmp_path, capsys, monkeypatch):
     assert main(["train", *SMALL, f"out={folder.path}"]) == 0
     said = capsys.readouterr()
     assert "warning: no report of requirements: RuntimeError: no paper left\n" in said.err
-    assert "done: 4 steps" in said.out
-    assert "requirements:" not in said.out
+    assert "done: 3dgs on synthetic, 4 steps" in said.out
+    assert "requirements.png" not in said.out
     assert folder.splats.is_file()
     assert folder.summary.is_file()
     assert read_checkpoint(folder.checkpoint(4))["step"] == 4

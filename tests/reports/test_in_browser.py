@@ -12,9 +12,11 @@ from support.small_scene import SMALL_SCENE
 from gsfw.commands.main import main
 from gsfw.reports.drawing import DrawingRule
 from gsfw.reports.error_image import ErrorImage
-from gsfw.reports.run_report import PAGE, Opened, write_run_report
+from gsfw.reports.run_report import Opened, write_run_report
 
 pytestmark = [pytest.mark.slow, needs_chromium]
+
+PAGE = "report.html"
 
 SCREENSHOTS = os.environ.get("GSFW_SCREENSHOTS")
 """Folder that keeps the screenshots; without it they are only compared."""

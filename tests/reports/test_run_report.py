@@ -16,7 +16,9 @@ from gsfw.reports.error_image import ErrorImage
 from gsfw.reports.page import MOST_BYTES
 from gsfw.reports.pictures import stored_pictures
 from gsfw.reports.run_record import read_run
-from gsfw.reports.run_report import PAGE, Opened, write_run_report
+from gsfw.reports.run_report import Opened, write_run_report
+
+PAGE = "report.html"
 
 RULE = DrawingRule(9, 0, ErrorImage(is_flip=False))
 
@@ -71,7 +73,7 @@ def test_report_false_writes_no_page(tmp_path, capsys):
     )
     assert not (out / PAGE).exists()
     assert not (out / "report").exists()
-    assert "one page" not in capsys.readouterr().out
+    assert "report.html" not in capsys.readouterr().out
 
 
 def test_a_run_that_goes_on_writes_its_page_again(own_run):
@@ -233,5 +235,5 @@ def test_a_failure_of_the_report_does_not_fail_the_run(tmp_path, monkeypatch, ca
     monkeypatch.setattr("gsfw.reports.run_report.draw_pictures", fails)
     out = tmp_path / "run"
     assert main(["train", "method=3dgs", *SMALL_SCENE, "steps=2", f"out={out}"]) == 0
-    assert "no report.html was written: RuntimeError: no such colour" in capsys.readouterr().err
+    assert "no report was written: RuntimeError: no such colour" in capsys.readouterr().err
     assert RunFolder(out).summary.is_file()

@@ -42,7 +42,7 @@ def test_a_model_that_no_ply_can_hold_is_no_failure_of_the_run(out, capsys, monk
     assert main(["train", *SMALL, f"out={out}"]) == 0
     said = capsys.readouterr()
     assert "warning: no splats.ply was written: means: row 3 is too large" in said.err
-    assert "done: 2 steps in " in said.out
+    assert "done: 3dgs on synthetic, 2 steps" in said.out
 
 
 def test_a_run_that_was_stopped_says_why_and_how_to_go_on(out, capsys, monkeypatch):

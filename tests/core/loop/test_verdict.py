@@ -22,7 +22,7 @@ def test_a_collapsed_run_does_not_end_like_a_success(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", "method=3dgs", *SMALL_SCENE, *VANISHING, f"out={out}"]) == 0
     said = capsys.readouterr()
-    assert "\ndone, but not sound: 30 steps in" in said.out
+    assert "\ndone, but not sound: 3dgs on synthetic, 30 steps\n" in said.out
     assert "warning: step 10 of 30: 2 of 2 held-out views are rendered as (nearly) one" in said.err
     assert said.err.count("2 of 2 held-out views are rendered") == 2, "at first, and at the end"
     assert main(["eval", out]) == 0
@@ -45,8 +45,10 @@ def test_its_log_says_each_finding_once(collapsed):
 def test_its_curves_have_the_findings_as_text_and_the_baselines(collapsed):
     events = EventAccumulator(str(collapsed.tensorboard))
     events.Reload()
-    assert "findings/one-color/text_summary" in events.Tags()["tensors"]
-    assert {"baseline/constant_psnr", "eval/training_psnr"} <= set(events.Tags()["scalars"])
+    (page, *_) = events.Tensors("3_findings/text_summary")
+    assert b"**one-color**: " in page.tensor_proto.string_val[0]
+    curves = {"1_overview/psnr_of_one_color", "2_quality/psnr_of_training_views"}
+    assert curves <= set(events.Tags()["scalars"])
 
 
 def test_a_sound_run_has_baselines_and_no_findings(finished_run):

@@ -214,7 +214,7 @@ def test_a_spike_to_infinity_is_skipped_counted_and_shown_in_tensorboard(tmp_pat
     check_finite(run)
     events = EventAccumulator(str(tmp_path / "tb"))
     events.Reload()
-    counts = {event.step: event.value for event in events.Scalars("train/skipped_steps")}
+    counts = {event.step: event.value for event in events.Scalars("2_quality/skipped_steps")}
     assert [counts[step] for step in (5, 6, 9, 10, STEPS)] == [0, 1, 1, 2, 2]
 
 

@@ -1,0 +1,83 @@
+"""Images of TensorBoard: ground truth, render and error side by side, with a caption."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image, ImageDraw, ImageFont
+from torch import Tensor
+
+from gsfw.core.callback import EvaluatedView
+
+ERROR_WHITE = 0.25
+"""Mean absolute error of the channels from which on the error is white."""
+LONGEST, SHORTEST = 640, 280
+"""Width of an image in pixels: larger ones are shrunk, small ones enlarged by whole numbers."""
+MARGIN, GAP = 10, 6
+TITLE, LABEL = 36, 46
+"""Widths of the whole over the sizes of type: TensorBoard shows it at about 350 pixels first."""
+LEAST_TYPE = 12.0
+"""Smallest type, in pixels."""
+PAPER, INK, FAINT = "#ffffff", "#3c3c40", "#78787e"
+"""Colours of the house style (``charts.style``)."""
+
+LABELS = ("ground truth", "render", f"error (white: {ERROR_WHITE:g})")
+
+
+def comparison(
+    view: EvaluatedView, step: int, steps: int
+) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """Ground truth, render and error of a view, under a line with name, PSNR and step."""
+    panels = [view.target, view.rendered, error_image(view.target, view.rendered)]
+    psnr = view.metrics.get("psnr")
+    figure = "" if psnr is None else f"PSNR {psnr:.2f} dB, "
+    return captioned(panels, LABELS, view.name, f"{figure}step {step:,} of {steps:,}")
+
+
+def error_image(
+    target: Float[Tensor, "h w 3"], rendered: Float[Tensor, "h w 3"]
+) -> Float[Tensor, "h w 3"]:
+    """Mean absolute error of the channels as a grey image."""
+    error = (rendered.clamp(0, 1) - target.clamp(0, 1)).abs().mean(-1, keepdim=True) / ERROR_WHITE
+    return error.clamp(0, 1).expand(-1, -1, 3)
+
+
+def captioned(
+    panels: list[Float[Tensor, "h w 3"]], labels: tuple[str, ...], title: str, remark: str
+) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """Images of one size in a row, each with a label, below a title.
+
+    Args:
+        panels: images in [0, 1].
+        labels: one for each image; empty for none.
+        title: name of the view.
+        remark: follows the title in grey.
+    """
+    images = [_sized(panel) for panel in panels]
+    width, height = images[0].size
+    whole = 2 * MARGIN + len(images) * width + (len(images) - 1) * GAP
+    large, small = (max(whole / part, LEAST_TYPE) for part in (TITLE, LABEL))
+    font, label_font = ImageFont.load_default(large), ImageFont.load_default(small)
+    labels_at = MARGIN + round(1.5 * large)
+    top = labels_at + (round(1.4 * small) if any(labels) else 0)
+    sheet = Image.new("RGB", (whole, top + height + MARGIN), PAPER)
+    draw = ImageDraw.Draw(sheet)
+    draw.text((MARGIN, MARGIN), title, INK, font)
+    after = MARGIN + draw.textlength(f"{title}   ", font)
+    draw.text((after, MARGIN), remark, FAINT, font)
+    for place, (image, label) in enumerate(zip(images, labels, strict=True)):
+        x = MARGIN + place * (width + GAP)
+        draw.text((x, labels_at), label, FAINT, label_font)
+        sheet.paste(image, (x, top))
+    return np.asarray(sheet)
+
+
+def _sized(panel: Float[Tensor, "h w 3"]) -> Image.Image:
+    """An image at a width that can be looked at."""
+    image = Image.fromarray((panel.clamp(0, 1) * 255).round().byte().cpu().numpy())
+    width, height = image.size
+    if width > LONGEST:
+        size = (LONGEST, max(1, round(height * LONGEST / width)))
+        return image.resize(size, Image.Resampling.BOX)
+    factor = -(-SHORTEST // width)
+    return image.resize((width * factor, height * factor), Image.Resampling.NEAREST)

@@ -1,0 +1,90 @@
+"""Removal of runs: never of a folder that is no run, never of a run that is trained on."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+import yaml
+
+from gsfw.commands.interface.new_run import OTHERS
+from gsfw.commands.interface.runs import RUNS, RunArgument
+from gsfw.core.errors import ConfigError, DataError, OutputError
+from gsfw.core.files.folder_lock import LOCK, holder, only_one
+from gsfw.core.loop.run_folder import RunFolder
+
+
+def check_removable(found: RunArgument) -> Path:
+    """The folder of a run that may be removed.
+
+    Raises:
+        ConfigError: a checkpoint or a model file is given.
+        DataError: the folder is a link, no run of gsfw, or holds other runs.
+        OutputError: it is trained on now.
+    """
+    path = found.folder.path
+    if found.checkpoint is not None or found.model_file is not None:
+        raise ConfigError(
+            f"{found.checkpoint or found.model_file} is a file, and whole runs are removed.",
+            f"Give the folder of the run: {path}.",
+        )
+    if path.is_symlink():
+        raise DataError(
+            f"{path} is a link to {path.resolve()}.", "Give that folder, or remove the link."
+        )
+    if not _is_made_by_gsfw(found.folder):
+        raise DataError(
+            f"{path} does not look like a run of gsfw, and is left as it is.",
+            "A run has a config.yaml that names its gsfw, and checkpoints.",
+        )
+    others = [other.parent for other in path.rglob("config.yaml") if other.parent != path]
+    if others:
+        raise DataError(
+            f"{path} holds other runs, such as {others[0]}.", "Remove or move these first."
+        )
+    owner = holder(path)
+    if owner is not None:
+        raise OutputError(f"{path} is trained on now ({owner}).", "Wait for it, or end it.")
+    return path
+
+
+def _is_made_by_gsfw(folder: RunFolder) -> bool:
+    """True if the files are those of a run; of a damaged one the lock and checkpoints say so."""
+    try:
+        document = yaml.safe_load(folder.config.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        document = None
+    is_ours = isinstance(document, dict) and {"gsfw", "method", "schema"} <= document.keys()
+    has_lock = (folder.path / LOCK).is_file()
+    has_state = folder.latest_checkpoint() is not None or folder.summary.is_file()
+    return (is_ours and (has_lock or has_state)) or (has_lock and has_state)
+
+
+def size_of(folder: Path) -> int:
+    """Bytes of all files below a folder; links count as themselves."""
+    return sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
+
+
+def remove_run(path: Path) -> int:
+    """Remove a run, and parent folders below ``runs`` that are empty then; the bytes freed.
+
+    Raises:
+        OutputError: somebody trains it by now, or a file cannot be removed.
+    """
+    freed = size_of(path)
+    with only_one(path, OTHERS, "Wait for it, or end it."):
+        try:
+            shutil.rmtree(path)
+        except OSError as error:
+            raise OutputError(
+                f"{error.filename or path} cannot be removed: {error.strerror}.",
+                "What is left of the run is still there; look at its permissions.",
+            ) from error
+    root = RUNS.resolve()
+    with suppress(OSError):  # The first one that is not empty ends it.
+        for parent in path.resolve().parents:
+            if root not in parent.parents:
+                break
+            parent.rmdir()
+    return freed

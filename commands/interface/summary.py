@@ -1,0 +1,188 @@
+"""Summary: the end of a run, or of an evaluation, as one table with files and next commands."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from gsfw.commands.interface.console import WIDTH_OF_FILES
+from gsfw.plugins.registry import installed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from gsfw.core.loop.run_folder import RunFolder
+
+MARGIN, GAP = "  ", "   "
+"""Before each line of a table, and between its columns."""
+LEAST_REMARK = 24
+"""Columns of a remark below which it is not wrapped, but left to the terminal."""
+
+BASELINES = (
+    ("constant_psnr", "one colour"),
+    ("mean_image_psnr", "the mean image"),
+    ("still_psnr", "a still image"),
+)
+"""PSNR of images without a model, and their names in remarks."""
+
+FIRST_METRICS = ("psnr", "ssim", "moving_psnr")
+"""Metrics at the top of the table; others follow."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a summary."""
+
+    name: str
+    """Empty: the line belongs to the one above."""
+    value: str
+    remark: str = ""
+
+
+def size(number: int | float) -> str:
+    """A number of bytes in words: "812 kB", "2.9 MB", "1.3 GB"."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
+        if number >= 0.9995 * unit:
+            amount = number / unit
+            return (
+                f"{amount:.0f} {name}" if amount >= 100 or unit == 1e3 else f"{amount:.1f} {name}"
+            )
+    return f"{number:.0f} bytes"
+
+
+def duration(seconds: int | float) -> str:
+    """A time in words: "17 s", "8 min 20 s", "3 h 5 min"."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def quality_rows(means: Mapping[str, float], baselines: Mapping[str, Any], views: str) -> list[Row]:
+    """Rows of the metrics, PSNR first, with that of images without a model.
+
+    Args:
+        means: metrics by name; empty without views.
+        baselines: PSNR of images that need no model, by name.
+        views: the compared views, in words: "8 held-out views".
+    """
+    if not means:
+        return [Row("PSNR", "-", "there are no held-out views to measure it on")]
+    known = [(name, baselines.get(key)) for key, name in BASELINES]
+    others = [f"{name} has {value:.2f} dB" for name, value in known if isinstance(value, float)]
+    remarks = {"psnr": "; ".join([f"mean of {views}", *others])}
+    moving = baselines.get("constant_moving_psnr")
+    remarks["moving_psnr"] = "of what moves"
+    if isinstance(moving, float):
+        remarks["moving_psnr"] += f"; one colour has {moving:.2f} dB there"
+    names = [name for name in FIRST_METRICS if name in means]
+    names += [name for name in means if name not in names]
+    return [Row(_words(name), _figure(name, means[name]), remarks.get(name, "")) for name in names]
+
+
+def _words(name: str) -> str:
+    """The name of a metric, without what its remark says."""
+    words = name.removeprefix("moving_") if name == "moving_psnr" else name
+    return words.replace("_", " ").replace("psnr", "PSNR").replace("ssim", "SSIM")
+
+
+def _figure(name: str, value: float) -> str:
+    return f"{value:.2f} dB" if name.endswith("psnr") else f"{value:.4f}"
+
+
+def run_rows(
+    summary: Mapping[str, Any], metrics: Iterable[str], requirements: str = "", invisible: int = 0
+) -> list[Row]:
+    """Rows of a completed run: quality, Gaussians, time, memory and size.
+
+    Args:
+        summary: the figures of metrics.json.
+        metrics: names of the run's metrics.
+        requirements: what the parts of the model are worth, as a phrase; empty if not measured.
+        invisible: Gaussians that splats.ply leaves out.
+    """
+    means = {name: summary[name] for name in (*FIRST_METRICS, *metrics) if name in summary}
+    rows = quality_rows(means, summary.get("baselines", {}), _held_out(summary["views"]))
+    remark = f"{invisible:,} are too faint to be seen, and not in splats.ply" if invisible else ""
+    rows.append(Row("Gaussians", f"{summary['num_gaussians']:,}", remark))
+    skipped = summary.get("skipped_steps", 0)
+    remark = f"{summary['steps']:,} steps, without loading and measuring"
+    remark += f"; {skipped} steps were not finite, and skipped" if skipped else ""
+    rows.append(Row("training", duration(summary["train_seconds"]), remark))
+    if summary["views"]:
+        rows.append(Row("rendering", f"{summary['render_ms']:.1f} ms", "an image, median"))
+    peaks = [
+        (key, of)
+        for key, of in (("peak_memory_mb", ""), ("peak_gpu_memory_mb", " of GPU"))
+        if summary.get(key)
+    ]
+    if peaks:
+        words = ", ".join(f"{size(1e6 * summary[key])}{of}" for key, of in peaks)
+        rows.append(Row("memory", words, "at most"))
+    each = summary.get("bytes_per_time")
+    remarks = [] if each is None else [f"{size(each)} for each captured time"]
+    remarks += [requirements] if requirements else []
+    rows.append(Row("model", size(summary["model_bytes"]), "; ".join(remarks)))
+    return rows
+
+
+def _held_out(views: int) -> str:
+    return f"{views} held-out view{'' if views == 1 else 's'}"
+
+
+def file_rows(folder: RunFolder, others: Iterable[Path] = ()) -> list[Row]:
+    """The folder of a run, and the files in it that people look at.
+
+    Args:
+        folder: of the run.
+        others: further files of this run.
+    """
+    results = (folder.report, folder.splats, *others)
+    looked_at = (*results, folder.requirements_plot, folder.summary, folder.log)
+    files = [
+        f"{path.name} ({size(path.stat().st_size)})" if path == folder.splats else path.name
+        for path in looked_at
+        if path.is_file()
+    ]
+    return [Row("folder", str(folder.path)), Row("files", ", ".join(files))]
+
+
+def next_rows(run: str, verbs: Iterable[str], others: Iterable[str] = ()) -> list[Row]:
+    """The commands that may follow, the most wanted first.
+
+    Args:
+        run: path of the run or model file.
+        verbs: verbs that take it, of which the installed ones are named.
+        others: whole commands.
+    """
+    known = installed().slot("command")
+    commands = [f"gsfw {verb} {shlex.quote(run)}" for verb in verbs if verb in known]
+    commands += others
+    return [Row("next" if place == 0 else "", text) for place, text in enumerate(commands)]
+
+
+def summary_text(title: str, *groups: Sequence[Row]) -> str:
+    """Groups of rows as a table, with a blank line before each.
+
+    Names and values are never broken, so that paths and commands can be copied; remarks wrap.
+    """
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDTH_OF_FILES
+    names = max(len(row.name) for group in groups for row in group)
+    values = max((len(row.value) for group in groups for row in group if row.remark), default=0)
+    lines = [title]
+    for group in groups:
+        lines.append("")
+        for row in group:
+            head = f"{MARGIN}{row.name:{names}}{GAP}{row.value:{values}}{GAP}"
+            room = columns - len(head)
+            text = textwrap.wrap(row.remark, room) if room >= LEAST_REMARK else [row.remark]
+            first, *rest = text or [""]
+            lines.append(f"{head}{first}".rstrip())
+            lines += [" " * len(head) + line for line in rest]
+    return "\n".join(lines)

@@ -1,0 +1,246 @@
+"""`gsfw runs`: lists runs, compares them, and removes them."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from gsfw.commands.interface.arguments import Options, read, word, words
+
+if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.run_record import RunRecord
+
+COMPARE, REMOVE = "compare", "remove"
+COLUMNS = ("state", "scene", "method", "PSNR", "Gaussians", "time", "run")
+
+
+@dataclass(kw_only=True)
+class RunsOptions(Options):
+    """List runs: those below the folder runs, and those that you started elsewhere.
+
+    gsfw runs compare RUN RUN shows the settings in which runs differ, and their figures side by
+    side. gsfw runs remove RUN deletes the folder of a run, after asking.
+    """
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw runs",
+        "gsfw runs scene=fox state=finished sort=psnr",
+        "gsfw runs compare runs/fox/3dgs/2026-11-23_10-00-00 latest",
+        "gsfw runs remove runs/fox/3dgs/2026-11-23_10-00-00",
+    )
+
+    what: str = word("[compare|remove]", default="")
+    """compare: two or more runs side by side. remove: delete runs. Left out: list them."""
+    runs: tuple[str, ...] = words("[RUN ...]", least=0)
+    """Run folders, or latest."""
+    method: str = ""
+    """Only runs of this method; * stands for anything: method=4d*."""
+    scene: str = ""
+    """Only runs on this scene; * stands for anything."""
+    state: Literal["all", "finished", "interrupted", "running", "damaged"] = "all"
+    """Only runs in this state."""
+    sort: Literal["newest", "psnr", "gaussians", "time", "scene", "method"] = "newest"
+    """Order: the newest, the best or the fewest first."""
+    yes: bool = False
+    """Remove without asking."""
+
+
+def run(arguments: list[str]) -> int:
+    """List, compare or remove."""
+    options = read("runs", RunsOptions, arguments)
+    from gsfw.commands.interface.console import Console
+    from gsfw.core.errors import ConfigError
+    from gsfw.plugins.registry import did_you_mean
+
+    console = Console(options.json)
+    if options.what == COMPARE:
+        return _compare(options, console)
+    if options.what == REMOVE:
+        return _remove(options, console)
+    if options.what:
+        raise ConfigError(
+            f"gsfw runs: {options.what!r} is neither {COMPARE} nor {REMOVE}."
+            f"{did_you_mean(options.what, (COMPARE, REMOVE))}",
+            "Without either runs are listed: gsfw runs scene=NAME method=NAME state=finished.",
+        )
+    return _list(options, console)
+
+
+def _list(options: RunsOptions, console: Console) -> int:
+    from gsfw.commands.interface.run_history import remembered_runs
+    from gsfw.commands.interface.run_record import read_record
+    from gsfw.commands.interface.runs import RUNS, newest_runs
+
+    starts = remembered_runs()
+    records = [read_record(path, starts.get(path.resolve())) for path in newest_runs()]
+    chosen = sorted(filter(_filter(options), records), key=_order(options.sort))
+    console.result([record.document() for record in chosen])
+    if options.json:
+        return 0
+    if not records:
+        console.say(f"there are no runs: {RUNS.resolve()} holds none, and none elsewhere is known.")
+        console.say("Train one: gsfw train method=3dgs")
+    elif not chosen:
+        scenes, methods = (
+            {getattr(record, key) for record in records} for key in ("scene", "method")
+        )
+        console.say(f"none of the {len(records)} runs is such a one.")
+        console.say(f"Scenes: {', '.join(sorted(scenes))}. Methods: {', '.join(sorted(methods))}.")
+    else:
+        console.say(_table(chosen))
+        for record in chosen:
+            if record.why and record.state.value == "damaged":
+                console.say(f"damaged: {record.path}: {record.why}")
+    return 0
+
+
+def _filter(options: RunsOptions) -> Callable[[RunRecord], bool]:
+    def is_wanted(record: RunRecord) -> bool:
+        return (
+            fnmatch(record.method, options.method or "*")
+            and fnmatch(record.scene, options.scene or "*")
+            and options.state in ("all", record.state.value)
+        )
+
+    return is_wanted
+
+
+def _order(sort: str) -> Callable[[RunRecord], Any]:
+    """Key of an order; the runs are the newest first already, and stay so among equals."""
+    missing = float("inf")
+    orders: dict[str, Callable[[RunRecord], Any]] = {
+        "newest": lambda record: 0,
+        "psnr": lambda record: missing if record.psnr is None else -record.psnr,
+        "gaussians": lambda record: missing if record.gaussians is None else record.gaussians,
+        "time": lambda record: missing if record.train_seconds is None else record.train_seconds,
+        "scene": lambda record: record.scene,
+        "method": lambda record: record.method,
+    }
+    return orders[sort]
+
+
+def _table(records: Sequence[RunRecord]) -> str:
+    """One line for each run; on a narrow terminal its folder is on a line of its own."""
+    rows = [list(COLUMNS), *map(_cells, records)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS) - 1)]
+    right = (3, 4, 5)
+    heads = [
+        "  ".join(
+            cell.rjust(width) if column in right else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row[:-1], widths, strict=True))
+        )
+        for row in rows
+    ]
+    lines = [f"{head}  {row[-1]}" for head, row in zip(heads, rows, strict=True)]
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else len(max(lines))
+    if sys.stdout.isatty() and max(map(len, lines)) > columns:
+        # The folder unbroken, so that it can be copied.
+        lines = [f"{head.rstrip()}\n  {row[-1]}" for head, row in zip(heads, rows, strict=True)]
+        lines[0] = heads[0]
+    return "\n".join(lines)
+
+
+def _cells(record: RunRecord) -> list[str]:
+    from gsfw.commands.interface.run_record import State
+    from gsfw.commands.interface.summary import duration
+
+    state = record.state.value
+    if record.state in (State.INTERRUPTED, State.RUNNING) and record.steps:
+        state += f" {100 * record.steps_done // record.steps}%"
+    return [
+        state,
+        record.scene,
+        record.method,
+        "-" if record.psnr is None else f"{record.psnr:.2f}",
+        "-" if record.gaussians is None else f"{record.gaussians:,}",
+        "-" if record.train_seconds is None else duration(record.train_seconds),
+        str(record.path),
+    ]
+
+
+def _given(options: RunsOptions, least: int, console: Console) -> list[Any]:
+    """The runs of the arguments, each once.
+
+    Raises:
+        ConfigError: there are too few.
+        DataError: one is no run.
+    """
+    from gsfw.commands.interface.runs import find_run
+    from gsfw.core.errors import ConfigError
+
+    found = {
+        run.folder.path.resolve(): run
+        for run in (find_run(text, console.say) for text in options.runs)
+    }
+    if len(found) < least:
+        number = "two or more runs" if least > 1 else "a run"
+        raise ConfigError(
+            f"gsfw runs {options.what}: {number} {'are' if least > 1 else 'is'} needed, and "
+            f"{len(found)} given.",
+            "gsfw runs lists them.",
+        )
+    return list(found.values())
+
+
+def _compare(options: RunsOptions, console: Console) -> int:
+    from gsfw.commands.interface.run_comparison import compare
+
+    comparison = compare([run.folder.path for run in _given(options, 2, console)])
+    console.result(comparison.document())
+    letters = [chr(ord("A") + place % 26) for place in range(len(comparison.runs))]
+    for letter, record in zip(letters, comparison.runs, strict=True):
+        console.say(f"{letter}  {record.path}")
+    console.say()
+    console.table(["figure", *letters], comparison.figure_rows())
+    console.say()
+    if comparison.chosen:
+        console.table(["setting", *letters], comparison.setting_rows())
+    else:
+        console.say("no setting differs that somebody chose")
+    if following := comparison.following():
+        console.say(f"{len(following)} more differ, and follow from these (json=true has them)")
+    if comparison.protocol:
+        names = ", ".join(comparison.protocol)
+        console.warn(f"the figures were measured in different ways and cannot be compared: {names}")
+    return 0
+
+
+def _remove(options: RunsOptions, console: Console) -> int:
+    from gsfw.commands.interface.run_record import read_record
+    from gsfw.commands.interface.run_removal import check_removable, remove_run, size_of
+    from gsfw.commands.interface.summary import size
+    from gsfw.core.errors import ConfigError
+
+    paths = [check_removable(run) for run in _given(options, 1, console)]
+    if not options.yes and (options.json or not sys.stdin.isatty()):
+        raise ConfigError(
+            "gsfw runs remove asks before it removes, and there is nobody to ask here.",
+            "Write yes=true to remove without being asked.",
+        )
+    removed = []
+    for path in paths:
+        record = read_record(path)
+        figure = "" if record.psnr is None else f", PSNR {record.psnr:.2f} dB"
+        described = f"{record.method} on {record.scene}, {record.state.value}{figure}"
+        if not options.yes and not _confirmed(
+            f"remove {path} ({described}, {size(size_of(path))})"
+        ):
+            console.say("kept")
+            continue
+        freed = remove_run(Path(path))
+        removed.append({"run": str(path), "bytes": freed})
+        console.say(f"removed {path}: {size(freed)} freed")
+    console.result({"removed": removed, "bytes": sum(item["bytes"] for item in removed)})
+    return 0
+
+
+def _confirmed(question: str) -> bool:
+    sys.stdout.write(f"{question}? [y/N] ")
+    sys.stdout.flush()
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
