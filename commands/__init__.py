@@ -15,6 +15,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
         Spec("render", "render images of a run", "gsfw.commands.render:run"),
         Spec("report", "write one page of a run, or of several", "gsfw.commands.report:run"),
+        Spec("view", "look at a trained model in the browser", "gsfw.commands.view:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
         Spec("runs", "list, compare and remove runs", "gsfw.commands.runs:run"),

@@ -1,4 +1,4 @@
-"""`gsfw render RUN`: images of a trained model."""
+"""`gsfw render RUN`: images and films of a trained model."""
 
 from __future__ import annotations
 
@@ -11,48 +11,86 @@ from gsfw.commands.interface.arguments import RunOptions, read
 from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
-    from gsfw.plugins.restore import Restored
+    from gsfw.commands.interface.console import Console
+    from gsfw.plugins.compose import Composition
+    from gsfw.rendering.frame_folder import FrameFolder
+    from gsfw.rendering.frames import FrameRenderer
+    from gsfw.rendering.paths import FilmRule, RenderPath
 
 MOST_FPS = 1000
 """Highest frame rate: a WebP counts in milliseconds."""
 
+VIEW_CHANNELS, FILM_CHANNELS = ("photo", "color"), ("color",)
+"""Channels of views and of films, unless some are given."""
+
 
 @dataclass(kw_only=True)
 class RenderOptions(RunOptions):
-    """Render the held-out views, an orbit and the passing of time, as PNG and as a film."""
+    """Render views, camera paths and the passing of time, as images and as films."""
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw render latest",
-        "gsfw render runs/first what=orbit frames=120 scale=2 out=orbit",
+        "gsfw render latest what=views channel=photo,color,error",
+        "gsfw render latest what=path channel=color,depth frames=120",
+        "gsfw render latest what=orbit frames=120 width=1920 out=orbit",
+        "gsfw render latest camera=path.json",
         "gsfw render runs/moving what=time camera=eval_003 frames=150 fps=30 video=mp4",
+        "gsfw render runs/moving what=orbit-time channel=color,motion",
         "gsfw render runs/moving what=time tracks=true",
     )
 
-    what: Literal["all", "views", "orbit", "time", "orbit-time"] = "all"
-    """Content: views (held out, beside their photos), orbit (around the scene at one time),
-    time (from one camera, from first to last time), orbit-time (both at once), or all. A model
-    file has no photos: views then needs data=PATH."""
+    what: Literal[
+        "all", "views", "orbit", "path", "spiral", "time", "orbit-time", "path-time", "spiral-time"
+    ] = "all"
+    """Content: views (held out, beside their photos), orbit (around the scene at one time), path
+    (smoothly through the views in their order), spiral (from low to high), time (from one camera,
+    from first to last time), orbit-time, path-time and spiral-time (both at once), or all: views,
+    orbit, time and orbit-time. A model file has no photos: views then needs data=PATH."""
+    split: Literal["eval", "train", "all"] = "eval"
+    """Views of what=views: held-out ones, those that were trained on, or all."""
+    channel: tuple[str, ...] = ()
+    """Images side by side: color, photo, depth, alpha, normals, error, contribution, count,
+    sh_degree, motion. Empty: photo,color for views, color for films."""
+    colormap: Literal["", "turbo", "viridis", "magma", "inferno", "plasma", "cividis", "gray"] = ""
+    """Colours of values, such as depth. Empty: those that suit the channel."""
+    range: tuple[float, ...] = ()
+    """Values at the two ends of the colours: range=LOW,HIGH. Empty: found, and the same for all
+    frames of a film."""
+    bars: bool = True
+    """Draw a colour bar beside each channel of values."""
+    labels: bool = True
+    """Write the names of the channels, where there are several."""
     out: str = ""
     """Folder for the images. Empty: renders/ in the run, or beside the model file."""
-    frames: int = 60
-    """Number of frames of each film."""
+    frames: int | None = None
+    """Number of frames of each film. None: 60, or as the file of a camera path says."""
+    fps: int | None = None
+    """Frames per second of the films. None: 20, or as the file of a camera path says."""
     scale: float = 1.0
     """Size of the frames, relative to the images the run was trained on."""
+    width: int = 0
+    """Width of the frames in pixels, in place of scale. 0: by scale."""
     time: float = 0.0
-    """Time of the orbit, in [0, 1]; a static model ignores it."""
+    """Time of films at one time, in [0, 1]; a static model ignores it."""
     camera: str = ""
-    """Name of the view whose camera what=time looks through. Empty: the first held-out one."""
-    fps: int = 20
-    """Frames per second of the films."""
+    """Name of the view whose camera what=time looks through (empty: the first held-out one), or a
+    file of a camera path: of gsfw's viewer, nerfstudio's camera_path.json, or a transforms.json."""
+    projection: Literal["camera", "stereo", "panorama"] = "camera"
+    """One image; those of two eyes, side by side; or all directions, for 360-degree players."""
+    eye_distance: float = 0.0
+    """Distance of the eyes of stereo, in scene units. 0: 1/30 of that of what is looked at."""
     tracks: bool = False
-    """Draw the paths of some Gaussians over the last frames, in what=time and orbit-time."""
+    """Draw the paths of some Gaussians over the last frames, where time passes."""
     tracks_count: int = 150
     """Number of paths, of well-spread Gaussians."""
     tracks_frames: int = 12
     """Number of frames that each path reaches back."""
+    images: Literal["png", "png16", "jpg", "exr"] = "png"
+    """Files of the frames: png, png16 (16 bits per colour), jpg, or exr (the values of all
+    channels as float32, and no film)."""
     video: VideoFormat = "auto"
-    """Films beside the frames: mp4 (pip install 'gsfw[video]'), webp, none, or auto: mp4 if its
-    encoder is installed, else webp."""
+    """Films beside the frames: mp4 or webm (pip install 'gsfw[video]'), webp, none, or auto: mp4 if
+    its encoder is installed, else webp."""
 
 
 def run(arguments: list[str]) -> int:
@@ -66,90 +104,208 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, open_run
     from gsfw.core.loop.determinism import deterministic
-    from gsfw.core.progress import stage, tracked
     from gsfw.plugins.registry import installed
-    from gsfw.rendering.film import choose_format, write_film
-    from gsfw.rendering.paths import FilmRule, frames, paths, trails
+    from gsfw.rendering.film import choose_format
+    from gsfw.rendering.paths import paths
 
-    chosen = choose_format(options.video)
+    chosen = choose_format("none" if options.images == "exr" else options.video)
     console = Console(options.json)
+    _check_channels(options)
     found = find_run(options.run, console.say)
-    restored = open_run(found, installed(), options.changed())
-    composition = restored.composition
-    rule = FilmRule(options.frames, options.scale, options.time, options.camera)
+    composition = open_run(found, installed(), options.changed()).composition
+    rule = _film_rule(options)
     asked = paths(composition, options.what, rule)
     out = Path(options.out) if options.out else found.folder.path / "renders"
-    written: list[Path] = []
+    files: list[Path] = []
     films: list[Path] = []
     with deterministic(composition.parts.device):
-        if options.what == "views" or (options.what == "all" and composition.parts.data.has_images):
-            written += tracked(
-                _views(restored, out / "views"), "rendering views", _count_views(restored)
-            )
+        if rule.file is None and _wants_views(options, composition):
+            files += _render_views(options, composition, out, console)
         for path in asked:
-            lines = (
-                trails(path, composition, options.tracks_count, options.tracks_frames)
-                if options.tracks
-                else None
-            )
-            rendered = frames(path, composition, out / path.name, lines)
-            files = list(tracked(rendered, f"rendering {path.name}", options.frames))
-            with stage(f"writing the film of {path.name}"):
-                films += write_film(out / path.name, files, options.fps, chosen)
-            written += files
-    console.say(f"{len(written)} images in {out}")
+            frames = _render_film(options, composition, path, out, console)
+            films += _write_film(out / path.name, frames, options.fps or path.fps, chosen)
+            files += frames
+    console.say(f"{len(files)} images in {out}")
     for film in films:
         console.say(f"film: {film}")
-    written += films
-    console.result({"run": found.name, "written": [str(path) for path in written]})
+    console.result({"run": found.name, "written": [str(file) for file in files + films]})
     return 0
 
 
 def _check(options: RenderOptions) -> None:
-    """Refuse invalid numbers before anything is loaded."""
+    """Refuse invalid settings before anything is loaded."""
     from gsfw.core.errors import ConfigError
 
-    sound = options.frames >= 1 and 1 <= options.fps <= MOST_FPS
+    frames = 1 if options.frames is None else options.frames
+    fps = 1 if options.fps is None else options.fps
+    sound = frames >= 1 and 1 <= fps <= MOST_FPS
     if not (sound and options.scale > 0 and 0 <= options.time <= 1):
         raise ConfigError(
-            f"frames={options.frames} scale={options.scale:g} time={options.time:g} "
-            f"fps={options.fps}: expected at least 1 frame, a scale above 0, a time in [0, 1], "
+            f"frames={frames} scale={options.scale:g} time={options.time:g} "
+            f"fps={fps}: expected at least 1 frame, a scale above 0, a time in [0, 1], "
             f"and 1 to {MOST_FPS} frames per second."
         )
+    if options.width < 0 or (options.width and options.scale != 1):
+        raise ConfigError(
+            f"width={options.width} scale={options.scale:g}: expected one of them, above 0.",
+            "Leave one of them out.",
+        )
+    if options.range and (len(options.range) != 2 or not options.range[0] < options.range[1]):
+        raise ConfigError(
+            f"range={','.join(f'{end:g}' for end in options.range)}: expected two numbers, the "
+            "smaller one first.",
+            "Write range=LOW,HIGH, such as range=0,5.",
+        )
+    if options.eye_distance < 0:
+        raise ConfigError(f"eye_distance={options.eye_distance:g}: expected 0 or more.")
+    if options.images == "exr" and options.video not in ("auto", "none"):
+        raise ConfigError(
+            f"images=exr video={options.video}: a film is made of pictures, and an EXR holds "
+            "values.",
+            "Render it twice: images=png for the film, into another folder with out=DIR.",
+        )
+    _check_tracks(options)
+
+
+def _check_channels(options: RenderOptions) -> None:
+    """Refuse channels that are not there, or of which a path has none."""
+    from gsfw.core.errors import ConfigError
+    from gsfw.rendering.channels import find_channel
+
+    listed = [find_channel(name) for name in options.channel]
+    with_photo = [channel.name for channel in listed if channel.needs_image]
+    only_films = options.what not in ("all", "views") or options.camera.endswith(".json")
+    if with_photo and only_films:
+        raise ConfigError(
+            f"channel={','.join(options.channel)}: {with_photo[0]} needs a photo, and there is "
+            "none along a camera path.",
+            "Render what=views, or leave it out.",
+        )
+    if options.what == "views" and options.projection != "camera":
+        raise ConfigError(
+            f"what=views projection={options.projection}: views are compared with photos, which "
+            "have one image.",
+            "Render a camera path: what=orbit or what=path.",
+        )
+
+
+def _check_tracks(options: RenderOptions) -> None:
+    from gsfw.core.errors import ConfigError
+
     if options.tracks_count < 1 or options.tracks_frames < 1:
         raise ConfigError(
             f"tracks_count={options.tracks_count} tracks_frames={options.tracks_frames}: "
             "expected numbers of at least 1."
         )
-    if options.tracks and options.what in ("views", "orbit"):
+    if not options.tracks:
+        return
+    if options.what in ("views", "orbit", "path", "spiral"):
         raise ConfigError(
             f"tracks=true what={options.what}: nothing moves there.",
             "Render what=time or what=orbit-time.",
         )
+    if options.projection != "camera" or (options.channel and "color" not in options.channel):
+        raise ConfigError(
+            "tracks=true: tracks are drawn on the colours of one camera.",
+            "Leave projection out, and let channel have color.",
+        )
 
 
-def _count_views(restored: Restored) -> int:
+def _film_rule(options: RenderOptions) -> FilmRule:
+    from gsfw.rendering.paths import FilmRule
+
+    # A panorama has a width of its own.
+    width = 0 if options.projection == "panorama" else options.width
+    return FilmRule(options.frames, options.scale, width, options.time, options.camera)
+
+
+def _renderer(
+    options: RenderOptions, composition: Composition, usual: tuple[str, ...], photos: bool
+) -> FrameRenderer:
+    """Renders the given channels, or the usual ones; those that compare only where photos are.
+
+    Raises:
+        ConfigError: none is left.
+    """
+    from gsfw.core.errors import ConfigError
+    from gsfw.plugins.run_source import is_dynamic
+    from gsfw.rendering.channels import available_channels, find_channel
+    from gsfw.rendering.frames import FrameRenderer, FrameRule
+    from gsfw.rendering.pictures import PictureStyle
+
+    known = available_channels(is_dynamic(composition), photos)
+    asked = [find_channel(name) for name in options.channel or usual]
+    shown = tuple(channel for channel in asked if channel in known or channel.moving)
+    if not shown:
+        raise ConfigError(
+            f"channel={','.join(options.channel)}: there are no photos to compare with.",
+            "Leave channel out, or render what=views.",
+        )
+    for channel in shown:
+        if channel not in known:
+            raise ConfigError(
+                f"channel={channel.name}: this model does not change with time.",
+                "Leave this channel out.",
+            )
+    ends = (options.range[0], options.range[1]) if options.range else None
+    style = PictureStyle(shown, options.colormap, ends, options.bars, options.labels)
+    rule = FrameRule(style, options.images, options.projection, options.eye_distance, options.width)
+    return FrameRenderer(composition, rule)
+
+
+def _wants_views(options: RenderOptions, composition: Composition) -> bool:
+    has_images = composition.parts.data.has_images
+    return options.what == "views" or (options.what == "all" and has_images)
+
+
+def _render_views(
+    options: RenderOptions, composition: Composition, out: Path, console: Console
+) -> list[Path]:
+    """Render the views of the chosen splits; their files."""
     from gsfw.core.datamanager import Split
+    from gsfw.rendering.frames import view_frames
 
-    return len(restored.composition.parts.data.views(Split.EVAL))
+    renderer = _renderer(options, composition, VIEW_CHANNELS, photos=True)
+    files: list[Path] = []
+    for split in Split:
+        if options.split in (split.value, "all"):
+            folder = out / ("views" if split is Split.EVAL else f"views-{split.value}")
+            frames, rendered = view_frames(split, renderer, folder)
+            files += _gathered(frames, rendered, f"{split.value} views", console)
+    return files
 
 
-def _views(restored: Restored, folder: Path) -> Iterator[Path]:
-    """Render every held-out view, the photo at the left and the render at the right."""
-    import torch
+def _render_film(
+    options: RenderOptions, composition: Composition, path: RenderPath, out: Path, console: Console
+) -> list[Path]:
+    """Render the frames of one film; their files."""
+    from gsfw.rendering.frames import film_frames
+    from gsfw.rendering.trails import trails_along
 
-    from gsfw.core.datamanager import Split
-    from gsfw.core.loop.evaluation import render_model
-    from gsfw.rendering.film import write_image
+    renderer = _renderer(options, composition, FILM_CHANNELS, photos=False)
+    drawn = (options.tracks_count, options.tracks_frames)
+    lines = trails_along(path.cameras, composition, *drawn) if options.tracks else None
+    frames, rendered = film_frames(path, renderer, out / path.name, lines, drawn)
+    return _gathered(frames, rendered, path.name, console)
 
-    parts, settings = restored.composition.parts, restored.composition.plan.settings
-    assert settings.background is not None
-    for index, name in enumerate(parts.data.views(Split.EVAL).names):
-        (batch,) = parts.data.load(Split.EVAL, [index], parts.device)
-        output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
-        both = torch.cat([batch.target(settings.background)[0], output.color[0]], dim=1)
-        # Numbered and flat: names of the data may be absolute, lead elsewhere, or be equal.
-        stem = f"{index:04d}_{Path(name).stem}"
-        yield write_image(folder / f"{stem}.png", both)
-        for kind, image in parts.method.view_images(batch, output).items():
-            yield write_image(folder / f"{stem}_{kind}.png", image)
+
+def _gathered(
+    frames: FrameFolder, rendered: Iterator[Path], name: str, console: Console
+) -> list[Path]:
+    """All files of a folder, with progress."""
+    from gsfw.core.progress import tracked
+
+    kept = frames.kept
+    if kept:
+        console.say(f"{name}: {kept} of {len(frames.names)} frames were rendered before")
+    return list(tracked(rendered, f"rendering {name}", len(frames.names)))
+
+
+def _write_film(
+    stem: Path, frames: list[Path], fps: int | float, chosen: VideoFormat
+) -> list[Path]:
+    from gsfw.core.progress import stage
+    from gsfw.rendering.film import write_film
+
+    with stage(f"writing the film of {stem.name}"):
+        return write_film(stem, frames, fps, chosen)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, parse
+from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, full_key, parse
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
@@ -111,7 +111,7 @@ def _changed(arguments: Arguments) -> Mapping[str, str]:
     if len(arguments.words) != 1:
         problem = "RUN is missing" if not arguments.words else "more than one RUN is given"
         raise ConfigError(f"gsfw resume: {problem}.", "See gsfw resume --help.")
-    changed = {key: text for key, text in arguments.values.items() if key not in FLAGS}
+    changed = {full_key(key): text for key, text in arguments.values.items() if key not in FLAGS}
     for key in changed:
         if key.partition(".")[0] not in CHANGEABLE:
             raise ConfigError(

@@ -11,6 +11,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 if TYPE_CHECKING:
+    from gsfw.core.datamanager import DataManager
     from gsfw.core.loop.evaluation import Evaluation
     from gsfw.core.loop.model_handle import ModelHandle
     from gsfw.core.loop.requirements import Requirements
@@ -50,6 +51,10 @@ class RunInfo:
     """Notes for the user before training starts."""
     views: int = 0
     """Number of training views; 0 if unknown."""
+    model: ModelHandle | None = None
+    """The model, for rendering between steps; ``None`` if no trainer made this."""
+    data: DataManager | None = None
+    """The images and cameras of the run; ``None`` as for ``model``."""
     step_costs: tuple[tuple[int, float], ...] = ((0, 1.0),)
     """First step, counted from 0, and relative time of a step of each phase of the method."""
 

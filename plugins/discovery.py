@@ -26,6 +26,7 @@ BUILTIN = (
     "gsfw.rasterizers",
     "gsfw.samplers",
     "gsfw.strategies",
+    "gsfw.viewer",
 )
 
 HOOKS = tuple(sorted(name for name in vars(hooks) if name.startswith(f"{PROJECT}_")))

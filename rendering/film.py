@@ -1,11 +1,13 @@
-"""Film: images on disk, and a sequence of them as one video."""
+"""Film: a sequence of images on disk as one video."""
 
 from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -13,63 +15,65 @@ from gsfw.core.errors import UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
-    from torch import Tensor
+    from PIL.Image import Image as Picture
+
+VideoFormat = Literal["auto", "mp4", "webm", "webp", "none"]
 
 
-VideoFormat = Literal["auto", "mp4", "webp", "none"]
+@dataclass(frozen=True)
+class _Codec:
+    """An encoder of PyAV."""
 
-CODEC = "libx264"
-QUALITY = "18"
-"""Constant rate factor of x264; at about 18 and below the loss is invisible."""
+    name: str
+    options: Mapping[str, str]
 
 
-def write_image(path: Path, image: Float[Tensor, "h w 3"]) -> Path:
-    """Write a PNG, whole or not at all; the path.
+CODECS: Mapping[str, _Codec] = {
+    # Constant rate factors at which the loss is hard to see.
+    "mp4": _Codec("libx264", {"crf": "18"}),
+    "webm": _Codec("libvpx-vp9", {"crf": "24", "b": "0", "row-mt": "1", "cpu-used": "3"}),
+}
+"""The encoder of each format that needs PyAV: H.264 plays everywhere, VP9 is free of patents."""
 
-    Raises:
-        OutputError: it cannot be written.
-    """
-    from PIL import Image
-
-    values = (image.clamp(0, 1) * 255).round().byte().cpu().numpy()
-    buffer = io.BytesIO()
-    Image.fromarray(values).save(buffer, "PNG")
-    write_atomically(path, buffer.getvalue())
-    return path
+WEBP_KEY_FRAMES = (9, 60)
+"""Least and largest distance of two frames that stand alone; the others hold what changes."""
 
 
 def choose_format(asked: VideoFormat) -> VideoFormat:
     """The format for ``auto``: mp4 where its encoder is installed, else WebP.
 
     Raises:
-        UnavailableError: mp4 was asked for, and there is no encoder.
+        UnavailableError: mp4 or webm was asked for, and there is no encoder.
     """
-    if asked not in ("auto", "mp4"):
+    if asked in ("webp", "none"):
         return asked
+    wanted: VideoFormat = "webm" if asked == "webm" else "mp4"
+    codec = CODECS[wanted].name
     try:
         import av
 
-        if CODEC in av.codecs_available:
-            return "mp4"
-        reason = f"the installed PyAV {av.__version__} has no {CODEC}"
+        if codec in av.codecs_available:
+            return wanted
+        reason = f"the installed PyAV {av.__version__} has no {codec}"
     except ImportError:
         reason = "PyAV is not installed"
     if asked == "auto":
         return "webp"
     raise UnavailableError(
-        f"video=mp4 needs an encoder, and {reason}.",
+        f"video={asked} needs an encoder, and {reason}.",
         "Install it with: pip install 'gsfw[video]' (or: pip install av). "
         "video=webp needs nothing more.",
     )
 
 
-def write_film(stem: Path, frames: Sequence[Path], fps: int, chosen: VideoFormat) -> list[Path]:
+def write_film(
+    stem: Path, frames: Sequence[Path], fps: int | float, chosen: VideoFormat
+) -> list[Path]:
     """Write the frames as one video; the files, no file for the format ``none``.
 
     Args:
         stem: its path without extension.
-        frames: PNG files of one size, in order.
+        frames: PNG or JPEG files of one size, in order.
         fps: frames per second.
         chosen: as ``choose_format`` returns it.
 
@@ -79,48 +83,57 @@ def write_film(stem: Path, frames: Sequence[Path], fps: int, chosen: VideoFormat
     if chosen == "none":
         return []
     path = stem.with_name(f"{stem.name}.{chosen}")
-    if chosen == "mp4":
-        _write_mp4(path, frames, fps)
-    else:
+    if chosen == "webp":
         _write_webp(path, frames, fps)
+    else:
+        _write_encoded(path, frames, fps, chosen)
     return [path]
 
 
-def _write_webp(path: Path, frames: Sequence[Path], fps: int) -> None:
-    """An animated WebP, which browsers show."""
-    from PIL import Image
-
-    images = [Image.open(frame) for frame in frames]
+def _write_webp(path: Path, frames: Sequence[Path], fps: int | float) -> None:
+    """An animated WebP, which browsers show; Pillow takes all of its frames at once."""
+    first, *others = [_picture(frame) for frame in frames]
     buffer = io.BytesIO()
-    images[0].save(
+    first.save(
         buffer,
         "WEBP",
         save_all=True,
-        append_images=images[1:],
+        append_images=others,
         duration=round(1000 / fps),
         loop=0,
+        kmin=WEBP_KEY_FRAMES[0],
+        kmax=WEBP_KEY_FRAMES[1],
     )
-    for image in images:
-        image.close()
     write_atomically(path, buffer.getvalue())
 
 
-def _write_mp4(path: Path, frames: Sequence[Path], fps: int) -> None:
-    """H.264, which every player shows; an odd last row or column is left out, as it demands."""
+def _write_encoded(
+    path: Path, frames: Sequence[Path], fps: int | float, chosen: VideoFormat
+) -> None:
+    """An mp4 or WebM; an odd last row or column is left out, as their colour format demands."""
     import av
-    from PIL import Image
 
-    with _partial(path) as partial, av.open(str(partial), "w", format="mp4") as container:
-        stream = container.add_stream(CODEC, rate=fps, options={"crf": QUALITY})
+    codec = CODECS[chosen]
+    rate = Fraction(fps).limit_denominator(1001)
+    with _partial(path) as partial, av.open(str(partial), "w", format=chosen) as container:
+        stream = container.add_stream(codec.name, rate=rate, options=dict(codec.options))
         stream.pix_fmt = "yuv420p"
         for number, frame in enumerate(frames):
-            with Image.open(frame) as image:
-                width, height = (max(side // 2 * 2, 2) for side in image.size)
-                if number == 0:
-                    stream.width, stream.height = width, height
-                even = image.convert("RGB").crop((0, 0, width, height))
+            image = _picture(frame)
+            width, height = (max(side // 2 * 2, 2) for side in image.size)
+            if number == 0:
+                stream.width, stream.height = width, height
+            even = image.crop((0, 0, width, height))
             container.mux(stream.encode(av.VideoFrame.from_image(even)))
         container.mux(stream.encode())
+
+
+def _picture(file: Path) -> Picture:
+    """A frame in memory; no more than one file is open, of films of any length."""
+    from PIL import Image
+
+    with Image.open(file) as image:
+        return image.convert("RGB")
 
 
 @contextmanager

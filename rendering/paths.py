@@ -2,37 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsfw.core.cameras import Cameras
-from gsfw.core.datamanager import DataManager, Split
+import torch
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.datamanager import DataManager, Split, spread
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.evaluation import render_model
-from gsfw.core.maths.camera_path import at_times, orbit
+from gsfw.core.maths.camera_path import at_times, orbit, posed, spiral
 from gsfw.plugins.registry import did_you_mean
 from gsfw.plugins.run_source import is_dynamic
-from gsfw.rendering.film import write_image
-from gsfw.rendering.trails import Trails, make_trails, surface_settings
+from gsfw.rendering.path_files import read_path_file
+from gsfw.rendering.splines import PoseSpline
 
 if TYPE_CHECKING:
     from gsfw.plugins.compose import Composition
+
+FRAMES, FPS = 60, 20
+"""Of a film, unless the user or a file of key frames says otherwise."""
+
+FRAMES_PER_VIEW = 4
+"""A path passes one view in so many frames: handheld captures shake from view to view."""
+
+MOST_VIEWS = 64
+"""Most views that a path passes."""
+
+WITH_TIME = "-time"
+"""End of the names of the paths along which time passes too."""
 
 
 @dataclass(frozen=True)
 class FilmRule:
     """The user's choices for all films."""
 
-    frames: int
-    """Number of frames of each film."""
-    scale: float
+    frames: int | None = None
+    """Number of frames of each film; ``None``: ``FRAMES``, or as a file says."""
+    scale: float = 1.0
     """Size of the frames, relative to the training images."""
-    time: float
-    """Time of an orbit at one time, in [0, 1]."""
-    camera: str
-    """Name of the view that a film over time is rendered from; empty: the first held-out one."""
+    width: int = 0
+    """Width of the frames, in pixels; 0: by ``scale``."""
+    time: float = 0.0
+    """Time of a film at one time, in [0, 1]."""
+    camera: str = ""
+    """Name of the view that a film over time is rendered from, the first held-out one if empty; or
+    a file of a camera path."""
+
+    @property
+    def file(self) -> Path | None:
+        """The file of a camera path; ``None`` if there is none."""
+        return Path(self.camera) if self.camera.lower().endswith(".json") else None
+
+    @property
+    def count(self) -> int:
+        """Number of frames, unless a file says otherwise."""
+        return FRAMES if self.frames is None else self.frames
 
 
 @dataclass(frozen=True)
@@ -43,19 +71,36 @@ class RenderPath:
     """Name of the folder and of the film."""
     cameras: Cameras
     """One per frame, all of one size; with the time of each frame, unless the data has none."""
+    fps: int | float = FPS
+    """Frames per second, unless the user says otherwise."""
+
+
+MAKERS: dict[str, Callable[[DataManager, FilmRule], Cameras]] = {
+    "orbit": lambda data, rule: orbit(_alike(_train(data)), rule.count),
+    "path": lambda data, rule: _through_views(data, rule.count),
+    "spiral": lambda data, rule: spiral(_alike(_train(data)), rule.count),
+}
+"""Cameras of each path, without times."""
 
 
 def paths(composition: Composition, what: str, rule: FilmRule) -> list[RenderPath]:
     """The paths for ``what``; ``all`` is the orbit, and the paths over time of a dynamic model.
 
+    A file of a camera path is the only path.
+
     Raises:
         ConfigError: time is to pass where there is none, or there is no such camera.
+        DataError: the file of a camera path cannot be used.
     """
-    dynamic = is_dynamic(composition)
-    makers: dict[str, Callable[[DataManager, FilmRule], Cameras]] = {"orbit": _orbit}
-    if dynamic:
-        makers |= {"time": _over_time, "orbit-time": _orbit_over_time}
-    elif what in ("time", "orbit-time"):
+    moves, data = is_dynamic(composition), composition.parts.data
+    if rule.file is not None:
+        return [_of_file(rule.file, data, rule)]
+    names = [what]
+    if what == "all":
+        names = ["orbit", "time", "orbit-time"] if moves else ["orbit"]
+    elif what == "views":
+        names = []
+    if not moves and (what == "time" or what.endswith(WITH_TIME)):
         why = (
             f"method {composition.settings.method.name} is static"
             if composition.scene.is_dynamic
@@ -65,66 +110,68 @@ def paths(composition: Composition, what: str, rule: FilmRule) -> list[RenderPat
             f"what={what}: {why}, so all frames would show the same moment.",
             "Render what=orbit or what=views.",
         )
-    chosen = [name for name in makers if what in ("all", name)]
-    data = composition.parts.data
-    return [RenderPath(name, _sized(makers[name](data, rule), rule.scale)) for name in chosen]
+    return [RenderPath(name, _sized(_cameras(name, data, rule), rule)) for name in names]
 
 
-def trails(path: RenderPath, composition: Composition, count: int, length: int) -> Trails | None:
-    """Trails for the frames of a path; ``None`` where all frames show one time.
-
-    Args:
-        path: the frames.
-        composition: the run.
-        count: largest number of trails.
-        length: number of frames that each reaches back.
-    """
-    if path.cameras.time is None or len(path.cameras.time.unique()) < 2:
-        return None
-    parts = composition.parts
-    cameras, settings = path.cameras.to(parts.device), composition.plan.settings
-    return make_trails(parts.model, parts.rasterizer, cameras, settings, count, length)
+def _cameras(name: str, data: DataManager, rule: FilmRule) -> Cameras:
+    """The cameras of a path, with their times."""
+    if name == "time":
+        return at_times(find_camera(data, rule.camera), _all_times(rule))
+    cameras = MAKERS[name.removesuffix(WITH_TIME)](data, rule)
+    if not data.scene.is_dynamic:
+        return cameras
+    times = _all_times(rule) if name.endswith(WITH_TIME) else [rule.time] * rule.count
+    return at_times(cameras, times)
 
 
-def frames(
-    path: RenderPath, composition: Composition, folder: Path, trails: Trails | None = None
-) -> Iterator[Path]:
-    """Render and write the frames, one at a time; their files."""
-    parts, settings = composition.parts, composition.plan.settings
-    if trails is not None:
-        settings = surface_settings(parts.rasterizer, settings)
-    cameras = path.cameras.to(parts.device)
-    for index in range(len(cameras)):
-        camera = cameras.select([index])
-        time = None if camera.time is None else camera.time[0]
-        output = render_model(parts.model, parts.rasterizer, camera, settings, time)
-        image = output.color[0]
-        if trails is not None:
-            depth = None if output.depth is None else output.depth[0]
-            image = trails.draw_on(image, depth, camera, index)
-        yield write_image(folder / f"{index:04d}.png", image)
+def _of_file(file: Path, data: DataManager, rule: FilmRule) -> RenderPath:
+    """The frames of a camera path, in the scene frame; pinhole cameras."""
+    found = read_path_file(file, rule.frames)
+    like = _train(data)[0]
+    width, height = found.width or like.width, found.height or like.height
+    if not (found.width and found.height):
+        width, height = like.width, like.height
+    poses = data.scene.world_from_scene.inverse().camera(torch.linalg.inv(found.camera_to_world))
+    cameras = replace(posed(like, poses), width=width, height=height, model=CameraModel.PINHOLE)
+    focal = height / 2 / (found.fovs * (math.pi / 360)).tan()
+    intrinsics = torch.zeros(len(focal), 3, 3, dtype=torch.float64)
+    intrinsics[:, 0, 0] = intrinsics[:, 1, 1] = focal
+    intrinsics[:, 0, 2], intrinsics[:, 1, 2], intrinsics[:, 2, 2] = width / 2, height / 2, 1.0
+    cameras = replace(cameras, intrinsics=intrinsics.to(like.intrinsics))
+    if data.scene.is_dynamic:
+        fixed = [rule.time] * len(cameras)
+        cameras = at_times(cameras, fixed if found.times is None else found.times.tolist())
+    return RenderPath(file.stem, _sized(cameras, rule), found.fps or FPS)
 
 
-def _orbit(data: DataManager, rule: FilmRule) -> Cameras:
-    """A circle around the scene, at one time."""
-    views = data.views(Split.TRAIN).cameras
-    cameras = orbit(Cameras.cat([_like(camera, views[0]) for camera in views]), rule.frames)
-    return at_times(cameras, [rule.time] * rule.frames) if data.scene.is_dynamic else cameras
+def _through_views(data: DataManager, frames: int) -> Cameras:
+    """A smooth path through the views, in the order of their names, each place once."""
+    named = [
+        (name, camera)
+        for split in Split
+        for name, camera in zip(data.views(split).names, data.views(split).cameras, strict=True)
+    ]
+    ordered = [camera for name, camera in sorted(named, key=lambda view: _by_number(view[0]))]
+    poses: list[torch.Tensor] = []
+    for camera in ordered:
+        pose = camera.world_to_camera[0].double()
+        if not any(torch.allclose(pose, known, atol=1e-6) for known in poses):
+            poses.append(pose)
+    most = min(max(frames // FRAMES_PER_VIEW, 2), MOST_VIEWS)
+    chosen = [poses[index] for index in spread(range(len(poses)), most)]
+    spline = PoseSpline(torch.linalg.inv(torch.stack(chosen)))
+    found = torch.linalg.inv(spline.at(spline.even_moments(frames)))
+    return posed(_train(data)[0], found)
 
 
-def _over_time(data: DataManager, rule: FilmRule) -> Cameras:
-    """One camera that stands still, from the first time to the last."""
-    return at_times(find_camera(data, rule.camera), _all_times(rule))
-
-
-def _orbit_over_time(data: DataManager, rule: FilmRule) -> Cameras:
-    """A circle around the scene while time passes."""
-    return at_times(_orbit(data, rule), _all_times(rule))
+def _by_number(name: str) -> list[tuple[int, str]]:
+    """Sorts names as people count: 2.jpg before 10.jpg."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def _all_times(rule: FilmRule) -> list[float]:
     """From 0 to 1, both of them shown."""
-    return [index / max(rule.frames - 1, 1) for index in range(rule.frames)]
+    return [index / max(rule.count - 1, 1) for index in range(rule.count)]
 
 
 def find_camera(data: DataManager, name: str) -> Cameras:
@@ -143,16 +190,24 @@ def find_camera(data: DataManager, name: str) -> Cameras:
     if name not in known:
         raise ConfigError(
             f"camera={name}: no view has this name.{did_you_mean(name, known)}",
-            f"The {len(known)} views are {min(known)} to {max(known)}.",
+            f"The {len(known)} views are {min(known)} to {max(known)}. A file of a camera path "
+            "ends in .json.",
         )
     return known[name]
 
 
-def _sized(cameras: Cameras, scale: float) -> Cameras:
+def _sized(cameras: Cameras, rule: FilmRule) -> Cameras:
+    scale = rule.width / cameras.width if rule.width else rule.scale
     width, height = (max(round(side * scale), 1) for side in (cameras.width, cameras.height))
     return cameras.resized(width, height)
 
 
-def _like(camera: Cameras, first: Cameras) -> Cameras:
-    """Where a camera is, with the first one's lens and size: mixed sets have one orbit too."""
-    return replace(first, world_to_camera=camera.world_to_camera)
+def _train(data: DataManager) -> tuple[Cameras, ...]:
+    return data.views(Split.TRAIN).cameras
+
+
+def _alike(cameras: Iterable[Cameras]) -> Cameras:
+    """All places of cameras, with the first one's lens and size: mixed sets have one orbit too."""
+    first, *others = cameras
+    like = [replace(first, world_to_camera=other.world_to_camera) for other in others]
+    return Cameras.cat([first, *like])

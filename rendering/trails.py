@@ -5,6 +5,7 @@ from __future__ import annotations
 import colorsys
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -20,6 +21,9 @@ from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import Depth, RenderSettings
 from gsfw.core.temporal_metrics.tracks import OPAQUE, Tracks, follow
 from gsfw.rasterizers.reference.lens import project_points
+
+if TYPE_CHECKING:
+    from gsfw.plugins.compose import Composition
 
 MOTION_WEIGHT = 2.0
 """Rows are well spread when they are apart, or move apart: how much more the second counts."""
@@ -110,6 +114,24 @@ def make_trails(
     places = torch.cat([home, MOTION_WEIGHT * shifts.transpose(0, 1).flatten(1)], dim=1)
     chosen = spread(places, count)
     return Trails(tracks, candidates[chosen], length, home[chosen])
+
+
+def trails_along(
+    cameras: Cameras, composition: Composition, count: int, length: int
+) -> Trails | None:
+    """Trails for the frames of a film; ``None`` where all of them show one time.
+
+    Args:
+        cameras: one per frame.
+        composition: the run.
+        count: largest number of trails.
+        length: number of frames that each reaches back.
+    """
+    if cameras.time is None or len(cameras.time.unique()) < 2:
+        return None
+    parts, settings = composition.parts, composition.plan.settings
+    cameras = cameras.to(parts.device)
+    return make_trails(parts.model, parts.rasterizer, cameras, settings, count, length)
 
 
 def surface_settings(rasterizer: Rasterizer, settings: RenderSettings) -> RenderSettings:

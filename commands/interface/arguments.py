@@ -97,8 +97,16 @@ def layers(arguments: Arguments) -> list[Layer]:
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 
     files = [read_config(Path(text)) for key, text in arguments.pairs if key == "config"]
-    typed = {key: text for key, text in arguments.pairs if key != "config" and key not in FLAGS}
+    typed = {
+        full_key(key): text for key, text in arguments.pairs if key != "config" and key not in FLAGS
+    }
     return [*files, Layer(COMMAND_LINE, typed)]
+
+
+def full_key(key: str) -> str:
+    """The dotted key of a setting; the viewer's have short forms: ``viewer``, ``viewer.port``."""
+    head, _, rest = key.partition(".")
+    return f"callbacks.viewer.{rest or 'enabled'}" if head == "viewer" else key
 
 
 def word(name: str, default: str | None = None) -> Any:  # noqa: ANN401 - a dataclass field

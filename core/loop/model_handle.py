@@ -21,13 +21,14 @@ class ModelHandle:
     def __init__(
         self, model: PrimitiveModel, rasterizer: Rasterizer, settings: RenderSettings
     ) -> None:
-        self._model, self._rasterizer, self._settings = model, rasterizer, settings
+        """Give access to these; a callback must not change them."""
+        self.model, self.rasterizer, self.settings = model, rasterizer, settings
 
     @torch.no_grad()
     def splats(self, time: Float[Tensor, ""] | None = None) -> Splats:
         """The splats at ``time`` in [0, 1], in the scene frame; must not be changed in place."""
-        return self._model.splats(time).map(Tensor.detach)
+        return self.model.splats(time).map(Tensor.detach)
 
     def render(self, cameras: Cameras, time: Float[Tensor, ""] | None = None) -> RenderOutput:
         """Render from any cameras, with the settings and the background of the evaluation."""
-        return render_model(self._model, self._rasterizer, cameras, self._settings, time)
+        return render_model(self.model, self.rasterizer, cameras, self.settings, time)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -73,7 +74,7 @@ class Trainer:
             try:
                 if self._checkpointed != self.step:  # Also checks that the folder is writable.
                     self._checkpoint()
-                self.callbacks.on_start(self.info, self.control)
+                self.callbacks.on_start(self._started(), self.control)
                 self._stopwatch.restart()
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
@@ -83,6 +84,10 @@ class Trainer:
                 return summary
             finally:
                 self.callbacks.close()
+
+    def _started(self) -> RunInfo:
+        """The facts about the run, with the model that is trained and its data."""
+        return replace(self.info, model=self._handle, data=self.parts.data)
 
     def _one_step(self) -> None:
         """Run one optimizer step, then the refinement, reports and checkpoints."""
@@ -163,7 +168,8 @@ class Trainer:
 
     def _follow_up(self, rendered: list[RenderedBatch]) -> None:
         plan, step = self.plan, self.step
-        self.callbacks.on_tick(step, self.control)
+        with self._stopwatch.paused():
+            self.callbacks.on_tick(step, self.control)
         if step % plan.log_every == 0 or step in (1, plan.steps):
             self._report(rendered)
         if step % min(plan.log_every, plan.max_skipped) == 0:

@@ -58,10 +58,10 @@ def test_held_out_views_are_drawn_beside_their_photos_and_an_orbit(finished_run,
     names = files(out)
     assert names == [
         "orbit.webp", "orbit/0000.png", "orbit/0001.png", "orbit/0002.png",
-        "orbit/0003.png",
-        "views/0000_eval_000.png", "views/0001_eval_001.png",
+        "orbit/0003.png", "orbit/frames.json",
+        "views/0000_eval_000.png", "views/0001_eval_001.png", "views/frames.json",
     ]  # fmt: skip
-    assert len(written) == len(names)
+    assert len(written) == len(names) - 2
     with Image.open(out / "views" / "0000_eval_000.png") as picture:
         assert picture.size == (64, 24)
         assert len(picture.getcolors(10_000) or []) > 10
@@ -108,7 +108,7 @@ def test_a_camera_that_is_not_there_names_those_that_are(moving_run, tmp_path, c
     assert render(moving_run, tmp_path, "what=time", "camera=eval_01") == 2
     assert capsys.readouterr().err == (
         "error: camera=eval_01: no view has this name. Did you mean 'eval_001'?\n"
-        "The 8 views are eval_000 to train_005.\n"
+        "The 8 views are eval_000 to train_005. A file of a camera path ends in .json.\n"
     )
     assert files(tmp_path) == []
 
@@ -139,7 +139,7 @@ def test_impossible_numbers_are_one_message(finished_run, capsys, setting):
 
 def test_an_unknown_kind_of_film_names_those_there_are(finished_run, capsys):
     assert main(["render", str(finished_run), "video=gif"]) == 2
-    assert "expected one of auto, mp4, webp, none, found 'gif'" in capsys.readouterr().err
+    assert "expected one of auto, mp4, webm, webp, none, found 'gif'" in capsys.readouterr().err
 
 
 def test_a_run_of_what_moves_has_figures_over_time(moving_run, tmp_path, capsys):

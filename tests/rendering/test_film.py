@@ -9,7 +9,8 @@ import torch
 from PIL import Image
 
 from gsfw.core.errors import OutputError, UnavailableError
-from gsfw.rendering.film import choose_format, write_film, write_image
+from gsfw.rendering.film import choose_format, write_film
+from gsfw.rendering.image_files import write_image
 
 
 @pytest.fixture

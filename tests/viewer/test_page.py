@@ -1,0 +1,296 @@
+"""The page in Chromium: what is seen, and what its buttons do."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.chromium import Page, chromium, needs_chromium
+from support.small_scene import SMALL_SCENE
+from support.viewing import OneView, fast_rasterizer, moving_model, served, still_model
+
+from gsfw.viewer.frame import FrameMaker
+from gsfw.viewer.view_state import CapturedView, Comparison, Pose
+
+pytestmark = [pytest.mark.slow, needs_chromium]
+
+ALLOWED_ERRORS = (
+    # viser tells of WebGL in software, and three.js of empty shapes; both are harmless.
+    "computeBoundingSphere",
+    "GPU stall due to ReadPixels",
+)
+SCENE_BOX = (slice(200, 720), slice(0, 930))
+"""Rows and columns of the page that neither panel nor messages cover."""
+SHOTS = os.environ.get("GSFW_SHOTS", "")
+"""A folder for screenshots to look at."""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("browser") / "profile") as running:
+        yield running
+
+
+@contextmanager
+def shown(browser, folder, *models) -> Iterator[tuple]:
+    """The session of some models, with one page open, at rest."""
+    with served(folder, *models) as session:
+        page = browser.open(session.server.address)
+        page.wait_for("document.body.innerText.includes('Channel')")
+        try:
+            yield session, page
+        finally:
+            errors = page.errors(ALLOWED_ERRORS)
+            page.close()
+            assert not errors
+
+
+def viewport(session, number=-1):
+    return session.session.service._viewports[number]
+
+
+def settle(session, number=-1, seconds=60.0):
+    """Wait until a page has its newest state at full size."""
+    end = time.monotonic() + seconds
+    port = viewport(session, number)
+    while time.monotonic() < end:
+        done = port._rendered == port._version and port._scale == 1.0 and not port._sending
+        if done and time.monotonic() - port._changed > 0.5:
+            time.sleep(0.6)  # The browser decodes and draws.
+            return
+        time.sleep(0.02)
+    raise AssertionError("the page never came to rest")
+
+
+def seen(page: Page, name: str) -> np.ndarray:
+    """The part of the page that shows the scene, once it stands still: viser fades it in."""
+    path = Path(SHOTS) / f"{name}.png" if SHOTS else None
+    last, end = page.screenshot(), time.monotonic() + 30
+    while True:
+        time.sleep(0.4)
+        image = page.screenshot(path)
+        if (image == last).all() or time.monotonic() > end:
+            return image[SCENE_BOX].astype(float)
+        last = image
+
+
+def psnr(first: np.ndarray, second: np.ndarray) -> float:
+    return float(10 * np.log10(255**2 / max(((first - second) ** 2).mean(), 1e-9)))
+
+
+def test_the_splats_of_the_page_are_those_of_a_direct_render(browser, tmp_path):
+    model = still_model(count=400, rasterizer=fast_rasterizer())
+    with shown(browser, tmp_path, model) as (session, page):
+        settle(session)
+        image = seen(page, "still")
+        wanted = FrameMaker([model]).make(viewport(session).state).image[SCENE_BOX].astype(float)
+        assert wanted.std() > 10  # There is something to see.
+        assert psnr(image, wanted) >= 35
+        assert not [url for url in page.requests() if not url.startswith(session.server.address)]
+
+
+def test_orbiting_changes_the_image(browser, tmp_path):
+    with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
+        settle(session)
+        before = seen(page, "orbit-before")
+        pose = viewport(session).state.pose
+        page.drag((400, 400), (520, 430))
+        settle(session)
+        assert viewport(session).state.pose != pose
+        assert psnr(before, seen(page, "orbit-after")) < 35
+
+
+def test_the_time_slider_moves_the_scene_and_play_goes_on(browser, tmp_path):
+    with shown(browser, tmp_path, moving_model(fast_rasterizer())) as (session, page):
+        settle(session)
+        before = seen(page, "time-0")
+        x, y = page.evaluate(
+            """(() => {
+              const track = [...document.querySelectorAll('.mantine-Slider-track')][0];
+              const box = track.getBoundingClientRect();
+              return [box.x + box.width * 0.9, box.y + box.height / 2];
+            })()"""
+        )
+        page.click((x, y))
+        settle(session)
+        assert viewport(session).state.time == pytest.approx(0.9, abs=0.05)
+        assert psnr(before, seen(page, "time-1")) < 35
+        page.click_text("Play")
+        page.wait_for("[...document.querySelectorAll('button')].some(b => b.innerText === 'Pause')")
+        first = viewport(session).state.time
+        time.sleep(1.0)
+        assert viewport(session).state.time != first
+
+
+def test_a_click_on_a_frustum_shows_the_photo_of_its_view(browser, tmp_path):
+    model = replace(still_model(rasterizer=fast_rasterizer()), data=OneView((0.9, 0.2, 0.1)))
+    with shown(browser, tmp_path, model) as (session, page):
+        settle(session)
+        page.click_text("Cameras")
+        page.wait_for("document.body.innerText.includes('Show cameras')")
+        page.click_text("Show cameras")
+        page.wheel(500, 400, 600)  # Back, so that the camera is in front.
+        settle(session)
+        page.click(frustum_place(session))
+        port = viewport(session)
+        end = time.monotonic() + 20
+        while port.state.view is None and time.monotonic() < end:
+            time.sleep(0.05)
+        assert port.state.view is not None
+        assert port.state.comparison is Comparison.SIDE_BY_SIDE
+        settle(session)
+        image = page.screenshot(Path(SHOTS) / "frustum.png" if SHOTS else None)
+        assert np.abs(image[360, 200].astype(float) - [230, 51, 26]).max() < 8
+        assert "PSNR" in page.text()
+        page.drag((400, 400), (500, 420))
+        time.sleep(0.5)
+        assert port.state.view is None  # Whoever moves looks from elsewhere.
+
+
+def frustum_place(session) -> tuple[float, float]:
+    """A place on the page where the line of the camera's frustum is."""
+    from gsfw.viewer.camera_frusta import SIZE
+
+    state = viewport(session).state
+    pose = Pose.of(session.session.model.camera(CapturedView(*_first_view())))
+    world_to_camera = state.pose.world_to_camera().numpy()
+    inner = np.linalg.inv(pose.world_to_camera().numpy())
+    length = SIZE * session.session.first.size
+    tip = inner[:3, 3] + 0.0 * length * inner[:3, 2]
+    x, y, z = world_to_camera[:3, :3] @ tip + world_to_camera[:3, 3]
+    focal = 0.5 * state.height / np.tan(0.5 * state.pose.fov)
+    return 0.5 * state.width + focal * x / z, 0.5 * state.height + focal * y / z
+
+
+def _first_view():
+    from gsfw.core.datamanager import Split
+
+    return Split.TRAIN, 0
+
+
+def test_key_frames_become_a_file_and_a_film(browser, tmp_path):
+    with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
+        settle(session)
+        page.click_text("Path")
+        page.wait_for("document.body.innerText.includes('Add key frame')")
+        page.click_text("Add key frame")
+        page.drag((400, 400), (520, 430))
+        settle(session)
+        page.click_text("Add key frame")
+        page.wait_for("document.body.innerText.includes('Save JSON')")
+        page.click_text("Save JSON")
+        wait_for_file(tmp_path / "paths" / "path.json")
+        document = json.loads((tmp_path / "paths" / "path.json").read_text())
+        assert len(document["key_frames"]) == 2
+        page.click_text("Preview")
+        before = viewport(session).state.pose
+        time.sleep(2.0)
+        assert viewport(session).state.pose != before
+        page.click_text("Render film")
+        page.screenshot(Path(SHOTS) / "path.png" if SHOTS else None)
+        films = wait_for_file(tmp_path / "films" / "path.mp4", tmp_path / "films" / "path.webp")
+        assert films.stat().st_size > 1000
+
+
+def wait_for_file(*paths: Path, seconds: float = 240.0) -> Path:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        for path in paths:
+            if path.is_file():
+                return path
+        time.sleep(0.1)
+    raise AssertionError(f"none of {paths} was written")
+
+
+def test_two_pages_have_their_own_cameras_and_one_that_dies_harms_no_other(browser, tmp_path):
+    with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
+        settle(session)
+        other = browser.open(session.server.address)
+        other.wait_for("document.body.innerText.includes('Channel')")
+        settle(session)
+        page.drag((400, 400), (520, 430))
+        settle(session, 0)
+        settle(session, 1)
+        assert viewport(session, 0).state.pose != viewport(session, 1).state.pose
+        assert psnr(seen(page, "page-one"), seen(other, "page-two")) < 35
+        other.drag((400, 400), (420, 430))
+        other.close()  # In mid-frame.
+        page.drag((400, 400), (450, 430))
+        end = time.monotonic() + 20
+        while session.session.service.pages > 1 and time.monotonic() < end:
+            time.sleep(0.05)
+        settle(session, 0)
+
+
+def test_two_runs_are_compared_in_one_page(browser, tmp_path):
+    rasterizer = fast_rasterizer()
+    models = [still_model(name, 300, seed, rasterizer) for seed, name in enumerate(["one", "two"])]
+    with shown(browser, tmp_path, *models) as (session, page):
+        settle(session)
+        assert viewport(session).state.comparison is Comparison.SIDE_BY_SIDE
+        image = seen(page, "compare")
+        assert psnr(image[:, :290], image[:, 640:930]) < 30
+        assert "one | two" in page.text()
+
+
+@pytest.fixture
+def training(tmp_path):
+    """A run in a process of its own: the process, and the address of its page."""
+    command = [sys.executable, "-u", "-m", "gsfw", "train", "method=3dgs", *SMALL_SCENE]
+    command += ["steps=1000000", "rescale=false", f"out={tmp_path / 'run'}", "viewer=true"]
+    command += ["device=cpu", "checkpoint_every=0", "eval_every=0"]
+    with subprocess.Popen(
+        [*command, "callbacks.tensorboard.enabled=false"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stderr is not None
+        found = None
+        while found is None and (line := process.stderr.readline()):
+            found = re.search(r"http://127\S+", line)
+        assert found is not None
+        yield process, found[0], tmp_path / "run"
+        process.kill()
+
+
+def step_of(page: Page) -> int:
+    return int(re.search(r"step\s+([\d,]+) of", page.text())[1].replace(",", ""))
+
+
+def test_pause_stops_the_counter_of_steps_and_resume_starts_it(browser, training):
+    process, address, run = training
+    page = browser.open(address)
+    page.wait_for("document.body.innerText.includes('Run')")
+    page.click_text("Run")
+    page.wait_for("/step\\s+[\\d,]+ of/.test(document.body.innerText)")
+    first = step_of(page)
+    page.wait_for(f"!document.body.innerText.includes('{first:,} of')")
+    page.click_text("Pause")
+    page.wait_for("document.body.innerText.includes('3dgs: paused')")
+    time.sleep(1.5)
+    held = step_of(page)
+    time.sleep(1.5)
+    assert step_of(page) == held
+    page.screenshot(Path(SHOTS) / "training.png" if SHOTS else None)
+    page.click_text("Checkpoint")
+    wait_for_file(run / "checkpoints" / f"step_{held:09d}.pt")
+    page.click_text("Export PLY")
+    wait_for_file(run / "exports" / f"step_{held:06d}.ply")
+    page.click_text("Resume")
+    page.wait_for(f"!document.body.innerText.includes('{held:,} of')")
+    assert step_of(page) > held
+    assert not page.errors(ALLOWED_ERRORS)
+    page.click_text("Stop")
+    page.click_text("Stop it")
+    process.wait(60)
+    assert process.returncode == 0
+    page.close()

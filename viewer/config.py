@@ -1,0 +1,36 @@
+"""Settings of the viewer of a run, ``viewer.KEY=VALUE``; light to import."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from gsfw.core.config import CallbackConfig
+from gsfw.core.ranges import number
+
+if TYPE_CHECKING:
+    from gsfw.core.callback import Callback
+
+
+@dataclass
+class ViewerConfig(CallbackConfig):
+    """The page of a run that trains."""
+
+    enabled: bool = False
+    """True to open a page on this machine that shows the run and can pause it (viewer=true)."""
+    port: int = number(0, at_least=0, at_most=65535)
+    """Port of the page; 0: the first free one from 8080."""
+    share: float = number(0.2, above=0, below=1)
+    """Largest part of the time that frames may take from training; none while paused."""
+
+    def build(self) -> Callback:
+        """Build the callback.
+
+        Raises:
+            UnavailableError: viser is not installed.
+        """
+        from gsfw.viewer.server import check_installed
+        from gsfw.viewer.training import TrainingViewer
+
+        check_installed()
+        return TrainingViewer(self.port, self.share)

@@ -1,0 +1,47 @@
+"""Export: the Gaussians that a page shows, as a 3DGS PLY for other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from gsfw.core.exchange import Exporter
+from gsfw.formats.visible_splats import without_invisible
+from gsfw.plugins.loading import load
+from gsfw.plugins.registry import installed
+from gsfw.plugins.snapshot import snapshot
+from gsfw.viewer.shown_model import edited
+from gsfw.viewer.view_state import ViewState
+from gsfw.viewer.viewed_model import ViewedModel
+
+
+def export_path(folder: Path, step: int | None) -> Path:
+    """The next free name in the folder of exports; with the step of a run that trains."""
+    stem = "view" if step is None else f"step_{step:06d}"
+    places = (
+        folder / "exports" / f"{stem}{end}.ply" for end in ["", *map("_{}".format, range(2, 1000))]
+    )
+    return next(path for path in places if not path.exists())
+
+
+def export_splats(model: ViewedModel, state: ViewState, path: Path) -> int:
+    """Write what the page shows at its time: cropped and scaled; the number of Gaussians.
+
+    Raises:
+        OutputError: it cannot be written.
+        ValueError: a value is out of the range of the format.
+    """
+    moment = torch.tensor(state.time, device=model.device) if model.is_dynamic else None
+    taken = snapshot(
+        model.model,
+        model.scene,
+        model.settings.antialias,
+        moment,
+        lambda splats: edited(splats, state),
+    )
+    content, _ = without_invisible(taken.content)
+    exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    exporter.write(path, content)
+    return len(content.splats)

@@ -1,0 +1,159 @@
+"""LiveRun: what pages see of a run that trains, and what they may ask of it."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gsfw.callbacks.remaining_time import RemainingTime
+from gsfw.core.callback import RunInfo, StepReport
+
+MOST_POINTS = 400
+"""Points of a curve: twice as many are halved, so that long runs send no more than short ones."""
+SMOOTHING = 0.9
+"""Weight of the past in the curves: single views differ too much."""
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """Figures of the last logged step."""
+
+    step: int
+    loss: float = math.nan
+    """Smoothed."""
+    psnr: float = math.nan
+    """Smoothed, of training views, in dB."""
+    gaussians: int = 0
+    steps_per_second: float = 0.0
+    seconds_left: float | None = None
+    """Without the time that frames take; ``None`` as long as it cannot be known."""
+    memory_mb: float = 0.0
+    held_out_psnr: float | None = None
+    """Of the last evaluation, in dB; ``None`` before one."""
+
+
+@dataclass
+class Curve:
+    """Values over steps, thinned as they grow."""
+
+    steps: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+    _every: int = 1
+    _seen: int = 0
+
+    def add(self, step: int, value: float) -> None:
+        """Append a value."""
+        self._seen += 1
+        if self._seen % self._every:
+            return
+        self.steps.append(step)
+        self.values.append(value)
+        if len(self.steps) >= 2 * MOST_POINTS:
+            self.steps, self.values = self.steps[1::2], self.values[1::2]
+            self._every *= 2
+
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Steps and values."""
+        count = min(len(self.steps), len(self.values))
+        return np.asarray(self.steps[:count], float), np.asarray(self.values[:count], float)
+
+
+class LiveRun:
+    """What pages see of a run that trains, and what they may ask of it.
+
+    The training thread writes the figures, and reads the wishes between steps; pages do the
+    reverse, each field being replaced as a whole.
+    """
+
+    def __init__(self, info: RunInfo, wake: Callable[[], None]) -> None:
+        """Know the run; ``wake`` tells the training thread of a wish."""
+        self.info = info
+        self.status = RunStatus(info.first_step)
+        self.step = info.first_step
+        """Number of finished steps."""
+        self.loss, self.psnr, self.held_out = Curve(), Curve(), Curve()
+        self.share = 0.0
+        """Part of the last seconds that frames took, measured."""
+        self.finished = False
+        self.checkpointed: int | None = None
+        """Step of the last checkpoint; ``None`` before one."""
+        self._wake = wake
+        self._wishes = threading.Lock()
+        self._paused = self._stop = self._checkpoint = False
+        self._remaining = RemainingTime(info)
+
+    # What pages ask for.
+
+    @property
+    def paused(self) -> bool:
+        """True if the run is to wait after its step."""
+        return self._paused
+
+    def pause(self, paused: bool) -> None:
+        """Let the run wait after its step, or go on."""
+        self._paused = paused
+        self._wake()
+
+    def stop(self) -> None:
+        """End the run after its step, with a checkpoint."""
+        self._stop = True
+        self._wake()
+
+    def checkpoint(self) -> None:
+        """Write a checkpoint after the step."""
+        self._checkpoint = True
+        self._wake()
+
+    def take_wishes(self) -> tuple[bool, bool]:
+        """Whether to stop, and whether to write a checkpoint; each is told once."""
+        with self._wishes:
+            taken = self._stop, self._checkpoint
+            self._stop = self._checkpoint = False
+        return taken
+
+    @property
+    def has_wishes(self) -> bool:
+        """True if there is something to take."""
+        return self._stop or self._checkpoint
+
+    # What the training thread tells.
+
+    def observe(self, report: StepReport) -> None:
+        """Learn from a logged step."""
+        before = self.status
+        self._remaining.observe(
+            report.step,
+            report.num_gaussians,
+            report.resolution,
+            report.step_ms / 1e3,
+            report.stage_ms.get("load", 0.0) / 1e3,
+        )
+        loss, psnr = _smoothed(before.loss, report.loss), _smoothed(before.psnr, report.psnr)
+        self.loss.add(report.step, loss)
+        self.psnr.add(report.step, psnr)
+        self.status = RunStatus(
+            step=report.step,
+            loss=loss,
+            psnr=psnr,
+            gaussians=report.num_gaussians,
+            steps_per_second=1e3 / max(report.step_ms, 1e-3),
+            seconds_left=self._remaining.seconds(),
+            memory_mb=max(report.memory_mb.values(), default=0.0),
+            held_out_psnr=before.held_out_psnr,
+        )
+
+    def evaluated(self, step: int, psnr: float | None) -> None:
+        """Learn from an evaluation."""
+        if psnr is not None:
+            self.held_out.add(step, psnr)
+            self.status = replace(self.status, held_out_psnr=psnr)
+
+
+def _smoothed(past: float, now: float) -> float:
+    if math.isnan(past) or not math.isfinite(now):
+        return now if math.isnan(past) else past
+    return SMOOTHING * past + (1 - SMOOTHING) * now

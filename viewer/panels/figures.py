@@ -1,0 +1,55 @@
+"""Figures of a run, as HTML for the page."""
+
+from __future__ import annotations
+
+import html
+import math
+
+from gsfw.viewer.live_run import LiveRun
+
+TABLE = (
+    '<div style="padding:4px 12px;font-size:13px;line-height:1.6">{note}'
+    '<table style="width:100%;border-collapse:collapse">{rows}</table></div>'
+)
+ROW = (
+    '<tr><td style="opacity:.65">{name}</td>'
+    '<td style="text-align:right;font-variant-numeric:tabular-nums">{text}</td></tr>'
+)
+
+
+def figures_html(rows: list[tuple[str, str]], note: str = "") -> str:
+    """A table of names and figures, below a line; both must be safe as HTML."""
+    line = f'<div style="font-weight:600;padding-bottom:2px">{note}</div>' if note else ""
+    return TABLE.format(
+        note=line, rows="".join(ROW.format(name=name, text=text) for name, text in rows)
+    )
+
+
+def status_html(live: LiveRun) -> str:
+    """The figures of a run that trains."""
+    status, info = live.status, live.info
+    state = "finished" if live.finished else "paused" if live.paused else "training"
+    rows = [("step", f"{live.step:,} of {info.steps:,}")]
+    if math.isfinite(status.loss):
+        rows += [("loss", f"{status.loss:.4f}"), ("PSNR, training views", f"{status.psnr:.2f} dB")]
+    if status.held_out_psnr is not None:
+        rows.append(("PSNR, held out", f"{status.held_out_psnr:.2f} dB"))
+    if status.gaussians:
+        rows.append(("Gaussians", f"{status.gaussians:,}"))
+        rows.append(("speed", f"{status.steps_per_second:.1f} steps/s"))
+    if status.seconds_left is not None and not live.finished:
+        # Frames take their share of the time on top of what steps take.
+        rows.append(("time left", duration(status.seconds_left / max(1 - live.share, 0.05))))
+    if status.memory_mb:
+        rows.append(("memory", f"{status.memory_mb / 1e3:.1f} GB"))
+    rows.append(("this viewer's share of the time", f"{100 * live.share:.0f} %"))
+    if live.checkpointed is not None:
+        rows.append(("last checkpoint", f"step {live.checkpointed:,}"))
+    return figures_html(rows, f"{html.escape(info.method)}: {state}")
+
+
+def duration(seconds: float) -> str:
+    """Hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,232 @@
+"""PathPanel: a camera path by key frames: preview, film, and the file of ``gsfw render``."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from viser import Icon
+
+from gsfw.core.errors import UserError
+from gsfw.rendering.key_frames import CameraPath, KeyFrame, camera_path_of, write_camera_path
+from gsfw.viewer.film_task import FilmOrder, film_task
+from gsfw.viewer.key_frames import PathStates, key_frame, pose_of
+from gsfw.viewer.panels.panel import Panel
+
+if TYPE_CHECKING:
+    import viser
+
+    from gsfw.viewer.page import Page
+
+COLOR = (110, 200, 130)
+"""Colour of the path and of its key frames."""
+SIZE = 0.04
+"""Length of a key frame's frustum, relative to the size of the scene."""
+NO_KEY = "none"
+HEIGHTS = ("360", "540", "720", "1080")
+
+
+class PathPanel(Panel):
+    """Key frames, and what is made of them."""
+
+    def __init__(self, page: Page) -> None:
+        """Build the panel inside the current container of the page."""
+        self._page, self._viewport = page, page.viewport
+        self._keys: list[KeyFrame] = []
+        self._quiet = False
+        self._drawn: list[viser.SceneNodeHandle] = []
+        self._build_keys()
+        self._build_film()
+
+    def _build_keys(self) -> None:
+        gui = self._page.client.gui
+        add = gui.add_button("Add key frame", icon=Icon.PLUS, hint="of the page's own camera")
+        self._chosen = gui.add_dropdown("Key frame", (NO_KEY,))
+        edit = gui.add_button_group("It", ("Go to", "Replace", "Remove"))
+        add.on_click(lambda _: self._set([*self._keys, self._here()]))
+        edit.on_click(lambda _: self._edit(edit.value))
+        self._chosen.on_update(lambda _: self._edit("Go to"))
+
+    def _build_film(self) -> None:
+        gui = self._page.client.gui
+        with gui.add_folder("Film"):
+            self._seconds = gui.add_slider("Seconds", 1.0, 60.0, 0.5, 6.0)
+            self._fps = gui.add_slider("Frames/s", 10, 60, 5, 30)
+            self._closed = gui.add_checkbox("Closed loop", False)
+            self._height = gui.add_dropdown("Height", HEIGHTS, initial_value="720")
+            preview = gui.add_button("Preview", icon=Icon.PLAYER_PLAY, color="gray")
+            render = gui.add_button("Render film", icon=Icon.MOVIE)
+            self._progress = gui.add_progress_bar(0.0, visible=False)
+        with gui.add_folder("File"):
+            self._name = gui.add_text("Name", "path")
+            save = gui.add_button("Save JSON", icon=Icon.DEVICE_FLOPPY, color="gray")
+            load = gui.add_upload_button(
+                "Open JSON", icon=Icon.UPLOAD, color="gray", mime_type="application/json"
+            )
+            self._command = gui.add_markdown("")
+        self._closed.on_update(lambda _: self._draw())
+        preview.on_click(lambda _: self._preview())
+        render.on_click(lambda _: self._render())
+        save.on_click(lambda _: self._save())
+        load.on_upload(lambda _: self._load(load.value.content))
+
+    @property
+    def _path(self) -> CameraPath:
+        state = self._viewport.state
+        height = int(self._height.value)
+        width = round(height * state.width / max(state.height, 1))
+        return CameraPath(
+            tuple(self._keys),
+            fps=float(self._fps.value),
+            seconds=float(self._seconds.value),
+            closed=bool(self._closed.value),
+            width=width - width % 2,  # Films have even sizes.
+            height=height,
+        )
+
+    def _here(self) -> KeyFrame:
+        model = self._page.session.model
+        return key_frame(self._viewport.state, model.scene, model.is_dynamic)
+
+    def _set(self, keys: list[KeyFrame], chosen: int = -1) -> None:
+        """Take new key frames; one of them is chosen."""
+        self._keys = keys
+        names = [f"key frame {number + 1}" for number in range(len(keys))] or [NO_KEY]
+        self._quiet = True
+        self._chosen.options = tuple(names)
+        self._chosen.value = names[chosen]  # type: ignore[misc]
+        self._quiet = False
+        self._draw()
+
+    def _edit(self, what: str) -> None:
+        if not self._keys or self._quiet or self._chosen.value == NO_KEY:
+            return
+        place = int(self._chosen.value.rpartition(" ")[2]) - 1
+        if what == "Remove":
+            del self._keys[place]
+            self._set(self._keys, min(place, len(self._keys) - 1))
+        elif what == "Replace":
+            self._keys[place] = self._here()
+            self._set(self._keys, place)
+        else:
+            key = self._keys[place]
+            pose = pose_of(key.camera_to_world, key.fov, self._page.session.model.scene)
+            if key.time is not None:
+                moment = key.time
+                self._viewport.change(lambda state: replace(state, time=moment))
+            self._page.place(pose)
+
+    def _draw(self) -> None:
+        """Draw the key frames, and the path through them."""
+        scene, model, first = (
+            self._page.client.scene,
+            self._page.session.model,
+            self._page.session.first,
+        )
+        with self._page.client.atomic():
+            for handle in self._drawn:
+                handle.remove()
+            self._drawn = []
+            for number, key in enumerate(self._keys):
+                pose = pose_of(key.camera_to_world, key.fov, model.scene)
+                self._drawn.append(
+                    scene.add_camera_frustum(
+                        f"/path/{number}",
+                        fov=pose.fov,
+                        aspect=16 / 9,
+                        scale=SIZE * first.size,
+                        thickness=2.0,
+                        thickness_units="screen",
+                        color=COLOR,
+                        wxyz=pose.wxyz,
+                        position=pose.position,
+                    )
+                )
+            if len(self._keys) > 1:
+                states = self._states()
+                places = [states.at(number, self._viewport.state) for number in range(len(states))]
+                points = np.asarray([place.pose.position for place in places], np.float32)
+                lines = np.stack([points[:-1], points[1:]], axis=1)
+                self._drawn.append(
+                    scene.add_line_segments(
+                        "/path/line",
+                        points=lines,
+                        colors=COLOR,
+                        thickness=2.0,
+                        thickness_units="screen",
+                    )
+                )
+
+    def _states(self) -> PathStates:
+        return PathStates.of(self._path, self._page.session.model.scene)
+
+    def _preview(self) -> None:
+        """Let the page fly along the path once."""
+        if len(self._keys) < 2:
+            self._page.tell("A path needs two key frames: move, and add another.", "yellow")
+            return
+        self._viewport.fly(self._states())
+
+    def _render(self) -> None:
+        """Order the film."""
+        page, live = self._page, self._page.session.live
+        if not self._keys:
+            page.tell("Add a key frame first.", "yellow")
+            return
+        if live is not None and not (live.paused or live.finished):
+            page.tell("Pause the run first: a film takes training time.", "yellow")
+            return
+        path = self._path
+        state = replace(
+            self._viewport.state, width=path.width, height=path.height, full_height=path.height
+        )
+        states = self._states()
+        self._progress.visible = True
+
+        def progress(count: int) -> None:
+            if not page.closed:
+                self._progress.value = 100.0 * count / len(states)  # type: ignore[misc]
+
+        def done(text: str) -> None:
+            if not page.closed:
+                self._progress.visible = False
+                page.tell(text, "red" if text.startswith("There is no film") else "green")
+
+        order = FilmOrder(states, state, self._stem("films"), progress, done)
+        page.session.service.order(film_task(order, page.session))
+
+    def _stem(self, folder: str) -> Path:
+        """Path of a file of this name, without its extension; names cannot lead elsewhere."""
+        name = "".join(c if c.isalnum() or c in "-_" else "-" for c in self._name.value) or "path"
+        return self._page.session.folder / folder / name
+
+    def _save(self) -> None:
+        """Write the key frames, and say how to render them."""
+        if not self._keys:
+            self._page.tell("Add a key frame first.", "yellow")
+            return
+        file = self._stem("paths").with_suffix(".json")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_camera_path(file, self._path)
+        except (UserError, OSError) as error:
+            self._page.tell(f"The path was not saved: {error}", "red")
+            return
+        run = shlex.quote(str(self._page.session.folder))
+        self._command.content = f"`gsfw render {run} camera={shlex.quote(str(file))}`"
+        self._page.tell(f"The path is in {file}", "green")
+
+    def _load(self, content: bytes) -> None:
+        """Take the key frames of a file."""
+        try:
+            path = camera_path_of(json.loads(content), "this file")
+        except (ValueError, KeyError, TypeError) as error:
+            self._page.tell(f"This is no camera path of gsfw: {error}", "red")
+            return
+        self._seconds.value = min(max(path.seconds, 1.0), 60.0)
+        self._closed.value = path.closed  # type: ignore[misc]
+        self._set(list(path.key_frames))

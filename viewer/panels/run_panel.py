@@ -1,0 +1,152 @@
+"""RunPanel: figures and curves of a run, pause, stop and checkpoint, and exports."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from viser import Icon
+
+from gsfw.viewer.export import export_path, export_splats
+from gsfw.viewer.live_run import LiveRun
+from gsfw.viewer.panels.figures import duration, figures_html, status_html
+from gsfw.viewer.panels.panel import Panel
+
+if TYPE_CHECKING:
+    import viser
+
+    from gsfw.viewer.page import Page
+
+CHART_HEIGHT = 170
+"""Height of a chart, in pixels."""
+COLORS = {"loss": "#e0864a", "psnr": "#4a9be0", "held out": "#7bd08a"}
+"""Colours of the curves, which both light and dark pages carry."""
+
+
+class RunPanel(Panel):
+    """Figures and curves of the run, and buttons that act on it."""
+
+    def __init__(self, page: Page) -> None:
+        """Build the panel inside the current container of the page."""
+        self._page, self._live = page, page.session.live
+        self._gui = page.client.gui
+        self._figures = self._gui.add_html("")
+        self._points, self._evaluations = -1, 0
+        if self._live is not None:
+            self._add_live(self._live)
+        else:
+            self._figures.content = figures_html(_finished(page))
+        self._export = self._gui.add_button(
+            "Export PLY", icon=Icon.FILE_EXPORT, hint="the Gaussians at this time, for other tools"
+        )
+        self._export.on_click(lambda _: self._order_export())
+        self.update()
+
+    def _add_live(self, live: LiveRun) -> None:
+        self._bar = self._gui.add_progress_bar(0.0)
+        self._pause = self._gui.add_button("Pause", icon=Icon.PLAYER_PAUSE)
+        self._save = self._gui.add_button("Checkpoint", icon=Icon.DEVICE_FLOPPY, color="gray")
+        self._stop = self._gui.add_button("Stop", icon=Icon.PLAYER_STOP, color="red")
+        self._pause.on_click(lambda _: live.pause(not live.paused))
+        self._save.on_click(lambda _: live.checkpoint())
+        self._stop.on_click(lambda _: self._confirm_stop(live))
+        self._loss = self._chart("Loss", [("loss", COLORS["loss"])])
+        self._psnr = self._chart("PSNR of training views, dB", [("PSNR", COLORS["psnr"])])
+        self._held_out = self._chart("PSNR of held-out views, dB", [("PSNR", COLORS["held out"])])
+        self._held_out.visible = False
+
+    def _chart(self, title: str, series: list[tuple[str, str]]) -> viser.GuiUplotHandle:
+        """An empty chart."""
+        from viser import uplot
+
+        lines = [
+            uplot.Series(label=name, stroke=color, width=2, spanGaps=True) for name, color in series
+        ]
+        axis = uplot.Axis(stroke="#8c939c", grid=uplot.Axis_Grid(stroke="#8883", width=1))
+        return self._gui.add_uplot(
+            data=tuple(np.zeros(1) for _ in range(1 + len(series))),
+            series=(uplot.Series(label="step"), *lines),
+            title=title,
+            axes=(axis, axis),
+            scales={"x": uplot.Scale(time=False)},
+            height=CHART_HEIGHT,
+        )
+
+    def _confirm_stop(self, live: LiveRun) -> None:
+        """Ask once more: a stopped run goes on only by hand."""
+        with self._gui.add_modal("Stop the run?") as modal:
+            self._gui.add_markdown(
+                "It ends after this step, with a checkpoint. `gsfw resume` goes on with it."
+            )
+            sure = self._gui.add_button("Stop it", color="red")
+            back = self._gui.add_button("Go on", color="gray")
+
+        def stop(_: object) -> None:
+            live.stop()
+            modal.close()
+
+        sure.on_click(stop)
+        back.on_click(lambda _: modal.close())
+
+    def _order_export(self) -> None:
+        """Order an export; the thread that owns the model writes it."""
+        page = self._page
+        live = self._live
+        if live is not None and not (live.paused or live.finished):
+            page.tell("Pause the run first: an export takes training time.", "yellow")
+            return
+        path = export_path(page.session.folder, None if live is None else live.step)
+        state = page.viewport.state
+
+        def work() -> Iterator[None]:
+            try:
+                count = export_splats(page.session.model, state, path)
+            except Exception as error:  # The disk is full, for instance: the run goes on.
+                page.tell(f"Nothing was exported: {error}", "red")
+            else:
+                page.tell(f"{count:,} Gaussians are in {path}", "green")
+            yield
+
+        page.session.service.order(work())
+
+    def update(self) -> None:
+        """Show the figures of the run."""
+        live = self._live
+        if live is None:
+            return
+        status = live.status
+        self._figures.content = status_html(live)
+        self._bar.value = 100.0 * live.step / max(live.info.steps, 1)  # type: ignore[misc]
+        self._pause.label = "Resume" if live.paused else "Pause"
+        self._pause.icon = Icon.PLAYER_PLAY if live.paused else Icon.PLAYER_PAUSE
+        for button in (self._pause, self._save, self._stop):
+            button.disabled = live.finished
+        if status.step != self._points and len(live.loss.steps) > 1:
+            self._points = status.step
+            self._loss.data = live.loss.arrays()
+            self._psnr.data = live.psnr.arrays()
+        if len(live.held_out.steps) != self._evaluations:
+            self._evaluations = len(live.held_out.steps)
+            self._held_out.data = live.held_out.arrays()
+            self._held_out.visible = True
+
+
+def _finished(page: Page) -> list[tuple[str, str]]:
+    """Rows of figures of a finished run or a file, by what its folder has."""
+    model = page.session.model
+    rows = [(item.name, f"{item.model.num_rows:,} Gaussians") for item in page.session.models]
+    path = page.session.folder / "metrics.json"
+    if model.data is not None and model.data.has_images and path.is_file():
+        try:
+            summary = json.loads(path.read_text())
+        except (OSError, ValueError):
+            return rows
+        for name, text in (("psnr", "{:.2f} dB"), ("ssim", "{:.4f}"), ("steps", "{:,}")):
+            if isinstance(summary.get(name), (int, float)):
+                rows.append((name.upper() if name != "steps" else name, text.format(summary[name])))
+        if isinstance(summary.get("train_seconds"), (int, float)):
+            rows.append(("trained", duration(summary["train_seconds"])))
+    return [(html.escape(name), html.escape(text)) for name, text in rows]

@@ -1,0 +1,53 @@
+"""Playback: what moves by the clock: the time of a moving scene, and a flight along a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gsfw.viewer.key_frames import PathStates
+from gsfw.viewer.view_state import ViewState
+
+DURATION = 4.0
+"""Seconds from the first time to the last at speed 1."""
+
+
+@dataclass
+class Playback:
+    """Advances a time in [0, 1] by the clock."""
+
+    playing: bool = False
+    loop: bool = True
+    speed: float = 1.0
+    """Factor of the speed; at 1 a capture plays in ``DURATION`` seconds."""
+    _last: float | None = None
+
+    def advance(self, time: float, now: float) -> float:
+        """The time at ``now`` (a clock in seconds), after ``time`` at the call before."""
+        if not self.playing:
+            self._last = None
+            return time
+        elapsed = 0.0 if self._last is None else now - self._last
+        self._last = now
+        moved = time + elapsed * self.speed / DURATION
+        if moved <= 1.0:
+            return moved
+        if self.loop:
+            return moved % 1.0
+        self.playing, self._last = False, None
+        return 1.0
+
+
+@dataclass
+class Flight:
+    """A flight along a camera path, by the clock."""
+
+    path: PathStates
+    home: ViewState
+    """The state before the flight, and after it."""
+    _began: float | None = None
+
+    def state(self, now: float) -> ViewState | None:
+        """The state at ``now`` (a clock in seconds); ``None`` after the last frame."""
+        self._began = now if self._began is None else self._began
+        number = int((now - self._began) * self.path.fps)
+        return None if number >= len(self.path) else self.path.at(number, self.home)

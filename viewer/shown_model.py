@@ -1,0 +1,78 @@
+"""ShownModel: a model as a page wants it: cropped, with smaller Gaussians, or fewer bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from gsfw.core.cameras import Cameras
+from gsfw.core.column import Column
+from gsfw.core.model import PrimitiveModel
+from gsfw.core.render_output import RenderOutput
+from gsfw.core.splats import Sh, Splats
+from gsfw.viewer.view_state import Box, ViewState
+
+
+class ShownModel(PrimitiveModel):
+    """Another model, whose splats are edited on their way to the rasterizer; it does not change."""
+
+    def __init__(self, given: PrimitiveModel, state: ViewState) -> None:
+        """Show ``given`` with the crop, scale and degree of ``state``."""
+        super().__init__()
+        self._given, self._state = given, state
+
+    def columns(self) -> Mapping[str, Column]:
+        """The columns of the model."""
+        return self._given.columns()
+
+    def temporal_columns(self) -> Mapping[str, Column]:
+        """The temporal columns of the model."""
+        return self._given.temporal_columns()
+
+    def active_bands(self) -> int | None:
+        """The active bands of the model."""
+        return self._given.active_bands()
+
+    @torch.no_grad()
+    def splats(
+        self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
+    ) -> Splats:
+        """The edited splats of the model."""
+        return edited(self._given.splats(time, cameras), self._state)
+
+    def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
+        """Decode as the model does."""
+        return self._given.decode(output, cameras)
+
+
+def shown(model: PrimitiveModel, state: ViewState) -> PrimitiveModel:
+    """The model itself where the page changes nothing about its splats."""
+    changes = state.crop is not None or state.splat_scale != 1.0 or state.sh_degree < 4
+    return ShownModel(model, state) if changes else model
+
+
+def edited(splats: Splats, state: ViewState) -> Splats:
+    """The splats with the crop, scale and degree of ``state``."""
+    if state.crop is not None:
+        kept = inside(splats.means, state.crop).nonzero()[:, 0]
+        rows = kept if splats.rows is None else splats.rows[kept]
+        splats = replace(replace(splats, rows=None).take(kept), rows=rows)
+    if isinstance(splats.colors, Sh) and state.sh_degree < splats.colors.degree:
+        splats = replace(splats, colors=replace(splats.colors, degree=state.sh_degree))
+    factor = state.splat_scale
+    if factor == 1.0:
+        return splats
+    if splats.scales is not None:
+        return replace(splats, scales=splats.scales * factor)
+    assert splats.covariances is not None
+    return replace(splats, covariances=splats.covariances * factor**2)
+
+
+def inside(means: Float[Tensor, "n 3"], box: Box) -> Bool[Tensor, " n"]:
+    """True for centres in the box."""
+    low, high = means.new_tensor(box.low), means.new_tensor(box.high)
+    return ((means >= low) & (means <= high)).all(1)
