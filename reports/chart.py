@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 from gsfw.charts.style import ratio_marks, round_marks
 from gsfw.reports.markup import Markup, div, element, span
@@ -87,11 +88,12 @@ def thinned(points: Sequence[Point], most: int = MOST_POINTS) -> list[Point]:
 def smoothed(points: Sequence[Point], share: float = 0.05) -> list[Point]:
     """Means over a window of ``share`` of the points around each."""
     half = max(round(len(points) * share / 2), 1)
+    sums = list(accumulate((value for _, value in points), initial=0.0))
     found = []
     for place, (x, _) in enumerate(points):
         reach = min(half, place, len(points) - 1 - place)
-        window = points[place - reach : place + reach + 1]
-        found.append((x, sum(value for _, value in window) / len(window)))
+        first, end = place - reach, place + reach + 1
+        found.append((x, (sums[end] - sums[first]) / (end - first)))
     return found
 
 

@@ -187,6 +187,8 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
 def checkpoint_environment(path: Path) -> dict[str, Any]:
     """The machine of a checkpoint, without its tensors; empty if it cannot be read."""
+    import torch
+
     try:
         state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
         return dict(state["environment"])
