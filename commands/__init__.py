@@ -32,6 +32,7 @@ def gsfw_commands() -> list[Spec]:
             "gsfw.commands.stress:run",
         ),
         Spec("bench", "measure how fast drawing and training are here", "gsfw.commands.bench:run"),
+        Spec("completion", "complete command lines in a shell", "gsfw.commands.completion:run"),
         Spec("plugins", "list what is installed, slot by slot", "gsfw.commands.plugins:run"),
         Spec("config", "show every setting, and where it came from", "gsfw.commands.config:run"),
         Spec("doctor", "check what works on this machine, and why not", "gsfw.commands.doctor:run"),

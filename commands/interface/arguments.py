@@ -22,7 +22,11 @@ _OPTION = re.compile(r"--([A-Za-z_][\w.\-]*)")
 
 
 class HelpRequested(Exception):
-    """``--help`` was given; carries the help text."""
+    """``--help`` was given; carries the help text, and the options that it explains."""
+
+    def __init__(self, text: str, options: tuple[type[Options], ...] = ()) -> None:
+        super().__init__(text)
+        self.options = options
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,7 @@ def read(verb: str, kind: type[VerbOptions], tokens: Sequence[str]) -> VerbOptio
 
     arguments = parse(tokens)
     if arguments.flag("help"):
-        raise HelpRequested(options_help(verb, kind))
+        raise HelpRequested(options_help(verb, kind), (kind,))
     places = [item for item in fields(kind) if "word" in item.metadata]
     given = _placed(verb, kind, arguments.words)
     for item in places[len(given) :]:

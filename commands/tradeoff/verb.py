@@ -41,7 +41,7 @@ def run(tokens: list[str]) -> int:
     """Measure a finished model, or train variants."""
     arguments = parse(tokens)
     if arguments.flag("help"):
-        raise HelpRequested(_help())
+        raise _help()
     if names_a_run(arguments):
         from gsfw.commands.tradeoff.model import run as vary
 
@@ -87,7 +87,7 @@ def check_numbers(numbers: Mapping[str, tuple[int, int]], budget: Budget) -> Non
             raise ConfigError(f"budget.{name}={limit:g}: expected a number above 0.")
 
 
-def _help() -> str:
+def _help() -> HelpRequested:
     """The help of both forms."""
     from gsfw.commands.interface.help import options_help
     from gsfw.commands.tradeoff.model import ModelOptions
@@ -95,4 +95,5 @@ def _help() -> str:
 
     trains = options_help("tradeoff", TrainingOptions)
     more = "Every other key is a setting of the runs: gsfw train method=3dgs --help."
-    return "\n\n".join([options_help("tradeoff", ModelOptions), trains, more])
+    text = "\n\n".join([options_help("tradeoff", ModelOptions), trains, more])
+    return HelpRequested(text, (ModelOptions, TrainingOptions))

@@ -1,0 +1,198 @@
+"""Completion in the shells themselves: what they offer after a command line."""
+
+import os
+import pty
+import select
+import shutil
+import subprocess
+import time
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from gsfw.commands.interface.completion_scripts import SCRIPTS, completion_script
+from gsfw.commands.interface.completion_table import START, completion_table
+from gsfw.commands.main import main
+from gsfw.plugins.registry import installed
+
+WAIT = 30.0
+"""Longest answer of a shell, in seconds; a busy machine needs some."""
+
+
+@cache
+def table() -> list[str]:
+    return completion_table(installed())
+
+
+def shell_script(tmp_path: Path, shell: str) -> Path:
+    if shutil.which(shell) is None:
+        pytest.skip(f"no {shell} on this machine; Debian's package is {shell}")
+    path = tmp_path / f"_{shell}"
+    path.write_text(completion_script(shell, table()))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    (tmp_path / "runs" / "fox").mkdir(parents=True)
+    (tmp_path / "runs" / "a b").mkdir()
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def bash(tmp_path):
+    """Gives what bash would offer at the end of a line."""
+    path = shell_script(tmp_path, "bash")
+
+    def offered(line: str, before: str = "") -> list[str]:
+        script = (
+            f"source {path}; {before}\nCOMP_LINE=$1 COMP_POINT=${{#1}}\n_gsfw\n"
+            'printf "%s\\n" "${COMPREPLY[@]}"'
+        )
+        result = subprocess.run(
+            ["bash", "--norc", "-c", script, "bash", line],
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert result.stderr == ""
+        return [word for word in result.stdout.split("\n") if word]
+
+    return offered
+
+
+def test_verbs_and_their_keys_are_offered(bash):
+    assert bash("gsfw trai") == ["train"]
+    assert {"train", "runs", "completion", "--help"} <= set(bash("gsfw "))
+    assert bash("gsfw eval spl") == ["split="]
+    assert bash("gsfw runs com") == ["compare"]
+    assert bash("gsfw config sho") == ["show"]
+
+
+def test_values_of_choices_and_names_of_parts_are_offered(bash):
+    assert bash("gsfw eval split=") == ["eval", "train"]
+    assert bash("gsfw runs state=f") == ["finished"]
+    assert bash("gsfw train method=") == list(installed().slot("method"))
+    assert bash("gsfw train method=3dgs strategy=mc") == ["mcmc"]
+    assert bash("gsfw train json=") == ["true", "false"]
+    assert bash("gsfw export latest format=p") == ["ply"]
+    assert "fast" in bash("gsfw train method=3dgs preset=")
+    assert bash("gsfw resume latest devi") == ["device="]
+
+
+def test_keys_of_a_group_are_offered_once_its_dot_is_there(bash):
+    assert bash("gsfw train method=3dgs opt") == ["optim."]
+    assert "optim.means_lr=" in bash("gsfw train method=3dgs optim.")
+    assert bash("gsfw train method=3dgs callbacks.tens") == ["callbacks.tensorboard."]
+
+
+def test_keys_follow_the_chosen_parts(bash):
+    assert bash("gsfw train method=3dgs strategy=mcmc strategy.cap") == ["strategy.cap_max="]
+    assert bash("gsfw train method=3dgs strategy=adc strategy.cap") == []
+    assert bash("gsfw train method=4dgs hexpl") == ["hexplane."]
+    assert bash("gsfw train method=3dgs hexpl") == []
+
+
+def test_a_key_that_is_given_is_not_offered_again(bash):
+    assert bash("gsfw train seed=1 see") == []
+
+
+def test_runs_and_files_are_offered(bash):
+    assert bash("gsfw eval ")[:2] == ["latest", "runs/"]
+    assert sorted(bash("gsfw eval runs/")) == ["runs/a b/", "runs/fox/"]
+    assert bash("gsfw train data=run") == ["runs/"]
+
+
+def test_an_unknown_verb_has_no_keys(bash):
+    assert bash("gsfw nonsense ") == []
+
+
+def test_where_an_equals_sign_separates_no_words_the_key_is_kept(bash):
+    assert bash("gsfw eval split=tr", "COMP_WORDBREAKS=' '") == ["split=train"]
+
+
+def test_in_an_interactive_bash_tab_completes(tmp_path):
+    path = shell_script(tmp_path, "bash")
+    process, terminal = pty.fork()
+    if process == 0:
+        os.environ["PS1"] = "> "
+        os.execvp("bash", ["bash", "--norc", "--noprofile", "-i"])
+    try:
+        os.write(terminal, f"source {path}; complete -p gsfw\n".encode())
+        wait_for(terminal, b"complete -F _gsfw gsfw")
+        for typed, shown in (
+            ("gsfw trai\t", b"train "), ("meth\t", b"method="), ("4dg\t", b"4dgs "),
+            ("opti\t", b"optim."), ("means_lr_f\t", b"inal="),
+        ):  # fmt: skip
+            os.write(terminal, typed.encode())
+            wait_for(terminal, shown)
+    finally:
+        os.close(terminal)
+        os.waitpid(process, 0)
+
+
+def wait_for(terminal: int, shown: bytes) -> None:
+    """Read a terminal until it shows something."""
+    seen, end = b"", time.monotonic() + WAIT
+    while shown not in seen:
+        ready, _, _ = select.select([terminal], [], [], max(0.0, end - time.monotonic()))
+        assert ready, f"the terminal shows {seen!r}, and never {shown!r}"
+        seen += os.read(terminal, 4096)
+
+
+def test_fish_offers_the_same(tmp_path):
+    path = shell_script(tmp_path, "fish")
+    script = f"source {path}\n" + "".join(
+        f"echo (complete -C '{line}')\n"
+        for line in ("gsfw trai", "gsfw eval split=", "gsfw train method=3dgs opti",
+                     "gsfw train strategy=mcmc strategy.cap", "gsfw eval la")
+    )  # fmt: skip
+    result = subprocess.run(
+        ["fish", "--no-config", "-c", script], capture_output=True, text=True, check=True,
+        env=os.environ | {"HOME": str(tmp_path)},
+    )  # fmt: skip
+    assert result.stdout.splitlines() == [
+        "train", "split=eval split=train", "optim.", "strategy.cap_max=", "latest",
+    ]  # fmt: skip
+
+
+def test_zsh_can_parse_its_script(tmp_path):
+    path = shell_script(tmp_path, "zsh")
+    subprocess.run(["zsh", "-n", str(path)], check=True)
+
+
+def test_the_table_knows_every_verb_and_every_setting(capsys):
+    lines = [line.split("|") for line in table()]
+    verbs = {word for context, word, _ in lines if context == START and word[0] != "-"}
+    assert verbs == set(installed().slot("command"))
+    assert {context.split()[0] for context, _, _ in lines} == {START, *verbs}
+    assert main(["train", "method=3dgs", "--help"]) == 0
+    text = capsys.readouterr().out
+    helped = {line.split("=")[0] for line in text.splitlines() if "=" in line.split(" ")[0]}
+    offered = {word.rstrip("=") for context, word, _ in lines if context.startswith("train")}
+    assert helped - offered == set()
+
+
+def test_a_verb_of_another_package_that_fails_costs_only_its_own_keys(monkeypatch):
+    def fail(tokens):
+        raise SystemExit(3)
+
+    def other(slot, registry):
+        found = load_all(slot, registry)
+        return {**found, "theirs": fail} if slot == "command" else found
+
+    from gsfw.commands.interface.completion_table import load_all
+
+    monkeypatch.setattr("gsfw.commands.interface.completion_table.load_all", other)
+    lines = completion_table(installed())
+    assert "theirs|--help|" in lines
+    assert "eval|split=|eval train" in lines
+
+
+def test_the_verb_prints_a_script_and_names_the_shells(capsys):
+    assert main(["completion", "bash"]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("complete -F _gsfw gsfw")
+    assert main(["completion", "csh"]) == 2
+    assert capsys.readouterr().err == (
+        "error: gsfw completion: there is no script for 'csh'. Did you mean 'zsh'?\n"
+        f"Shells: {', '.join(SCRIPTS)}.\n"
+    )
