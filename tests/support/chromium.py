@@ -230,6 +230,10 @@ class Page:
             path.write_bytes(content)
         return np.asarray(Image.open(BytesIO(content)).convert("RGB"))
 
+    def to_front(self) -> None:
+        """Bring the page to the front: only there the browser draws, and takes the mouse."""
+        self.command("Page.bringToFront")
+
     def messages(self) -> list[Message]:
         """All lines of the console so far; what the browser itself says of the page included."""
         self.evaluate("0")  # Events come in order: those of before are read now.

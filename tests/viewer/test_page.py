@@ -18,6 +18,7 @@ from support.small_scene import SMALL_SCENE
 from support.viewing import OneView, fast_rasterizer, moving_model, served, still_model
 
 from gsfw.viewer.frame import FrameMaker
+from gsfw.viewer.panels import path_panel
 from gsfw.viewer.view_state import CapturedView, Comparison, Pose
 
 pytestmark = [pytest.mark.slow, needs_chromium]
@@ -86,14 +87,21 @@ def psnr(first: np.ndarray, second: np.ndarray) -> float:
     return float(10 * np.log10(255**2 / max(((first - second) ** 2).mean(), 1e-9)))
 
 
+def differ(first: np.ndarray, second: np.ndarray) -> bool:
+    """True if more than noise has changed: one pixel of a thousand, by a tenth of the range."""
+    return float((np.abs(first - second).max(2) > 25).mean()) > 1e-3
+
+
 def test_the_splats_of_the_page_are_those_of_a_direct_render(browser, tmp_path):
     model = still_model(count=400, rasterizer=fast_rasterizer())
     with shown(browser, tmp_path, model) as (session, page):
         settle(session)
-        image = seen(page, "still")
         wanted = FrameMaker([model]).make(viewport(session).state).image[SCENE_BOX].astype(float)
         assert wanted.std() > 10  # There is something to see.
-        assert psnr(image, wanted) >= 35
+        end = time.monotonic() + 30
+        while (found := psnr(seen(page, "still"), wanted)) < 35 and time.monotonic() < end:
+            pass  # viser fades the scene in.
+        assert found >= 35
         assert not [url for url in page.requests() if not url.startswith(session.server.address)]
 
 
@@ -105,7 +113,7 @@ def test_orbiting_changes_the_image(browser, tmp_path):
         page.drag((400, 400), (520, 430))
         settle(session)
         assert viewport(session).state.pose != pose
-        assert psnr(before, seen(page, "orbit-after")) < 35
+        assert differ(before, seen(page, "orbit-after"))
 
 
 def test_the_time_slider_moves_the_scene_and_play_goes_on(browser, tmp_path):
@@ -122,7 +130,7 @@ def test_the_time_slider_moves_the_scene_and_play_goes_on(browser, tmp_path):
         page.click((x, y))
         settle(session)
         assert viewport(session).state.time == pytest.approx(0.9, abs=0.05)
-        assert psnr(before, seen(page, "time-1")) < 35
+        assert differ(before, seen(page, "time-1"))
         page.click_text("Play")
         page.wait_for("[...document.querySelectorAll('button')].some(b => b.innerText === 'Pause')")
         first = viewport(session).state.time
@@ -176,7 +184,9 @@ def _first_view():
     return Split.TRAIN, 0
 
 
-def test_key_frames_become_a_file_and_a_film(browser, tmp_path):
+def test_key_frames_become_a_file_and_a_film(browser, tmp_path, monkeypatch):
+    monkeypatch.setattr(path_panel, "SECONDS", 2.0)
+    monkeypatch.setattr(path_panel, "FPS", 10.0)
     with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
         settle(session)
         page.click_text("Path")
@@ -190,17 +200,19 @@ def test_key_frames_become_a_file_and_a_film(browser, tmp_path):
         wait_for_file(tmp_path / "paths" / "path.json")
         document = json.loads((tmp_path / "paths" / "path.json").read_text())
         assert len(document["key_frames"]) == 2
+        home = viewport(session).state.pose
         page.click_text("Preview")
-        before = viewport(session).state.pose
-        time.sleep(2.0)
-        assert viewport(session).state.pose != before
+        end = time.monotonic() + 20
+        while viewport(session).state.pose == home and time.monotonic() < end:
+            time.sleep(0.01)
+        assert viewport(session).state.pose != home
         page.click_text("Render film")
         page.screenshot(Path(SHOTS) / "path.png" if SHOTS else None)
         films = wait_for_file(tmp_path / "films" / "path.mp4", tmp_path / "films" / "path.webp")
         assert films.stat().st_size > 1000
 
 
-def wait_for_file(*paths: Path, seconds: float = 240.0) -> Path:
+def wait_for_file(*paths: Path, seconds: float = 60.0) -> Path:
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         for path in paths:
@@ -216,13 +228,19 @@ def test_two_pages_have_their_own_cameras_and_one_that_dies_harms_no_other(brows
         other = browser.open(session.server.address)
         other.wait_for("document.body.innerText.includes('Channel')")
         settle(session)
+        page.to_front()
         page.drag((400, 400), (520, 430))
         settle(session, 0)
         settle(session, 1)
         assert viewport(session, 0).state.pose != viewport(session, 1).state.pose
-        assert psnr(seen(page, "page-one"), seen(other, "page-two")) < 35
+        other.to_front()
+        second = seen(other, "page-two")
+        page.to_front()
+        assert differ(seen(page, "page-one"), second)
+        other.to_front()
         other.drag((400, 400), (420, 430))
         other.close()  # In mid-frame.
+        page.to_front()
         page.drag((400, 400), (450, 430))
         end = time.monotonic() + 20
         while session.session.service.pages > 1 and time.monotonic() < end:
@@ -237,7 +255,7 @@ def test_two_runs_are_compared_in_one_page(browser, tmp_path):
         settle(session)
         assert viewport(session).state.comparison is Comparison.SIDE_BY_SIDE
         image = seen(page, "compare")
-        assert psnr(image[:, :290], image[:, 640:930]) < 30
+        assert differ(image[:, :290], image[:, 640:930])
         assert "one | two" in page.text()
 
 
@@ -283,6 +301,7 @@ def test_pause_stops_the_counter_of_steps_and_resume_starts_it(browser, training
     page.screenshot(Path(SHOTS) / "training.png" if SHOTS else None)
     page.click_text("Checkpoint")
     wait_for_file(run / "checkpoints" / f"step_{held:09d}.pt")
+    page.wait_for("document.body.innerText.includes('last checkpoint')")  # It moves the button.
     page.click_text("Export PLY")
     wait_for_file(run / "exports" / f"step_{held:06d}.ply")
     page.click_text("Resume")

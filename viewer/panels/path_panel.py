@@ -12,7 +12,14 @@ import numpy as np
 from viser import Icon
 
 from gsfw.core.errors import UserError
-from gsfw.rendering.key_frames import CameraPath, KeyFrame, camera_path_of, write_camera_path
+from gsfw.rendering.key_frames import (
+    FPS,
+    SECONDS,
+    CameraPath,
+    KeyFrame,
+    camera_path_of,
+    write_camera_path,
+)
 from gsfw.viewer.film_task import FilmOrder, film_task
 from gsfw.viewer.key_frames import PathStates, key_frame, pose_of
 from gsfw.viewer.panels.panel import Panel
@@ -54,8 +61,8 @@ class PathPanel(Panel):
     def _build_film(self) -> None:
         gui = self._page.client.gui
         with gui.add_folder("Film"):
-            self._seconds = gui.add_slider("Seconds", 1.0, 60.0, 0.5, 6.0)
-            self._fps = gui.add_slider("Frames/s", 10, 60, 5, 30)
+            self._seconds = gui.add_slider("Seconds", 1.0, 60.0, 0.5, SECONDS)
+            self._fps = gui.add_slider("Frames/s", 10, 60, 5, round(FPS))
             self._closed = gui.add_checkbox("Closed loop", False)
             self._height = gui.add_dropdown("Height", HEIGHTS, initial_value="720")
             preview = gui.add_button("Preview", icon=Icon.PLAYER_PLAY, color="gray")
