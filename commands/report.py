@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from gsfw.commands.interface.arguments import Options, read, words
 
 if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import RunArgument
     from gsfw.reports.drawing import DrawingRule
     from gsfw.reports.run_report import Opened
@@ -77,9 +78,10 @@ def run(arguments: list[str]) -> int:
     rule = DrawingRule(options.views, options.frames, choose_error(options.error))
     if len(found) == 1:
         out = Path(options.out) if options.out else None
-        path = write_run_report(found[0].folder, _open(found[0], options), rule, out)
+        opened = _open(found[0], options, console)
+        path = write_run_report(found[0].folder, opened, rule, out)
     else:
-        path = _compare(found, options, rule)
+        path = _compare(found, options, rule, console)
     size = path.stat().st_size
     console.say(f"report: {path} ({size_text(size)})")
     console.say(f"open it in a browser: {path.resolve().as_uri()}")
@@ -98,17 +100,20 @@ def _check(options: ReportOptions) -> None:
         )
 
 
-def _compare(found: list[RunArgument], options: ReportOptions, rule: DrawingRule) -> Path:
+def _compare(
+    found: list[RunArgument], options: ReportOptions, rule: DrawingRule, console: Console
+) -> Path:
+    """Write the page of several runs."""
     from gsfw.reports.comparison import MOST_COMPARED, check_count, write_comparison
     from gsfw.reports.run_record import read_run
 
     check_count(len(found))
-    runs = [(read_run(item.folder), _open(item, options)) for item in found]
+    runs = [(read_run(item.folder), _open(item, options, console)) for item in found]
     limited = min(options.views, MOST_COMPARED)
     return write_comparison(runs, replace(rule, views=limited), Path(options.out or COMPARISON))
 
 
-def _open(found: RunArgument, options: ReportOptions) -> Opened:
+def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opened:
     """The run's model; why not, if its data or a part of it is not here."""
     from gsfw.commands.interface.runs import open_run
     from gsfw.core.errors import UserError
@@ -125,6 +130,8 @@ def _open(found: RunArgument, options: ReportOptions) -> Opened:
     except UserError as error:
         if given:  # What the user has just said is wrong.
             raise
-        return Opened(None, error.message)
+        why = " ".join(f"{error.message} {error.advice}".split())
+        console.warn(f"{found.name} is not drawn anew: {why}")
+        return Opened(None, why)
     composition = restored.composition
     return Opened(Model(composition.parts, composition.plan.settings, restored.step))

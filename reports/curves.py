@@ -82,7 +82,9 @@ def time_chart(records: list[RunRecord], names: tuple[str, ...] = ()) -> Chart |
                 curves.append(Curve(f"{prefix}{what}", points, color, style))
     if not curves:
         return None
-    return Chart("PSNR of held-out views", "time, in the data's unit", tuple(curves), unit="dB")
+    return Chart(
+        "PSNR of held-out views over time", "time, in the data's unit", tuple(curves), unit="dB"
+    )
 
 
 def _over_time(record: RunRecord, key: str) -> list[Point]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Float, UInt8
 
 from gsfw.core.errors import UnavailableError
 from gsfw.core.maths.flip import flip_map, unavailable
+from gsfw.rendering.color_maps import colored
 
 ErrorKind = Literal["auto", "flip", "absolute"]
 
@@ -60,14 +60,7 @@ def choose_error(kind: ErrorKind) -> ErrorImage:
 
 
 def in_colors(values: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
-    """Values in [0, 1] in the colours of FLIP's paper: magma."""
-    places = (np.nan_to_num(values).clip(0, 1) * 255).round().astype(np.uint8)
-    return _magma()[places]
-
-
-@lru_cache(maxsize=1)
-def _magma() -> UInt8[np.ndarray, "256 3"]:
-    from matplotlib import colormaps
-
-    colors: np.ndarray = colormaps["magma"](np.arange(256), bytes=True)[:, :3]
-    return colors
+    """Values in [0, 1] in the colours of FLIP's paper, magma; dark grey where not finite."""
+    colors = colored(torch.from_numpy(values.astype(np.float32)), 0.0, 1.0, "magma")
+    pixels: np.ndarray = (colors * 255).round().byte().numpy()
+    return pixels

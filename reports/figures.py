@@ -96,7 +96,6 @@ def _text_tile(what: str, value: str, more: str = "", unit: str = "") -> Markup:
 
 def protocol(record: RunRecord) -> Markup:
     """How the figures were measured, and the definitions of the baselines."""
-    found = {**record.protocol}
     known = record.evaluation.get("baselines")
     definitions = (
         {f"baseline: {key.replace('_', ' ')}": text for key, text in known.items()}
@@ -104,7 +103,7 @@ def protocol(record: RunRecord) -> Markup:
         else {}
     )
     rows = {
-        **{key.replace("_", " "): value for key, value in found.items()},
+        **{key.replace("_", " "): value for key, value in record.protocol.items()},
         **{key: text for key, text in definitions.items() if isinstance(text, str)},
     }
     if not rows:

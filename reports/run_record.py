@@ -51,7 +51,9 @@ class RunRecord:
     problems: tuple[str, ...] = ()
     """Files that cannot be read, a sentence each."""
     steps_done: int = 0
+    """By its log and its latest checkpoint."""
     protocol: Mapping[str, Any] = field(default_factory=dict)
+    """Measurement protocol of the latest evaluation."""
 
     @property
     def name(self) -> str:

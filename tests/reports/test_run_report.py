@@ -148,6 +148,8 @@ def test_where_the_data_is_gone_the_images_of_the_earlier_page_are_shown(own_run
     page = parsed(own_run / PAGE)
     assert "The images are those of an earlier report:" in page.text
     assert "/nowhere/capture" in page.text
+    assert "data=PATH" in page.text
+    assert f"warning: {own_run} is not drawn anew:" in capsys.readouterr().err
     assert len(page.views()) == 2
     assert stored_pictures(RunFolder(own_run)) == before
     shutil.rmtree(own_run / "report")
@@ -224,7 +226,7 @@ def test_figures_of_a_moving_scene_have_their_curve_over_time(tmp_path):
     folder = write_run(tmp_path / "run", {"a": 20.0}, over_time=points, moving_psnr=12.0)
     page = page_of(folder)
     labels = [svg["aria-label"] for svg in page.all("svg")]
-    assert "PSNR of held-out views: all pixels, moving pixels" in labels
+    assert "PSNR of held-out views over time: all pixels, moving pixels" in labels
     assert "PSNR of what moves" in page.text
 
 
