@@ -14,6 +14,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("resume", "go on with a run that was stopped", "gsfw.commands.resume:run"),
         Spec("eval", "measure a run on its held-out views", "gsfw.commands.eval:run"),
         Spec("render", "render images of a run", "gsfw.commands.render:run"),
+        Spec("report", "write one page of a run, or of several", "gsfw.commands.report:run"),
         Spec("view", "look at a trained model in the browser", "gsfw.commands.view:run"),
         Spec("open", "the same for the latest run", "gsfw.commands.open:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),

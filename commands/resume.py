@@ -28,6 +28,7 @@ CHANGEABLE = (
     "gpu_cache_mb",
     "validation",
     "max_skipped",
+    "report",
     "callbacks",
 )
 """Settings, and groups of settings, that may change on resuming; the others are fixed."""

@@ -312,6 +312,8 @@ class MethodConfig(ABC):
     """Checks of rasterizer inputs in the loop: cheap or full."""
     max_skipped: int = number(20, at_least=1)
     """Steps in a row that may be skipped because they were not finite before the run stops."""
+    report: bool = True
+    """Write report.html, one page to look at and to send, at the end of a completed run."""
     optim: OptimConfig = field(default_factory=OptimConfig)
     rasterizer: RasterizerConfig | None = None
     strategy: StrategyConfig | None = None

@@ -25,6 +25,10 @@ MAY_IMPORT = {
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
+    "reports": {
+        *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering"),
+        "gsfw.reports",
+    },
     "viewer": {
         "gsfw.callbacks.remaining_time",
         *("gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"),

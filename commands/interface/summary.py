@@ -143,7 +143,8 @@ def file_rows(folder: RunFolder, others: Iterable[Path] = ()) -> list[Row]:
         folder: of the run.
         others: further files of this run.
     """
-    looked_at = (folder.splats, *others, folder.requirements_plot, folder.summary, folder.log)
+    results = (folder.report, folder.splats, *others)
+    looked_at = (*results, folder.requirements_plot, folder.summary, folder.log)
     files = [
         f"{path.name} ({size(path.stat().st_size)})" if path == folder.splats else path.name
         for path in looked_at

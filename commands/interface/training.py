@@ -27,6 +27,7 @@ from gsfw.plugins.compose import Composition
 from gsfw.plugins.loading import load
 from gsfw.plugins.registry import installed
 from gsfw.plugins.snapshot import snapshot
+from gsfw.reports.run_report import report_training
 from gsfw.studies.requirements.report import RequirementsReport
 
 
@@ -73,6 +74,8 @@ def run_training(trainer: Trainer, console: Console) -> int:
             if summary["completed"]:
                 ending.invisible = write_splats(trainer, console)
                 ending.learnt = write_corrections(trainer.parts, folder.path)
+                if trainer.info.settings["report"]:
+                    report_training(trainer)
     finally:
         trainer.parts.data.close()
     _tell(summary, trainer, console, ending)

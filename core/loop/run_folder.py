@@ -73,6 +73,11 @@ class RunFolder:
         return self.path / "requirements.png"
 
     @property
+    def report(self) -> Path:
+        """One page of all of it, to look at and to send."""
+        return self.path / "report.html"
+
+    @property
     def log(self) -> Path:
         """Log messages and tracebacks."""
         return self.path / "log.txt"
@@ -178,6 +183,17 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
             "It was written by another version of gsfw; use that one to read it.",
         )
     return state
+
+
+def checkpoint_environment(path: Path) -> dict[str, Any]:
+    """The machine of a checkpoint, without its tensors; empty if it cannot be read."""
+    import torch
+
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+        return dict(state["environment"])
+    except Exception:  # It may be damaged in as many ways as there are in a zip and a pickle.
+        return {}
 
 
 def _upgraded(state: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,9 +12,10 @@ from torch import Tensor
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import UserError
+from gsfw.core.maths.flip import unavailable
 from gsfw.studies.tradeoff.file_round_trip import FileRoundTrip, round_trips
 from gsfw.studies.tradeoff.finished_model import FinishedModel, evenly
-from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip, unavailable
+from gsfw.studies.tradeoff.flip import MOST_VIEWS, flip
 from gsfw.studies.tradeoff.measurement import Exact, Turn
 from gsfw.studies.tradeoff.record import Record, RecordStore, VariantKey
 from gsfw.studies.tradeoff.subject import Subject

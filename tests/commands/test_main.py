@@ -66,7 +66,9 @@ def test_an_unknown_verb_suggests_the_nearest():
     assert result.stderr == (
         "error: gsfw has no verb 'trian'. Did you mean 'train'?\n"
         "Verbs: bench, check, completion, config, doctor, eval, export, info, open, plugins, "
-        "prepare, render, resume, runs, stress, study, tradeoff, train, view. See gsfw --help.\n"
+        "prepare, render, report, resume, runs, stress, study, tradeoff, train, view. "
+        "See gsfw --help.
+"
     )
 
 

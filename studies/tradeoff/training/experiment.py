@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.config import AUTO
+from gsfw.core.maths.flip import unavailable
 from gsfw.core.random_start import random_count
 from gsfw.plugins.values import as_text
 from gsfw.studies.origin import cores, origin
@@ -173,7 +174,7 @@ class Experiment:
     @property
     def without_flip(self) -> list[PlannedRun]:
         """Runs without FLIP, where it can be measured."""
-        if flip.unavailable():
+        if unavailable():
             return []
         results = self.shop.store.results
         return [run for run in self._made() if FLIP not in results[run.cell.key].figures]

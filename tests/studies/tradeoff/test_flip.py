@@ -5,7 +5,7 @@ import sys
 import pytest
 import torch
 
-from gsfw.studies.tradeoff import flip as module
+from gsfw.core.maths import flip as module
 from gsfw.studies.tradeoff.finished_model import LeftOut
 from gsfw.studies.tradeoff.flip import flip, left_out
 

@@ -1,0 +1,137 @@
+"""`gsfw report RUN`: one self-contained page of a run, or of several side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from gsfw.commands.interface.arguments import Options, read, words
+
+if TYPE_CHECKING:
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import RunArgument
+    from gsfw.reports.drawing import DrawingRule
+    from gsfw.reports.run_report import Opened
+
+COMPARISON = "comparison.html"
+"""The page of several runs without out=FILE, in the current folder."""
+
+MOST_FRAMES, MOST_IMAGES = 72, 18
+"""Bounds of the options: a page has a bounded size."""
+
+
+@dataclass(kw_only=True)
+class ReportOptions(Options):
+    """Write one page to look at and to send: of a run, or of several compared."""
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw report latest",
+        "gsfw report runs/first runs/second out=both.html",
+        "gsfw report runs/first views=5 error=absolute",
+    )
+
+    runs: tuple[str, ...] = words("RUN...")
+    """Run folders, checkpoints, or latest. Several are compared."""
+    out: str = ""
+    """The page. Empty: report.html in the run; comparison.html here for several runs."""
+    views: int = 9
+    """Most views with images: the worst, the median and the best. Compared: at most 6, those that
+    differ most."""
+    frames: int = 36
+    """Frames of the film around the scene; 0: none."""
+    error: Literal["auto", "flip", "absolute"] = "auto"
+    """Error images: flip (pip install 'gsfw[flip]'), absolute, or auto: flip if it is installed."""
+    images: Literal["auto", "stored"] = "auto"
+    """Where from: auto draws them from checkpoint and data, or takes those of an earlier report
+    where it cannot; stored takes these in any case, which is quick."""
+    data: str = ""
+    """Place of the data set. Empty: its place in training."""
+    device: str = ""
+    """Device: auto, cpu, cuda or cuda:N. Empty: that of the training."""
+
+
+def run(arguments: list[str]) -> int:
+    """Write the page, and print its place."""
+    options = read("report", ReportOptions, arguments)
+    _check(options)
+    from gsfw.commands.interface.progress import load_torch
+
+    load_torch()
+
+    from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import find_run
+    from gsfw.core.errors import ConfigError
+    from gsfw.reports.drawing import DrawingRule
+    from gsfw.reports.error_image import choose_error
+    from gsfw.reports.page import size_text
+    from gsfw.reports.run_report import write_run_report
+
+    console = Console(options.json)
+    found = [find_run(text, console.say) for text in options.runs]
+    for argument in found:
+        if argument.model_file is not None:
+            raise ConfigError(
+                f"{argument.name} is a model file: it has no figures to report.",
+                "Give the folder of the run that it was exported from.",
+            )
+    rule = DrawingRule(options.views, options.frames, choose_error(options.error))
+    if len(found) == 1:
+        out = Path(options.out) if options.out else None
+        opened = _open(found[0], options, console)
+        path = write_run_report(found[0].folder, opened, rule, out)
+    else:
+        path = _compare(found, options, rule, console)
+    size = path.stat().st_size
+    console.say(f"report: {path} ({size_text(size)})")
+    console.say(f"open it in a browser: {path.resolve().as_uri()}")
+    console.result({"runs": [item.name for item in found], "report": str(path), "bytes": size})
+    return 0
+
+
+def _check(options: ReportOptions) -> None:
+    """Refuse invalid numbers before anything is loaded."""
+    from gsfw.core.errors import ConfigError
+
+    if not (1 <= options.views <= MOST_IMAGES and 0 <= options.frames <= MOST_FRAMES):
+        raise ConfigError(
+            f"views={options.views} frames={options.frames}: expected 1 to {MOST_IMAGES} views and "
+            f"0 to {MOST_FRAMES} frames."
+        )
+
+
+def _compare(
+    found: list[RunArgument], options: ReportOptions, rule: DrawingRule, console: Console
+) -> Path:
+    """Write the page of several runs."""
+    from gsfw.reports.comparison import MOST_COMPARED, check_count, write_comparison
+    from gsfw.reports.run_record import read_run
+
+    check_count(len(found))
+    runs = [(read_run(item.folder), _open(item, options, console)) for item in found]
+    limited = min(options.views, MOST_COMPARED)
+    return write_comparison(runs, replace(rule, views=limited), Path(options.out or COMPARISON))
+
+
+def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opened:
+    """The run's model; why not, if its data or a part of it is not here."""
+    from gsfw.commands.interface.runs import open_run
+    from gsfw.core.errors import UserError
+    from gsfw.plugins.registry import installed
+    from gsfw.plugins.settings import COMMAND_LINE, Layer
+    from gsfw.reports.drawing import Model
+    from gsfw.reports.run_report import Opened
+
+    if options.images == "stored":
+        return Opened(None)
+    given = {key: text for key in ("data", "device") if (text := getattr(options, key))}
+    try:
+        restored = open_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
+    except UserError as error:
+        if given:  # What the user has just said is wrong.
+            raise
+        why = " ".join(f"{error.message} {error.advice}".split())
+        console.warn(f"{found.name} is not drawn anew: {why}")
+        return Opened(None, why)
+    composition = restored.composition
+    return Opened(Model(composition.parts, composition.plan.settings, restored.step))

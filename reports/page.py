@@ -1,0 +1,62 @@
+"""Page: the skeleton of a report; all it needs is within it, and it cannot reach a network."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+
+from gsfw.plugins.specs import PROJECT
+from gsfw.reports.markup import NOTHING, Child, Markup, div, element
+
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""Content security policy: a browser loads nothing for the page, whatever its texts hold."""
+
+MOST_BYTES = 4_000_000
+"""Size that no page is above: numbers of images, their bytes, rows and points are bounded."""
+
+_SIZE = Markup("<!--size-->")
+"""Where the size of the page goes; no escaped text looks like it."""
+
+_HOME = Path(__file__).parent
+
+
+def write_page(title: str, body: Child, left_out: str = "") -> str:
+    """A whole page.
+
+    Args:
+        title: title in the browser.
+        body: its sections.
+        left_out: what is not on the page for its size, as a sentence.
+    """
+    head = [
+        element("meta", (), {"charset": "utf-8"}),
+        element("meta", (), {"http-equiv": "Content-Security-Policy", "content": POLICY}),
+        element("meta", (), {"name": "viewport", "content": "width=device-width, initial-scale=1"}),
+        element("meta", (), {"name": "referrer", "content": "no-referrer"}),
+        element("title", title),
+        element("style", Markup((_HOME / "page.css").read_text(encoding="utf-8"))),
+    ]
+    script = element("script", Markup((_HOME / "page.js").read_text(encoding="utf-8")))
+    footer = element(
+        "footer",
+        [
+            f"Made by gsfw {metadata.version(PROJECT)}. This file of ",
+            _SIZE,
+            f" holds all it shows and loads nothing; no report is above {size_text(MOST_BYTES)}. ",
+            left_out,
+        ],
+    )
+    content = [element("head", head), element("body", [body, footer, _dialog(), script])]
+    text = f"<!doctype html>\n{element('html', content, {'lang': 'en'})}\n"
+    return text.replace(_SIZE, size_text(len(text.encode())), 1)
+
+
+def size_text(count: int) -> str:
+    """A number of bytes for people."""
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.0f} kB"
+
+
+def _dialog() -> Markup:
+    """Where images of views are shown large."""
+    image = element("img", NOTHING, {"alt": ""})
+    return element("dialog", [image, div("choices"), div("named")], {"aria-label": "view, large"})

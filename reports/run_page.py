@@ -1,0 +1,131 @@
+"""Run page: the report of one run."""
+
+from __future__ import annotations
+
+import time
+
+from gsfw.reports.curves import time_section, training_section
+from gsfw.reports.figures import callouts, headline, protocol, tiles
+from gsfw.reports.markup import NOTHING, Markup, aspect, div, element, span, webp_uri
+from gsfw.reports.page import write_page
+from gsfw.reports.pictures import Pictures
+from gsfw.reports.provenance import environment_section, messages_section, settings_section
+from gsfw.reports.requirements import requirements_section
+from gsfw.reports.run_record import RunRecord
+from gsfw.reports.view_table import view_section
+
+HERO_HEIGHT = 430
+"""Most height of the images at the top, in CSS pixels."""
+
+
+def run_page(record: RunRecord, pictures: Pictures | None, notes: list[str]) -> str:
+    """The page of a run.
+
+    Args:
+        record: the facts of its folder.
+        pictures: its images; ``None`` if there are none.
+        notes: what the reader has to know of this page, as sentences.
+    """
+    said = [*state_notes(record), *notes, *record.problems]
+    body = [
+        _header(record),
+        _hero(record, pictures),
+        *callouts(record, said),
+        protocol(record),
+        view_section(record, pictures),
+        training_section(record),
+        time_section(record),
+        requirements_section(record),
+        messages_section(record),
+        settings_section(record),
+        environment_section(record),
+    ]
+    return write_page(f"{record.scene}: {record.method}", body, _left_out(record, pictures))
+
+
+def _left_out(record: RunRecord, pictures: Pictures | None) -> str:
+    """The number of views without images."""
+    shown = 0 if pictures is None else len(pictures.views)
+    missing = len(record.per_view) - shown
+    if not shown or missing <= 0:
+        return ""
+    return f"Images of {missing:,} of {len(record.per_view):,} views are left out for its size."
+
+
+def _header(record: RunRecord) -> Markup:
+    settings = record.settings
+    parts = [f"method {record.method}"]
+    parts += [f"{key} {settings[key]}" for key in ("strategy", "rasterizer") if settings.get(key)]
+    device = record.environment.get("device") or settings.get("device")
+    parts += [f"device {device}"] if device else []
+    parts += [f"{record.steps_done:,} steps"] if record.steps_done else []
+    return element(
+        "header",
+        [
+            div("over", f"gsfw report, {time.strftime('%d %B %Y')}, {record.folder.path.name}"),
+            element("h1", [record.scene, state(record)]),
+            div("about", " · ".join(parts)),
+            element("p", headline(record), {"class": "summary"}),
+        ],
+    )
+
+
+def state(record: RunRecord) -> Markup:
+    """Whether the run is finished and its result sound, in a word or two."""
+    if not record.is_finished:
+        return span("pill warn", "not finished")
+    if any(item.get("collapse") for item in record.findings):
+        return span("pill bad", "not sound")
+    return span("pill warn", "see findings") if record.findings else span("pill", "finished")
+
+
+def state_notes(record: RunRecord) -> list[str]:
+    """What an unfinished run or one without held-out views lacks, and what to do."""
+    notes = []
+    path = record.folder.path
+    if not record.summary and record.steps_done >= record.steps > 0:
+        notes.append(
+            f"All {record.steps:,} steps are done, but there are no final figures: the run was "
+            f"stopped in its last evaluation, or callbacks.results was off. Make them with: "
+            f"gsfw eval {path}"
+        )
+    elif not record.is_finished:
+        of = f" of {record.steps:,}" if record.steps else ""
+        step = record.evaluated_step
+        figures = (
+            f"Its figures are those after step {step:,}."
+            if step is not None
+            else "It was not evaluated yet."
+        )
+        notes.append(
+            f"This run is not finished: it has done {record.steps_done:,}{of} steps. {figures} If "
+            f"it was stopped, go on with: gsfw resume {path}"
+        )
+    elif record.summary.get("views") == 0:
+        notes.append(
+            "No view is held out, so nothing tells how new views look: hold some out with "
+            "holdout_every=8."
+        )
+    return notes
+
+
+def _hero(record: RunRecord, pictures: Pictures | None) -> Markup:
+    """A film around the scene and the median view, beside the main figures."""
+    shown: list[tuple[bytes, str, str]] = []
+    if pictures is not None and pictures.orbit:
+        words = "Around the scene while time passes" if pictures.is_moving else "Around the scene"
+        shown.append((pictures.orbit, words, "film"))
+    if pictures is not None and pictures.still:
+        words = f"Render of the median view, {pictures.still_name}"
+        shown.append((pictures.still, words, "still"))
+    ratios = [aspect(content) for content, _, _ in shown]
+    figures = []
+    for (content, words, kind), ratio in zip(shown, ratios, strict=True):
+        image = element("img", NOTHING, {"src": webp_uri(content), "alt": words})
+        body = [image, element("figcaption", words)]
+        # Widths in proportion to the ratios give all images one height.
+        style = {"class": kind, "style": f"flex:{ratio:.3f} 1 0"}
+        figures.append(element("figure", body, style))
+    limit = {"class": "pictures", "style": f"max-width:{sum(ratios) * HERO_HEIGHT:.0f}px"}
+    pictured = [element("div", figures, limit)] if figures else []
+    return div("hero", [*pictured, tiles(record)])

@@ -1,0 +1,166 @@
+"""View table: every compared view, the worst first, some with photo, render and error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from gsfw.reports.markup import (
+    NOTHING,
+    Child,
+    Markup,
+    div,
+    element,
+    folded,
+    join,
+    section,
+    span,
+    table,
+    webp_uri,
+)
+from gsfw.reports.pictures import Pictures, ViewPicture
+from gsfw.reports.run_record import RunRecord, number
+
+KINDS = (("target", "ground truth"), ("rendered", "render"), ("error", "error"))
+
+MOST_ROWS = 400
+"""Most views that are listed: the worst ones."""
+
+SHORT = 4
+"""Stretches of up to so many views without images are not folded."""
+
+MOST_FIGURES = 5
+"""Most columns of figures; the result files have all of them."""
+
+View = Mapping[str, Any]
+
+
+def view_section(record: RunRecord, pictures: Pictures | None) -> Markup:
+    """The table, and what its images show."""
+    views = record.per_view
+    drawn = {} if pictures is None else {view.name: view for view in pictures.views}
+    if not views and pictures is not None and pictures.views:
+        views = [{"name": view.name, "psnr": view.psnr} for view in pictures.views]
+    if not views:
+        return section("views", "Views", element("p", "No view was compared."))
+    split = "training" if pictures is not None and pictures.split == "train" else "held-out"
+    if record.per_view:
+        split = "held-out"
+    names = figure_names(views)
+    body = [_stretch(part, names, drawn, _range(views)) for part in _stretches(views, drawn)]
+    left_out = len(views) - MOST_ROWS
+    if left_out > 0:
+        body.append(element("p", f"{left_out:,} better views are left out.", {"class": "lead"}))
+    title = f"{split.capitalize()} views, the worst first"
+    return section("views", title, body, _lead(views, drawn, pictures))
+
+
+def figure_names(views: Sequence[View]) -> list[str]:
+    """Names of the figures of views, in their order."""
+    names = dict.fromkeys(
+        name for view in views for name, value in view.items() if number(value) is not None
+    )
+    return list(names)[:MOST_FIGURES]
+
+
+def _lead(
+    views: Sequence[View], drawn: Mapping[str, ViewPicture], pictures: Pictures | None
+) -> list[Child]:
+    """How many views have images, and the scale of the errors."""
+    shown = sum(view["name"] in drawn for view in views)
+    if pictures is None or not shown:
+        return ["Sorted by PSNR. There are no images."]
+    which = "All have images" if shown == len(views) else f"{shown} have images"
+    labels = any(view.label for view in pictures.views)
+    detail = " (the worst, the median and the best)" if labels else ""
+    text = f"{len(views)} views sorted by PSNR. {which}{detail}; click one to flip through it. "
+    return [text, f"Error: {pictures.error}", span("scale")]
+
+
+def _stretches(
+    views: Sequence[View], drawn: Mapping[str, ViewPicture]
+) -> Iterable[tuple[bool, list[View]]]:
+    """Neighbouring views with images, and without, in turn."""
+    stretch: list[View] = []
+    for view in views[:MOST_ROWS]:
+        if stretch and (stretch[-1]["name"] in drawn) != (view["name"] in drawn):
+            yield stretch[-1]["name"] in drawn, stretch
+            stretch = []
+        stretch.append(view)
+    if stretch:
+        yield stretch[-1]["name"] in drawn, stretch
+
+
+def _stretch(
+    part: tuple[bool, list[View]],
+    names: Sequence[str],
+    drawn: Mapping[str, ViewPicture],
+    limits: tuple[float, float],
+) -> Markup:
+    """A table of views that all have images, or that all have none."""
+    with_images, views = part
+    head = ["view", *(title(name) for name in names)]
+    if not with_images:
+        listed = table(
+            head, ([str(view["name"]), *_cells(view, names, limits)] for view in views), "rest"
+        )
+        if len(views) <= SHORT:
+            return listed
+        values = [value for view in views if (value := number(view.get("psnr"))) is not None]
+        between = f", {min(values):.2f} to {max(values):.2f} dB" if values else ""
+        return folded(f"{len(views):,} more views{between}", listed)
+    titles = [element("th", text, {"scope": "col"}) for text in head]
+    titles += [element("th", text, {"scope": "col", "class": "image"}) for _, text in KINDS]
+    rows = [element("tr", _row(view, names, drawn[view["name"]], limits)) for view in views]
+    body = [element("thead", element("tr", titles)), element("tbody", rows)]
+    return div("wide", element("table", body, {"class": "views"}))
+
+
+def _row(
+    view: View, names: Sequence[str], picture: ViewPicture, limits: tuple[float, float]
+) -> list[Markup]:
+    """The cells of a view with images."""
+    tag = div(f"tag {picture.label}", picture.label) if picture.label else NOTHING
+    cells = [element("td", [div("name", str(view["name"])), tag])]
+    for name, cell in zip(names, _cells(view, names, limits), strict=True):
+        cells.append(element("td", [span("label", f"{title(name)} "), cell]))
+    for kind, text in KINDS:
+        attributes = {
+            "src": webp_uri(getattr(picture, kind)),
+            "alt": f"{view['name']}: {text}",
+            "data-kind": text,
+            "loading": "lazy",
+        }
+        image = element("img", NOTHING, attributes)
+        cells.append(element("td", [image, span("label", text)], {"class": "image"}))
+    return cells
+
+
+def _cells(view: View, names: Sequence[str], limits: tuple[float, float]) -> list[Markup]:
+    """The figures of a view; PSNR with a bar from the worst view to the best."""
+    cells = []
+    for name in names:
+        value = number(view.get(name))
+        shown = join("-" if value is None else figure_text(name, value))
+        if name == "psnr" and value is not None and limits[1] > limits[0]:
+            share = 0.04 + 0.96 * (value - limits[0]) / (limits[1] - limits[0])
+            bar = element("i", NOTHING, {"style": f"width:{100 * share:.1f}%"})
+            shown = join([shown, element("span", bar, {"class": "bar"})])
+        cells.append(shown)
+    return cells
+
+
+def title(name: str) -> str:
+    """A figure's name for people."""
+    words = name.replace("_", " ")
+    return words.replace("psnr", "PSNR").replace("ssim", "SSIM")
+
+
+def figure_text(name: str, value: float) -> str:
+    """A figure of a view."""
+    return f"{value:.2f}" if "psnr" in name else f"{value:.4g}"
+
+
+def _range(views: Sequence[View]) -> tuple[float, float]:
+    values = [value for view in views if (value := number(view.get("psnr"))) is not None]
+    return (min(values), max(values)) if values else (0.0, 0.0)

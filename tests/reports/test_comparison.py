@@ -1,0 +1,100 @@
+"""Several runs on one page: names, common views, and what makes figures incomparable."""
+
+import pytest
+from support.report_pages import parsed
+from support.report_runs import PROTOCOL, write_run
+from support.small_scene import SMALL_SCENE
+
+from gsfw.commands.main import main
+from gsfw.reports.comparison import ComparedRun, common_views, labels, write_comparison
+from gsfw.reports.comparison_page import unalike
+from gsfw.reports.drawing import DrawingRule
+from gsfw.reports.error_image import ErrorImage
+from gsfw.reports.pictures import Pictures, ViewPicture
+from gsfw.reports.run_record import read_run
+from gsfw.reports.run_report import Opened
+
+RULE = DrawingRule(6, 0, ErrorImage(is_flip=False))
+
+
+def record(path, psnrs, **more):
+    return read_run(write_run(path, psnrs, **more))
+
+
+def stored(*names):
+    return Pictures(1, "eval", "", tuple(ViewPicture(n, "", 1.0, b"", b"", b"") for n in names))
+
+
+def test_two_runs_share_a_page_with_their_views_side_by_side(trained, tmp_path, capsys):
+    runs = [str(trained("method=3dgs", *SMALL_SCENE, f"steps={steps}")) for steps in (20, 10)]
+    out = tmp_path / "both.html"
+    assert main(["report", *runs, "frames=4", f"out={out}"]) == 0
+    page = parsed(out)
+    slides = [image for image in page.all("img") if "data-run" in image]
+    assert [image["data-run"] for image in slides] == ["0", "1", "2"] * 2
+    assert [image.get("class") for image in slides[:3]] == ["left", "right", None]
+    assert len(page.all("select")) == 2
+    assert len(page.images()) == len(slides) + 2
+    assert "steps" in page.text
+    assert f"report: {out} (" in capsys.readouterr().out
+
+
+def test_views_come_first_whose_psnr_differs_most(tmp_path):
+    one = record(tmp_path / "one", {"a": 20.0, "b": 20.0, "c": 20.0, "d": 20.0})
+    two = record(tmp_path / "two", {"a": 21.0, "b": 12.0, "c": 20.5})
+    runs = [ComparedRun(item, Opened(None), stored("a", "b", "c", "d")) for item in (one, two)]
+    assert common_views(runs, 2) == ["d", "b"] or common_views(runs, 4)[:3] == ["b", "a", "c"]
+    assert common_views([runs[0], ComparedRun(two, Opened(None), stored("z"))], 2) == []
+
+
+def test_the_best_of_each_row_is_marked_and_ties_are_not(tmp_path):
+    one = record(tmp_path / "one", {"a": 20.0}, ssim=0.5)
+    two = record(tmp_path / "two", {"a": 25.0}, ssim=0.5)
+    out = write_comparison([(one, Opened(None)), (two, Opened(None))], RULE, tmp_path / "c.html")
+    text = out.read_text()
+    assert '<td class="best">25.00</td>' in text
+    assert text.count('class="best"') == 1
+    assert "The runs have no view in common" in parsed(out).text
+
+
+def test_figures_that_were_measured_otherwise_are_called_incomparable(tmp_path):
+    one = record(tmp_path / "one", {"a": 20.0})
+    two = record(tmp_path / "two", {"a": 20.0}, protocol={**PROTOCOL, "image_sizes": [[64, 48]]})
+    assert unalike([one, one], ["x", "y"]) == []
+    assert unalike([one, two], ["x", "y"]) == [
+        "The figures were not measured alike: image sizes differs (x: 32 x 24; y: 64 x 48)."
+    ]
+
+
+def test_runs_are_called_by_the_ends_of_their_paths_that_differ(tmp_path):
+    paths = ["fox/3dgs/1", "fox/3dgs/2", "plush/3dgs/1"]
+    records = [record(tmp_path / path, {"a": 20.0}) for path in paths]
+    assert labels(records[:2]) == ["1", "2"]
+    assert labels(records) == paths
+    assert len(set(labels([records[0], records[0]]))) == 2
+
+
+def test_settings_that_differ_are_listed_and_names_escaped(tmp_path):
+    one = write_run(tmp_path / "<b>one", {"<i>": 20.0}, steps=10)
+    two = write_run(tmp_path / "two", {"<i>": 22.0}, steps=20)
+    runs = [(read_run(folder), Opened(None)) for folder in (one, two)]
+    page = parsed(write_comparison(runs, RULE, tmp_path / "c.html"))
+    assert "steps 10 20" in page.text
+    assert "<b>one" in page.text
+    assert not page.all("b")
+    assert not page.all("i")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["a", "b", "c", "d", "e", "f", "g"], "7 runs: a report compares at most 6."),
+        (["a", "views=0"], "views=0 frames=36: expected 1 to 18 views and 0 to 72 frames."),
+    ],
+)
+def test_more_than_a_page_can_hold_is_refused(tmp_path, arguments, message, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in "abcdefg":
+        write_run(tmp_path / name, {"a": 20.0})
+    assert main(["report", *arguments]) == 2
+    assert message in capsys.readouterr().err
