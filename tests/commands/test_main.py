@@ -67,8 +67,7 @@ def test_an_unknown_verb_suggests_the_nearest():
         "error: gsfw has no verb 'trian'. Did you mean 'train'?\n"
         "Verbs: bench, check, completion, config, doctor, eval, export, info, open, plugins, "
         "prepare, render, report, resume, runs, stress, study, tradeoff, train, view. "
-        "See gsfw --help.
-"
+        "See gsfw --help.\n"
     )
 
 
