@@ -81,7 +81,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel(
                 "count", "Gaussians that reach the pixel, hidden ones too", "scalar", "Gaussians",
-                low=0.0, colormap="inferno",
+                low=0.0, colormap="plasma",
             ),
             Channel(
                 "sh_degree", "degree of the spherical harmonics", "scalar", "degree",
@@ -89,7 +89,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel(
                 "motion", "speed of the Gaussians", "scalar",
-                "scene units / capture", moving=True, low=0.0, colormap="plasma",
+                "scene units / capture", moving=True, low=0.0, colormap="inferno",
             ),
         )
     }
