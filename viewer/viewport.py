@@ -170,6 +170,12 @@ class Viewport:
             self._sending = False
             self._wake()
 
+    @property
+    def resting(self) -> bool:
+        """True if the page has its state at the full size, and nothing plays."""
+        playing = self.playback.playing or self._flight is not None
+        return self._scale == 1.0 and self._rendered == self._version and not playing
+
     def frames_per_second(self) -> float:
         """Frames sent per second, over the last seconds."""
         since = time.monotonic() - MEASURED_SECONDS

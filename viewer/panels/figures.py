@@ -13,7 +13,8 @@ TABLE = (
 )
 ROW = (
     '<tr><td style="opacity:.65">{name}</td>'
-    '<td style="text-align:right;font-variant-numeric:tabular-nums">{text}</td></tr>'
+    '<td style="text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums">'
+    "{text}</td></tr>"
 )
 
 
@@ -42,7 +43,7 @@ def status_html(live: LiveRun) -> str:
         rows.append(("time left", duration(status.seconds_left / max(1 - live.share, 0.05))))
     if status.memory_mb:
         rows.append(("memory", f"{status.memory_mb / 1e3:.1f} GB"))
-    rows.append(("this viewer's share of the time", f"{100 * live.share:.0f} %"))
+    rows.append(("time for frames", f"{100 * live.share:.0f} %"))
     if live.checkpointed is not None:
         rows.append(("last checkpoint", f"step {live.checkpointed:,}"))
     return figures_html(rows, f"{html.escape(info.method)}: {state}")

@@ -234,6 +234,6 @@ class PathPanel(Panel):
         except (ValueError, KeyError, TypeError) as error:
             self._page.tell(f"This is no camera path of gsfw: {error}", "red")
             return
-        self._seconds.value = min(max(path.seconds, 1.0), 60.0)
+        self._seconds.value = min(max(path.seconds, 1.0), 60.0)  # type: ignore[misc]
         self._closed.value = path.closed  # type: ignore[misc]
         self._set(list(path.key_frames))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from viser import Icon
 
-from gsfw.rendering.channels import available_channels
+from gsfw.rendering.channels import CHANNELS, available_channels
 from gsfw.rendering.color_maps import color_bar
 from gsfw.viewer.frame import Frame, ValueScale
 from gsfw.viewer.panels.panel import Panel
@@ -22,6 +22,8 @@ BAR_HEIGHT = 150
 """Height of the colour bar, in pixels."""
 LEAST_SIZE = 0.05
 """Least factor of the size of Gaussians: points."""
+PHOTO = "photo"
+"""Name of the channel that is the photo itself."""
 HEIGHTS = ("360", "540", "720", "1080", "1440")
 """Choices of the largest height of a frame, in pixels."""
 
@@ -47,11 +49,24 @@ class ViewPanel(Panel):
 
     def _add_channel(self) -> None:
         model = self._page.session.model
-        channels = available_channels(model.is_dynamic, model.has_photos)
+        channels = [
+            channel
+            for channel in available_channels(model.is_dynamic, model.has_photos)
+            if channel.name != PHOTO  # The panel of cameras shows it.
+        ]
         descriptions = "; ".join(f"{channel.name}: {channel.description}" for channel in channels)
         names = [channel.name for channel in channels]
         chosen = self._gui.add_dropdown("Channel", names, initial_value="color", hint=descriptions)
-        chosen.on_update(lambda _: self._change(lambda state: replace(state, channel=chosen.value)))
+
+        def choose(_: object) -> None:
+            name = chosen.value
+            self._viewport.change(lambda state: replace(state, channel=name))
+            if CHANNELS[name].needs_image and self._viewport.state.view is None:
+                self._page.tell(
+                    f"{name} compares with a photo: choose a view under Cameras.", "yellow"
+                )
+
+        chosen.on_update(choose)
         self._bar = self._gui.add_image(np.zeros((2, 2, 3), np.uint8), format="png", visible=False)
 
     def _add_time(self) -> None:
@@ -179,7 +194,7 @@ class ViewPanel(Panel):
         if frame is not None:
             height, width = frame.image.shape[:2]
             speed = self._viewport.frames_per_second()
-            moving = f"{speed:.0f} frames/s" if speed >= 1 else "at rest"
+            moving = "at rest" if self._viewport.resting else f"{speed:.0f} frames/s"
             self._figures.content = (
                 f'<div style="font-size:12px;opacity:.7;padding:2px 12px">{width} &times; {height}'
                 f" &middot; {1e3 * frame.seconds:.0f} ms &middot; {moving}</div>"
