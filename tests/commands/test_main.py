@@ -66,7 +66,7 @@ def test_an_unknown_verb_suggests_the_nearest():
     assert result.stderr == (
         "error: gsfw has no verb 'trian'. Did you mean 'train'?\n"
         "Verbs: bench, check, config, doctor, eval, export, info, plugins, prepare, render, "
-        "resume, stress, study, tradeoff, train. See gsfw --help.\n"
+        "resume, stress, study, tradeoff, train, view. See gsfw --help.\n"
     )
 
 
