@@ -72,7 +72,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel("normals", "surface directions, from depth", "color"),
             Channel(
-                "error", "mean absolute difference to the photo", "scalar", "of 1",
+                "error", "mean absolute difference to the photo", "scalar", "difference",
                 needs_image=True, low=0.0, colormap="magma",
             ),
             Channel(
@@ -89,7 +89,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel(
                 "motion", "speed of the Gaussians", "scalar",
-                "scene units in the time of the capture", moving=True, low=0.0, colormap="plasma",
+                "scene units / capture", moving=True, low=0.0, colormap="plasma",
             ),
         )
     }
