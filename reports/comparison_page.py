@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from gsfw.reports.chart import Chart, Curve, smoothed
 from gsfw.reports.curves import baseline, time_chart
@@ -54,7 +55,7 @@ ROWS = (
     Row("PSNR of what moves, dB", lambda run: run.figure("moving_psnr"), lambda v: f"{v:.2f}", 1),
     Row("training PSNR, dB", lambda run: run.figure("training_psnr"), lambda v: f"{v:.2f}", 0),
     Row("a single colour, dB", lambda r: baseline(r, "constant_psnr"), lambda v: f"{v:.2f}", 0),
-    Row("Gaussians", lambda run: run.figure("num_gaussians"), lambda v: f"{v:,.0f}", -1),
+    Row("Gaussians", lambda run: run.num_gaussians, lambda v: f"{v:,.0f}", -1),
     Row("model", lambda run: run.figure("model_bytes"), lambda v: size_text(round(v)), -1),
     Row("training", lambda run: run.figure("train_seconds"), duration, -1),
     Row("to render an image, ms", lambda run: run.figure("render_ms"), lambda v: f"{v:.1f}", -1),
@@ -106,18 +107,24 @@ def comparison_page(
 
 def unalike(records: Sequence[RunRecord], names: Sequence[str]) -> list[str]:
     """What makes figures incomparable, as sentences; empty if they were measured alike."""
-    found = []
+    found: list[str] = []
+    if not all(record.protocol for record in records):
+        return found
     for key in UNALIKE:
         values = [
-            plain(record.settings.get(key) if key == "data" else record.protocol.get(key))
+            data_name(record) if key == "data" else plain(record.protocol.get(key))
             for record in records
-            if record.protocol
         ]
         if len(set(values)) > 1:
             each = "; ".join(f"{name}: {value}" for name, value in zip(names, values, strict=False))
             words = key.replace("_", " ")
             found.append(f"The figures were not measured alike: {words} differs ({each}).")
     return found
+
+
+def data_name(record: RunRecord) -> str:
+    """Name of the data set without its place, which differs between machines."""
+    return Path(str(record.settings.get("data") or "")).name or "built-in scene"
 
 
 def _films(names: Sequence[str], pictures: Sequence[Pictures | None]) -> Markup:

@@ -28,7 +28,7 @@ def headline(record: RunRecord) -> str:
         parts.append(f"PSNR {psnr:.2f} dB on {held_out}{above}.")
     elif (trained := record.figure("training_psnr")) is not None:
         parts.append(f"PSNR {trained:.2f} dB on training views; none is held out.")
-    count = record.figure("num_gaussians") or record.last("num_gaussians")
+    count = record.num_gaussians
     if count:
         time = f", after {duration(seconds)} of training" if seconds else ""
         parts.append(f"{count:,.0f} Gaussians{time}.")
@@ -66,7 +66,7 @@ def _quality(record: RunRecord) -> list[Markup]:
 
 def _cost(record: RunRecord) -> list[Markup]:
     seconds = record.figure("train_seconds")
-    count = record.figure("num_gaussians") or record.last("num_gaussians")
+    count = record.num_gaussians
     size, each = record.figure("model_bytes"), record.figure("bytes_per_time")
     memory = record.figure("peak_memory_mb")
     render = record.figure("render_ms")

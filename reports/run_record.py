@@ -106,6 +106,11 @@ class RunRecord:
         return next((value for line in self.log[::-1] if (value := number(line.get(name)))), None)
 
     @property
+    def num_gaussians(self) -> float | None:
+        """At the end, or when last logged; ``None`` if it is not known."""
+        return self.figure("num_gaussians") or self.last("num_gaussians")
+
+    @property
     def per_view(self) -> list[Mapping[str, Any]]:
         """Figures of each compared view, the worst PSNR first; those without one last."""
         views = [item for item in listed(self.evaluation, "per_view") if "name" in item]

@@ -99,6 +99,10 @@ def _setting_lines(verb: str, registry: Registry) -> Iterator[str]:
         for name, kind in load_all("method", registry).items()
     }
     settings = {name: _by_name(config, registry) for name, config in configs.items()}
+    if viewer := getattr(callbacks, "viewer", None):  # Its settings have short forms.
+        yield f"{verb}|viewer=|true false"
+        for key in keys(viewer, "viewer."):
+            yield f"{verb}|{_line(key, registry)}"
     everywhere = set.intersection(*(set(found.values()) for found in settings.values()))
     for line in sorted(everywhere):
         yield f"{verb}|{line}"

@@ -83,6 +83,7 @@ def test_keys_of_a_group_are_offered_once_its_dot_is_there(bash):
     assert bash("gsfw train method=3dgs opt") == ["optim."]
     assert "optim.means_lr=" in bash("gsfw train method=3dgs optim.")
     assert bash("gsfw train method=3dgs callbacks.tens") == ["callbacks.tensorboard."]
+    assert bash("gsfw train method=3dgs view") == ["viewer=", "viewer."]
 
 
 def test_keys_follow_the_chosen_parts(bash):

@@ -144,7 +144,7 @@ def test_a_run_goes_to_a_folder_of_its_own_and_says_what_is_next(capsys, tmp_pat
     run = path.relative_to(tmp_path)
     assert "\ndone: 3dgs on synthetic, 4 steps\n" in said
     assert re.search(r"\n  PSNR +[\d.]+ dB +mean of 2 held-out views; one colour has ", said)
-    assert re.search(rf"\n  folder +{run}\n  files +splats.ply \([\d.]+ kB\), ", said)
+    assert re.search(rf"\n  folder +{run}\n  files +report.html, splats.ply \([\d.]+ kB\), ", said)
     for following in ("tensorboard --logdir", "gsfw eval", "gsfw render"):
         assert re.search(rf"\n  (next)? +{following} {run}\n", said)
 
