@@ -15,8 +15,8 @@ from gsfw.core.callback import EvaluatedView
 ERROR_WHITE = 0.25
 """Mean absolute error of the channels from which on the error is white."""
 LONGEST, SHORTEST = 480, 280
-"""Width of an image in pixels: larger ones are shrunk, so that three fit on a screen; small ones are
-enlarged by whole numbers."""
+"""Width of an image in pixels: larger ones are shrunk, so that three fit on a screen; small ones
+are enlarged by whole numbers."""
 MARGIN, GAP = 10, 6
 TITLE, LABEL = 36, 46
 """Widths of the whole over the sizes of type: TensorBoard shows it at about 350 pixels first."""
