@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=2 python benchmarks/readme_pictures.py [FOLDER] [RUNS]
 
 trains both built-in scenes into RUNS (a temporary folder when left out; runs that are there are
-kept), about two minutes each on two cores, renders them with ``gsfw render``, and writes film.webp,
+kept), some minutes each on two cores, renders them with ``gsfw render``, and writes film.webp,
 views.jpg and channels.jpg to FOLDER (docs/images when left out).
 """
 
@@ -31,17 +31,14 @@ SIZE = ("datamanager.width=320", "datamanager.height=240")
 SCENES = {
     "still": ("method=3dgs", "steps=1000", *SIZE, "datamanager.views=60"),
     "moving": (
-        *("method=spacetime", "steps=1200", *SIZE, "datamanager.moving=true"),
+        *("method=4dgs", "steps=1500", *SIZE, "datamanager.moving=true"),
         *("datamanager.times=20", "datamanager.views=160"),
     ),
 }
 """Settings of each run."""
 
-DARK = f"background={UNKNOWN},{UNKNOWN},{UNKNOWN}"
-"""The grey of pixels without a value: panels of colours and of values have one background."""
-
-PANEL = ("width=320", "bars=false")
-"""Size of each panel of the film and of the sheet."""
+DARK = (f"background={UNKNOWN},{UNKNOWN},{UNKNOWN}", "width=320", "bars=false")
+"""Panels of the film and of the sheet: one background, the grey of pixels without a value."""
 
 SHEET = ("color", "depth", "normals", "contribution", "count", "motion")
 """Channels of the sheet."""
@@ -49,11 +46,11 @@ SHEET = ("color", "depth", "normals", "contribution", "count", "motion")
 VIEW, FRAME = 2, 2
 """The held-out view, and the frame of 8, that the stills show."""
 
-KEYS, FPS, SECONDS = 12, 20, 5.0
+KEYS, FPS, SECONDS = 16, 20, 5.0
 """Key frames of the film, and its speed and length."""
 
-CLOSER = 0.95
-"""Part of the view of the training cameras that the film shows: the scene fills the frame."""
+CLOSER = 1.04
+"""Part of the view of the training cameras that the film shows: the scene just fits."""
 
 FILM_BYTES, STILL_BYTES = 2_000_000, 300_000
 """Largest files that a page should load."""
@@ -70,7 +67,7 @@ def train(name: str, runs: Path) -> Path:
 def camera_path(run: Path, file: Path) -> Path:
     """A closed way around the scene, on which time passes to the end and back again."""
     data = open_run(find_run(str(run), print), installed()).composition.parts.data
-    cameras = spiral(alike(data.views(Split.TRAIN).cameras), 2 * KEYS).select(slice(0, 2 * KEYS, 2))
+    cameras = spiral(alike(data.views(Split.TRAIN).cameras), KEYS)
     to_world = data.scene.world_from_scene.camera(cameras.world_to_camera).inverse()
     fov = math.degrees(
         2 * math.atan(cameras.height / 2 / float(cameras.intrinsics[0, 1, 1]) * CLOSER)
@@ -85,7 +82,7 @@ def camera_path(run: Path, file: Path) -> Path:
 def film(run: Path, work: Path, out: Path) -> Path:
     """Colour, depth and motion side by side, all around the scene while time passes."""
     path = camera_path(run, work / "film.json")
-    render(run, work, f"camera={path}", "channel=color,depth,motion", "video=webp", *PANEL)
+    render(run, work, f"camera={path}", "channel=color,depth,motion", "video=webp", *DARK)
     return Path(shutil.copy(work / "film.webp", out / "film.webp"))
 
 
@@ -93,7 +90,7 @@ def stills(run: Path, moving: Path, work: Path, out: Path) -> list[Path]:
     """A held-out view beside its photo, and the channels of one frame."""
     render(run, work, "what=views", "channel=photo,color,error")
     path = camera_path(moving, work / "channels.json")
-    render(moving, work, f"camera={path}", "frames=8", f"channel={','.join(SHEET)}", *PANEL)
+    render(moving, work, f"camera={path}", "frames=8", f"channel={','.join(SHEET)}", *DARK)
     pictures = {
         "views": Image.open(sorted((work / "views").glob("*.png"))[VIEW]),
         "channels": sheet(Image.open(work / "channels" / f"{FRAME:04d}.png")),
@@ -115,8 +112,8 @@ def sheet(row: Image.Image) -> Image.Image:
 
 
 def render(run: Path, out: Path, *arguments: str) -> None:
-    """Render with one background for colours and for values."""
-    check(gsfw(["render", str(run), DARK, f"out={out}", *arguments]))
+    """Render, and stop where that fails."""
+    check(gsfw(["render", str(run), f"out={out}", *arguments]))
 
 
 def check(code: int) -> None:

@@ -89,7 +89,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel(
                 "motion", "speed of the Gaussians", "scalar",
-                "scene units / capture", moving=True, low=0.0, colormap="plasma",
+                "scene units / capture", moving=True, low=0.0, colormap="inferno",
             ),
         )
     }
