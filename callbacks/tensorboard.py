@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -22,7 +22,7 @@ from gsfw.callbacks.board_curves import (
     result_curves,
     step_curves,
 )
-from gsfw.callbacks.board_images import captioned, comparison
+from gsfw.callbacks.board_images import captioned, comparison, summary_of
 from gsfw.callbacks.board_pages import findings_page, run_page, settings_page
 from gsfw.callbacks.countdown import Countdown
 from gsfw.callbacks.event_files import cut_events
@@ -40,12 +40,12 @@ PAGES = ("1_run", "2_settings")
 """Texts at the start of a run, and of each part of a resumed one."""
 WRITTEN_ANEW = ("_hparams_/", "custom_scalars__config__")
 """Tags without a step that each part of a run writes."""
-BINS: dict[str, Sequence[float] | int] = {
-    "opacity": [place / 40 for place in range(41)],
-    "log10_scale": 60,
-    "sh_degree": [degree - 0.5 for degree in range(6)],
+BINS: dict[str, tuple[int, tuple[float, float] | None]] = {
+    "opacity": (40, (0.0, 1.0)),
+    "log10_scale": (60, None),
+    "sh_degree": (5, (-0.5, 4.5)),
 }
-"""Edges of the bins of each histogram, or their number."""
+"""Number and range of the bins of each histogram; ``None``: from the least to the largest value."""
 FAINTEST = 1e-12
 """Scales are at least this, in scene units, for their logarithm."""
 
@@ -98,7 +98,7 @@ class TensorBoard(Callback):
 
     def _add_image(self, tag: str, image: UInt8[np.ndarray, "h w 3"], step: int) -> None:
         assert self._writer is not None
-        self._writer.add_image(tag, image, step, dataformats="HWC")
+        self._writer._get_file_writer().add_summary(summary_of(tag, image), step)
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
         """Write the images of a few held-out views, the same ones about ten times in a run."""
@@ -143,8 +143,21 @@ class TensorBoard(Callback):
         """Write opacity, largest scale and SH degree; those of a moving scene at its first time."""
         assert self._writer is not None
         for name, values in _distributions(splats).items():
-            if len(values):
-                self._writer.add_histogram(f"gaussians/{name}", values, step, bins=BINS[name])
+            if not len(values):
+                continue
+            number, bounds = BINS[name]
+            counts, edges = np.histogram(values, number, bounds)
+            self._writer.add_histogram_raw(
+                f"gaussians/{name}",
+                min=float(values.min()),
+                max=float(values.max()),
+                num=len(values),
+                sum=float(values.sum(dtype=np.float64)),
+                sum_squares=float(np.square(values, dtype=np.float64).sum()),
+                bucket_limits=edges[1:].tolist(),
+                bucket_counts=counts.tolist(),
+                global_step=step,
+            )
 
     def on_end(self, step: int, summary: Mapping[str, Any]) -> None:
         """Write settings and final figures, for the hparams page."""
@@ -167,7 +180,7 @@ class TensorBoard(Callback):
         assert self._writer is not None
         self._add(requirements.step, requirement_curves(requirements))
         self._writer.add_text("4_requirements", requirements.headline, requirements.step)
-        self._add_image("requirements", plot.numpy(), requirements.step)
+        self._writer.add_image("requirements", plot, requirements.step, dataformats="HWC")
 
     def close(self) -> None:
         """Flush and close the events."""
