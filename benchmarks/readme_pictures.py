@@ -37,11 +37,8 @@ SCENES = {
 }
 """Settings of each run."""
 
-DARK = f"background={UNKNOWN},{UNKNOWN},{UNKNOWN}"
-"""The grey of pixels without a value: panels of colours and of values have one background."""
-
-PANEL = ("width=320", "bars=false")
-"""Size of each panel of the film and of the sheet."""
+DARK = (f"background={UNKNOWN},{UNKNOWN},{UNKNOWN}", "width=320", "bars=false")
+"""Panels of the film and of the sheet: one background, the grey of pixels without a value."""
 
 SHEET = ("color", "depth", "normals", "contribution", "count", "motion")
 """Channels of the sheet."""
@@ -85,7 +82,7 @@ def camera_path(run: Path, file: Path) -> Path:
 def film(run: Path, work: Path, out: Path) -> Path:
     """Colour, depth and motion side by side, all around the scene while time passes."""
     path = camera_path(run, work / "film.json")
-    render(run, work, f"camera={path}", "channel=color,depth,motion", "video=webp", *PANEL)
+    render(run, work, f"camera={path}", "channel=color,depth,motion", "video=webp", *DARK)
     return Path(shutil.copy(work / "film.webp", out / "film.webp"))
 
 
@@ -93,7 +90,7 @@ def stills(run: Path, moving: Path, work: Path, out: Path) -> list[Path]:
     """A held-out view beside its photo, and the channels of one frame."""
     render(run, work, "what=views", "channel=photo,color,error")
     path = camera_path(moving, work / "channels.json")
-    render(moving, work, f"camera={path}", "frames=8", f"channel={','.join(SHEET)}", *PANEL)
+    render(moving, work, f"camera={path}", "frames=8", f"channel={','.join(SHEET)}", *DARK)
     pictures = {
         "views": Image.open(sorted((work / "views").glob("*.png"))[VIEW]),
         "channels": sheet(Image.open(work / "channels" / f"{FRAME:04d}.png")),
@@ -115,8 +112,8 @@ def sheet(row: Image.Image) -> Image.Image:
 
 
 def render(run: Path, out: Path, *arguments: str) -> None:
-    """Render with one background for colours and for values."""
-    check(gsfw(["render", str(run), DARK, f"out={out}", *arguments]))
+    """Render, and stop where that fails."""
+    check(gsfw(["render", str(run), f"out={out}", *arguments]))
 
 
 def check(code: int) -> None:

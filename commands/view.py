@@ -88,7 +88,7 @@ def _check(options: ViewOptions) -> None:
 
 
 def _folder(text: str) -> Path:
-    """Where files that pages order are written: in the run, or beside the file."""
+    """Folder of the files that pages order: the run, or that of the file."""
     from gsfw.commands.interface.runs import find_run
 
     path = Path(text)

@@ -81,7 +81,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel(
                 "count", "Gaussians that reach the pixel, hidden ones too", "scalar", "Gaussians",
-                low=0.0, colormap="plasma",
+                low=0.0, colormap="inferno",
             ),
             Channel(
                 "sh_degree", "degree of the spherical harmonics", "scalar", "degree",

@@ -163,5 +163,10 @@ def findings(record: RunRecord) -> list[Markup]:
     ]
     is_judged = isinstance(record.evaluation.get("findings"), list)
     if is_judged and record.per_view and not found and record.is_finished:
-        return [div("callout good", element("p", "No finding: nothing says that it is not sound."))]
+        return [
+            div(
+                "callout good",
+                element("p", "No findings: the checks of the result found nothing wrong."),
+            )
+        ]
     return found

@@ -158,7 +158,9 @@ def title(name: str) -> str:
 
 def figure_text(name: str, value: float) -> str:
     """A figure of a view."""
-    return f"{value:.2f}" if "psnr" in name else f"{value:.4g}"
+    if "psnr" in name:
+        return f"{value:.2f}"
+    return f"{value:.4f}" if abs(value) < 10 else f"{value:.4g}"
 
 
 def _range(views: Sequence[View]) -> tuple[float, float]:

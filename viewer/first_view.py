@@ -1,4 +1,4 @@
-"""FirstView: where a page looks from when it opens, which way is up, and how large the scene is."""
+"""FirstView: the view of a page that opens, its upward direction, and the size of the scene."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FOV = 0.9
 
 @dataclass(frozen=True)
 class FirstView:
-    """Where a page looks from when it opens, which way is up, and how large the scene is."""
+    """The view of a page that opens, its upward direction, and the size of the scene."""
 
     pose: Pose
     target: Vector
@@ -74,7 +74,7 @@ def first_view(model: ViewedModel) -> FirstView:
 
 
 def _joined(cameras: Sequence[Cameras]) -> Cameras:
-    """Where all cameras are, with the lens of the first one."""
+    """The poses of all cameras, with the lens of the first one."""
     first = cameras[0].to("cpu")
     poses = torch.cat([camera.world_to_camera.detach().cpu() for camera in cameras])
     lenses = first.intrinsics.expand(len(poses), 3, 3)

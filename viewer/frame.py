@@ -47,7 +47,7 @@ class Frame:
     scale: ValueScale | None = None
     """Meaning of its colours; ``None`` where they are those of the scene."""
     psnr: float | None = None
-    """Of the render against the photo, in dB; ``None`` if it is not of a view that has one."""
+    """PSNR of the render against the photo, in dB; ``None`` without a photo."""
     psnr_size: Size = (0, 0)
     """Width and height that it was measured at: those of the photo, unless the page is smaller."""
 

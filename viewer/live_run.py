@@ -33,7 +33,7 @@ class RunStatus:
     """Without the time that frames take; ``None`` as long as it cannot be known."""
     memory_mb: float = 0.0
     held_out_psnr: float | None = None
-    """Of the last evaluation, in dB; ``None`` before one."""
+    """PSNR of the last evaluation, in dB; ``None`` before one."""
 
 
 @dataclass
@@ -109,7 +109,7 @@ class LiveRun:
         self._wake()
 
     def take_wishes(self) -> tuple[bool, bool]:
-        """Whether to stop, and whether to write a checkpoint; each is told once."""
+        """True to stop, and true to write a checkpoint; each wish is told once."""
         with self._wishes:
             taken = self._stop, self._checkpoint
             self._stop = self._checkpoint = False

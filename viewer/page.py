@@ -53,6 +53,7 @@ class Page:
             dark_mode=True, show_logo=False, show_share_button=False, brand_color=BRAND
         )
         gui.set_panel_label(self.session.title)
+        gui.main_panel.dock_right()  # Beside the image, of which it covers nothing.
         tabs = gui.add_tab_group()
         with tabs.add_tab("View"):
             compare = ComparePanel(self) if len(self.session.models) > 1 else None

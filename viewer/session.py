@@ -22,7 +22,7 @@ class Session:
     models: tuple[ViewedModel, ...]
     """One model, or two to compare; the first one's cameras and times are those of the page."""
     folder: Path
-    """Where files that pages order are written."""
+    """Folder of the files that pages order."""
     live: LiveRun | None = None
     """The run that trains; ``None`` for a finished one and for files."""
     service: FrameService = field(init=False)

@@ -33,8 +33,11 @@ COLOR = (110, 200, 130)
 """Colour of the path and of its key frames."""
 SIZE = 0.04
 """Length of a key frame's frustum, relative to the size of the scene."""
+LINE = 2.0
+"""Thickness of lines, in pixels."""
 NO_KEY = "none"
 HEIGHTS = ("360", "540", "720", "1080")
+"""Choices of the height of a film, in pixels."""
 
 
 class PathPanel(Panel):
@@ -129,44 +132,39 @@ class PathPanel(Panel):
 
     def _draw(self) -> None:
         """Draw the key frames, and the path through them."""
-        scene, model, first = (
-            self._page.client.scene,
-            self._page.session.model,
-            self._page.session.first,
-        )
         with self._page.client.atomic():
             for handle in self._drawn:
                 handle.remove()
-            self._drawn = []
-            for number, key in enumerate(self._keys):
-                pose = pose_of(key.camera_to_world, key.fov, model.scene)
-                self._drawn.append(
-                    scene.add_camera_frustum(
-                        f"/path/{number}",
-                        fov=pose.fov,
-                        aspect=16 / 9,
-                        scale=SIZE * first.size,
-                        thickness=2.0,
-                        thickness_units="screen",
-                        color=COLOR,
-                        wxyz=pose.wxyz,
-                        position=pose.position,
-                    )
-                )
+            self._drawn = [self._draw_key(number) for number in range(len(self._keys))]
             if len(self._keys) > 1:
-                states = self._states()
-                places = [states.at(number, self._viewport.state) for number in range(len(states))]
-                points = np.asarray([place.pose.position for place in places], np.float32)
-                lines = np.stack([points[:-1], points[1:]], axis=1)
-                self._drawn.append(
-                    scene.add_line_segments(
-                        "/path/line",
-                        points=lines,
-                        colors=COLOR,
-                        thickness=2.0,
-                        thickness_units="screen",
-                    )
-                )
+                self._drawn.append(self._draw_line())
+
+    def _draw_key(self, number: int) -> viser.SceneNodeHandle:
+        key, session = self._keys[number], self._page.session
+        pose = pose_of(key.camera_to_world, key.fov, session.model.scene)
+        return self._page.client.scene.add_camera_frustum(
+            f"/path/{number}",
+            fov=pose.fov,
+            aspect=16 / 9,
+            scale=SIZE * session.first.size,
+            thickness=LINE,
+            thickness_units="screen",
+            color=COLOR,
+            wxyz=pose.wxyz,
+            position=pose.position,
+        )
+
+    def _draw_line(self) -> viser.SceneNodeHandle:
+        states, state = self._states(), self._viewport.state
+        places = [states.at(number, state).pose.position for number in range(len(states))]
+        points = np.asarray(places, np.float32)
+        return self._page.client.scene.add_line_segments(
+            "/path/line",
+            points=np.stack([points[:-1], points[1:]], axis=1),
+            colors=COLOR,
+            thickness=LINE,
+            thickness_units="screen",
+        )
 
     def _states(self) -> PathStates:
         return PathStates.of(self._path, self._page.session.model.scene)

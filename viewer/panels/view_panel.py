@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ from gsfw.rendering.channels import CHANNELS, available_channels
 from gsfw.rendering.color_maps import color_bar
 from gsfw.viewer.frame import Frame, ValueScale
 from gsfw.viewer.panels.panel import Panel
-from gsfw.viewer.view_state import Box, ViewState
+from gsfw.viewer.view_state import Box
 
 if TYPE_CHECKING:
     from gsfw.viewer.page import Page
@@ -43,9 +42,6 @@ class ViewPanel(Panel):
         self._add_gaussians()
         self._add_crop()
         self._add_picture()
-
-    def _change(self, edit: Callable[[ViewState], ViewState]) -> None:
-        self._viewport.change(edit)
 
     def _add_channel(self) -> None:
         model = self._page.session.model
@@ -85,7 +81,7 @@ class ViewPanel(Panel):
     def _time_moved(self, event: object) -> None:
         # The page's own moves of the slider, while it plays, come back here without a client.
         if getattr(event, "client", None) is not None:
-            self._change(lambda state: replace(state, time=float(self._time.value)))
+            self._viewport.change(lambda state: replace(state, time=float(self._time.value)))
 
     def _toggle(self) -> None:
         self._viewport.play(not self._viewport.playback.playing)
@@ -115,10 +111,14 @@ class ViewPanel(Panel):
             behind = self._gui.add_dropdown("Background", ["of the run", "black", "white", "other"])
             color = self._gui.add_rgb("Color", (30, 60, 90), visible=False)
         size.on_update(
-            lambda _: self._change(lambda state: replace(state, splat_scale=float(size.value)))
+            lambda _: self._viewport.change(
+                lambda state: replace(state, splat_scale=float(size.value))
+            )
         )
         degree.on_update(
-            lambda _: self._change(lambda state: replace(state, sh_degree=int(degree.value)))
+            lambda _: self._viewport.change(
+                lambda state: replace(state, sh_degree=int(degree.value))
+            )
         )
 
         def recolor(_: object) -> None:
@@ -126,7 +126,7 @@ class ViewPanel(Panel):
             red, green, blue = (value / 255 for value in color.value)
             chosen = {"black": (0.0, 0.0, 0.0), "white": (1.0, 1.0, 1.0)}
             chosen["other"] = (red, green, blue)
-            self._change(lambda state: replace(state, background=chosen.get(behind.value)))
+            self._viewport.change(lambda state: replace(state, background=chosen.get(behind.value)))
 
         behind.on_update(recolor)
         color.on_update(recolor)
@@ -143,10 +143,12 @@ class ViewPanel(Panel):
 
         def crop(_: object) -> None:
             if not on.value or len(ranges) < 3:
-                self._change(lambda state: replace(state, crop=None))
+                self._viewport.change(lambda state: replace(state, crop=None))
                 return
             (x, right), (y, bottom), (z, back) = (item.value for item in ranges)
-            self._change(lambda state: replace(state, crop=Box((x, y, z), (right, bottom, back))))
+            self._viewport.change(
+                lambda state: replace(state, crop=Box((x, y, z), (right, bottom, back)))
+            )
 
         on.on_update(crop)
         for item in ranges:
@@ -159,7 +161,9 @@ class ViewPanel(Panel):
             )
             shot = self._gui.add_button("Screenshot", icon=Icon.CAMERA)
         height.on_update(
-            lambda _: self._change(lambda state: replace(state, full_height=int(height.value)))
+            lambda _: self._viewport.change(
+                lambda state: replace(state, full_height=int(height.value))
+            )
         )
         shot.on_click(lambda _: self._screenshot())
 
