@@ -19,7 +19,6 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Feature
 from gsfw.core.errors import ConfigError, UnavailableError
-from gsfw.core.loop.evaluation import render_model
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
@@ -216,7 +215,8 @@ class _Shot:
         settings = replace(
             self.settings, depth=kind, statistics=frozenset(), contribution_weights=None
         )
-        return render_model(self.model, self.rasterizer, self.camera, settings, self.time)
+        output = self.rasterizer.render(self.splats, self.camera, settings)
+        return self.model.decode(output, self.camera)
 
     @cached_property
     def splats(self) -> Splats:
