@@ -22,11 +22,10 @@ def run_page(run: RunInfo) -> str:
     sections = [
         f"## {run.method} on {run.scene}",
         _table({"folder": run.folder, **views, **parts}, "run"),
-        "### How figures are measured",
-        _table(run.protocol, "protocol"),
     ]
     if run.notes:
         sections += ["### Advice", "\n".join(f"* {_escaped(note)}" for note in run.notes)]
+    sections += ["### How figures are measured", _table(run.protocol, "protocol")]
     return "\n\n".join(sections)
 
 
@@ -57,7 +56,7 @@ def _escaped(value: object) -> str:
     """Plain text that Markdown shows as it is, in one line."""
     if isinstance(value, list | tuple):
         value = ", ".join(map(str, value))
-    text = " ".join(str(value).split())
+    text = str(value).lower() if isinstance(value, bool) else " ".join(str(value).split())
     for character in "\\`*_[]<>|":
         text = text.replace(character, f"\\{character}")
     return text

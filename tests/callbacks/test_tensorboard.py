@@ -211,7 +211,7 @@ def test_a_page_has_run_data_protocol_and_advice(tmp_path):
     assert page.startswith("## 3dgs on toy\n")
     assert "| data | fox\\_1 |" in page
     assert "| background | 1.0, 1.0, 1.0 |" in page
-    assert page.endswith("### Advice\n\n* a note")
+    assert "\n\n### Advice\n\n* a note\n\n### How figures are measured\n\n" in page
 
 
 def test_findings_are_said_when_they_change(tmp_path):
