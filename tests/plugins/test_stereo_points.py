@@ -9,6 +9,9 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataRequest, Split, Views
 from gsfw.core.errors import ConfigError
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
+from gsfw.plugins.compose import compose
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer, resolve
 from gsfw.plugins.stereo_points import (
     MOST_VIEWS,
     POINTS_PER_PIXEL,
@@ -66,6 +69,17 @@ def test_points_are_limited_by_the_pixels_of_a_view():
     data = SyntheticConfig(width=64, height=48, views=8).build(DataRequest(None))
     scene = with_stereo_points(data, WHITE, 50)
     assert len(scene.points) == len(scene.point_colors) == POINTS_PER_PIXEL * 50
+
+
+def test_a_run_on_small_images_starts_from_points_of_larger_ones():
+    given = {"method": "3dgs", "init": "stereo", "downscale": "3", "steps": "2"}
+    given |= {"datamanager.width": "96", "datamanager.height": "72", "datamanager.views": "5"}
+    layer = Layer("test", given)
+    registry = installed()
+    model = compose(resolve(registry, [layer]), registry).parts.model
+    own = SyntheticConfig(width=96, height=72, views=5).build(DataRequest(None, downscale=3))
+    small = with_stereo_points(own, WHITE, 32 * 24)
+    assert len(small.points) < model.num_rows <= POINTS_PER_PIXEL * 32 * 24
 
 
 def test_small_images_are_read_again_at_a_larger_size_for_stereo():
