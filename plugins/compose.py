@@ -52,7 +52,7 @@ from gsfw.plugins.initial_splats import INIT_WORDS, find_importer, read_initial
 from gsfw.plugins.loading import ask_all, check_built, make_metrics
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
-from gsfw.plugins.stereo_points import STEREO, with_stereo_points
+from gsfw.plugins.stereo_points import STEREO, stereo_downscale, with_stereo_points
 
 
 @dataclass(frozen=True)
@@ -179,8 +179,12 @@ def _missed(settings: Settings, registry: Registry, device: torch.device) -> tup
     return missed
 
 
-def open_data(settings: Settings) -> DataManager:
+def open_data(settings: Settings, downscale: float | None = None) -> DataManager:
     """Read the data set's cameras and points.
+
+    Args:
+        settings: the run.
+        downscale: the factor by which images are shrunk; ``None`` for that of the run.
 
     Raises:
         DataError: the data cannot be used; names the cause and the place.
@@ -189,7 +193,7 @@ def open_data(settings: Settings) -> DataManager:
     assert isinstance(config.datamanager, DataManagerConfig)
     request = DataRequest(
         path=Path(config.data) if config.data else None,
-        downscale=config.downscale,
+        downscale=config.downscale if downscale is None else downscale,
         eval_every_nth=config.holdout_every,
         eval_by=HoldOutBy(config.holdout_by),
         eval_names=config.holdout,
@@ -231,7 +235,7 @@ def compose(
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
     with stage("building the model"):
-        parts = _parts(settings.config, registry, method, data, corrections, device)
+        parts = _parts(settings, registry, method, data, corrections, device)
     _check_parts(settings, parts)
     missed = _missed(settings, registry, device)
     plan = training_plan(settings, data.scene, device)
@@ -249,8 +253,23 @@ def _check_parts(settings: Settings, parts: TrainingParts) -> None:
         check_built("method", settings.method, refiner)
 
 
+def _start_scene(settings: Settings, data: DataManager) -> Scene:
+    """The scene that the model starts from, with points found in the images under init=stereo.
+
+    Stereo needs texture, so its images may be larger than those of the run.
+    """
+    config, scene = settings.config, data.scene
+    if config.init != STEREO:
+        return scene
+    downscale = stereo_downscale(data, config.downscale)
+    images = data if downscale == config.downscale else open_data(settings, downscale)
+    background = parse_background(config.background, scene.has_alpha)
+    found = with_stereo_points(images, background, scene.view_pixels)
+    return replace(scene, points=found.points, point_colors=found.point_colors, point_times=None)
+
+
 def _parts(
-    config: MethodConfig,
+    settings: Settings,
     registry: Registry,
     method: Method,
     data: DataManager,
@@ -258,11 +277,9 @@ def _parts(
     device: torch.device,
 ) -> TrainingParts:
     """Build the parts of a training loop."""
-    scene = data.scene
+    config, scene = settings.config, _start_scene(settings, data)
     operators = choose_operators(registry, device)
     initial = read_initial(config.init, registry, scene)
-    if config.init == STEREO:
-        scene = with_stereo_points(data, parse_background(config.background, scene.has_alpha))
     seeded = torch.Generator().manual_seed(config.seed)
     model = method.build_model(scene, operators, seeded, initial).to(device)
     method.begin(scene, data.views(Split.TRAIN), model)

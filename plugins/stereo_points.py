@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.nn.functional import interpolate
 
@@ -21,8 +21,10 @@ from gsfw.core.scene import Scene
 STEREO = "stereo"
 """Value of ``init`` for these points."""
 LARGEST_SIDE = 200
-"""Images are shrunk to this many pixels: nine of 200x150 take 25 s on one core, and four times the
+"""Images are shrunk to this many pixels: nine of 200x150 take 40 s on one core, and four times the
 pixels take four times as long."""
+POINTS_PER_PIXEL = 4
+"""Most points, in pixels of a training view at the size it is trained on."""
 MOST_VIEWS = 48
 """Cameras that are compared, evenly spaced among all, which bounds the time to some minutes."""
 LEAST_POINTS = 100
@@ -33,12 +35,27 @@ EXTENT_DEPTHS = (0.2, 20.0)
 """The same in extents, for cameras that look at no common point."""
 
 
-def with_stereo_points(data: DataManager, background: tuple[float, float, float]) -> Scene:
+def stereo_downscale(data: DataManager, downscale: float) -> float:
+    """Factor by which images are to be shrunk for stereo: less than for training, if that is more.
+
+    Args:
+        data: the capture as it is trained on.
+        downscale: the factor of its images.
+    """
+    first = data.views(Split.TRAIN).cameras[0]
+    return max(1.0, downscale * min(1.0, max(first.width, first.height) / LARGEST_SIDE))
+
+
+def with_stereo_points(
+    data: DataManager, background: tuple[float, float, float], view_pixels: int
+) -> Scene:
     """The scene with points of the first time that most cameras show.
 
     Args:
-        data: the capture.
-        background: colour behind images with alpha.
+        data: the capture, at the size of ``stereo_downscale``.
+        background: colour of what is empty, also behind images with alpha.
+        view_pixels: pixels of a training view at the size it is trained on; 0 for no limit of
+            points.
 
     Raises:
         ConfigError: the cameras do not show enough surface; names the remedy.
@@ -52,8 +69,9 @@ def with_stereo_points(data: DataManager, background: tuple[float, float, float]
             "Use init=random, or a COLMAP model with points.",
         )
     with stage("looking for surfaces in the images"):
-        images, cameras = _small_images(data, views, chosen, torch.tensor(background))
-        found = plane_sweep(images, cameras, *_depths(scene))
+        behind = torch.tensor(background)
+        images, cameras = _small_images(data, views, chosen, behind)
+        found = plane_sweep(images, cameras, *_depths(scene), behind)
         points, colors = confirmed_points(images, cameras, found)
     if len(points) < LEAST_POINTS:
         raise ConfigError(
@@ -61,7 +79,13 @@ def with_stereo_points(data: DataManager, background: tuple[float, float, float]
             f"expected at least {LEAST_POINTS}.",
             "Use init=random, or a smaller downscale.",
         )
-    return replace(scene, points=points, point_colors=colors, point_times=None)
+    rows = _evenly(len(points), POINTS_PER_PIXEL * view_pixels or len(points))
+    return replace(scene, points=points[rows], point_colors=colors[rows], point_times=None)
+
+
+def _evenly(count: int, most: int) -> Int[Tensor, " r"]:
+    """At most ``most`` of ``count`` rows, spread evenly."""
+    return torch.arange(count) if count <= most else torch.arange(most) * count // most
 
 
 def chosen_views(views: Views) -> list[int]:
