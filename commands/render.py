@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import RunOptions, read
+from gsfw.commands.interface.arguments import RunOptions, read, word
 from gsfw.rendering.film import VideoFormat
 
 if TYPE_CHECKING:
-    from gsfw.commands.interface.console import Console
-    from gsfw.plugins.compose import Composition
-    from gsfw.rendering.frame_folder import FrameFolder
-    from gsfw.rendering.frames import FrameRenderer
-    from gsfw.rendering.paths import FilmRule, RenderPath
+    from gsfw.rendering.request import RenderRequest
 
 MOST_FPS = 1000
 """Highest frame rate: a WebP counts in milliseconds."""
-
-VIEW_CHANNELS, FILM_CHANNELS = ("photo", "color"), ("color",)
-"""Channels of views and of films, unless some are given."""
 
 
 @dataclass(kw_only=True)
@@ -39,6 +31,8 @@ class RenderOptions(RunOptions):
         "gsfw render runs/moving what=time tracks=true",
     )
 
+    run: str = word("RUN")
+    """A run folder, a checkpoint, a model file (.gsfw), a splat file (.ply), or latest."""
     what: Literal[
         "all", "views", "orbit", "path", "spiral", "time", "orbit-time", "path-time", "spiral-time"
     ] = "all"
@@ -51,8 +45,10 @@ class RenderOptions(RunOptions):
     channel: tuple[str, ...] = ()
     """Images side by side: color, photo, depth, alpha, normals, error, contribution, count,
     sh_degree, motion. Empty: photo,color for views, color for films."""
-    colormap: Literal["", "turbo", "viridis", "magma", "inferno", "plasma", "cividis", "gray"] = ""
-    """Colours of values, such as depth. Empty: those that suit the channel."""
+    colormap: Literal[
+        "auto", "turbo", "viridis", "magma", "inferno", "plasma", "cividis", "gray"
+    ] = "auto"
+    """Colours of values, such as depth. auto: those that suit the channel."""
     range: tuple[float, ...] = ()
     """Values at the two ends of the colours: range=LOW,HIGH. Empty: found, and the same for all
     frames of a film."""
@@ -60,6 +56,8 @@ class RenderOptions(RunOptions):
     """Draw a colour bar beside each channel of values."""
     labels: bool = True
     """Write the names of the channels, where there are several."""
+    background: str = ""
+    """Colour behind the scene: white, black, or r,g,b in [0, 1]. Empty: that of the training."""
     out: str = ""
     """Folder for the images. Empty: renders/ in the run, or beside the model file."""
     frames: int | None = None
@@ -103,37 +101,27 @@ def run(arguments: list[str]) -> int:
 
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run, open_run
-    from gsfw.core.loop.determinism import deterministic
     from gsfw.plugins.registry import installed
-    from gsfw.rendering.film import choose_format
-    from gsfw.rendering.paths import paths
+    from gsfw.rendering.request import render
 
-    chosen = choose_format("none" if options.images == "exr" else options.video)
-    console = Console(options.json)
     _check_channels(options)
-    found = find_run(options.run, console.say)
+    request = _request(options)
+    request.check()
+    console = Console(options.json)
+    found = find_run(options.run, console.say, splats=True)
     composition = open_run(found, installed(), options.changed()).composition
-    rule = _film_rule(options)
-    asked = paths(composition, options.what, rule)
     out = Path(options.out) if options.out else found.folder.path / "renders"
-    files: list[Path] = []
-    films: list[Path] = []
-    with deterministic(composition.parts.device):
-        if rule.file is None and _wants_views(options, composition):
-            files += _render_views(options, composition, out, console)
-        for path in asked:
-            frames = _render_film(options, composition, path, out, console)
-            films += _write_film(out / path.name, frames, options.fps or path.fps, chosen)
-            files += frames
-    console.say(f"{len(files)} images in {out}")
+    images, films = render(composition, request, out, console.say)
+    console.say(f"{len(images)} images in {out}")
     for film in films:
         console.say(f"film: {film}")
-    console.result({"run": found.name, "written": [str(file) for file in files + films]})
+    console.result({"run": found.name, "written": [str(file) for file in images + films]})
     return 0
 
 
 def _check(options: RenderOptions) -> None:
     """Refuse invalid settings before anything is loaded."""
+    from gsfw.core.config import parse_background
     from gsfw.core.errors import ConfigError
 
     frames = 1 if options.frames is None else options.frames
@@ -156,6 +144,8 @@ def _check(options: RenderOptions) -> None:
             "smaller one first.",
             "Write range=LOW,HIGH, such as range=0,5.",
         )
+    if options.background:
+        parse_background(options.background)
     if options.eye_distance < 0:
         raise ConfigError(f"eye_distance={options.eye_distance:g}: expected 0 or more.")
     if options.images == "exr" and options.video not in ("auto", "none"):
@@ -173,8 +163,14 @@ def _check_channels(options: RenderOptions) -> None:
     from gsfw.rendering.channels import find_channel
 
     listed = [find_channel(name) for name in options.channel]
+    has_file = options.camera.lower().endswith(".json")
+    if has_file and options.what not in ("all", "path"):
+        raise ConfigError(
+            f"what={options.what} camera={options.camera}: the file has the whole path.",
+            "Leave what out, or give camera the name of a view.",
+        )
     with_photo = [channel.name for channel in listed if channel.needs_image]
-    only_films = options.what not in ("all", "views") or options.camera.endswith(".json")
+    only_films = has_file or options.what not in ("all", "views")
     if with_photo and only_films:
         raise ConfigError(
             f"channel={','.join(options.channel)}: {with_photo[0]} needs a photo, and there is "
@@ -211,101 +207,37 @@ def _check_tracks(options: RenderOptions) -> None:
         )
 
 
-def _film_rule(options: RenderOptions) -> FilmRule:
-    from gsfw.rendering.paths import FilmRule
-
-    # A panorama has a width of its own.
-    width = 0 if options.projection == "panorama" else options.width
-    return FilmRule(options.frames, options.scale, width, options.time, options.camera)
-
-
-def _renderer(
-    options: RenderOptions, composition: Composition, usual: tuple[str, ...], photos: bool
-) -> FrameRenderer:
-    """Renders the given channels, or the usual ones; those that compare only where photos are.
-
-    Raises:
-        ConfigError: none is left.
-    """
-    from gsfw.core.errors import ConfigError
-    from gsfw.plugins.run_source import is_dynamic
-    from gsfw.rendering.channels import available_channels, find_channel
-    from gsfw.rendering.frames import FrameRenderer, FrameRule
-    from gsfw.rendering.pictures import PictureStyle
-
-    known = available_channels(is_dynamic(composition), photos)
-    asked = [find_channel(name) for name in options.channel or usual]
-    shown = tuple(channel for channel in asked if channel in known or channel.moving)
-    if not shown:
-        raise ConfigError(
-            f"channel={','.join(options.channel)}: there are no photos to compare with.",
-            "Leave channel out, or render what=views.",
-        )
-    for channel in shown:
-        if channel not in known:
-            raise ConfigError(
-                f"channel={channel.name}: this model does not change with time.",
-                "Leave this channel out.",
-            )
-    ends = (options.range[0], options.range[1]) if options.range else None
-    style = PictureStyle(shown, options.colormap, ends, options.bars, options.labels)
-    rule = FrameRule(style, options.images, options.projection, options.eye_distance, options.width)
-    return FrameRenderer(composition, rule)
-
-
-def _wants_views(options: RenderOptions, composition: Composition) -> bool:
-    has_images = composition.parts.data.has_images
-    return options.what == "views" or (options.what == "all" and has_images)
-
-
-def _render_views(
-    options: RenderOptions, composition: Composition, out: Path, console: Console
-) -> list[Path]:
-    """Render the views of the chosen splits; their files."""
+def _request(options: RenderOptions) -> RenderRequest:
+    """The options in the terms of the renderer."""
     from gsfw.core.datamanager import Split
-    from gsfw.rendering.frames import view_frames
+    from gsfw.rendering.channels import find_channel
+    from gsfw.rendering.frames import FrameRule
+    from gsfw.rendering.paths import FilmRule
+    from gsfw.rendering.pictures import PictureStyle
+    from gsfw.rendering.request import RenderRequest
 
-    renderer = _renderer(options, composition, VIEW_CHANNELS, photos=True)
-    files: list[Path] = []
-    for split in Split:
-        if options.split in (split.value, "all"):
-            folder = out / ("views" if split is Split.EVAL else f"views-{split.value}")
-            frames, rendered = view_frames(split, renderer, folder)
-            files += _gathered(frames, rendered, f"{split.value} views", console)
-    return files
-
-
-def _render_film(
-    options: RenderOptions, composition: Composition, path: RenderPath, out: Path, console: Console
-) -> list[Path]:
-    """Render the frames of one film; their files."""
-    from gsfw.rendering.frames import film_frames
-    from gsfw.rendering.trails import trails_along
-
-    renderer = _renderer(options, composition, FILM_CHANNELS, photos=False)
-    drawn = (options.tracks_count, options.tracks_frames)
-    lines = trails_along(path.cameras, composition, *drawn) if options.tracks else None
-    frames, rendered = film_frames(path, renderer, out / path.name, lines, drawn)
-    return _gathered(frames, rendered, path.name, console)
-
-
-def _gathered(
-    frames: FrameFolder, rendered: Iterator[Path], name: str, console: Console
-) -> list[Path]:
-    """All files of a folder, with progress."""
-    from gsfw.core.progress import tracked
-
-    kept = frames.kept
-    if kept:
-        console.say(f"{name}: {kept} of {len(frames.names)} frames were rendered before")
-    return list(tracked(rendered, f"rendering {name}", len(frames.names)))
-
-
-def _write_film(
-    stem: Path, frames: list[Path], fps: int | float, chosen: VideoFormat
-) -> list[Path]:
-    from gsfw.core.progress import stage
-    from gsfw.rendering.film import write_film
-
-    with stage(f"writing the film of {stem.name}"):
-        return write_film(stem, frames, fps, chosen)
+    panorama = options.projection == "panorama"
+    style = PictureStyle(
+        tuple(find_channel(name) for name in options.channel),
+        "" if options.colormap == "auto" else options.colormap,
+        (options.range[0], options.range[1]) if options.range else None,
+        options.bars,
+        options.labels,
+    )
+    width = options.width if panorama else 0
+    return RenderRequest(
+        what=options.what,
+        splits=tuple(split for split in Split if options.split in (split.value, "all")),
+        film=FilmRule(
+            options.frames,
+            options.scale,
+            options.width - width,
+            options.time,
+            options.camera,
+        ),
+        frame=FrameRule(style, options.images, options.projection, options.eye_distance, width),
+        background=options.background,
+        tracks=(options.tracks_count, options.tracks_frames) if options.tracks else None,
+        video=options.video,
+        fps=options.fps,
+    )

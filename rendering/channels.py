@@ -19,7 +19,6 @@ from torch import Tensor
 from gsfw.core.cameras import Cameras
 from gsfw.core.capabilities import Feature
 from gsfw.core.errors import ConfigError, UnavailableError
-from gsfw.core.loop.evaluation import render_model
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput
@@ -72,7 +71,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel("normals", "surface directions, from depth", "color"),
             Channel(
-                "error", "mean absolute difference to the photo", "scalar", "of 1",
+                "error", "mean absolute difference to the photo", "scalar", "difference",
                 needs_image=True, low=0.0, colormap="magma",
             ),
             Channel(
@@ -89,7 +88,7 @@ CHANNELS: Mapping[str, Channel] = MappingProxyType(
             ),
             Channel(
                 "motion", "speed of the Gaussians", "scalar",
-                "scene units in the time of the capture", moving=True, low=0.0, colormap="plasma",
+                "scene units / capture", moving=True, low=0.0, colormap="inferno",
             ),
         )
     }
@@ -216,7 +215,8 @@ class _Shot:
         settings = replace(
             self.settings, depth=kind, statistics=frozenset(), contribution_weights=None
         )
-        return render_model(self.model, self.rasterizer, self.camera, settings, self.time)
+        output = self.rasterizer.render(self.splats, self.camera, settings)
+        return self.model.decode(output, self.camera)
 
     @cached_property
     def splats(self) -> Splats:

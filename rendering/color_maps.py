@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -11,13 +12,17 @@ import torch
 if TYPE_CHECKING:
     from jaxtyping import Float
     from PIL import ImageFont
+    from PIL.Image import Image as Picture
     from torch import Tensor
 
 COLOR_MAPS = ("turbo", "viridis", "magma", "inferno", "plasma", "cividis", "gray")
-"""Names of the colour maps; all but turbo are uniform to the eye and end in black or in dark."""
+"""Names of the colour maps; all but turbo are uniform to the eye, and begin dark."""
 
 UNKNOWN = 0.11
 """Grey of pixels without a value."""
+
+INK = (214, 214, 220)
+"""Colour of ticks and of type, in 8 bits."""
 
 OUTLIERS = 0.01
 """Part of the values that may lie below the range, and above it."""
@@ -113,17 +118,12 @@ def color_bar(
     return torch.from_numpy(np.asarray(image).copy()).float() / 255
 
 
-INK = (214, 214, 220)
-"""Colour of ticks and of type."""
-
-
 def _write_upwards(
-    image: object, text: str, font: ImageFont.FreeTypeFont, middle: tuple[int, int]
+    image: Picture, text: str, font: ImageFont.FreeTypeFont, middle: tuple[int, int]
 ) -> None:
     """Write a text from the bottom to the top; it is left out where there is no room for it."""
     from PIL import Image, ImageDraw
 
-    assert isinstance(image, Image.Image)
     length, size = int(font.getlength(text)) + 2, int(font.size * 1.4)
     if length > image.height:
         return
@@ -135,8 +135,6 @@ def _write_upwards(
 
 def _ticks(low: float, high: float, most: int) -> Sequence[tuple[float, str]]:
     """Round values from ``low`` to ``high`` with their text; the two ends if none is round."""
-    import math
-
     span = high - low
     rough = span / max(most, 1)
     power = 10.0 ** math.floor(math.log10(rough))

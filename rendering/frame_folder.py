@@ -12,6 +12,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import torch
+from torch import Tensor
+
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.files.json_text import json_text
 
@@ -90,10 +93,19 @@ def _read(manifest: Path) -> Mapping[str, Any]:
 def model_digest(model: PrimitiveModel) -> str:
     """Identifies the state of a model."""
     digest = hashlib.blake2b(digest_size=16)
-    for name, tensor in sorted(model.state_dict().items()):
-        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
-        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    for name, value in sorted(model.state_dict().items()):
+        if isinstance(value, Tensor):
+            digest.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
+            digest.update(_bytes(value))
+        else:  # A module's extra state may be anything.
+            digest.update(f"{name} {value!r}".encode())
     return digest.hexdigest()
+
+
+def _bytes(tensor: Tensor) -> bytes:
+    """The content of a tensor of any type, those included that NumPy lacks."""
+    flat = tensor.detach().cpu().contiguous().flatten()
+    return flat.view(torch.uint8).numpy().tobytes() if len(flat) else b""
 
 
 def cameras_digest(cameras: Sequence[Cameras]) -> str:
@@ -102,5 +114,5 @@ def cameras_digest(cameras: Sequence[Cameras]) -> str:
     for camera in cameras:
         digest.update(f"{camera.model.value} {camera.width} {camera.height}".encode())
         for tensor in (camera.world_to_camera, camera.intrinsics, camera.time):
-            digest.update(b"" if tensor is None else tensor.detach().cpu().numpy().tobytes())
+            digest.update(b"" if tensor is None else _bytes(tensor))
     return digest.hexdigest()

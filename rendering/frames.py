@@ -72,11 +72,6 @@ class FrameRenderer:
     def __init__(self, composition: Composition, rule: FrameRule) -> None:
         self.composition, self.rule = composition, rule
 
-    def of_channels(self, channels: Sequence[Channel]) -> FrameRenderer:
-        """The same with other channels."""
-        style = replace(self.rule.style, channels=tuple(channels))
-        return FrameRenderer(self.composition, replace(self.rule, style=style))
-
     def request(self, cameras: Sequence[Cameras]) -> dict[str, Any]:
         """All that frames of these cameras depend on."""
         settings = self.composition.plan.settings

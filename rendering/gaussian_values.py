@@ -74,14 +74,18 @@ def speeds(model: PrimitiveModel, splats: Splats, time: Float[Tensor, ""]) -> Fl
         time: in [0, 1].
     """
     now = float(time)
-    times = (max(now - TIME_STEP, 0.0), now, min(now + TIME_STEP, 1.0))
-    before, here, after = follow(model, times).positions
-    whole, later, earlier = after - before, after - here, here - before
-    steps = (times[2] - times[0], times[2] - times[1], times[1] - times[0])
+    first, last = max(now - TIME_STEP, 0.0), min(now + TIME_STEP, 1.0)
+    before, after = follow(model, (first, last)).positions
+    here = splats.means
+    if splats.rows is not None:
+        before, after = before[splats.rows], after[splats.rows]
     found = torch.full_like(here[:, 0], torch.nan)
-    for shift, step in zip((whole, later, earlier), steps, strict=True):
+    for shift, step in (
+        (after - before, last - first),
+        (after - here, last - now),
+        (here - before, now - first),
+    ):
         if step > 0:
             speed = shift.norm(dim=1) / step
             found = torch.where(found.isfinite(), found, speed)
-    found = found.nan_to_num(0.0)
-    return found if splats.rows is None else found[splats.rows]
+    return found.nan_to_num(0.0)

@@ -40,7 +40,8 @@ class KeyFrame:
     time: float | None = None
     """Time of a moving scene, in [0, 1]; ``None`` for the time of the command."""
     seconds: float | None = None
-    """When the film passes it, from its start; ``None`` at one speed. All of a path, or none."""
+    """When the film passes it, from its start. All of a path, or none: then the camera has one
+    speed, or, where the times of key frames differ, every step takes equally long."""
 
 
 @dataclass(frozen=True)
@@ -208,10 +209,18 @@ def path_frames(path: CameraPath, frames: int | None = None) -> PathFrames:
 
 
 def _knots(path: CameraPath) -> Float64[Tensor, " knots"] | None:
-    """The seconds of the key frames, and of the return to the first one; ``None`` without any."""
-    moments = [key.seconds for key in path.key_frames if key.seconds is not None]
+    """The seconds of the key frames, and of the return to the first one.
+
+    ``None`` for one speed. Where time passes, the camera may stand still: then every step takes
+    equally long.
+    """
+    keys = path.key_frames
+    moments = [key.seconds for key in keys if key.seconds is not None]
     if not moments:
-        return None
+        if len({key.time for key in keys}) == 1:
+            return None
+        count = len(keys) + path.closed
+        return torch.linspace(0, path.seconds, count, dtype=torch.float64)
     if path.closed:
         # The way back takes what is left of the film, or as long as the other steps do.
         rest = path.seconds - moments[-1]

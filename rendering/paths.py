@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
+from jaxtyping import Float64
+from torch import Tensor
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import DataManager, Split, spread
@@ -31,6 +33,10 @@ FRAMES_PER_VIEW = 4
 
 MOST_VIEWS = 64
 """Most views that a path passes."""
+
+LEAST_VIEWS, RANDOM_STEP = 8, 0.85
+"""Views in random order are as far from the next one as from any (1.0); those of captures, from so
+many views on, are much nearer to it. Few views are far apart in any order."""
 
 WITH_TIME = "-time"
 """End of the names of the paths along which time passes too."""
@@ -76,9 +82,9 @@ class RenderPath:
 
 
 MAKERS: dict[str, Callable[[DataManager, FilmRule], Cameras]] = {
-    "orbit": lambda data, rule: orbit(_alike(_train(data)), rule.count),
+    "orbit": lambda data, rule: orbit(alike(_train(data)), rule.count),
     "path": lambda data, rule: _through_views(data, rule.count),
-    "spiral": lambda data, rule: spiral(_alike(_train(data)), rule.count),
+    "spiral": lambda data, rule: spiral(alike(_train(data)), rule.count),
 }
 """Cameras of each path, without times."""
 
@@ -157,11 +163,32 @@ def _through_views(data: DataManager, frames: int) -> Cameras:
         pose = camera.world_to_camera[0].double()
         if not any(torch.allclose(pose, known, atol=1e-6) for known in poses):
             poses.append(pose)
+    ordered_poses = in_turn(torch.linalg.inv(torch.stack(poses)))
     most = min(max(frames // FRAMES_PER_VIEW, 2), MOST_VIEWS)
-    chosen = [poses[index] for index in spread(range(len(poses)), most)]
-    spline = PoseSpline(torch.linalg.inv(torch.stack(chosen)))
+    spline = PoseSpline(ordered_poses[list(spread(range(len(poses)), most))])
     found = torch.linalg.inv(spline.at(spline.even_moments(frames)))
     return posed(_train(data)[0], found)
+
+
+def in_turn(poses: Float64[Tensor, "k 4 4"]) -> Float64[Tensor, "k 4 4"]:
+    """Camera-to-world poses in an order without jumps.
+
+    As they are, unless their order is as good as random, as in NeRF's Blender scenes: then each is
+    followed by the nearest one that is left.
+    """
+    centers = poses[:, :3, 3]
+    distances = torch.cdist(centers, centers)
+    count = len(poses)
+    step = distances.diagonal(1).mean()
+    mean = distances.sum() / max(count * (count - 1), 1)
+    if count < LEAST_VIEWS or float(step) < RANDOM_STEP * float(mean):
+        return poses
+    order, left = [0], set(range(1, count))
+    while left:
+        row = distances[order[-1]].tolist()
+        order.append(min(left, key=row.__getitem__))
+        left.remove(order[-1])
+    return poses[order]
 
 
 def _by_number(name: str) -> list[tuple[int, str]]:
@@ -206,7 +233,7 @@ def _train(data: DataManager) -> tuple[Cameras, ...]:
     return data.views(Split.TRAIN).cameras
 
 
-def _alike(cameras: Iterable[Cameras]) -> Cameras:
+def alike(cameras: Iterable[Cameras]) -> Cameras:
     """All places of cameras, with the first one's lens and size: mixed sets have one orbit too."""
     first, *others = cameras
     like = [replace(first, world_to_camera=other.world_to_camera) for other in others]

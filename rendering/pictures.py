@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from gsfw.rendering.channels import Channel
-from gsfw.rendering.color_maps import color_bar, colored, type_face, value_range
+from gsfw.rendering.color_maps import UNKNOWN, color_bar, colored, type_face, value_range
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -29,7 +29,7 @@ class PictureStyle:
     """The look of every frame."""
 
     channels: tuple[Channel, ...]
-    """From left to right; at least one."""
+    """From left to right; none for the usual ones of what is rendered."""
     colormap: str = ""
     """Of all values; empty: that of each channel."""
     ends: tuple[float, float] | None = None
@@ -83,6 +83,8 @@ def picture(
         roomy = height >= LEAST_HEIGHT
         if channel.kind == "color":
             panel = image.float().clamp(0, 1)
+            if channel.name == "normals":
+                panel = torch.where(panel.sum(2, keepdim=True) > 0, panel, UNKNOWN)
         else:
             low, high = scales[channel.name]
             panel = colored(image, low, high, style.map_of(channel))

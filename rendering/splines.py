@@ -17,6 +17,9 @@ from gsfw.core.maths.rotations import quaternions_of, same_half, unit_matrices
 LEAST_STEP = 1e-4
 """Least distance of neighbouring knots, of the mean one, so that equal poses do no harm."""
 
+STILL = 1e-6
+"""A path shorter than this part of its reach is that of a camera that stands still."""
+
 PARTS = 32
 """Pieces of a segment, along which its length is measured."""
 
@@ -74,6 +77,8 @@ class PoseSpline:
         )
         values = hermite(self._values, self.knots, fine, self._closed)
         steps = _lengths(values, self._reach)
+        if float(steps.sum()) < STILL * self._reach:
+            steps = fine.diff()
         passed = torch.cat([steps.new_zeros(1), steps.cumsum(0)])
         count = frames if self._closed else max(frames - 1, 1)
         wanted = torch.arange(frames, dtype=torch.float64) / count * passed[-1]

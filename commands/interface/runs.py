@@ -36,19 +36,22 @@ class RunArgument:
     """The given checkpoint; ``None`` for the latest."""
     model_file: Path | None = None
     """The given model file in place of a run."""
+    splat_file: Path | None = None
+    """The given file of splats in place of a run."""
 
     @property
     def name(self) -> str:
-        """Path of the run or model file, for messages and results."""
-        return str(self.model_file or self.folder.path)
+        """Path of the run or file, for messages and results."""
+        return str(self.model_file or self.splat_file or self.folder.path)
 
 
-def find_run(text: str, say: Callable[[str], None]) -> RunArgument:
+def find_run(text: str, say: Callable[[str], None], splats: bool = False) -> RunArgument:
     """Find the run of RUN.
 
     Args:
         text: the argument.
         say: receives a line on which run the latest is, if it is not below ``runs``.
+        splats: a file of splats may be in place of a run.
 
     Raises:
         DataError: there is none; suggests the nearest name.
@@ -60,6 +63,8 @@ def find_run(text: str, say: Callable[[str], None]) -> RunArgument:
         return RunArgument(RunFolder(path.resolve().parent.parent), path)
     if path.suffix == MODEL_SUFFIX and path.is_file():
         return RunArgument(RunFolder(path.parent), None, path)
+    if splats and path.is_file():
+        return RunArgument(RunFolder(path.parent), None, splat_file=path)
     if not path.exists():
         raise DataError(f"there is no run {text}.{_nearest(path)}", _advice())
     folder = RunFolder(path)
@@ -150,7 +155,10 @@ def _open(
     from gsfw.formats.model_file import read_model_file
     from gsfw.plugins.rebuild import rebuild
     from gsfw.plugins.restore import restore
+    from gsfw.plugins.splat_run import open_splats
 
+    if found.splat_file is not None:
+        return open_splats(found.splat_file, registry, changed)
     if found.model_file is None:
         checkpoint = found.checkpoint if step is None else _checkpoint(found.folder, step)
         return restore(found.folder, registry, checkpoint, changed)

@@ -157,7 +157,7 @@ def spiral(cameras: Cameras, frames: int) -> Cameras:
     middle = centers.mean(0)
     axes = look_at(middle[None], ring.target, ring.up)[0, :3, :3]
     reach = torch.quantile(((centers - middle) @ axes.T).abs(), SPIRAL_REACH, dim=0)
-    waves = torch.stack([turns.cos(), turns.sin(), (turns / 2).sin()], dim=1)
+    waves = torch.stack([turns.cos(), turns.sin(), (turns / 2).cos()], dim=1)
     return posed(cameras, look_at(middle + (waves * reach) @ axes, ring.target, ring.up))
 
 

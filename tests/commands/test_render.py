@@ -1,15 +1,23 @@
 """`gsfw render` writes pictures that can be opened."""
 
 import json
+import math
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from support.moving_scene import DriftingPlugin
 
+from gsfw.commands.interface.runs import find_run, open_run
 from gsfw.commands.main import main
+from gsfw.core.errors import OutputError
+from gsfw.core.files.atomic import write_atomically
 from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.registry import installed
+from gsfw.rendering import image_files
+from gsfw.rendering.key_frames import CameraPath, KeyFrame, write_camera_path
+from gsfw.rendering.paths import find_camera
 
 MOVING_SCENE = (
     "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",
@@ -140,6 +148,177 @@ def test_impossible_numbers_are_one_message(finished_run, capsys, setting):
 def test_an_unknown_kind_of_film_names_those_there_are(finished_run, capsys):
     assert main(["render", str(finished_run), "video=gif"]) == 2
     assert "expected one of auto, mp4, webm, webp, none, found 'gif'" in capsys.readouterr().err
+
+
+def test_channels_are_side_by_side(moving_run, tmp_path):
+    arguments = ("what=views", "channel=photo,color,error,depth", "split=all")
+    assert render(moving_run, tmp_path, *arguments) == 0
+    assert pixels(tmp_path / "views" / "0000_eval_000.png").shape == (24, 128, 3)
+    assert len(list((tmp_path / "views-train").glob("*.png"))) == 6
+    manifest = json.loads((tmp_path / "views" / "frames.json").read_text())
+    assert set(manifest["scales"]) == {"error", "depth"}
+
+
+def test_bars_and_names_are_drawn_where_there_is_room(moving_run, tmp_path):
+    arguments = ("what=time", "channel=color,motion", "frames=2", "scale=5", "range=0,0.5")
+    assert render(moving_run, tmp_path, *arguments, "video=none") == 0
+    plain = ("bars=false", "labels=false", "colormap=gray")
+    assert render(moving_run, tmp_path / "plain", *arguments, *plain, "video=none") == 0
+    wide, narrow = (
+        pixels(folder / "time" / "0000.png") for folder in (tmp_path, tmp_path / "plain")
+    )
+    assert narrow.shape == (120, 320, 3)
+    assert wide.shape[1] > 340
+    assert not np.array_equal(wide[:20, :60], narrow[:20, :60])
+    assert np.array_equal(narrow[:, 160:, 0], narrow[:, 160:, 1])
+
+
+@pytest.mark.parametrize("what", ["path", "spiral", "path-time", "spiral-time"])
+def test_paths_lead_through_and_around_the_views(moving_run, tmp_path, what):
+    assert render(moving_run, tmp_path, f"what={what}", "frames=4", "video=none") == 0
+    first, *others = (pixels(file) for file in sorted((tmp_path / what).glob("*.png")))
+    assert len(others) == 3
+    assert all(not np.array_equal(first, other) for other in others)
+
+
+def test_a_path_begins_and_ends_at_views(moving_run, tmp_path):
+    assert render(moving_run, tmp_path, "what=path", "frames=3", "video=none") == 0
+    assert render(moving_run, tmp_path, "what=time", "frames=1", "video=none") == 0
+    first, view = pixels(tmp_path / "path" / "0000.png"), pixels(tmp_path / "time" / "0000.png")
+    # Both at time 0 from eval_000, the first of all names; poses go through float64.
+    assert np.abs(first - view).max() <= 2
+
+
+def test_a_file_of_key_frames_is_a_film_of_its_own(moving_run, tmp_path, capsys):
+    restored = open_run(find_run(str(moving_run), print), installed())
+    data = restored.composition.parts.data
+    camera = find_camera(data, "eval_001")
+    pose = data.scene.world_from_scene.camera(camera.world_to_camera[0])
+    fov = 2 * math.degrees(math.atan(12 / float(camera.intrinsics[0, 1, 1])))
+    keys = [KeyFrame(torch.linalg.inv(pose), fov, time) for time in (0.0, 1.0)]
+    file = write_camera_path(tmp_path / "walk.json", CameraPath(tuple(keys), 2.0, 1.5))
+    assert render(moving_run, tmp_path, f"camera={file}") == 0
+    assert files(tmp_path / "walk") == ["0000.png", "0001.png", "0002.png", "frames.json"]
+    assert not (tmp_path / "views").exists()
+    with Image.open(tmp_path / "walk.webp") as film:
+        film.seek(1)
+        film.load()
+        assert film.info["duration"] == 500
+    # The same place and time as without a file, but for the rounding of poses.
+    arguments = ("what=time", "camera=eval_001", "frames=3", "video=none")
+    assert render(moving_run, tmp_path, *arguments) == 0
+    for name in ("0000.png", "0002.png"):
+        same = np.abs(pixels(tmp_path / "walk" / name) - pixels(tmp_path / "time" / name))
+        assert same.max() <= 2
+
+
+def test_a_camera_path_that_is_not_there_is_one_message(moving_run, tmp_path, capsys):
+    assert render(moving_run, tmp_path, "camera=none.json") == 2
+    assert "camera=none.json: there is no such file." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("images", "suffix", "form"), [("jpg", "jpg", "JPEG"), ("png16", "png", "PNG")]
+)
+def test_frames_have_the_format_that_is_asked_for(moving_run, tmp_path, images, suffix, form):
+    assert render(moving_run, tmp_path, "what=orbit", "frames=2", f"images={images}") == 0
+    with Image.open(tmp_path / "orbit" / f"0001.{suffix}") as picture:
+        assert (picture.format, picture.size) == (form, (32, 24))
+    with Image.open(tmp_path / "orbit.webp") as film:
+        assert film.n_frames == 2
+
+
+def test_an_exr_has_values_and_makes_no_film(moving_run, tmp_path):
+    arguments = ("what=orbit", "frames=1", "images=exr", "channel=color,depth,motion")
+    assert main(["render", str(moving_run), f"out={tmp_path}", *arguments]) == 0
+    assert files(tmp_path) == ["orbit/0000.exr", "orbit/frames.json"]
+    header = (tmp_path / "orbit" / "0000.exr").read_bytes()[:400]
+    assert all(name + b"\0\x02\0\0\0" in header for name in (b"B", b"G", b"R", b"Z", b"motion"))
+
+
+def test_stereo_and_panoramas_have_their_sizes(moving_run, tmp_path):
+    for projection, size in (("stereo", (64, 24)), ("panorama", (96, 48))):
+        arguments = [f"projection={projection}", "what=orbit", "frames=1", "video=none"]
+        if projection == "panorama":
+            arguments.append("width=96")
+        assert render(moving_run, tmp_path / projection, *arguments) == 0
+        with Image.open(tmp_path / projection / "orbit" / "0000.png") as picture:
+            assert picture.size == size
+            assert len(picture.getcolors(10_000) or []) > 10
+
+
+def test_frames_that_are_there_are_kept(moving_run, tmp_path, capsys):
+    arguments = ("what=orbit", "frames=3", "video=none", "channel=depth")
+    assert render(moving_run, tmp_path, *arguments) == 0
+    frame, gone = tmp_path / "orbit" / "0000.png", tmp_path / "orbit" / "0002.png"
+    before, expected = frame.stat().st_mtime_ns, gone.read_bytes()
+    gone.unlink()
+    capsys.readouterr()
+    assert render(moving_run, tmp_path, *arguments) == 0
+    assert "orbit: 2 of 3 frames were rendered before" in capsys.readouterr().out
+    assert frame.stat().st_mtime_ns == before
+    assert gone.read_bytes() == expected
+    assert render(moving_run, tmp_path, "what=orbit", "frames=2", "video=none") == 0
+    assert frame.stat().st_mtime_ns != before
+    assert not gone.exists()
+
+
+def test_what_stops_in_the_middle_leaves_whole_frames(moving_run, tmp_path, monkeypatch, capsys):
+    written = []
+
+    def full_after_two(path, content):
+        if len(written) == 3:
+            raise OutputError("the disk is full")
+        written.append(path)
+        write_atomically(path, content)
+
+    monkeypatch.setattr(image_files, "write_atomically", full_after_two)
+    arguments = ("what=orbit", "frames=5", "video=none")
+    assert render(moving_run, tmp_path, *arguments) == 2
+    assert "the disk is full" in capsys.readouterr().err
+    monkeypatch.undo()
+    assert render(moving_run, tmp_path, *arguments) == 0
+    assert "orbit: 3 of 5 frames were rendered before" in capsys.readouterr().out
+
+
+def test_a_full_disk_leaves_whole_frames(moving_run, tiny_disk, capsys):
+    arguments = ("what=orbit", "frames=9", "video=none", "images=exr", "width=320")
+    assert main(["render", str(moving_run), f"out={tiny_disk}", *arguments]) == 2
+    assert "the disk is full" in capsys.readouterr().err
+    left = sorted((tiny_disk / "orbit").iterdir())
+    assert {item.suffix for item in left} == {".exr", ".json"}
+    sizes = [item.stat().st_size for item in left if item.suffix == ".exr"]
+    assert 1 <= len(sizes) < 9
+    assert min(sizes) > 0.5 * max(sizes)
+
+
+def test_another_background_is_behind_the_scene(finished_run, tmp_path):
+    arguments = ("what=orbit", "frames=1", "video=none", "background=0,1,0")
+    assert render(finished_run, tmp_path, *arguments) == 0
+    green = pixels(tmp_path / "orbit" / "0000.png")[0, 0]
+    assert green[1] > 2 * max(green[0], green[2])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("what=orbit channel=error", "error needs a photo, and there is none along a camera path"),
+        ("channel=dept", "there is no channel 'dept'. Did you mean 'depth'?"),
+        ("what=orbit channel=motion", "channel=motion: this model does not change with time"),
+        ("range=3,1 channel=depth", "range=3,1: expected two numbers, the smaller one first"),
+        ("width=100 scale=2", "width=100 scale=2: expected one of them"),
+        ("images=exr video=mp4", "a film is made of pictures, and an EXR holds values"),
+        ("what=views projection=stereo", "views are compared with photos, which have one image"),
+        ("what=time camera=a.json", "what=time camera=a.json: the file has the whole path"),
+        ("background=green", "background=green: expected white, black, auto, or three numbers"),
+        ("eye_distance=-1", "eye_distance=-1: expected 0 or more"),
+        ("tracks=true what=spiral", "nothing moves there"),
+        ("tracks=true channel=depth", "tracks are drawn on the colours of one camera"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence_with_a_remedy(finished_run, capsys, arguments, message):
+    assert main(["render", str(finished_run), *arguments.split()]) == 2
+    assert message in capsys.readouterr().err
 
 
 def test_a_run_of_what_moves_has_figures_over_time(moving_run, tmp_path, capsys):

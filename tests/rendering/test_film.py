@@ -51,18 +51,20 @@ def test_a_webp_shows_every_frame_for_its_time(frames, tmp_path):
         assert film.info["duration"] == 40
 
 
-def test_an_mp4_has_every_frame_and_an_even_size(frames, tmp_path):
+@pytest.mark.parametrize(("form", "codecs"), [("mp4", {"h264"}), ("webm", {"vp9", "libvpx-vp9"})])
+def test_a_video_has_every_frame_and_an_even_size(frames, tmp_path, form, codecs):
     av = pytest.importorskip("av", reason="PyAV is not installed (extra video)")
     assert choose_format("auto") == "mp4"
-    (path,) = write_film(tmp_path / "film", frames, 25, "mp4")
+    (path,) = write_film(tmp_path / "film", frames, 25, form)
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
-        assert (stream.codec_context.name, stream.average_rate) == ("h264", 25)
+        assert stream.codec_context.name in codecs
+        assert stream.average_rate == 25
         images = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
     assert [image.shape for image in images] == [(30, 44, 3)] * 3
     means = [image.mean() / 255 for image in images]
     assert means == pytest.approx([0.2, 0.5, 0.8], abs=0.02)
-    assert sorted(item.name for item in tmp_path.iterdir()) == ["film.mp4", "frames"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == [f"film.{form}", "frames"]
 
 
 def test_no_film_is_made_where_none_is_wanted(frames, tmp_path):
@@ -75,11 +77,12 @@ def test_without_an_encoder_auto_is_webp(no_encoder):
     assert choose_format("webp") == "webp"
 
 
-def test_without_an_encoder_mp4_says_what_to_install(no_encoder):
+@pytest.mark.parametrize("form", ["mp4", "webm"])
+def test_without_an_encoder_a_video_says_what_to_install(no_encoder, form):
     with pytest.raises(UnavailableError) as error:
-        choose_format("mp4")
+        choose_format(form)
     assert str(error.value) == (
-        "video=mp4 needs an encoder, and PyAV is not installed.\n"
+        f"video={form} needs an encoder, and PyAV is not installed.\n"
         "Install it with: pip install 'gsfw[video]' (or: pip install av). "
         "video=webp needs nothing more."
     )
@@ -91,6 +94,8 @@ def test_an_encoder_without_the_codec_is_none(monkeypatch):
     assert choose_format("auto") == "webp"
     with pytest.raises(UnavailableError, match=r"the installed PyAV 1\.2 has no libx264"):
         choose_format("mp4")
+    with pytest.raises(UnavailableError, match=r"the installed PyAV 1\.2 has no libvpx-vp9"):
+        choose_format("webm")
 
 
 def test_a_place_that_cannot_be_written_is_one_message(frames, tmp_path):

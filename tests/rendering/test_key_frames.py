@@ -61,6 +61,13 @@ def test_key_frames_are_passed_at_their_seconds():
     assert float(closed.camera_to_world[-1, 0, 3]) < 0.3
 
 
+def test_time_passes_while_the_camera_stands_still():
+    keys = tuple(KeyFrame(standing_at(1.0, 0, 0), 50.0, time) for time in (0.0, 0.5, 1.0))
+    found = path_frames(CameraPath(keys), 5)
+    assert found.times is not None
+    assert found.times.tolist() == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+
+
 def test_a_closed_path_ends_before_its_first_frame():
     found = path_frames(three(closed=True, seconds=2.0)).camera_to_world[:, 0, 3]
     assert len(found) == 60

@@ -5,7 +5,14 @@ import torch
 from support.scenes import front_camera
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.maths.camera_path import at_times, look_at, orbit, up_direction, viewing_center
+from gsfw.core.maths.camera_path import (
+    at_times,
+    look_at,
+    orbit,
+    spiral,
+    up_direction,
+    viewing_center,
+)
 
 
 def ring(target: torch.Tensor, count: int = 8) -> Cameras:
@@ -62,6 +69,28 @@ def test_an_orbit_goes_no_further_than_the_cameras_stood():
     assert float(angles.min()) == pytest.approx(0.0, abs=5.0)
     assert float(angles.max()) == pytest.approx(90.0, abs=5.0)
     assert float((angles.roll(-1) - angles).abs().max()) < 25
+
+
+def test_a_spiral_goes_from_the_lowest_cameras_to_the_highest_and_back():
+    low, high = ring(torch.tensor([0.0, 0.0, -0.5]).double()), ring(torch.zeros(3).double())
+    path = spiral(Cameras.cat([low, high]), 16)
+    target = viewing_center(Cameras.cat([low, high]))
+    heights = (path.centers - target)[:, 2]
+    assert float(heights[8] - heights[0]) == pytest.approx(0.5, abs=0.05)
+    assert float((heights.roll(-1) - heights).abs().max()) < 0.15
+    torch.testing.assert_close(viewing_center(path), target, atol=1e-6, rtol=0)
+
+
+def test_a_spiral_before_a_scene_stays_near_the_cameras():
+    offsets = torch.tensor([[x, y, 0.0] for x in (-1, 0, 1) for y in (-0.5, 0, 0.5)]).double()
+    target = torch.tensor([0.0, 0.0, 6.0]).double()
+    one = front_camera(dtype=torch.float64)
+    poses = look_at(offsets, target, torch.tensor([0.0, -1.0, 0.0]).double())
+    cameras = Cameras(poses, one.intrinsics.expand(9, 3, 3), one.width, one.height)
+    path = spiral(cameras, 24)
+    assert bool((path.centers.abs().amax(0) <= torch.tensor([1.01, 0.51, 0.5])).all())
+    assert float(path.centers[:, 0].max() - path.centers[:, 0].min()) > 1.5
+    torch.testing.assert_close(viewing_center(path), viewing_center(cameras))
 
 
 def test_a_single_camera_has_an_orbit_that_stays_where_it_is():

@@ -1,0 +1,131 @@
+"""Splat run: splats of any tool as a run of 3DGS that is finished, seen by cameras around them.
+
+The model is the one that ``init=FILE`` makes, so that all that takes a run takes the file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+from jaxtyping import Float, Float64
+from torch import Tensor
+
+from gsfw.core.batch import Batch
+from gsfw.core.cameras import Cameras
+from gsfw.core.datamanager import Split, Views
+from gsfw.core.errors import DataError
+from gsfw.core.exchange import SplatFile
+from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.maths.camera_path import look_at
+from gsfw.core.maths.similarity import Similarity
+from gsfw.core.maths.spherical_harmonics import degree_of
+from gsfw.core.scene import Scene
+from gsfw.core.splats import Sh
+from gsfw.plugins.compose import compose
+from gsfw.plugins.initial_splats import find_importer
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.restore import Restored
+from gsfw.plugins.settings import Layer, resolve
+from gsfw.plugins.stored_capture import StoredCapture
+
+METHOD = "3dgs"
+"""The method whose model any splats fit into."""
+
+CAMERAS = 24
+"""Cameras around the splats."""
+
+WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
+"""Of a camera: pixels, and degrees from left to right."""
+
+DISTANCE, RISE = 2.2, 0.5
+"""Distance of the cameras, and their height above the middle, in sizes of the scene."""
+
+OUTSIDE = 0.02
+"""Part of the Gaussians that may lie outside of the scene, on each side: they float far away."""
+
+UPWARDS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def open_splats(path: Path, registry: Registry, changed: Layer | None = None) -> Restored:
+    """A run whose model has the splats of a file.
+
+    Args:
+        path: the file.
+        registry: the installed parts.
+        changed: settings that replace those of the run, such as the device.
+
+    Raises:
+        DataError: it is no splat file that can be read; names the cause.
+    """
+    content = find_importer(path, registry).read(path)
+    colors = content.splats.colors
+    assert isinstance(colors, Sh), "a splat file has SH colours"
+    values = {
+        "method": METHOD,
+        "init": str(path),
+        "sh_degree": max(colors.degree, degree_of(colors.width)),
+        "antialias": content.antialiased,
+        "background": "black",
+    }
+    layers = [Layer(f"splat file {path}", values), *([changed] if changed else [])]
+    scene = _scene(path, content)
+    cameras = _around(scene, _up(content))
+    views = {
+        Split.TRAIN: Views(tuple(f"around_{n:02d}" for n in range(len(cameras))), cameras),
+        Split.EVAL: Views(("before",), cameras[:1]),
+    }
+    capture = _SplatCapture(scene, views, str(path), has_data=False)
+    composition = compose(resolve(registry, layers), registry, data=capture)
+    return Restored(RunFolder(path.parent), composition, {"step": 0})
+
+
+class _SplatCapture(StoredCapture):
+    """Cameras that nobody stood at."""
+
+    def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
+        """Raise an error: there are no images.
+
+        Raises:
+            DataError: always; names the alternative.
+        """
+        raise DataError(
+            f"{self._source} holds splats, and no images to compare with.",
+            f"Render what needs none: gsfw render {self._source} what=orbit",
+        )
+
+
+def _scene(path: Path, content: SplatFile) -> Scene:
+    """The scene: around its middle, nearly all splats within a distance of about 1."""
+    means = content.splats.means.double()
+    sample = means[:: len(means) // 100_000 + 1]
+    ends = torch.quantile(sample, torch.tensor([OUTSIDE, 1 - OUTSIDE]).double(), dim=0)
+    size = max(float((ends[1] - ends[0]).norm()) / 2, 1e-9)
+    placed = Similarity(scale=size, translation=ends.mean(0))
+    none = torch.zeros(0, 3)
+    return Scene(
+        path.stem, none, none, none, extent=1.1 * DISTANCE, world_from_scene=placed, up=content.up
+    )
+
+
+def _up(content: SplatFile) -> Float64[Tensor, " 3"]:
+    """Upwards as the file says; otherwise as COLMAP's worlds usually are: y leads down."""
+    stated = content.up.strip() or "-y"
+    sign = -1.0 if stated.startswith("-") else 1.0
+    axis = UPWARDS.get(stated.lstrip("+-"), (0.0, -1.0, 0.0))
+    return sign * torch.tensor(axis, dtype=torch.float64)
+
+
+def _around(scene: Scene, up: Float[Tensor, " 3"]) -> tuple[Cameras, ...]:
+    """Cameras on a circle around the middle."""
+    first = torch.linalg.cross(up, up.roll(1))
+    second = torch.linalg.cross(up, first)
+    angles = torch.arange(CAMERAS, dtype=torch.float64)[:, None] * (2 * math.pi / CAMERAS)
+    level = math.sqrt(DISTANCE**2 - RISE**2)
+    places = level * (angles.cos() * first + angles.sin() * second) + RISE * up
+    poses = look_at(places, torch.zeros(3, dtype=torch.float64), up).float()
+    focal = WIDTH / 2 / math.tan(math.radians(FIELD_OF_VIEW) / 2)
+    intrinsics = torch.tensor([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]])
+    return tuple(Cameras(pose[None], intrinsics[None], WIDTH, HEIGHT) for pose in poses)

@@ -1,0 +1,172 @@
+"""RenderRequest: what is rendered of a run, and the rendering of all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from gsfw.core.config import parse_background
+from gsfw.core.datamanager import Split
+from gsfw.core.errors import ConfigError
+from gsfw.core.loop.determinism import deterministic
+from gsfw.core.progress import stage, tracked
+from gsfw.plugins.compose import Composition
+from gsfw.plugins.run_source import is_dynamic
+from gsfw.rendering.channels import CHANNELS, available_channels
+from gsfw.rendering.film import VideoFormat, choose_format, write_film
+from gsfw.rendering.frame_folder import FrameFolder
+from gsfw.rendering.frames import FrameRenderer, FrameRule, film_frames, view_frames
+from gsfw.rendering.paths import FilmRule, RenderPath, paths
+from gsfw.rendering.trails import trails_along
+
+VIEW_CHANNELS, FILM_CHANNELS = ("photo", "color"), ("color",)
+"""Channels of views and of films, unless some are given."""
+
+Say = Callable[[str], None]
+"""Receives a line for the user."""
+
+
+@dataclass(frozen=True)
+class RenderRequest:
+    """What is rendered, and how."""
+
+    what: str
+    """views, all, or the name of a path."""
+    splits: tuple[Split, ...]
+    """Splits whose views are rendered."""
+    film: FilmRule
+    frame: FrameRule
+    """Its style may have no channels: views and films then have their usual ones."""
+    background: str = ""
+    """Colour behind the scene; empty: that of the training."""
+    tracks: tuple[int, int] | None = None
+    """Number of trails, and of the frames that they reach back; ``None`` for none."""
+    video: VideoFormat = "auto"
+    fps: int | None = None
+    """Frames per second; ``None``: as each path has it."""
+
+    @property
+    def video_format(self) -> VideoFormat:
+        """The format of films; none where frames are no pictures.
+
+        Raises:
+            UnavailableError: there is no encoder for it.
+        """
+        return choose_format("none" if self.frame.images == "exr" else self.video)
+
+    def check(self) -> None:
+        """Refuse what this machine cannot do, before anything is loaded.
+
+        Raises:
+            UnavailableError: there is no encoder for the films.
+        """
+        _ = self.video_format
+
+
+def render(
+    composition: Composition, request: RenderRequest, out: Path, say: Say
+) -> tuple[list[Path], list[Path]]:
+    """Render all that is asked for; the images, and the films.
+
+    Args:
+        composition: the run.
+        request: what and how.
+        out: folder of the files.
+        say: receives what was found of an earlier render.
+
+    Raises:
+        ConfigError: the run lacks what is asked for.
+        OutputError: a file cannot be written; those before it are whole.
+    """
+    composition = _before(composition, request.background)
+    asked = paths(composition, request.what, request.film)
+    images: list[Path] = []
+    films: list[Path] = []
+    with deterministic(composition.parts.device):
+        if _wants_views(composition, request):
+            images += _views(composition, request, out, say)
+        for path in asked:
+            frames = _frames(composition, request, path, out, say)
+            with stage(f"writing the film of {path.name}"):
+                fps = request.fps or path.fps
+                films += write_film(out / path.name, frames, fps, request.video_format)
+            images += frames
+    return images, films
+
+
+def _before(composition: Composition, background: str) -> Composition:
+    """The run before another background."""
+    if not background:
+        return composition
+    plan, method = composition.plan, composition.parts.method
+    color = torch.tensor(
+        parse_background(background, composition.scene.has_alpha), device=composition.parts.device
+    )
+    settings = method.render_settings(replace(plan.settings, background=color), None)
+    return replace(composition, plan=replace(plan, settings=settings))
+
+
+def _wants_views(composition: Composition, request: RenderRequest) -> bool:
+    if request.film.file is not None:
+        return False
+    has_images = composition.parts.data.has_images
+    return request.what == "views" or (request.what == "all" and has_images)
+
+
+def _views(composition: Composition, request: RenderRequest, out: Path, say: Say) -> list[Path]:
+    """Render the views of the splits; their files."""
+    renderer = _renderer(composition, request, VIEW_CHANNELS, has_photos=True)
+    files: list[Path] = []
+    for split in request.splits:
+        folder = out / ("views" if split is Split.EVAL else f"views-{split.value}")
+        frames, rendered = view_frames(split, renderer, folder)
+        files += _gathered(frames, rendered, f"{split.value} views", say)
+    return files
+
+
+def _frames(
+    composition: Composition, request: RenderRequest, path: RenderPath, out: Path, say: Say
+) -> list[Path]:
+    """Render the frames of one film; their files."""
+    renderer = _renderer(composition, request, FILM_CHANNELS, has_photos=False)
+    drawn = request.tracks
+    trails = None if drawn is None else trails_along(path.cameras, composition, *drawn)
+    frames, rendered = film_frames(path, renderer, out / path.name, trails, drawn or ())
+    return _gathered(frames, rendered, path.name, say)
+
+
+def _gathered(frames: FrameFolder, rendered: Iterator[Path], name: str, say: Say) -> list[Path]:
+    """All files of a folder, with progress."""
+    if frames.kept:
+        say(f"{name}: {frames.kept} of {len(frames.names)} frames were rendered before")
+    return list(tracked(rendered, f"rendering {name}", len(frames.names)))
+
+
+def _renderer(
+    composition: Composition, request: RenderRequest, usual: tuple[str, ...], has_photos: bool
+) -> FrameRenderer:
+    """Renders the given channels, or the usual ones; those that compare only where photos are.
+
+    Raises:
+        ConfigError: none is left, or one needs a model that changes with time.
+    """
+    style = request.frame.style
+    known = available_channels(is_dynamic(composition), has_photos)
+    asked = style.channels or tuple(CHANNELS[name] for name in usual)
+    still = [channel.name for channel in asked if channel.moving and channel not in known]
+    if still:
+        raise ConfigError(
+            f"channel={still[0]}: this model does not change with time.", "Leave this channel out."
+        )
+    shown = tuple(channel for channel in asked if channel in known)
+    if not shown:
+        raise ConfigError(
+            f"channel={','.join(channel.name for channel in asked)}: there are no photos to "
+            "compare with.",
+            "Leave channel out, or render what=views.",
+        )
+    rule = replace(request.frame, style=replace(style, channels=shown))
+    return FrameRenderer(composition, rule)
