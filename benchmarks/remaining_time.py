@@ -18,8 +18,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from gsfw.callbacks.remaining_time import RemainingTime
 from gsfw.core.callback import RunInfo
+from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.methods.dynamic3d.config import TRACKING_COST
 from gsfw.methods.gaussians4d.config import FIELD_COST

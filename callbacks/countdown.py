@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from gsfw.callbacks.remaining_time import RemainingTime
 from gsfw.core.callback import RunInfo, StepReport
+from gsfw.core.loop.remaining_time import RemainingTime
 
 
 class Countdown:

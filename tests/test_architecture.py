@@ -29,10 +29,7 @@ MAY_IMPORT = {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering"),
         "gsfw.reports",
     },
-    "viewer": {
-        "gsfw.callbacks.remaining_time",
-        *("gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"),
-    },
+    "viewer": {"gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"},
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
         *("gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),

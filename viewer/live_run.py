@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gsfw.callbacks.remaining_time import RemainingTime
 from gsfw.core.callback import RunInfo, StepReport
+from gsfw.core.loop.remaining_time import RemainingTime
 
 MOST_POINTS = 400
 """Points of a curve: twice as many are halved, so that long runs send no more than short ones."""

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gsfw.callbacks.remaining_time import RemainingTime
 from gsfw.core.callback import RunInfo
+from gsfw.core.loop.remaining_time import RemainingTime
 
 GROWING = {
     "strategy.refine_every": 100, "strategy.refine_start": 500, "strategy.refine_stop": 5000,
