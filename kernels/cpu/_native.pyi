@@ -118,10 +118,13 @@ def network(
     weights: list[Tensor],
     biases: list[Tensor],
     trunk: int,
+    least: Tensor | None,
+    gate: int,
     outputs: list[Tensor],
     threads: int,
 ) -> None:
-    """Write the outputs of heads after ``trunk`` layers with ReLU."""
+    """Write the outputs of heads after ``trunk`` layers with ReLU; others than ``gate`` are 0 in
+    rows where it is below ``least``."""
 
 def network_backward(
     inputs: Tensor,
