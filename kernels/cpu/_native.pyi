@@ -123,8 +123,7 @@ def network(
     outputs: list[Tensor],
     threads: int,
 ) -> None:
-    """Write the outputs of heads after ``trunk`` layers with ReLU; others than ``gate`` are 0 in
-    rows where it is below ``least``."""
+    """Write the outputs of heads; where head ``gate`` is below ``least``, the others are 0."""
 
 def network_backward(
     inputs: Tensor,

@@ -141,18 +141,23 @@ class DeformedGaussians(MovingGaussians):
 
     @torch.no_grad()
     def opacities(self) -> Float[Tensor, " n"]:
-        """Largest opacity of each row over the sequence, in [0, 1]; canonical in early steps.
+        """Canonical opacity of each row, or the largest over the sequence if that is less.
 
-        The canonical opacity says little: the field hides many rows at all times (22 to 48 % of
-        those of four captures after 1000 to 2300 steps), which then cost time and show nothing.
+        The canonical opacity alone says little: the field hides many rows at all times (22 to 48 %
+        of those of four captures after 1000 to 2300 steps), which then cost time and show nothing.
+        Early, before the field is settled, it may show them again.
         """
+        canonical = self.canonical.opacities()
         if not self.settled or not self.field.changes_opacities:
-            return self.canonical.opacities()
-        logits, means = self.canonical.opacity_logits.values, self.taken(self.canonical.means.values)
+            return canonical
+        logits, means = (
+            self.canonical.opacity_logits.values,
+            self.taken(self.canonical.means.values),
+        )
         largest = torch.full_like(means[:, 0], -math.inf)
         for time in torch.linspace(0, 1, OPACITY_INSTANTS, device=means.device).to(means):
             largest = largest.maximum(self.field.opacity_change(means, time))
-        return self.moved(logits, largest).sigmoid()
+        return canonical.minimum(self.moved(logits, largest).sigmoid())
 
     def sizes(self) -> Float[Tensor, " n"]:
         """Largest canonical standard deviation of each row, in scene units."""
