@@ -28,6 +28,33 @@ Layer = tuple[Float[Tensor, "_ _"], Float[Tensor, " _"]]
 
 
 @dataclass(frozen=True)
+class Gate:
+    """A network's head whose first output decides for each row if the other heads are needed."""
+
+    head: int
+    """Its number."""
+    least: Float[Tensor, " n"]
+    """Other heads are 0 in rows where the output is below this; without a gradient."""
+
+    def closed(self, values: Sequence[Float[Tensor, "n _"]]) -> Bool[Tensor, " n"]:
+        """Rows that need no other head, from the heads' outputs. NaN passes."""
+        return values[self.head].detach()[:, 0] < self.least
+
+    def applied(self, values: Sequence[Float[Tensor, "n _"]]) -> tuple[Float[Tensor, "n _"], ...]:
+        """Outputs with zeros where other heads are not needed."""
+        return self.masked(values, self.closed(values))
+
+    def masked(
+        self, values: Sequence[Float[Tensor, "n _"]], closed: Bool[Tensor, " n"]
+    ) -> tuple[Float[Tensor, "n _"], ...]:
+        """Outputs, or their gradients, with zeros in the ``closed`` rows of other heads."""
+        return tuple(
+            value if head == self.head else value.masked_fill(closed[:, None], 0)
+            for head, value in enumerate(values)
+        )
+
+
+@dataclass(frozen=True)
 class AdamSettings:
     """Constants of Adam (Kingma and Ba 2015); epsilon as in 3DGS."""
 
@@ -164,7 +191,11 @@ class Operators:
         return slices(left, right, scales)
 
     def relu_network(
-        self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]
+        self,
+        inputs: Float[Tensor, "n f"],
+        layers: Sequence[Layer],
+        heads: Sequence[Layer],
+        gate: Gate | None = None,
     ) -> tuple[Float[Tensor, "n _"], ...]:
         """Output of each head of a network; differentiable.
 
@@ -172,11 +203,13 @@ class Operators:
             inputs: inputs of the first layer.
             layers: layers in sequence, each followed by a ReLU; at least one.
             heads: linear layers, each on its own equal part of the last layer's output.
+            gate: rows that need one head only; ``None``: all need all.
         """
         for weights, biases in layers:
             inputs = relu(linear(inputs, weights, biases))
         parts = inputs.chunk(len(heads), dim=1)
-        return tuple(linear(part, *head) for part, head in zip(parts, heads, strict=True))
+        values = tuple(linear(part, *head) for part, head in zip(parts, heads, strict=True))
+        return values if gate is None else gate.applied(values)
 
     def squared_differences(
         self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float

@@ -118,10 +118,12 @@ def network(
     weights: list[Tensor],
     biases: list[Tensor],
     trunk: int,
+    least: Tensor | None,
+    gate: int,
     outputs: list[Tensor],
     threads: int,
 ) -> None:
-    """Write the outputs of heads after ``trunk`` layers with ReLU."""
+    """Write the outputs of heads; where head ``gate`` is below ``least``, the others are 0."""
 
 def network_backward(
     inputs: Tensor,

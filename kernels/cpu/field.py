@@ -18,7 +18,7 @@ from torch.autograd.function import once_differentiable
 
 from gsfw.core.maths.hash_features import PRIMES
 from gsfw.core.maths.slices import Slices
-from gsfw.core.operators import Layer
+from gsfw.core.operators import Gate, Layer
 from gsfw.kernels.cpu.native_module import required
 from gsfw.kernels.cpu.threads import num_threads
 
@@ -40,11 +40,14 @@ def plane_product(
 
 
 def relu_network(
-    inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]
+    inputs: Float[Tensor, "n f"],
+    layers: Sequence[Layer],
+    heads: Sequence[Layer],
+    gate: Gate | None,
 ) -> tuple[Float[Tensor, "n _"], ...]:
     """``Operators.relu_network`` for layers with a multiple of 16 inputs."""
     parameters = [parameter for layer in (*layers, *heads) for parameter in layer]
-    outputs: tuple[Tensor, ...] = _ReluNetwork.apply(inputs, len(layers), *parameters)
+    outputs: tuple[Tensor, ...] = _ReluNetwork.apply(inputs, len(layers), gate, *parameters)
     return outputs
 
 
@@ -245,21 +248,29 @@ class _ReluNetwork(torch.autograd.Function):
         ctx: Any,  # noqa: ANN401 - torch has no type for it
         inputs: Tensor,
         trunk: int,
+        gate: Gate | None,
         *parameters: Tensor,
     ) -> tuple[Tensor, ...]:
         inputs = inputs.contiguous()
         parameters = tuple(parameter.contiguous() for parameter in parameters)
         weights, biases = _plain(parameters[::2]), _plain(parameters[1::2])
         outputs = [inputs.new_empty(len(inputs), len(head)) for head in weights[trunk:]]
-        required().network(inputs.detach(), weights, biases, trunk, outputs, num_threads())
-        ctx.save_for_backward(inputs, *parameters)
-        ctx.trunk = trunk
+        least = None if gate is None else gate.least.detach().contiguous()
+        head = 0 if gate is None else gate.head
+        required().network(
+            inputs.detach(), weights, biases, trunk, least, head, outputs, num_threads()
+        )
+        closed = None if gate is None else gate.closed(outputs)
+        ctx.save_for_backward(inputs, closed, *parameters)
+        ctx.trunk, ctx.gate = trunk, gate
         return tuple(outputs)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
-        inputs, *parameters = ctx.saved_tensors
+        inputs, closed, *parameters = ctx.saved_tensors
+        if ctx.gate is not None:
+            gradients = ctx.gate.masked(gradients, closed)
         to_inputs = torch.zeros_like(inputs) if ctx.needs_input_grad[0] else None
         to_parameters = inputs.new_empty(sum(parameter.numel() for parameter in parameters))
         required().network_backward(
@@ -274,7 +285,7 @@ class _ReluNetwork(torch.autograd.Function):
         )
         parts = to_parameters.split([parameter.numel() for parameter in parameters])
         shaped = (part.view_as(like) for part, like in zip(parts, parameters, strict=True))
-        return to_inputs, None, *shaped
+        return to_inputs, None, None, *shaped
 
 
 def _plain(tensors: Sequence[Tensor]) -> list[Tensor]:

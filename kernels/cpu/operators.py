@@ -12,7 +12,7 @@ from torch.autograd import forward_ad
 from torch.autograd.graph import increment_version
 
 from gsfw.core.maths.slices import Slices
-from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Layer, Operators
+from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Gate, Layer, Operators
 from gsfw.kernels.cpu import field
 from gsfw.kernels.cpu.native_module import native, required
 from gsfw.kernels.cpu.threads import num_threads
@@ -128,14 +128,19 @@ class CpuOperators(Operators):
         return field.slices(left, right, scales)
 
     def relu_network(
-        self, inputs: Float[Tensor, "n f"], layers: Sequence[Layer], heads: Sequence[Layer]
+        self,
+        inputs: Float[Tensor, "n f"],
+        layers: Sequence[Layer],
+        heads: Sequence[Layer],
+        gate: Gate | None = None,
     ) -> tuple[Float[Tensor, "n _"], ...]:
         """Outputs of a network; native if all layers have a multiple of 16 inputs."""
         tensors = [inputs, *(tensor for layer in (*layers, *heads) for tensor in layer)]
+        tensors += [] if gate is None else [gate.least]
         fits = all(weights.shape[1] % field.LANES == 0 for weights, _ in (*layers, *heads))
         if not fits or len(inputs) == 0 or not _served(tensors) or _tangents(tensors):
-            return super().relu_network(inputs, layers, heads)
-        return field.relu_network(inputs, layers, heads)
+            return super().relu_network(inputs, layers, heads, gate)
+        return field.relu_network(inputs, layers, heads, gate)
 
     def squared_differences(
         self, grid: Float[Tensor, "*cells"], axes: Sequence[int], order: int, weight: float

@@ -65,9 +65,12 @@ class HexPlaneConfig:
     """Cells along time. auto: a quarter of the training views, at most two for each captured time;
     0: one for each captured time; both at most 100."""
     width: int = number(64, at_least=1)
-    """Width of the network's layers."""
+    """Width of the network's shared layers."""
     depth: int = number(1, at_least=1)
-    """Layers between the planes and those of each quantity."""
+    """Shared layers between the planes and those of each quantity."""
+    head_width: int = number(64, at_least=0)
+    """Width of the hidden layer of each quantity; 0: none, its values are linear in the last shared
+    layer."""
     plane_tv: float = number(1e-2, at_least=0, below=math.inf)
     """Weight of the total variation of space planes; 0: none."""
     time_smoothness: float = number(1e-2, at_least=0, below=math.inf)
@@ -107,9 +110,12 @@ class HashConfig:
     times: int | Literal["auto"] = "auto"
     """Most cells along time: auto, 0 or a number, as hexplane.times."""
     width: int = number(64, at_least=1)
-    """Width of the network's layers."""
+    """Width of the network's shared layers."""
     depth: int = number(1, at_least=1)
-    """Layers between the tables and those of each quantity."""
+    """Shared layers between the tables and those of each quantity."""
+    head_width: int = number(64, at_least=0)
+    """Width of the hidden layer of each quantity; 0: none, its values are linear in the last shared
+    layer."""
 
 
 DEFAULT_STEPS = 23_000

@@ -135,7 +135,8 @@ class PackedNetwork {
 
   NetworkJob<T> job(const T* inputs, int64_t trunk, T* const* outputs,
                     const T* const* gradients) const {
-    return {inputs, layers_.data(), trunk, int64_t(layers_.size()) - trunk, outputs, gradients};
+    const int64_t heads = int64_t(layers_.size()) - trunk;
+    return {inputs, layers_.data(), trunk, heads, outputs, gradients, nullptr, 0};
   }
 
   /// Numbers of all weights and biases.
@@ -240,9 +241,11 @@ double grid_distance(const T* values, int64_t count, double center, double weigh
 
 template <typename T>
 void network(const NetworkWeights<T>& weights, const T* inputs, int64_t count,
-             const std::vector<T*>& outputs, int threads) {
+             const NetworkGate<T>& gate, const std::vector<T*>& outputs, int threads) {
   const PackedNetwork<T> packed(weights);
-  const NetworkJob<T> job = packed.job(inputs, weights.trunk, outputs.data(), nullptr);
+  NetworkJob<T> job = packed.job(inputs, weights.trunk, outputs.data(), nullptr);
+  job.least = gate.least;
+  job.gate = gate.head;
   const FieldKernels<T>& with = kernels<T>();
   parallel_pieces(count, TASK_ROWS, threads, [&](int64_t begin, int64_t end, int) {
     with.network(job, begin, end, scratch_of_thread<T>(with.network_scratch(job)));
@@ -288,7 +291,8 @@ void network_backward(const NetworkWeights<T>& weights, const T* inputs, int64_t
   template void slice_backward(const SliceJob<T>&, const SliceGradients<T>&, int64_t, int);       \
   template double grid_variation(const GridVariationJob<T>&, int64_t, int);                       \
   template double grid_distance(const T*, int64_t, double, double, T*, int);                      \
-  template void network(const NetworkWeights<T>&, const T*, int64_t, const std::vector<T*>&, int); \
+  template void network(const NetworkWeights<T>&, const T*, int64_t, const NetworkGate<T>&,        \
+                        const std::vector<T*>&, int);                                             \
   template void network_backward(const NetworkWeights<T>&, const T*, int64_t,                     \
                                  const std::vector<const T*>&, T*, T*, int);
 GSFW_FOR_TYPE(float)

@@ -64,10 +64,18 @@ struct NetworkWeights {
   int64_t trunk;
 };
 
+/// A head whose first output decides for each row if the other heads are needed.
+template <typename T>
+struct NetworkGate {
+  /// [n]: the other heads are zero in rows where it is below; null for no gate.
+  const T* least;
+  int64_t head;
+};
+
 /// Outputs of each head, [n, outputs], for ``inputs`` [n, inputs of the first layer].
 template <typename T>
 void network(const NetworkWeights<T>& weights, const T* inputs, int64_t count,
-             const std::vector<T*>& outputs, int threads);
+             const NetworkGate<T>& gate, const std::vector<T*>& outputs, int threads);
 
 /// Gradients of the inputs (null if not wanted; zero before) and of every layer's weights followed
 /// by its biases, one layer after another.

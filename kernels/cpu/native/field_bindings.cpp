@@ -277,17 +277,21 @@ std::vector<int64_t> head_widths(const NetworkWeights<T>& network) {
 
 template <typename T>
 void bound_network(const Array<const T, 2>& inputs, const Arrays<const T, 2>& weights,
-                   const Arrays<const T, 1>& biases, int64_t trunk, Arrays<T, 2> outputs,
-                   int threads) {
+                   const Arrays<const T, 1>& biases, int64_t trunk,
+                   const std::optional<Array<const T, 1>>& least, int64_t gate,
+                   Arrays<T, 2> outputs, int threads) {
   const NetworkWeights<T> layers = network_of<T>(inputs, weights, biases, trunk);
   const auto widths = head_widths(layers);
   require_outputs(outputs, inputs.shape(0), widths);
+  require(!least || least->shape(0) == inputs.shape(0), "expected a limit for each row");
+  require(!least || (gate >= 0 && gate < int64_t(widths.size())), "the gate is no head");
   std::vector<T*> to;
   for (const auto& output : outputs) to.push_back(output.data());
   const T* const from = inputs.data();
+  const NetworkGate<T> with = {least ? least->data() : nullptr, gate};
   const int64_t count = int64_t(inputs.shape(0));
   nb::gil_scoped_release unlocked;
-  network(layers, from, count, to, threads);
+  network(layers, from, count, with, to, threads);
 }
 
 template <typename T>
@@ -345,7 +349,8 @@ void bind_type(nb::module_& module) {
              "weight"_a, "gradient"_a.noconvert().none(), "threads"_a,
              "Sum of |value - center|; ``gradient`` receives ``weight`` times its sign.");
   module.def("network", &bound_network<T>, "inputs"_a.noconvert(), "weights"_a, "biases"_a,
-             "trunk"_a, "outputs"_a, "threads"_a, "Write the outputs of a network's heads.");
+             "trunk"_a, "least"_a.noconvert().none(), "gate"_a, "outputs"_a, "threads"_a,
+             "Write the outputs of a network's heads; a gate says which rows need them.");
   module.def("network_backward", &bound_network_backward<T>, "inputs"_a.noconvert(), "weights"_a,
              "biases"_a, "trunk"_a, "gradients"_a, "inputs_gradient"_a.noconvert().none(),
              "weights_gradient"_a.noconvert(), "threads"_a,

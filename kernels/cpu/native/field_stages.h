@@ -92,6 +92,9 @@ struct NetworkJob {
   /// By head: [n, outputs]; in the backward pass ``gradients`` are theirs.
   T* const* outputs;
   const T* const* gradients;
+  /// [n], or null: other heads are zero in rows where the first output of head ``gate`` is below.
+  const T* least;
+  int64_t gate;
 };
 
 /// A chunk of rows of the network's backward pass.

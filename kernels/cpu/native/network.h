@@ -31,42 +31,119 @@ int64_t network_scratch(const NetworkJob<T>& job) {
   return NETWORK_TILE * width;
 }
 
-/// Outputs of the trunk's layers one after another from ``to`` on; returns that of the last.
+/// Outputs of the first ``count`` layers one after another from ``to`` on; returns that of the last.
 template <typename T>
-GSFW_FUNCTION T* run_trunk(const NetworkJob<T>& job, const T* inputs, int64_t rows, T* to) {
+GSFW_FUNCTION const T* run_layers(const NetworkJob<T>& job, int64_t count, const T* inputs,
+                                  int64_t rows, T* to) {
   const T* from = inputs;
-  T* last = to;
-  for (int64_t i = 0; i < job.trunk; ++i) {
+  for (int64_t i = 0; i < count; ++i) {
     const DenseLayer<T>& layer = job.layers[i];
-    last = to;
     multiply<Start::bias, true, T>(rows, layer.outputs, layer.inputs, {from, layer.inputs, 1},
                                    {layer.transposed, layer.outputs}, layer.biases,
                                    {to, layer.outputs});
-    from = last;
+    from = to;
     to += NETWORK_TILE * layer.outputs;
   }
-  return last;
+  return from;
+}
+
+/// Outputs of a head on columns of ``from``, whose rows are ``width`` apart; padded, in ``to``.
+template <typename T>
+GSFW_FUNCTION void run_head(const DenseLayer<T>& head, int64_t rows, const T* from, int64_t width,
+                            T* to) {
+  const int64_t stride = padded(head.outputs);
+  multiply<Start::bias, false, T>(rows, stride, head.inputs, {from, width, 1},
+                                  {head.transposed, stride}, head.biases, {to, stride});
+}
+
+template <typename T>
+GSFW_FUNCTION void copy_row(const T* from, int64_t width, T* to) {
+  for (int64_t k = 0; k < width; ++k) to[k] = from[k];
+}
+
+/// A head and the part of the trunk's last layer that it reads, of activations before that layer.
+template <typename T>
+GSFW_FUNCTION void run_branch(const NetworkJob<T>& job, int64_t number, int64_t rows,
+                              const T* before, T* hidden, T* to) {
+  const DenseLayer<T>&joined = job.layers[job.trunk - 1], &head = job.layers[job.trunk + number];
+  const int64_t begin = number * head.inputs;
+  multiply<Start::bias, true, T>(rows, head.inputs, joined.inputs, {before, joined.inputs, 1},
+                                 {joined.transposed + begin, joined.outputs},
+                                 joined.biases + begin, {hidden, head.inputs});
+  run_head(head, rows, hidden, head.inputs, to);
+}
+
+/// Memory of one tile: its inputs, three gradients, and the trunk's activations.
+template <typename T>
+struct NetworkTile {
+  T *inputs, *head, *gradient, *next, *activations;
+
+  GSFW_FUNCTION NetworkTile(const NetworkJob<T>& job, T* scratch) {
+    const int64_t size = NETWORK_TILE * widest(job);
+    inputs = scratch;
+    head = inputs + NETWORK_TILE * job.layers[0].inputs;
+    gradient = head + size;
+    next = gradient + size;
+    activations = next + size;
+  }
+};
+
+/// Outputs of all heads for the rows of a tile from ``start`` on.
+template <typename T>
+GSFW_FUNCTION void run_heads(const NetworkJob<T>& job, int64_t start, int64_t rows, const T* last,
+                             const NetworkTile<T>& tile) {
+  const int64_t width = job.layers[job.trunk - 1].outputs;
+  for (int64_t h = 0; h < job.heads; ++h) {
+    const DenseLayer<T>& head = job.layers[job.trunk + h];
+    run_head(head, rows, last + h * head.inputs, width, tile.head);
+    T* const to = job.outputs[h] + start * head.outputs;
+    for (int64_t r = 0; r < rows; ++r) {
+      copy_row(tile.head + r * padded(head.outputs), head.outputs, to + r * head.outputs);
+    }
+  }
+}
+
+/// The same, with a gate: the other heads are evaluated for the rows that pass, packed together.
+template <typename T>
+GSFW_FUNCTION void run_gated_heads(const NetworkJob<T>& job, int64_t start, int64_t rows,
+                                   const T* before, const NetworkTile<T>& tile) {
+  const DenseLayer<T>& gate = job.layers[job.trunk + job.gate];
+  const int64_t width = job.layers[job.trunk - 1].inputs;
+  T *const packed = tile.gradient, *const hidden = tile.next;
+  int64_t passed[NETWORK_TILE], count = 0;
+  run_branch(job, job.gate, rows, before, hidden, tile.head);
+  for (int64_t r = 0; r < rows; ++r) {
+    const T* const from = tile.head + r * padded(gate.outputs);
+    copy_row(from, gate.outputs, job.outputs[job.gate] + (start + r) * gate.outputs);
+    if (from[0] < job.least[start + r]) continue;  // NaN passes.
+    copy_row(before + r * width, width, packed + count * width);
+    passed[count++] = r;
+  }
+  for (int64_t h = 0; h < job.heads; ++h) {
+    if (h == job.gate) continue;
+    const int64_t outputs = job.layers[job.trunk + h].outputs;
+    T* const to = job.outputs[h] + start * outputs;
+    for (int64_t k = 0; k < rows * outputs; ++k) to[k] = T(0);
+    run_branch(job, h, count, packed, hidden, tile.head);
+    for (int64_t i = 0; i < count; ++i) {
+      copy_row(tile.head + i * padded(outputs), outputs, to + passed[i] * outputs);
+    }
+  }
 }
 
 /// Outputs of rows [begin, end).
 template <typename T>
 void network(const NetworkJob<T>& job, int64_t begin, int64_t end, T* scratch) {
-  const int64_t features = job.layers[0].inputs;
-  const int64_t width = job.layers[job.trunk - 1].outputs;
-  T* const wide = scratch;
-  T* const activations = scratch + NETWORK_TILE * widest(job);
+  const NetworkTile<T> tile(job, scratch);
+  const int64_t layers = job.least == nullptr ? job.trunk : job.trunk - 1;
   for (int64_t start = begin; start < end; start += NETWORK_TILE) {
     const int64_t rows = end - start < NETWORK_TILE ? end - start : NETWORK_TILE;
-    const T* const last = run_trunk(job, job.inputs + start * features, rows, activations);
-    for (int64_t h = 0; h < job.heads; ++h) {
-      const DenseLayer<T>& head = job.layers[job.trunk + h];
-      const int64_t stride = padded(head.outputs);
-      multiply<Start::bias, false, T>(rows, stride, head.inputs, {last + h * head.inputs, width, 1},
-                                      {head.transposed, stride}, head.biases, {wide, stride});
-      T* const to = job.outputs[h] + start * head.outputs;
-      for (int64_t r = 0; r < rows; ++r) {
-        for (int64_t k = 0; k < head.outputs; ++k) to[r * head.outputs + k] = wide[r * stride + k];
-      }
+    const T* const inputs = job.inputs + start * job.layers[0].inputs;
+    const T* const last = run_layers(job, layers, inputs, rows, tile.activations);
+    if (job.least == nullptr) {
+      run_heads(job, start, rows, last, tile);
+    } else {
+      run_gated_heads(job, start, rows, last, tile);
     }
   }
 }
@@ -101,21 +178,6 @@ GSFW_FUNCTION void gather_rows(const T* from, int64_t width, const int64_t* rows
   }
 }
 
-/// Memory of one tile: its inputs, three gradients, and the trunk's activations.
-template <typename T>
-struct NetworkTile {
-  T *inputs, *head, *gradient, *next, *activations;
-
-  GSFW_FUNCTION NetworkTile(const NetworkJob<T>& job, T* scratch) {
-    const int64_t size = NETWORK_TILE * widest(job);
-    inputs = scratch;
-    head = inputs + NETWORK_TILE * job.layers[0].inputs;
-    gradient = head + size;
-    next = gradient + size;
-    activations = next + size;
-  }
-};
-
 /// From the heads' gradients to that of the trunk's output, in ``tile.gradient``.
 template <typename T>
 GSFW_FUNCTION void heads_backward(const NetworkJob<T>& job, const int64_t* rows, int64_t count,
@@ -140,7 +202,7 @@ void network_backward(const NetworkJob<T>& job, const NetworkChunk<T>& chunk, T*
     const int64_t* const rows = chunk.rows + start;
     NetworkTile<T> tile(job, scratch);
     gather_rows(job.inputs, features, rows, count, tile.inputs);
-    const T* activation = run_trunk(job, tile.inputs, count, tile.activations);
+    const T* activation = run_layers(job, job.trunk, tile.inputs, count, tile.activations);
     heads_backward(job, rows, count, tile, activation, chunk.weights_gradient);
     for (int64_t i = job.trunk - 1; i >= 0; --i) {
       const DenseLayer<T>& layer = job.layers[i];

@@ -71,7 +71,7 @@ std::vector<T> hashes(int64_t count, int threads) {
   return features;
 }
 
-/// Outputs and gradients of a network with two layers and two heads.
+/// Outputs, with and without a gate, and gradients of a network with two layers and two heads.
 template <typename T>
 std::vector<T> networks(int64_t count, int threads) {
   constexpr int64_t SHAPES[][2] = {{16, 32}, {32, 64}, {32, 3}, {32, 17}};
@@ -90,11 +90,16 @@ std::vector<T> networks(int64_t count, int threads) {
   }
   const std::vector<T> inputs = uniform<T>(16 * count, 6, -1, 1);
   std::vector<T> first(static_cast<size_t>(3 * count)), second(static_cast<size_t>(17 * count));
-  network<T>(weights, inputs.data(), count, {first.data(), second.data()}, threads);
+  std::vector<T> gate(first.size()), gated(second.size());
+  const std::vector<T> least = uniform<T>(count, 7, -0.3, 0.3);
+  network<T>(weights, inputs.data(), count, {least.data(), 0}, {gate.data(), gated.data()},
+             threads);
+  network<T>(weights, inputs.data(), count, {nullptr, 0}, {first.data(), second.data()}, threads);
   std::vector<T> to_inputs(inputs.size(), T(0)), to_weights(static_cast<size_t>(size));
   network_backward<T>(weights, inputs.data(), count, {first.data(), second.data()},
                       to_inputs.data(), to_weights.data(), threads);
   append(first, second);
+  append(first, gated);
   append(first, to_inputs);
   append(first, to_weights);
   return first;

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from gsfw.core.operators import Operators
+from gsfw.core.operators import Gate, Operators
 from gsfw.kernels.cpu.operators import CpuOperators
 
 pytestmark = pytest.mark.usefixtures("instruction_set")
@@ -52,6 +52,20 @@ def network(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
     return operators.relu_network(tensors[0], layers[:2], layers[2:])
 
 
+def gated(operators: Operators, tensors: list[Tensor]) -> tuple[Tensor, ...]:
+    """The second head, of one value, says which rows need the others: about half of them."""
+    layers = list(zip(tensors[1::2], tensors[2::2], strict=True))
+    gate = Gate(1, limit(tensors).expand(len(tensors[0])))
+    return operators.relu_network(tensors[0], layers[:2], layers[2:], gate)
+
+
+@torch.no_grad()
+def limit(tensors: list[Tensor]) -> Tensor:
+    """A number in the middle of the second head's values, and equal to none of them."""
+    values = network(TORCH, tensors)[1][:, 0].sort().values
+    return values[len(values) // 2 :][:2].mean() - (1 if len(values) == 1 else 0)
+
+
 def results(function, operators: Operators, tensors: list[Tensor], silent: int = 3):
     """Outputs and all gradients; every ``silent``-th row has an incoming gradient of zero."""
     leaves = [tensor.clone().requires_grad_() for tensor in tensors]
@@ -86,7 +100,33 @@ def test_networks_and_all_their_gradients_are_those_of_torch(dtype, rows):
     assert_agree(found, expected, terms=1100)
 
 
-@pytest.mark.parametrize("function", [product, network])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("rows", [1, 64, 1100])
+def test_a_gate_leaves_out_the_other_heads_of_some_rows_and_their_gradients(dtype, rows):
+    tensors = network_tensors(rows, dtype)
+    found, expected = (results(gated, kind, tensors, 2) for kind in (NATIVE, TORCH))
+    assert_agree(found, expected, terms=1100)
+    first, gate, last = network(NATIVE, tensors)
+    shut = gate[:, 0] < limit(tensors)
+    assert torch.equal(found[1], gate), "the head that decides is evaluated everywhere"
+    for value, whole in ((found[0], first), (found[2], last)):
+        assert not value[shut].any()
+        assert torch.equal(value[~shut], whole[~shut]), "the same bits where it is open"
+
+
+def test_rows_without_a_number_pass_the_gate():
+    tensors = network_tensors(20, torch.float64)
+    tensors[0][4] = float("nan")
+    layers = list(zip(tensors[1::2], tensors[2::2], strict=True))
+    gate = Gate(1, torch.full((20,), 1e9, dtype=torch.float64))
+    for kind in (NATIVE, TORCH):
+        first, _, last = kind.relu_network(tensors[0], layers[:2], layers[2:], gate)
+        for value in (first, last):
+            assert value[4].isnan().all()
+            assert not value[torch.arange(20) != 4].any()
+
+
+@pytest.mark.parametrize("function", [product, network, gated])
 def test_results_are_the_same_bits_for_any_number_of_threads(function, use_threads):
     tensors = (
         planes(2 * numbers(3000, 3, seed=0, dtype=torch.float32) - 1)

@@ -206,6 +206,15 @@ def test_the_field_comes_in_after_the_coarse_steps():
     assert phases == [(False, False)] * 2 + [(True, True)] * 2
 
 
+def test_the_field_may_hide_rows_for_good_once_differences_are_absolute():
+    method, model = build(DeformationConfig(steps=60, coarse_steps=10, squared_steps=30))
+    optimizer = Optimizer(model, Operators(), OptimizerSettings())
+    assert model.settled, "a model that is only looked at is settled"
+    for step, settled in ((0, False), (29, False), (30, True), (59, True)):
+        method.prepare(step, model, optimizer, None)
+        assert model.settled == settled
+
+
 def test_a_splat_file_keeps_its_degree_through_a_resume():
     config = DeformationConfig(init="somewhere.ply")
     method, model = build(config, initial=random_splats(7, degree=2))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from gsfw.core.cameras import Cameras
 from gsfw.core.loop.optimizer import Optimizer, OptimizerSettings
 from gsfw.core.operators import Operators
 from gsfw.core.scene import Scene
@@ -17,7 +18,8 @@ from gsfw.methods.gaussians4d.config import (
     HexPlaneConfig,
     MlpConfig,
 )
-from gsfw.methods.gaussians4d.model import DeformedGaussians
+from gsfw.methods.gaussians4d.model import OPACITY_INSTANTS, DeformedGaussians
+from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 SMALL = DeformationConfig(
     sh_degree=1,
@@ -46,6 +48,14 @@ def gaussians(encoder: str = "hexplane", trained: bool = False, **options) -> De
                 noise = torch.randn(parameter.shape, generator=generator, dtype=parameter.dtype)
                 parameter.add_(0.1 * noise)
     return model
+
+
+def front_camera() -> Cameras:
+    """A camera in front of the points."""
+    pose = torch.eye(4, dtype=torch.float64)[None]
+    pose[0, 2, 3] = 3.0
+    lens = torch.tensor([[[24.0, 0, 10], [0, 24, 8], [0, 0, 1]]], dtype=torch.float64)
+    return Cameras(pose, lens, 20, 16)
 
 
 def assert_same_splats(first, second):
@@ -96,6 +106,40 @@ def test_what_the_field_says_is_added_before_activation(encoder):
     constant = model.splats(TIME).colors
     assert isinstance(constant, Sh)
     torch.testing.assert_close(constant.dense(), coefficients[:, :1])
+
+
+def test_rows_that_no_pixel_shows_are_not_moved_and_the_image_and_all_gradients_stay():
+    found = []
+    for cameras in (front_camera(), None):
+        model = gaussians(trained=True)
+        with torch.no_grad():
+            model.canonical.opacity_logits.values[::2] = -9.0
+        splats = model.splats(TIME, cameras)
+        image = ReferenceRasterizer().render(splats, front_camera()).color
+        image.square().sum().backward()
+        found.append((model, splats, image))
+    (model, fewer, image), (whole, splats, expected) = found
+    assert torch.equal(fewer.means[::2], model.canonical.means.values[::2])
+    assert not torch.equal(splats.means[::2], model.canonical.means.values[::2])
+    assert torch.equal(fewer.means[1::2], splats.means[1::2])
+    assert torch.equal(fewer.opacities, splats.opacities)
+    assert torch.equal(image, expected)
+    assert float(image.detach().std()) > 0
+    for (name, one), other in zip(model.named_parameters(), whole.parameters(), strict=True):
+        torch.testing.assert_close(one.grad, other.grad, msg=name)
+
+
+def test_density_control_sees_that_a_settled_field_hides_rows_at_all_times():
+    model = gaussians(trained=True)
+    times = torch.linspace(0, 1, OPACITY_INSTANTS, dtype=torch.float64)
+    largest = torch.stack([model.splats(time).opacities for time in times]).amax(0)
+    canonical = model.canonical.opacities()
+    assert bool((largest < canonical).any())
+    torch.testing.assert_close(model.opacities(), largest.detach().minimum(canonical))
+    model.settled = False
+    assert torch.equal(model.opacities(), canonical)
+    model = gaussians(trained=True, deform_opacity=False)
+    assert torch.equal(model.opacities(), model.canonical.opacities())
 
 
 def test_a_sum_of_scales_is_in_units_of_the_box_and_renders_like_its_absolute_value():
