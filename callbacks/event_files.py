@@ -15,6 +15,7 @@ import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from google.protobuf.message import DecodeError
 from tensorboard.compat.proto.event_pb2 import Event
 
 from gsfw.core.files.atomic import write_atomically
@@ -51,12 +52,16 @@ def cut_events(folder: Path, is_kept: Callable[[int, str], bool]) -> None:
 
 
 def _events(content: bytes) -> Iterator[tuple[bytes, Event]]:
-    """The records of a file with their events, up to one that a crash has cut short."""
+    """The records of a file with their events, up to one that is cut short or damaged."""
     place, frame = 0, LENGTH.size + CHECKSUM
     while place + frame <= len(content):
         (length,) = LENGTH.unpack_from(content, place)
         end = place + frame + length + CHECKSUM
         if end > len(content):
             return
-        yield content[place:end], Event.FromString(content[place + frame : end - CHECKSUM])
+        try:
+            event = Event.FromString(content[place + frame : end - CHECKSUM])
+        except DecodeError:
+            return
+        yield content[place:end], event
         place = end

@@ -264,7 +264,11 @@ def _start_scene(settings: Settings, data: DataManager) -> Scene:
     downscale = stereo_downscale(data, config.downscale)
     images = data if downscale == config.downscale else open_data(settings, downscale)
     background = parse_background(config.background, scene.has_alpha)
-    found = with_stereo_points(images, background, scene.view_pixels)
+    try:
+        found = with_stereo_points(images, background, scene.view_pixels)
+    finally:
+        if images is not data:
+            images.close()
     return replace(scene, points=found.points, point_colors=found.point_colors, point_times=None)
 
 

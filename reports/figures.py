@@ -23,7 +23,10 @@ def headline(record: RunRecord) -> str:
     level, seconds = baseline(record, "constant_psnr"), record.figure("train_seconds")
     parts = []
     if psnr is not None:
-        above = f", {psnr - level:.1f} dB above a single colour" if level is not None else ""
+        above = ""
+        if level is not None:
+            side = "above" if psnr >= level else "below"
+            above = f", {abs(psnr - level):.1f} dB {side} a single colour"
         held_out = "1 held-out view" if views == 1 else f"{views or ''} held-out views".lstrip()
         parts.append(f"PSNR {psnr:.2f} dB on {held_out}{above}.")
     elif (trained := record.figure("training_psnr")) is not None:

@@ -48,6 +48,7 @@ def write_page(title: str, body: Child, left_out: str = "") -> str:
     )
     content = [element("head", head), element("body", [body, footer, _dialog(), script])]
     text = f"<!doctype html>\n{element('html', content, {'lang': 'en'})}\n"
+    text = text.encode(errors="replace").decode()  # Names of files may not be UTF-8.
     return text.replace(_SIZE, size_text(len(text.encode())), 1)
 
 

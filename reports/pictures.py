@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.errors import DataError
-from gsfw.core.files.atomic import write_atomically
+from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text, read_document
 from gsfw.core.loop.run_folder import RunFolder
 
@@ -95,6 +95,8 @@ def store_pictures(folder: RunFolder, pictures: Pictures) -> None:
         OutputError: they cannot be written.
     """
     home = folder.path / FOLDER
+    with readable_write_errors(home):
+        (home / INDEX).unlink(missing_ok=True)  # It would name the new images as the old ones.
     for place, view in enumerate(pictures.views):
         for kind in ("target", "rendered", "error"):
             write_atomically(home / f"{place:02d}_{kind}.webp", getattr(view, kind))

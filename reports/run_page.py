@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 
 from gsfw.reports.curves import time_section, training_section
@@ -82,12 +83,12 @@ def state(record: RunRecord) -> Markup:
 def state_notes(record: RunRecord) -> list[str]:
     """What an unfinished run or one without held-out views lacks, and what to do."""
     notes = []
-    path = record.folder.path
+    path = shlex.quote(str(record.folder.path))
     if not record.summary and record.steps_done >= record.steps > 0:
         notes.append(
             f"All {record.steps:,} steps are done, but there are no final figures: the run was "
             f"stopped in its last evaluation, or callbacks.results was off. Make them with: "
-            f"gsfw eval {path}"
+            f"gsfw resume {path}"
         )
     elif not record.is_finished:
         of = f" of {record.steps:,}" if record.steps else ""

@@ -91,11 +91,16 @@ class RunRecord:
     def evaluation(self) -> Mapping[str, Any]:
         """The latest evaluation, or the final figures; empty if there are none."""
         step = self.evaluated_step
-        return self.summary if step is None else self.evaluations[step]
+        return self._final if step is None else self.evaluations[step]
+
+    @property
+    def _final(self) -> Mapping[str, Any]:
+        """Figures of the end; empty if the run goes on after an earlier end."""
+        return self.summary if self.is_finished else {}
 
     def figure(self, name: str) -> float | None:
         """A figure of the latest evaluation or of the end; ``None`` if it is not known."""
-        for source in (self.evaluation, self.summary):
+        for source in (self.evaluation, self._final):
             found = number(source.get(name))
             if found is not None:
                 return found

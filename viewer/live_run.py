@@ -100,12 +100,14 @@ class LiveRun:
 
     def stop(self) -> None:
         """End the run after its step, with a checkpoint."""
-        self._stop = True
+        with self._wishes:
+            self._stop = True
         self._wake()
 
     def checkpoint(self) -> None:
         """Write a checkpoint after the step."""
-        self._checkpoint = True
+        with self._wishes:
+            self._checkpoint = True
         self._wake()
 
     def take_wishes(self) -> tuple[bool, bool]:

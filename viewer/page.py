@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 from dataclasses import replace
@@ -19,6 +20,8 @@ from gsfw.viewer.panels.view_panel import ViewPanel
 from gsfw.viewer.session import Session
 from gsfw.viewer.view_state import Comparison, Pose, ViewState
 from gsfw.viewer.viewport import Viewport
+
+logger = logging.getLogger(__name__)
 
 if TYPE_CHECKING:
     import viser
@@ -134,24 +137,39 @@ class Pages:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._pages: dict[int, Page] = {}
+        self._left: set[int] = set()
+        """Pages that were closed before their interface was built."""
+        self._lock = threading.Lock()
         self._closed = threading.Event()
         self._ticker = threading.Thread(target=self._tick, name="viewer-figures", daemon=True)
         self._ticker.start()
 
     def opened(self, client: viser.ClientHandle) -> None:
         """Build the interface of a new page."""
-        self._pages[client.client_id] = Page(client, self._session)
+        page = Page(client, self._session)
+        with self._lock:
+            left = client.client_id in self._left
+            if not left:
+                self._pages[client.client_id] = page
+        if left:
+            page.close()
 
     def gone(self, client: viser.ClientHandle) -> None:
         """Forget a closed page."""
-        page = self._pages.pop(client.client_id, None)
+        with self._lock:
+            page = self._pages.pop(client.client_id, None)
+            if page is None:
+                self._left.add(client.client_id)
         if page is not None:
             page.close()
 
     def update(self) -> None:
         """Refresh the figures of every page."""
         for page in tuple(self._pages.values()):
-            page.update()
+            try:
+                page.update()
+            except Exception:  # The page may be closed in the middle; the others go on.
+                logger.debug("the figures of a page failed", exc_info=True)
 
     def _tick(self) -> None:
         while not self._closed.wait(UPDATE_SECONDS):

@@ -21,11 +21,12 @@ class Playback:
     """Factor of the speed; at 1 a capture plays in ``DURATION`` seconds."""
     _last: float | None = None
 
+    def play(self, playing: bool) -> None:
+        """Start or stop; the time between a stop and the next start does not count."""
+        self.playing, self._last = playing, None
+
     def advance(self, time: float, now: float) -> float:
         """The time at ``now`` (a clock in seconds), after ``time`` at the call before."""
-        if not self.playing:
-            self._last = None
-            return time
         elapsed = 0.0 if self._last is None else now - self._last
         self._last = now
         moved = time + elapsed * self.speed / DURATION
@@ -33,7 +34,7 @@ class Playback:
             return moved
         if self.loop:
             return moved % 1.0
-        self.playing, self._last = False, None
+        self.play(False)
         return 1.0
 
 

@@ -66,13 +66,13 @@ class TrainingViewer(Callback):
             data=run.data,
             is_dynamic=run.data.scene.is_dynamic and "static" not in tags,
         )
-        server = ViewerServer(self._port)
+        server = self._server = ViewerServer(self._port)
         session = Session((model,), run.folder)
         live = session.live = LiveRun(run, session.service.wake)
         session.service.moving_seconds = self._share * MOVING_PERIOD
         pages = Pages(session)
         server.start(session, pages)
-        self._server, self._session, self._live, self._pages = server, session, live, pages
+        self._session, self._live, self._pages = session, live, pages
         sys.stderr.write(f"viewer: {server.address}\n  from elsewhere first: {server.ssh_line}\n")
         self._time = TimeShare(self._share, time.monotonic())
 

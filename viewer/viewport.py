@@ -67,6 +67,7 @@ class Viewport:
         self._sender = ThreadPoolExecutor(1, "viewer-send")
         self._sending = False
         self._sent: deque[float] = deque(maxlen=200)
+        self._failed: tuple[ViewState, str] | None = None
         self.last_frame: Frame | None = None
 
     @property
@@ -92,7 +93,7 @@ class Viewport:
 
     def play(self, playing: bool) -> None:
         """Start or stop the playback; from the start if it is at its end."""
-        self.playback.playing = playing
+        self.playback.play(playing)
         if playing and self._state.time >= 1.0:
             self.change(lambda state: replace(state, time=0.0))
         self._wake()
@@ -150,13 +151,15 @@ class Viewport:
             if self.closed:
                 return
             self._sending = True
-        self._sender.submit(self._send_now, frame, still)
+            self._sender.submit(self._send_now, frame, still)  # Not after close() shut it down.
 
     def fail(self, request: FrameRequest, text: str) -> None:
-        """Note that a state cannot be rendered; it is not tried again until it changes."""
+        """Note that a state cannot be rendered; the page is told once for each state."""
         with self._lock:
             self._rendered, self._scale = request.version, 1.0
-        self.problem(text)
+            known, self._failed = self._failed == (request.state, text), (request.state, text)
+        if not known:  # A model that trains makes the page render its state again and again.
+            self.problem(text)
 
     def _send_now(self, frame: Frame, still: bool) -> None:
         try:
@@ -183,6 +186,7 @@ class Viewport:
 
     def close(self) -> None:
         """Want nothing any more."""
-        self.closed = True
-        self._sender.shutdown(wait=False, cancel_futures=True)
+        with self._lock:
+            self.closed = True
+            self._sender.shutdown(wait=False, cancel_futures=True)
         self._wake()

@@ -71,6 +71,7 @@ _gsfw_files() {
     fi
     while IFS= read -r path; do
         [[ -d $path ]] && path+=/
+        [[ $path == *[!a-zA-Z0-9_./+:@%,~=-]* ]] && printf -v path %q "$path"
         [[ -n $path ]] && COMPREPLY+=("$path")
     done < <(compgen -f -- "$1")
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -67,7 +68,7 @@ def read_record(path: Path, started: float | None = None) -> RunRecord:
     settings, problem = _settings(folder)
     summary = _json(folder.summary)
     log = _last_logged(folder)
-    steps = int(settings.get("steps") or 0)
+    steps = _number(settings.get("steps"))
     done = max(_number(summary.get("steps")), log.steps, _last_checkpoint_step(folder))
     state, why = _state(folder, problem, steps, summary, holder(path))
     psnr = summary.get("psnr") if state is State.FINISHED else _evaluated_psnr(folder)
@@ -136,7 +137,7 @@ def _json(path: Path) -> Mapping[str, Any]:
 
 
 def _number(value: object) -> int:
-    return int(value) if isinstance(value, int | float) else 0
+    return int(value) if isinstance(value, int | float) and math.isfinite(value) else 0
 
 
 def _last_checkpoint_step(folder: RunFolder) -> int:
@@ -164,7 +165,7 @@ class _Logged:
 def _last_logged(folder: RunFolder) -> _Logged:
     steps, gaussians, seconds = 0, None, None
     for line in _lines(folder.metrics_log):
-        if "step_ms" in line:
+        if _number(line.get("step")) and isinstance(line.get("step_ms"), int | float):
             seconds = (seconds or 0.0) + line["step_ms"] * (line["step"] - steps) / 1e3
             steps, gaussians = line["step"], line.get("num_gaussians")
     return _Logged(steps, gaussians, seconds)

@@ -72,6 +72,7 @@ def remove_run(path: Path) -> int:
     Raises:
         OutputError: somebody trains it by now, or a file cannot be removed.
     """
+    path = path.absolute()  # "." cannot be removed under that name.
     freed = size_of(path)
     with only_one(path, OTHERS, "Wait for it, or end it."):
         try:

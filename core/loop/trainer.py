@@ -289,7 +289,8 @@ class Trainer:
             path = self.folder.write_checkpoint(self.step, self.state_dict())
         self._checkpointed = self.step
         self.control.checkpoint_requested = False
-        self.callbacks.on_checkpoint(self.step, path)
+        with self._stopwatch.paused():
+            self.callbacks.on_checkpoint(self.step, path)
 
     def state_dict(self) -> dict[str, Any]:
         """All state of the training: tensors and plain data."""

@@ -68,9 +68,9 @@ class HexPlaneConfig:
     """Width of the network's shared layers."""
     depth: int = number(1, at_least=1)
     """Shared layers between the planes and those of each quantity."""
-    head_width: int = number(64, at_least=0)
-    """Width of the hidden layer of each quantity; 0: none, its values are linear in the last shared
-    layer."""
+    head_width: int | Literal["auto"] = "auto"
+    """Width of the hidden layer of each quantity; auto: width, without shared layers 0; 0: none,
+    its values are linear in the last shared layer."""
     plane_tv: float = number(1e-2, at_least=0, below=math.inf)
     """Weight of the total variation of space planes; 0: none."""
     time_smoothness: float = number(1e-2, at_least=0, below=math.inf)
@@ -113,9 +113,9 @@ class HashConfig:
     """Width of the network's shared layers."""
     depth: int = number(1, at_least=1)
     """Shared layers between the tables and those of each quantity."""
-    head_width: int = number(64, at_least=0)
-    """Width of the hidden layer of each quantity; 0: none, its values are linear in the last shared
-    layer."""
+    head_width: int | Literal["auto"] = "auto"
+    """Width of the hidden layer of each quantity; auto: width, without shared layers 0; 0: none,
+    its values are linear in the last shared layer."""
 
 
 DEFAULT_STEPS = 23_000
@@ -216,10 +216,15 @@ class DeformationConfig(MovingConfig):
                 "deform_sh=true sh=adaptive: the field changes the same bands of every splat.",
                 "Use one of the two.",
             )
-        for key, times in (("hexplane", self.hexplane.times), ("hash", self.hash.times)):
+        for key, sizes in (("hexplane", self.hexplane), ("hash", self.hash)):
+            times, head = sizes.times, sizes.head_width
             if times != "auto" and (times < 0 or times == 1):
                 raise ConfigError(
                     f"{key}.times={times}: expected auto, 0, or a number of at least 2."
+                )
+            if head != "auto" and head < 0:
+                raise ConfigError(
+                    f"{key}.head_width={head}: expected auto, or a number of at least 0."
                 )
         factors = self.hexplane.multipliers
         if not factors or min(factors) < 1:

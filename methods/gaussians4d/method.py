@@ -133,5 +133,7 @@ def _decoder(
         layers = HiddenLayers(encoder.features, depth=0, head_width=0)
     else:
         sizes = config.hexplane if config.encoder == "hexplane" else config.hash
-        layers = HiddenLayers(sizes.width, sizes.depth, sizes.head_width)
+        usual = sizes.width if sizes.depth else 0
+        heads = usual if sizes.head_width == "auto" else sizes.head_width
+        layers = HiddenLayers(sizes.width, sizes.depth, heads)
     return Decoder(encoder.features, layers, outputs, operators, generator)

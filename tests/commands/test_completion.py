@@ -99,7 +99,7 @@ def test_a_key_that_is_given_is_not_offered_again(bash):
 
 def test_runs_and_files_are_offered(bash):
     assert bash("gsfw eval ")[:2] == ["latest", "runs/"]
-    assert sorted(bash("gsfw eval runs/")) == ["runs/a b/", "runs/fox/"]
+    assert sorted(bash("gsfw eval runs/")) == ["runs/a\\ b/", "runs/fox/"]
     assert bash("gsfw train data=run") == ["runs/"]
 
 

@@ -333,7 +333,7 @@ def test_a_run_of_what_moves_has_figures_over_time(moving_run, tmp_path, capsys)
     assert "moving_psnr" in said
     assert "moving_region: masks of the data set (" in said
     plot = moving_run / "eval" / "step_000000005_over_time.png"
-    assert f"curve over time: {plot}" in said
+    assert f", {plot}" in said
     with Image.open(plot) as picture:
         assert picture.width >= 960
 

@@ -58,7 +58,7 @@ def test_the_summary_of_a_run_has_it_and_info_shows_it(tmp_path, capsys):
     found = document(out)
     assert found["headline"].startswith("colour takes 48 numbers for each Gaussian; PSNR falls by")
     said = " ".join(capsys.readouterr().out.split())
-    assert f" kB {found['headline']} folder {out} files splats.ply" in said
+    assert f" kB {found['headline']} folder {out} files report.html, splats.ply" in said
     assert ", requirements.png, metrics.json, log.txt next" in said
     assert main(["info", out, "json=true"]) == 0
     shown = json.loads(capsys.readouterr().out)["requirements"]

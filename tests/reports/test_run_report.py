@@ -120,7 +120,7 @@ def test_a_run_without_final_figures_says_how_to_make_them(tmp_path):
     folder.summary.unlink()
     text = page_of(folder).text
     assert "All 100 steps are done, but there are no final figures" in text
-    assert f"gsfw eval {folder.path}" in text
+    assert f"gsfw resume {folder.path}" in text
     assert "it was stopped" not in text
 
 

@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.viewer.guard import guarded, without_secret
-from gsfw.viewer.server import ViewerServer, check_installed
+from gsfw.viewer.server import ViewerServer, _bound, check_installed
 from gsfw.viewer.view_state import Pose
 
 FRONT = Pose((0.0, 0.0, -4.0), (1.0, 0.0, 0.0, 0.0), 0.8)
@@ -62,7 +62,7 @@ def test_the_page_is_served_with_the_secret(small):
 
 
 def test_files_beside_the_page_are_not_served(small):
-    assert status(small.server.port, f"/{small.server.secret}/../../../_viser.py") == 404
+    assert status(small.server.port, f"/{small.server.secret}/../../_viser.py") == 404
 
 
 def test_a_websocket_with_a_wrong_secret_is_refused_and_others_go_on(small):
@@ -114,6 +114,8 @@ def test_closed_pages_are_forgotten(small):
 
 
 def test_it_listens_on_this_machine_alone(small):
+    with _bound(0) as listening:
+        assert listening.getsockname()[0] == "127.0.0.1"
     assert small.server.address.startswith("http://127.0.0.1:")
     assert f"-L {small.server.port}:127.0.0.1:{small.server.port}" in small.server.ssh_line
 

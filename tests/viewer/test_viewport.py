@@ -135,3 +135,30 @@ def test_a_page_that_plays_moves_by_itself():
     viewport.play(True)
     viewport.wanted(0.0, 0.05)
     assert viewport.wanted(0.25 * DURATION, 0.05).state.time == 0.25
+
+
+def test_a_playback_goes_on_where_it_stopped():
+    playback = Playback(playing=True)
+    playback.advance(0.2, 0.0)
+    playback.play(False)
+    playback.play(True)
+    assert playback.advance(0.2, 10.0) == 0.2
+
+
+def test_a_page_that_closes_while_a_frame_is_made_is_no_error():
+    viewport = make()
+    viewport.change(at(viewport, 0.5))
+    request = viewport.wanted(time.monotonic(), 0.05)
+    viewport.close()
+    viewport.deliver(request, frame(request))
+    assert viewport.wanted(time.monotonic(), 0.05) is None
+
+
+def test_a_state_that_cannot_be_rendered_is_told_once():
+    viewport, told = make(), []
+    viewport.problem = told.append
+    viewport.change(at(viewport, 0.5))
+    for _ in range(3):
+        viewport.fail(viewport.wanted(time.monotonic(), 0.05), "no such channel")
+        viewport.refresh()
+    assert told == ["no such channel"]

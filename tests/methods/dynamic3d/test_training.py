@@ -59,7 +59,7 @@ def test_the_end_of_a_run_states_the_bytes_of_a_captured_time(tmp_path, capsys):
     said, notes = capsys.readouterr()
     per_time = round(figures["model_bytes"] / 4)
     assert figures["bytes_per_time"] == per_time
-    assert f" MB, {per_time / 1e6:.3f} MB per captured time\n" in said
+    assert f" {per_time / 1e3:.0f} kB for each captured time; " in said
     assert "4 of 4 times have fewer than 4 training views" in notes
     report = json.loads(RunFolder(tmp_path / "run").requirements.read_text())
     assert report["floats_per_time"] == pytest.approx(report["total_floats"] / 4, abs=0.1)

@@ -251,3 +251,13 @@ def test_a_given_number_of_time_cells_wins_and_0_is_one_per_captured_time(encode
         hash=replace(TINY.hash, times=given),
     )
     assert time_cells(config, camera_centers=torch.rand(100, 3), num_times=100) == cells
+
+
+@pytest.mark.parametrize(("width", "depth", "hidden"), [(32, 1, 32), (64, 2, 64), (16, 0, 0)])
+def test_hidden_layers_of_quantities_are_as_wide_as_shared_ones(width, depth, hidden):
+    sizes = HexPlaneConfig(channels=2, resolution=4, width=width, depth=depth)
+    _, found = build(replace(TINY, hexplane=sizes))
+    _, given = build(replace(TINY, hexplane=replace(sizes, head_width=hidden)))
+    assert {k: v.shape for k, v in found.state_dict().items()} == {
+        k: v.shape for k, v in given.state_dict().items()
+    }
