@@ -94,7 +94,7 @@ class Page:
         self.command("Page.navigate", url=url)
         self.wait_for("document.readyState === 'complete'")
 
-    def evaluate(self, expression: str, seconds: float = 60.0) -> Any:
+    def evaluate(self, expression: str, seconds: float = 180.0) -> Any:
         """Value of a JavaScript expression as plain data; promises are awaited.
 
         Raises:
@@ -112,7 +112,7 @@ class Page:
             raise PageError(_exception(result["exceptionDetails"]))
         return result["result"].get("value")
 
-    def wait_for(self, expression: str, seconds: float = 60.0) -> Any:
+    def wait_for(self, expression: str, seconds: float = 180.0) -> Any:
         """Wait until a JavaScript expression is true, and return its value.
 
         Raises:
