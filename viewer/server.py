@@ -8,6 +8,7 @@ import logging
 import os
 import secrets
 import socket
+import warnings
 from contextlib import redirect_stdout
 from getpass import getuser
 from typing import TYPE_CHECKING, Any
@@ -81,6 +82,7 @@ class ViewerServer:
 
     def start(self, session: Session, pages: Pages) -> None:
         """Show the scene on every page that opens."""
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # Pages close.
         first, scene = session.first, self.viser.scene
         scene.set_up_direction(first.up)
         scene.world_axes.visible = False

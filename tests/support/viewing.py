@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -96,11 +97,19 @@ class Served:
     thread: threading.Thread
 
 
+def unused_port() -> int:
+    """A port that no test had before: a browser may keep connections to an earlier server."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
 @contextmanager
 def served(folder: Path, *models: ViewedModel) -> Iterator[Served]:
     """Serve models until the end of the context."""
     session = Session(models, folder)
-    server, pages, ended = ViewerServer(), Pages(session), threading.Event()
+    server, pages, ended = ViewerServer(unused_port()), Pages(session), threading.Event()
     server.start(session, pages)
     thread = threading.Thread(target=serve, args=(session, ended.is_set))
     thread.start()

@@ -63,6 +63,8 @@ def viewport(session, number=-1):
 def settle(session, number=-1, seconds=60.0):
     """Wait until a page has its newest state at full size."""
     end = time.monotonic() + seconds
+    while not session.session.service._viewports and time.monotonic() < end:
+        time.sleep(0.02)
     port = viewport(session, number)
     while time.monotonic() < end:
         done = port._rendered == port._version and port._scale == 1.0 and not port._sending
