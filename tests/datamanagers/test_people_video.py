@@ -90,8 +90,8 @@ def test_matched_features_lie_on_their_epipolar_lines(shared_videos):
 
     The matches are those that agree among themselves on some fundamental matrix, which is
     estimated without the calibration; cameras stand still, so two times have the same one.
-    Measured: median 1.07 pixels at half the size over 32 matches (0.7 over 67 of four times), and
-    1.8 on a busy machine: COLMAP's matches vary with its threads.
+    Measured: median 1.07 pixels at half the size over 32 matches (0.7 over 67 of four times). The
+    seed is given: without one the estimate, and so which matches agree, differs between runs.
     """
     seen, _ = shared_videos
     found = [
@@ -100,12 +100,13 @@ def test_matched_features_lie_on_their_epipolar_lines(shared_videos):
     ]
     points, others = (np.concatenate(part) for part in zip(*found, strict=True))
     options = pycolmap.RANSACOptions()
+    options.random_seed = 0
     options.max_error, options.max_num_trials, options.confidence = 2.0, 20_000, 0.99999
     agreed = np.array(pycolmap.estimate_fundamental_matrix(points, others, options)["inlier_mask"])
     points, others = points[agreed], others[agreed]
     first, second, third = (seen[f"cam{number:02d}/000000"] for number in (1, 2, 3))
     assert len(points) > 20
-    assert np.median(epipolar_distances(first, second, points, others)) < 4
+    assert np.median(epipolar_distances(first, second, points, others)) < 1.5
     assert np.median(epipolar_distances(first, third, points, others)) > 20
 
 
