@@ -170,12 +170,11 @@ def _check_channels(options: RenderOptions) -> None:
             "Leave what out, or give camera the name of a view.",
         )
     with_photo = [channel.name for channel in listed if channel.needs_image]
-    only_films = has_file or options.what not in ("all", "views")
-    if with_photo and only_films:
+    if with_photo and (has_file or options.what != "views"):
         raise ConfigError(
             f"channel={','.join(options.channel)}: {with_photo[0]} needs a photo, and there is "
             "none along a camera path.",
-            "Render what=views, or leave it out.",
+            f"Render what=views, or leave {with_photo[0]} out.",
         )
     if options.what == "views" and options.projection != "camera":
         raise ConfigError(
