@@ -37,10 +37,3 @@ class Countdown:
         if self._seconds is None:
             return None
         return max(0.0, self._seconds - (time.monotonic() - self._estimated))
-
-
-def duration(seconds: int | float) -> str:
-    """A time as minutes and seconds, or with hours: "0:17", "1:02:05"."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

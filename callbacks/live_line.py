@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.segment import Segment
 from rich.text import Text
 
-from gsfw.callbacks.countdown import duration
+from gsfw.core.words import clock
 
 LEAST_BAR, MOST_BAR = 8, 40
 """Columns of the bar; below the least there is none."""
@@ -46,7 +46,7 @@ class Figures:
         Args:
             is_short: true to abbreviate.
         """
-        left = "--:--" if self.seconds_left is None else duration(self.seconds_left)
+        left = "--:--" if self.seconds_left is None else clock(self.seconds_left)
         percent = f"{100 * self.step / max(self.steps, 1):3.0f}%"
         found = [(1, f"{self.step:>{len(str(self.steps))}}/{self.steps}"), (0, f"{left} left")]
         found = [(6, percent), *found] if not is_short else found

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import RunOptions, read
 from gsfw.core.progress import stage, tracked
+from gsfw.core.words import size
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -189,13 +190,13 @@ class _Export:
         for note in notes:
             self.console.warn(note)
         left_out = f" ({invisible:,} too faint to be seen are left out)" if invisible else ""
-        size = self._say(f"{len(splats):,} splats{left_out}", path)
+        count = self._say(f"{len(splats):,} splats{left_out}", path)
         return {
             "written": str(path),
             "num_gaussians": len(splats),
             "num_dropped": taken.num_dropped,
             "num_invisible": invisible,
-            "bytes": size,
+            "bytes": count,
             "notes": notes,
         }
 
@@ -214,13 +215,13 @@ class _Export:
         with _readable_value_errors(folder, self.options.format):
             written = sequence.write(lambda time: source.at(time).splat_file(), about)
             files = list(tracked(written, "writing splats", len(times)))
-        size = sum(path.stat().st_size for path in files)
+        count = sum(path.stat().st_size for path in files)
         self.console.say(
-            f"{len(files)} files after {step} steps, {size / 1e6:.1f} MB: {folder}\n"
+            f"{len(files)} files after {step} steps, {size(count)}: {folder}\n"
             f"when each of them is: {sequence.index}"
         )
         written_files = [str(path) for path in files]
-        return {"written": written_files, "index": str(sequence.index), "bytes": size}
+        return {"written": written_files, "index": str(sequence.index), "bytes": count}
 
     def _model(self) -> dict[str, Any]:
         """The model at all times, as one file."""
@@ -234,8 +235,8 @@ class _Export:
             model = RunSource(self.restored).stored_model()
             with stage(f"writing {path.name}"):
                 self.exporter.write(path, model)
-        size = self._say(f"method {model.method} with {model.rows:,} Gaussians", path)
-        return {"written": str(path), "num_gaussians": model.rows, "bytes": size}
+        count = self._say(f"method {model.method} with {model.rows:,} Gaussians", path)
+        return {"written": str(path), "num_gaussians": model.rows, "bytes": count}
 
     def _tracks(self) -> dict[str, Any]:
         """The paths of all Gaussians, as one file."""
@@ -247,12 +248,12 @@ class _Export:
         with _readable_value_errors(path, self.options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
         rows = content.tracks.opacities.shape[1]
-        size = self._say(f"paths of {rows:,} Gaussians at {len(times)} times", path)
+        count = self._say(f"paths of {rows:,} Gaussians at {len(times)} times", path)
         return {
             "written": str(path),
             "num_gaussians": rows,
             "num_times": len(times),
-            "bytes": size,
+            "bytes": count,
         }
 
     def _name(self, content: str) -> str:
@@ -269,9 +270,9 @@ class _Export:
 
     def _say(self, content: str, path: Path) -> int:
         """Print the content and the path of a file; return its size in bytes."""
-        size = path.stat().st_size
-        self.console.say(f"{content} after {self.restored.step} steps, {size / 1e6:.1f} MB: {path}")
-        return size
+        count = path.stat().st_size
+        self.console.say(f"{content} after {self.restored.step} steps, {size(count)}: {path}")
+        return count
 
 
 def _corrections(

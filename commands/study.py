@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from gsfw.commands.interface.arguments import Options, read, word
+from gsfw.core.words import duration, rough_duration
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
@@ -152,7 +153,7 @@ def _make(
         options.jobs, options.budget.minutes, options.again, options.keep_runs
     )
     runner = Runner(plan, store, settings, control, lock)
-    about = f", about {_duration(runner.seconds_left())}" if runner.pending else ""
+    about = f", about {rough_duration(runner.seconds_left())}" if runner.pending else ""
     console.say(f"{study.title}: {_runs(runner.kept)} there, {len(runner.pending)} to make{about}")
     ended: list[Ended] = []
     try:
@@ -200,8 +201,10 @@ def _tell(console: Console, ended: Ended) -> None:
         for name in ("psnr", "moving_psnr")
         if name in figures
     ]
-    left = f"; about {_duration(ended.seconds_left)} left" if ended.number < ended.total else ""
-    console.say(f"{head}{', '.join([*shown, _duration(ended.seconds)])}{left}")
+    left = (
+        f"; about {rough_duration(ended.seconds_left)} left" if ended.number < ended.total else ""
+    )
+    console.say(f"{head}{', '.join([*shown, duration(ended.seconds)])}{left}")
 
 
 def _tell_rest(console: Console, runner: Runner, control: Control, options: StudyOptions) -> None:
@@ -234,14 +237,14 @@ def _dry(
         seconds = 0.0 if what == "is there" else estimate.seconds(planned)
         total += seconds
         cell = planned.cell
-        about = _duration(seconds) if seconds else ""
+        about = rough_duration(seconds) if seconds else ""
         rows.append([cell.scene, cell.row, str(cell.seed), str(planned.steps), about, what])
         head = {"scene": cell.scene, "row": cell.row, "seed": cell.seed}
         listed.append({**head, "what": what, "seconds": seconds})
     console.table(["scene", "row", "seed", "steps", "about", "what"], rows)
     total /= options.jobs
     guess = "" if estimate.is_measured else " (a guess: nothing is measured yet)"
-    console.say(f"about {_duration(total)} in all{guess}; without dry=true they are made")
+    console.say(f"about {rough_duration(total)} in all{guess}; without dry=true they are made")
     console.result({"runs": listed, "seconds": total, "missing": list(missing)})
     return 0
 
@@ -336,10 +339,3 @@ def _write(study: Study, store: ResultStore, options: StudyOptions) -> list[Scen
 
 def _runs(number: int) -> str:
     return f"{number} run{'' if number == 1 else 's'}"
-
-
-def _duration(seconds: float) -> str:
-    """Format a duration for people: 40 s, 12 min, 3.5 h."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

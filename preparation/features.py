@@ -22,6 +22,7 @@ from gsfw.core.errors import ConfigError, UnavailableError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
 from gsfw.core.files.json_text import json_text
 from gsfw.core.progress import stage
+from gsfw.core.words import rough_duration
 from gsfw.preparation.blur import ImageBlur
 from gsfw.preparation.camera_grouping import CameraGroup
 from gsfw.preparation.feature_database import FeatureDatabase
@@ -125,8 +126,8 @@ class FeatureSettings:
         return chosen, (
             f"features: at most {chosen.count} in {_each(len(images.images))}, on up to "
             f"{chosen.max_size} pixels, with {cores} core{'s' if cores > 1 else ''}: about "
-            f"{_duration(finding)}, then about {_duration(matching)} for matching and "
-            f"{_duration(MAPPING_SECONDS * len(images.images))} for the cameras."
+            f"{rough_duration(finding)}, then about {rough_duration(matching)} for matching and "
+            f"{rough_duration(MAPPING_SECONDS * len(images.images))} for the cameras."
         )
 
     def seconds(self, images: ImageSet, cores: int) -> tuple[float, float]:
@@ -145,12 +146,6 @@ class FeatureSettings:
 
 def _each(number: int) -> str:
     return "the only image" if number == 1 else f"each of {number} images"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{max(1, round(seconds))} s"
-    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def check_wanted(size: int | None, count: int | None) -> None:

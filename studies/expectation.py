@@ -28,6 +28,7 @@ from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.progress import stage
 from gsfw.core.sampler import Sampler
 from gsfw.core.scene import Scene
+from gsfw.core.words import duration
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.registry import Registry
 
@@ -87,15 +88,6 @@ class Expectation:
     def document(self) -> dict[str, Any]:
         """Plain data for programs."""
         return asdict(self)
-
-
-def duration(seconds: float) -> str:
-    """A time in the two largest units that it needs."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes} min"
-    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 def expect(composition: Composition, registry: Registry, so_far: float) -> Expectation:

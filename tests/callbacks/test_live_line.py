@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from support.watched_run import report_of, run_info
 
-from gsfw.callbacks.countdown import Countdown, duration
+from gsfw.callbacks.countdown import Countdown
 from gsfw.callbacks.live_line import Figures, LiveLine, fitted
 from gsfw.callbacks.progress import Progress
 from gsfw.core.callback import Control
@@ -82,10 +82,6 @@ def test_the_time_left_runs_down_between_two_reports(tmp_path, monkeypatch):
     assert countdown.seconds() == pytest.approx(before - 5.0)
     now += 1e6
     assert countdown.seconds() == 0.0
-
-
-def test_durations_are_minutes_and_seconds_or_hours():
-    assert [duration(s) for s in (0.2, 59.6, 3725.0)] == ["0:00", "1:00", "1:02:05"]
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import math
 
+from gsfw.core.words import clock
 from gsfw.viewer.live_run import LiveRun
 
 TABLE = (
@@ -40,17 +41,10 @@ def status_html(live: LiveRun) -> str:
         rows.append(("speed", f"{status.steps_per_second:.1f} steps/s"))
     if status.seconds_left is not None and not live.finished:
         # Frames take their share of the time on top of what steps take.
-        rows.append(("time left", duration(status.seconds_left / max(1 - live.share, 0.05))))
+        rows.append(("time left", clock(status.seconds_left / max(1 - live.share, 0.05))))
     if status.memory_mb:
         rows.append(("memory", f"{status.memory_mb / 1e3:.1f} GB"))
     rows.append(("time for frames", f"{100 * live.share:.0f} %"))
     if live.checkpointed is not None:
         rows.append(("last checkpoint", f"step {live.checkpointed:,}"))
     return figures_html(rows, f"{html.escape(info.method)}: {state}")
-
-
-def duration(seconds: float) -> str:
-    """Hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

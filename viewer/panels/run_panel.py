@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from viser import Icon
 
+from gsfw.core.words import clock
 from gsfw.viewer.export import export_path, export_splats
 from gsfw.viewer.live_run import LiveRun
-from gsfw.viewer.panels.figures import duration, figures_html, status_html
+from gsfw.viewer.panels.figures import figures_html, status_html
 from gsfw.viewer.panels.panel import Panel
 
 if TYPE_CHECKING:
@@ -148,5 +149,5 @@ def _finished(page: Page) -> list[tuple[str, str]]:
             if isinstance(summary.get(name), (int, float)):
                 rows.append((name.upper() if name != "steps" else name, text.format(summary[name])))
         if isinstance(summary.get("train_seconds"), (int, float)):
-            rows.append(("trained", duration(summary["train_seconds"])))
+            rows.append(("trained", clock(summary["train_seconds"])))
     return [(html.escape(name), html.escape(text)) for name, text in rows]

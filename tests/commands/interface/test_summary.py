@@ -1,15 +1,12 @@
 """The table at the end of a run."""
 
-import pytest
 from support.watched_run import SUMMARY
 
 from gsfw.commands.interface.summary import (
     Row,
-    duration,
     next_rows,
     quality_rows,
     run_rows,
-    size,
     summary_text,
 )
 
@@ -73,18 +70,3 @@ def test_remarks_wrap_and_paths_and_commands_do_not(monkeypatch):
 def test_only_installed_verbs_are_offered_and_odd_paths_are_quoted():
     rows = next_rows("my run", ("eval", "no-such-verb"), ["tensorboard --logdir x"])
     assert rows == [Row("next", "gsfw eval 'my run'"), Row("", "tensorboard --logdir x")]
-
-
-@pytest.mark.parametrize(
-    ("number", "words"),
-    [(12, "12 bytes"), (23_600, "24 kB"), (999_600, "1.0 MB"), (2.94e6, "2.9 MB"),
-     (383.2e6, "383 MB"), (1.25e9, "1.2 GB")],
-)  # fmt: skip
-def test_sizes_have_two_or_three_digits(number, words):
-    assert size(number) == words
-
-
-def test_durations_are_in_words():
-    assert [duration(s) for s in (0.4, 59.6, 500, 11_100)] == [
-        "0 s", "1 min 0 s", "8 min 20 s", "3 h 5 min",
-    ]  # fmt: skip

@@ -1,0 +1,41 @@
+"""Words: times and numbers of bytes as people read them, the same in every message and page."""
+
+from __future__ import annotations
+
+
+def duration(seconds: int | float) -> str:
+    """A time in the two largest units that it needs: "17 s", "8 min 20 s", "3 h 5 min"."""
+    hours, minutes, rest = _parts(seconds)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def rough_duration(seconds: int | float) -> str:
+    """An estimated time, in one unit: "40 s", "12 min", "3.5 h"."""
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def clock(seconds: int | float) -> str:
+    """A time as minutes and seconds, or with hours: "0:17", "1:02:05"."""
+    hours, minutes, rest = _parts(seconds)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+def size(count: int | float) -> str:
+    """A number of bytes: "812 kB", "2.9 MB", "1.3 GB"."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
+        if count >= 0.9995 * unit:
+            amount = count / unit
+            is_whole = amount >= 100 or unit == 1e3
+            return f"{amount:.0f} {name}" if is_whole else f"{amount:.1f} {name}"
+    return f"{count:.0f} bytes"
+
+
+def _parts(seconds: int | float) -> tuple[int, int, int]:
+    """Whole hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return hours, minutes, rest

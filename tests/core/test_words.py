@@ -1,0 +1,49 @@
+"""Times and numbers of bytes in words; nothing else in the project spells them."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from gsfw.core.words import clock, duration, rough_duration, size
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(12, "12 bytes"), (23_600, "24 kB"), (999_600, "1.0 MB"), (2.94e6, "2.9 MB"),
+     (383.2e6, "383 MB"), (1.25e9, "1.2 GB")],
+)  # fmt: skip
+def test_sizes_have_two_or_three_digits(number, words):
+    assert size(number) == words
+
+
+def test_durations_have_their_two_largest_units():
+    assert [duration(s) for s in (0.4, 59.6, 500, 7265.0, 11_100)] == [
+        "0 s", "1 min 0 s", "8 min 20 s", "2 h 1 min", "3 h 5 min",
+    ]  # fmt: skip
+
+
+def test_estimates_have_one_unit():
+    assert [rough_duration(s) for s in (0.1, 73, 89, 90, 725, 5400, 12_600)] == [
+        "1 s", "73 s", "89 s", "2 min", "12 min", "1.5 h", "3.5 h",
+    ]  # fmt: skip
+
+
+def test_a_clock_has_minutes_and_seconds_or_hours():
+    assert [clock(s) for s in (0.2, 59.6, 3725.0)] == ["0:00", "1:00", "1:02:05"]
+
+
+def test_no_other_module_spells_times_or_sizes_of_its_own():
+    spells = re.compile(
+        r"def _?(rough_)?(duration|clock|size_text|human_\w+)\(seconds|def size_text"
+    )
+    folders = (path.parent for path in ROOT.glob("*/__init__.py"))
+    found = [
+        str(path.relative_to(ROOT))
+        for folder in folders
+        for path in folder.rglob("*.py")
+        if spells.search(path.read_text())
+    ]
+    assert found == ["core/words.py"]
