@@ -62,9 +62,9 @@ def run(arguments: list[str]) -> int:
     from gsfw.commands.interface.console import Console
     from gsfw.commands.interface.runs import find_run
     from gsfw.core.errors import ConfigError
+    from gsfw.core.words import size
     from gsfw.reports.drawing import DrawingRule
     from gsfw.reports.error_image import choose_error
-    from gsfw.reports.page import size_text
     from gsfw.reports.run_report import write_run_report
 
     console = Console(options.json)
@@ -82,10 +82,10 @@ def run(arguments: list[str]) -> int:
         path = write_run_report(found[0].folder, opened, rule, out)
     else:
         path = _compare(found, options, rule, console)
-    size = path.stat().st_size
-    console.say(f"report: {path} ({size_text(size)})")
+    count = path.stat().st_size
+    console.say(f"report: {path} ({size(count)})")
     console.say(f"open it in a browser: {path.resolve().as_uri()}")
-    console.result({"runs": [item.name for item in found], "report": str(path), "bytes": size})
+    console.result({"runs": [item.name for item in found], "report": str(path), "bytes": count})
     return 0
 
 
@@ -105,7 +105,7 @@ def _compare(
 ) -> Path:
     """Write the page of several runs."""
     from gsfw.reports.comparison import MOST_COMPARED, check_count, write_comparison
-    from gsfw.reports.run_record import read_run
+    from gsfw.reports.run_reader import read_run
 
     check_count(len(found))
     runs = [(read_run(item.folder), _open(item, options, console)) for item in found]

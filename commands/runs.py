@@ -14,7 +14,7 @@ from gsfw.commands.interface.arguments import Options, read, word, words
 
 if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
-    from gsfw.commands.interface.run_record import RunRecord
+    from gsfw.reports.run_record import RunRecord
 
 COMPARE, REMOVE = "compare", "remove"
 COLUMNS = ("state", "scene", "method", "PSNR", "Gaussians", "time", "run")
@@ -74,11 +74,12 @@ def run(arguments: list[str]) -> int:
 
 def _list(options: RunsOptions, console: Console) -> int:
     from gsfw.commands.interface.run_history import remembered_runs
-    from gsfw.commands.interface.run_record import read_record
     from gsfw.commands.interface.runs import RUNS, newest_runs
+    from gsfw.core.loop.run_folder import RunFolder
+    from gsfw.reports.run_reader import read_run
 
     starts = remembered_runs()
-    records = [read_record(path, starts.get(path.resolve())) for path in newest_runs()]
+    records = [read_run(RunFolder(path), starts.get(path.resolve())) for path in newest_runs()]
     chosen = sorted(filter(_filter(options), records), key=_order(options.sort))
     console.result([record.document() for record in chosen])
     if options.json:
@@ -113,12 +114,19 @@ def _filter(options: RunsOptions) -> Callable[[RunRecord], bool]:
 
 def _order(sort: str) -> Callable[[RunRecord], Any]:
     """Key of an order; the runs are the newest first already, and stay so among equals."""
-    missing = float("inf")
+
+    def by_figure(name: str, sign: int) -> Callable[[RunRecord], Any]:
+        def key(record: RunRecord) -> float:
+            value = record.figure(name)
+            return float("inf") if value is None else sign * value
+
+        return key
+
     orders: dict[str, Callable[[RunRecord], Any]] = {
         "newest": lambda record: 0,
-        "psnr": lambda record: missing if record.psnr is None else -record.psnr,
-        "gaussians": lambda record: missing if record.gaussians is None else record.gaussians,
-        "time": lambda record: missing if record.train_seconds is None else record.train_seconds,
+        "psnr": by_figure("psnr", -1),
+        "gaussians": by_figure("num_gaussians", 1),
+        "time": by_figure("train_seconds", 1),
         "scene": lambda record: record.scene,
         "method": lambda record: record.method,
     }
@@ -147,21 +155,21 @@ def _table(records: Sequence[RunRecord]) -> str:
 
 
 def _cells(record: RunRecord) -> list[str]:
-    from gsfw.commands.interface.run_record import State
-    from gsfw.commands.interface.summary import duration
+    from gsfw.core.words import duration
+    from gsfw.reports.run_state import State
 
     state = record.state.value
     if record.state in (State.INTERRUPTED, State.RUNNING) and record.steps:
         state += f" {100 * record.steps_done // record.steps}%"
-    return [
-        state,
-        record.scene,
-        record.method,
-        "-" if record.psnr is None else f"{record.psnr:.2f}",
-        "-" if record.gaussians is None else f"{record.gaussians:,}",
-        "-" if record.train_seconds is None else duration(record.train_seconds),
-        str(record.path),
+    figures: tuple[tuple[str, Callable[[float], str]], ...] = (
+        ("psnr", "{:.2f}".format),
+        ("num_gaussians", "{:,.0f}".format),
+        ("train_seconds", duration),
+    )
+    cells = [
+        "-" if (value := record.figure(name)) is None else text(value) for name, text in figures
     ]
+    return [state, record.scene, record.method, *cells, str(record.path)]
 
 
 def _given(options: RunsOptions, least: int, console: Console) -> list[Any]:
@@ -189,33 +197,42 @@ def _given(options: RunsOptions, least: int, console: Console) -> list[Any]:
 
 
 def _compare(options: RunsOptions, console: Console) -> int:
-    from gsfw.commands.interface.run_comparison import compare
+    from gsfw.reports.plain_text import setting_text
+    from gsfw.reports.run_comparison import RunComparison
+    from gsfw.reports.run_reader import read_run
 
-    comparison = compare([run.folder.path for run in _given(options, 2, console)])
+    records = [read_run(run.folder) for run in _given(options, 2, console)]
+    comparison = RunComparison(tuple(records))
     console.result(comparison.document())
-    letters = [chr(ord("A") + place % 26) for place in range(len(comparison.runs))]
-    for letter, record in zip(letters, comparison.runs, strict=True):
+    letters = [chr(ord("A") + place % 26) for place in range(len(records))]
+    for letter, record in zip(letters, records, strict=True):
         console.say(f"{letter}  {record.path}")
+        for problem in record.problems:
+            console.warn(f"{record.path}: {problem}")
     console.say()
-    console.table(["figure", *letters], comparison.figure_rows())
+    rows = [["state", *(f"{record.state.value}, {record.steps_done} steps" for record in records)]]
+    for figure, values in comparison.figures.items():
+        rows.append([figure.name, *("-" if v is None else figure.text(v) for v in values)])
+    console.table(["figure", *letters], rows)
     console.say()
     if comparison.chosen:
-        console.table(["setting", *letters], comparison.setting_rows())
+        chosen = [[key, *map(setting_text, comparison.settings[key])] for key in comparison.chosen]
+        console.table(["setting", *letters], chosen)
     else:
         console.say("no setting differs that somebody chose")
-    if following := comparison.following():
+    if following := comparison.following:
         console.say(f"{len(following)} more differ, and follow from these (json=true has them)")
-    if comparison.protocol:
-        names = ", ".join(comparison.protocol)
-        console.warn(f"the figures were measured in different ways and cannot be compared: {names}")
+    for reason in comparison.why_not(letters):
+        console.warn(reason)
     return 0
 
 
 def _remove(options: RunsOptions, console: Console) -> int:
-    from gsfw.commands.interface.run_record import read_record
     from gsfw.commands.interface.run_removal import check_removable, remove_run, size_of
-    from gsfw.commands.interface.summary import size
     from gsfw.core.errors import ConfigError
+    from gsfw.core.loop.run_folder import RunFolder
+    from gsfw.core.words import size
+    from gsfw.reports.run_reader import read_run
 
     paths = [check_removable(run) for run in _given(options, 1, console)]
     if not options.yes and (options.json or not sys.stdin.isatty()):
@@ -225,8 +242,9 @@ def _remove(options: RunsOptions, console: Console) -> int:
         )
     removed = []
     for path in paths:
-        record = read_record(path)
-        figure = "" if record.psnr is None else f", PSNR {record.psnr:.2f} dB"
+        record = read_run(RunFolder(path))
+        psnr = record.figure("psnr")
+        figure = "" if psnr is None else f", PSNR {psnr:.2f} dB"
         described = f"{record.method} on {record.scene}, {record.state.value}{figure}"
         if not options.yes and not _confirmed(
             f"remove {path} ({described}, {size(size_of(path))})"

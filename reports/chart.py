@@ -16,7 +16,7 @@ LEFT, TOP, RIGHT, BOTTOM = 42.0, 10.0, 12.0, 36.0
 """Margins of the plot, in units of the drawing."""
 
 MOST_POINTS = 300
-"""Points of a line; longer ones are means of neighbours, so that pages stay small."""
+"""Points of a line; longer ones are thinned, so that pages stay small."""
 
 COLORS = 6
 """Number of colours of lines in the style of the page; they repeat."""
@@ -75,14 +75,20 @@ class Chart:
 
 
 def thinned(points: Sequence[Point], most: int = MOST_POINTS) -> list[Point]:
-    """At most about ``most`` points: means of equally many neighbours; the last one stays."""
-    each = -(-len(points) // most)
-    if each <= 1:
+    """At most ``most`` points: the first and the last one as they are, means of neighbours between.
+
+    A curve so begins and ends at true values: its end is what people read.
+    """
+    if len(points) <= most:
         return list(points)
-    groups = [points[start : start + each] for start in range(0, len(points), each)]
-    return [
-        (group[-1][0], sum(value for _, value in group) / len(group)) for group in groups if group
-    ]
+    inner = points[1:-1]
+    each = -(-len(inner) // (most - 2))
+    groups = [inner[start : start + each] for start in range(0, len(inner), each)]
+    return [points[0], *map(_mean, groups), points[-1]]
+
+
+def _mean(points: Sequence[Point]) -> Point:
+    return sum(x for x, _ in points) / len(points), sum(y for _, y in points) / len(points)
 
 
 def smoothed(points: Sequence[Point], share: float = 0.05) -> list[Point]:
@@ -99,7 +105,7 @@ def smoothed(points: Sequence[Point], share: float = 0.05) -> list[Point]:
 
 @dataclass(frozen=True)
 class _Frame:
-    """The ranges of the axes, and where values lie in the drawing."""
+    """The ranges of the axes, and the places of values in the drawing."""
 
     low: Point
     high: Point
@@ -121,7 +127,7 @@ class _Frame:
         return _Frame(*ends, tuple(across), tuple(shown), is_ratio)
 
     def place(self, point: Point) -> Point:
-        """Where a point lies in the drawing."""
+        """Place of a point in the drawing."""
         x = (point[0] - self.low[0]) / (self.high[0] - self.low[0])
         low, high, value = (self._height(y) for y in (self.low[1], self.high[1], point[1]))
         y = (value - low) / (high - low)
@@ -145,7 +151,7 @@ class _Frame:
         return drawn
 
     def hover(self, curves: Sequence[Curve], unit: str) -> dict[str, object]:
-        """What the script of the page needs to show values."""
+        """Data with which the script of the page shows values."""
         return {
             "box": [LEFT, TOP, WIDTH - RIGHT, HEIGHT - BOTTOM],
             "size": [WIDTH, HEIGHT],

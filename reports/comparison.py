@@ -116,7 +116,7 @@ def _pictures(run: ComparedRun, rule: DrawingRule, views: Sequence[str]) -> Pict
 
 def labels(records: Sequence[RunRecord]) -> list[str]:
     """Shortest different names: the ends of the runs' paths that set them apart."""
-    parts = [record.folder.path.resolve().parts for record in records]
+    parts = [record.path.resolve().parts for record in records]
     longest = max(len(path) for path in parts)
     for length in range(1, longest + 1):
         names = ["/".join(path[-length:]) for path in parts]

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
 
 from gsfw.reports.chart import Chart, Curve, smoothed
-from gsfw.reports.curves import baseline, time_chart
-from gsfw.reports.figures import duration, plain
+from gsfw.reports.curves import time_chart
 from gsfw.reports.markup import (
     NOTHING,
     Child,
@@ -23,45 +20,19 @@ from gsfw.reports.markup import (
     table,
     webp_uri,
 )
-from gsfw.reports.page import size_text, write_page
+from gsfw.reports.page import write_page
+from gsfw.reports.page_limit import within_limit
 from gsfw.reports.pictures import Pictures, ViewPicture
+from gsfw.reports.plain_text import setting_text
+from gsfw.reports.run_comparison import RunComparison
 from gsfw.reports.run_page import state, state_notes
 from gsfw.reports.run_record import RunRecord, number
-
-UNALIKE = ("data", "split", "held_out", "views", "image_sizes", "background", "numerics")
-"""Entries of the protocol that have to agree for figures to be comparable."""
 
 FILM_HEIGHT, SLIDE_HEIGHT = 300, 470
 """Most heights of films and of views side by side, in CSS pixels."""
 
 MOST_ROWS = 200
 """Most views in the table of PSNR by view."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """A figure of the table."""
-
-    name: str
-    value: Callable[[RunRecord], float | None]
-    text: Callable[[float], str]
-    better: int
-    """1 where more is better, -1 where less is, 0 where neither is."""
-
-
-ROWS = (
-    Row("PSNR, dB", lambda run: run.figure("psnr"), lambda v: f"{v:.2f}", 1),
-    Row("SSIM", lambda run: run.figure("ssim"), lambda v: f"{v:.4f}", 1),
-    Row("PSNR of what moves, dB", lambda run: run.figure("moving_psnr"), lambda v: f"{v:.2f}", 1),
-    Row("training PSNR, dB", lambda run: run.figure("training_psnr"), lambda v: f"{v:.2f}", 0),
-    Row("a single colour, dB", lambda r: baseline(r, "constant_psnr"), lambda v: f"{v:.2f}", 0),
-    Row("Gaussians", lambda run: run.num_gaussians, lambda v: f"{v:,.0f}", -1),
-    Row("model", lambda run: run.figure("model_bytes"), lambda v: size_text(round(v)), -1),
-    Row("training", lambda run: run.figure("train_seconds"), duration, -1),
-    Row("to render an image, ms", lambda run: run.figure("render_ms"), lambda v: f"{v:.1f}", -1),
-    Row("memory at most, MB", lambda r: r.figure("peak_memory_mb"), lambda v: f"{v:,.0f}", -1),
-    Row("steps", lambda run: float(run.steps_done), lambda v: f"{v:,.0f}", 0),
-)
 
 
 def comparison_page(
@@ -80,51 +51,54 @@ def comparison_page(
         views: names of the views that are shown side by side.
         notes: what the reader has to know, as sentences.
     """
-    said = [*unalike(records, names), *notes]
+    comparison = RunComparison(tuple(records))
+    said = [*_verdict(comparison, names), *notes]
     for record, name in zip(records, names, strict=True):
         said += [f"{name}: {note}" for note in (*state_notes(record), *record.problems)]
-    scenes = list(dict.fromkeys(record.scene for record in records))
+
+    def build(shown: Sequence[Pictures | None], left_out: str) -> str:
+        title = f"{_scenes(records)}: {' and '.join(names)}"
+        return write_page(title, _body(comparison, names, shown, views, said), left_out)
+
+    return within_limit(build, pictures)
+
+
+def _body(
+    comparison: RunComparison,
+    names: Sequence[str],
+    pictures: Sequence[Pictures | None],
+    views: Sequence[str],
+    said: Sequence[str],
+) -> list[Markup]:
+    records = comparison.records
     header = element(
         "header",
         [
             div("over", f"gsfw report, {time.strftime('%d %B %Y')}"),
-            element("h1", f"{' and '.join(scenes)}: {len(records)} runs compared"),
+            element("h1", f"{_scenes(records)}: {len(records)} runs compared"),
             div("about", " · ".join(names)),
         ],
     )
-    body = [
+    return [
         header,
         *(div("callout", element("p", note)) for note in said),
         _films(names, pictures),
-        _table(records, names),
+        _table(comparison, names),
         _slides(names, pictures, views),
         _curves(records, names),
         _by_view(records, names),
-        _settings(records, names),
+        _settings(comparison, names),
     ]
-    return write_page(f"{' and '.join(scenes)}: {' and '.join(names)}", body)
 
 
-def unalike(records: Sequence[RunRecord], names: Sequence[str]) -> list[str]:
-    """What makes figures incomparable, as sentences; empty if they were measured alike."""
-    found: list[str] = []
-    if not all(record.protocol for record in records):
-        return found
-    for key in UNALIKE:
-        values = [
-            data_name(record) if key == "data" else plain(record.protocol.get(key))
-            for record in records
-        ]
-        if len(set(values)) > 1:
-            each = "; ".join(f"{name}: {value}" for name, value in zip(names, values, strict=False))
-            words = key.replace("_", " ")
-            found.append(f"The figures were not measured alike: {words} differs ({each}).")
-    return found
+def _scenes(records: Sequence[RunRecord]) -> str:
+    return " and ".join(dict.fromkeys(record.scene for record in records))
 
 
-def data_name(record: RunRecord) -> str:
-    """Name of the data set without its place, which differs between machines."""
-    return Path(str(record.settings.get("data") or "")).name or "built-in scene"
+def _verdict(comparison: RunComparison, names: Sequence[str]) -> list[str]:
+    """Reasons why no run is called better than another."""
+    reasons = comparison.why_not(names)
+    return [*reasons, "So no run is marked as the better one."] if reasons else []
 
 
 def _films(names: Sequence[str], pictures: Sequence[Pictures | None]) -> Markup:
@@ -138,29 +112,36 @@ def _films(names: Sequence[str], pictures: Sequence[Pictures | None]) -> Markup:
     return div("films", shown) if shown else NOTHING
 
 
-def _table(records: Sequence[RunRecord], names: Sequence[str]) -> Markup:
-    """Figures by run; the best of each row is marked."""
+def _table(comparison: RunComparison, names: Sequence[str]) -> Markup:
+    """Figures by run; the best of each row is marked if they can be compared."""
     rows = []
-    for row in ROWS:
-        values = [row.value(record) for record in records]
-        known = [value for value in values if value is not None]
-        if not known:
-            continue
-        best = max(known, key=lambda value: row.better * value)
-        is_won = row.better != 0 and len(known) == len(values) and len(set(known)) > 1
-        cells = [element("td", row.name)]
-        for value in values:
-            text = "-" if value is None else row.text(value)
-            won = is_won and value is not None and row.text(value) == row.text(best)
-            cells.append(element("td", text, {"class": "best" if won else None}))
+    for figure, values in comparison.figures.items():
+        cells = [element("td", figure.name)]
+        for value, is_best in zip(values, comparison.best(figure), strict=True):
+            text = "-" if value is None else figure.text(value)
+            cells.append(element("td", text, {"class": "best" if is_best else None}))
         rows.append(element("tr", cells))
+    steps = [element("td", f"{record.steps_done:,}") for record in comparison.records]
+    rows.append(element("tr", [element("td", "steps"), *steps]))
     head = [
         element("th", [name, element("br"), state(record)], {"scope": "col"})
-        for name, record in zip(names, records, strict=True)
+        for name, record in zip(names, comparison.records, strict=True)
     ]
     body = [element("thead", element("tr", [element("th", ""), *head])), element("tbody", rows)]
     listed = div("wide", element("table", body, {"class": "compared"}))
-    return section("figures", "Figures", listed, "The best of each row is green.")
+    return section("figures", "Figures", listed, _marks(comparison))
+
+
+def _marks(comparison: RunComparison) -> str:
+    """The meaning of the marks in the table."""
+    if not comparison.is_comparable:
+        return ""
+    if comparison.is_same_machine:
+        return "The best of each row is green."
+    return (
+        "The best of each row is green; times and memory have no mark, because the runs are not "
+        "known to be of equal machines."
+    )
 
 
 def _slides(
@@ -189,7 +170,7 @@ def _slides(
 
 
 def _menu(side: str, options: Sequence[str], chosen: int) -> Markup:
-    """Which run is on a side."""
+    """A menu for the run on one side."""
     listed = [
         element("option", text, {"value": place, "selected": place == chosen})
         for place, text in enumerate(options)
@@ -261,23 +242,21 @@ def _by_view(records: Sequence[RunRecord], names: Sequence[str]) -> Markup:
     return section("by-view", "View by view", folded(title, table(["view", *names], rows)))
 
 
-def _settings(records: Sequence[RunRecord], names: Sequence[str]) -> Markup:
-    """Settings that differ between the runs, those first that a user gave."""
-    given: list[list[Markup]] = []
-    others: list[list[Markup]] = []
-    for key in dict.fromkeys(key for record in records for key in record.settings):
-        values = [
-            plain(record.settings[key]) if key in record.settings else "-" for record in records
-        ]
-        if len(set(values)) > 1:
-            row = [element("code", key), *(element("code", value) for value in values)]
-            (given if any(key in record.given for record in records) else others).append(row)
-    if not given and not others:
+def _settings(comparison: RunComparison, names: Sequence[str]) -> Markup:
+    """Settings that differ between the runs, those first that a user chose."""
+    if not comparison.settings:
         text = "All settings of the runs are equal."
         return section("settings", "Settings", element("p", text))
     head = ["setting", *names]
-    content = [table(head, given, "text")] if given else []
-    if others:
-        title = f"{len(others)} more that follow from them"
-        content.append(folded(title, table(head, others, "text")))
+    rows = {
+        key: [element("code", key), *(element("code", setting_text(value)) for value in values)]
+        for key, values in comparison.settings.items()
+    }
+    chosen = [rows[key] for key in comparison.chosen]
+    following = [rows[key] for key in comparison.following]
+    content = [table(head, chosen, "text")] if chosen else []
+    if following:
+        content.append(
+            folded(f"{len(following)} more that follow from them", table(head, following, "text"))
+        )
     return section("settings", "Settings that differ", content)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gsfw.core.loop.baselines import NAMES
 from gsfw.reports.chart import Chart, Curve, Point, smoothed
 from gsfw.reports.markup import Markup, div, join, section
 from gsfw.reports.run_record import RunRecord, listed, number
@@ -32,11 +33,11 @@ def psnr_chart(record: RunRecord) -> Chart:
     curves = list(_raw_and_mean("training image", record.series("psnr"), 0))
     held_out = record.series("eval/psnr")
     curves.append(Curve("held-out views", held_out, 1, "dots"))
-    level = baseline(record, "constant_psnr")
+    level = record.baseline("constant_psnr")
     steps = [x for curve in curves for x, _ in curve.points]
     if level is not None and steps:
         ends = ((min(steps), level), (max(steps), level))
-        curves.append(Curve("a single colour", ends, 5, "dashed"))
+        curves.append(Curve(NAMES["constant_psnr"], ends, 5, "dashed"))
     return Chart("PSNR", "step", tuple(curves), unit="dB")
 
 
@@ -44,12 +45,6 @@ def count_chart(record: RunRecord) -> Chart:
     """Number of Gaussians."""
     curve = Curve("Gaussians", record.series("num_gaussians"), 2)
     return Chart("Gaussians", "step", (curve,))
-
-
-def baseline(record: RunRecord, name: str) -> float | None:
-    """PSNR of an image that needs no model; ``None`` if it was not measured."""
-    found = record.evaluation.get("baselines")
-    return number(found.get(name)) if isinstance(found, dict) else None
 
 
 def time_section(record: RunRecord) -> Markup:

@@ -35,7 +35,7 @@ LOOP_MS = 3600
 
 @dataclass(frozen=True)
 class DrawingRule:
-    """What is drawn."""
+    """Bounds and kind of the drawn images."""
 
     views: int
     """Most views with images."""
@@ -88,6 +88,7 @@ def draw_pictures(
         views=tuple(views),
         still=still,
         still_name=still_name,
+        is_still_median=bool(still and worst_first and split is Split.EVAL),
         orbit=animated_webp(film, LOOP_MS // len(film), most) if film else b"",
         is_moving=data.scene.is_dynamic,
     )

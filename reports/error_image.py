@@ -27,7 +27,7 @@ class ErrorImage:
 
     @property
     def words(self) -> str:
-        """What the colours mean."""
+        """Meaning of the colours."""
         if self.is_flip:
             return "FLIP at the size shown, black 0 (no visible difference) to yellow 1"
         return f"absolute error, mean of the channels, black 0 to yellow {1 / GAIN:g}"

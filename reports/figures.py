@@ -4,38 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gsfw.reports.curves import baseline
+from gsfw.core.loop.baselines import NAMES
+from gsfw.core.words import duration, size
 from gsfw.reports.markup import NOTHING, Child, Markup, div, element, folded, span
-from gsfw.reports.page import size_text
-from gsfw.reports.run_record import RunRecord, number
+from gsfw.reports.plain_text import metric_name, metric_text, plain
+from gsfw.reports.run_record import RunRecord
 
-BASELINES = (
-    ("constant_psnr", "a single colour"),
-    ("mean_image_psnr", "the mean image"),
-    ("still_psnr", "an image that stands still"),
-)
-"""Keys of the baselines of all pixels, and their names."""
+OWN_TILES = ("psnr", "ssim", "moving_psnr")
+"""Metrics with tiles of their own words; those of plugins follow them."""
+
+MOST_OTHERS = 3
+"""Most tiles of other metrics; the table of views and the comparison have more."""
 
 
 def headline(record: RunRecord) -> str:
     """The result in a sentence or two."""
     psnr, views = record.figure("psnr"), len(record.per_view) or record.summary.get("views")
-    level, seconds = baseline(record, "constant_psnr"), record.figure("train_seconds")
+    level, seconds = record.baseline("constant_psnr"), record.figure("train_seconds")
     parts = []
     if psnr is not None:
         above = ""
         if level is not None:
-            side = "above" if psnr >= level else "below"
-            above = f", {abs(psnr - level):.1f} dB {side} a single colour"
+            side = "more" if psnr >= level else "less"
+            above = f", {abs(psnr - level):.1f} dB {side} than an image of one colour"
         held_out = "1 held-out view" if views == 1 else f"{views or ''} held-out views".lstrip()
         parts.append(f"PSNR {psnr:.2f} dB on {held_out}{above}.")
     elif (trained := record.figure("training_psnr")) is not None:
         parts.append(f"PSNR {trained:.2f} dB on training views; none is held out.")
-    count = record.num_gaussians
+    count = record.figure("num_gaussians")
     if count:
         time = f", after {duration(seconds)} of training" if seconds else ""
         parts.append(f"{count:,.0f} Gaussians{time}.")
-    return " ".join(parts) or "No figures were written."
+    return " ".join(parts) or "The run has no figures yet."
 
 
 def tiles(record: RunRecord) -> Markup:
@@ -47,10 +47,10 @@ def tiles(record: RunRecord) -> Markup:
 def _quality(record: RunRecord) -> list[Markup]:
     levels = [
         f"{name} {value:.2f}"
-        for key, name in BASELINES
-        if (value := baseline(record, key)) is not None
+        for key, name in NAMES.items()
+        if (value := record.baseline(key)) is not None
     ]
-    moving = baseline(record, "constant_moving_psnr")
+    moving = record.baseline("constant_moving_psnr")
     trained = "of some training views"
     step = record.evaluated_step
     early = f"after step {step:,}" if step is not None and not record.is_finished else ""
@@ -61,27 +61,38 @@ def _quality(record: RunRecord) -> list[Markup]:
             "PSNR of what moves",
             record.figure("moving_psnr"),
             "dB",
-            "" if moving is None else f"a single colour {moving:.2f}",
+            "" if moving is None else f"{NAMES['constant_psnr']} {moving:.2f}",
         ),
+        *_others(record),
         _tile("Training PSNR", record.figure("training_psnr"), "dB", trained),
+    ]
+
+
+def _others(record: RunRecord) -> list[Markup]:
+    """Tiles of the metrics of plugins."""
+    names = [name for name in record.metrics if name not in OWN_TILES and "moving" not in name]
+    return [
+        _text_tile(metric_name(name), metric_text(name, value))
+        for name in names[:MOST_OTHERS]
+        if (value := record.figure(name)) is not None
     ]
 
 
 def _cost(record: RunRecord) -> list[Markup]:
     seconds = record.figure("train_seconds")
-    count = record.num_gaussians
-    size, each = record.figure("model_bytes"), record.figure("bytes_per_time")
+    count = record.figure("num_gaussians")
+    model, each = record.figure("model_bytes"), record.figure("bytes_per_time")
     memory = record.figure("peak_memory_mb")
     render = record.figure("render_ms")
-    per_time = f"{size_text(round(each))} per captured time" if each else ""
+    per_time = f"{size(each)} per captured time" if each else ""
     return [
         _text_tile("Gaussians", f"{count:,.0f}") if count else NOTHING,
         _text_tile("Training", duration(seconds), f"{record.steps_done:,} steps")
         if seconds
         else _text_tile("Steps", f"{record.steps_done:,}", f"of {record.steps:,}"),
-        _text_tile("Model", size_text(round(size)), per_time) if size else NOTHING,
+        _text_tile("Model", size(model), per_time) if model else NOTHING,
         _tile("One image", render, "ms", "to render, median", 1),
-        _text_tile("Memory", f"{memory:,.0f} MB", "at most") if memory else NOTHING,
+        _text_tile("Memory", size(1e6 * memory), "at most") if memory else NOTHING,
     ]
 
 
@@ -98,7 +109,7 @@ def _text_tile(what: str, value: str, more: str = "", unit: str = "") -> Markup:
 
 
 def protocol(record: RunRecord) -> Markup:
-    """How the figures were measured, and the definitions of the baselines."""
+    """The rules by which the figures were measured, and the definitions of the baselines."""
     known = record.evaluation.get("baselines")
     definitions = (
         {f"baseline: {key.replace('_', ' ')}": text for key, text in known.items()}
@@ -121,30 +132,6 @@ def definition_list(rows: Mapping[str, object]) -> Markup:
     )
 
 
-def plain(value: object) -> str:
-    """A value of a file for people."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {plain(item)}" for key, item in value.items()) or "none"
-    if isinstance(value, list | tuple):
-        if len(value) == 2 and all(isinstance(item, int) for item in value):
-            return f"{value[0]} x {value[1]}"
-        return ", ".join(map(plain, value)) or "none"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    found = number(value)
-    if found is not None:
-        return f"{value:,}" if isinstance(value, int) else f"{found:.6g}"
-    return "-" if value is None or value == "" else str(value)
-
-
-def duration(seconds: float) -> str:
-    """A time for people."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
 def callouts(record: RunRecord, notes: list[str]) -> list[Markup]:
     """Findings, and what the reader has to know of this page.
 
@@ -156,7 +143,7 @@ def callouts(record: RunRecord, notes: list[str]) -> list[Markup]:
 
 
 def findings(record: RunRecord) -> list[Markup]:
-    """What is not sound, or that nothing was found."""
+    """Signs that the result is not sound, or that there are none."""
     found = [
         div(
             "callout bad" if item.get("collapse") else "callout",

@@ -14,6 +14,10 @@ VOID = frozenset({"br", "hr", "img", "input", "link", "meta", "source"})
 """Elements without content and without a closing tag."""
 
 
+LONGEST = 3_000
+"""Most characters of a text; a longer one is cut, so that no file makes a page large."""
+
+
 class Markup(str):
     """Text that is HTML already; made by ``element``, ``join`` and for constants of this folder."""
 
@@ -49,7 +53,9 @@ def join(content: Child) -> Markup:
     if isinstance(content, Markup):
         return content
     if isinstance(content, str | int):
-        return Markup(html.escape(str(content)))
+        text = str(content)
+        shown = text if len(text) <= LONGEST else f"{text[:LONGEST]} ... ({len(text):,} characters)"
+        return Markup(html.escape(shown))
     return Markup("".join(join(child) for child in content))
 
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 from importlib import metadata
 from pathlib import Path
 
+from gsfw.core.words import size
 from gsfw.plugins.specs import PROJECT
 from gsfw.reports.markup import NOTHING, Child, Markup, div, element
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 """Content security policy: a browser loads nothing for the page, whatever its texts hold."""
 
-MOST_BYTES = 4_000_000
-"""Size that no page is above: numbers of images, their bytes, rows and points are bounded."""
-
 _SIZE = Markup("<!--size-->")
-"""Where the size of the page goes; no escaped text looks like it."""
+"""Place of the page's size; no escaped text looks like it."""
 
 _HOME = Path(__file__).parent
 
@@ -26,7 +24,7 @@ def write_page(title: str, body: Child, left_out: str = "") -> str:
     Args:
         title: title in the browser.
         body: its sections.
-        left_out: what is not on the page for its size, as a sentence.
+        left_out: images that are left out to keep the page small, as a sentence; may be empty.
     """
     head = [
         element("meta", (), {"charset": "utf-8"}),
@@ -42,22 +40,17 @@ def write_page(title: str, body: Child, left_out: str = "") -> str:
         [
             f"Made by gsfw {metadata.version(PROJECT)}. This file of ",
             _SIZE,
-            f" holds all it shows and loads nothing; no report is above {size_text(MOST_BYTES)}. ",
+            " holds all it shows and loads nothing. ",
             left_out,
         ],
     )
     content = [element("head", head), element("body", [body, footer, _dialog(), script])]
     text = f"<!doctype html>\n{element('html', content, {'lang': 'en'})}\n"
     text = text.encode(errors="replace").decode()  # Names of files may not be UTF-8.
-    return text.replace(_SIZE, size_text(len(text.encode())), 1)
-
-
-def size_text(count: int) -> str:
-    """A number of bytes for people."""
-    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.0f} kB"
+    return text.replace(_SIZE, size(len(text.encode())), 1)
 
 
 def _dialog() -> Markup:
-    """Where images of views are shown large."""
+    """The dialog that shows images of views large."""
     image = element("img", NOTHING, {"alt": ""})
     return element("dialog", [image, div("choices"), div("named")], {"aria-label": "view, large"})

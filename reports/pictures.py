@@ -5,11 +5,14 @@ The files outlive the data set: a run that was copied to another machine still h
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+
+from PIL import Image
 
 from gsfw.core.errors import DataError
 from gsfw.core.files.atomic import readable_write_errors, write_atomically
@@ -31,9 +34,9 @@ class ViewPicture:
 
     name: str
     label: str
-    """Why it was chosen: "worst", "median", "best"; empty if all views are shown."""
+    """The reason for its choice: "worst", "median", "best"; empty if all views are shown."""
     psnr: float
-    """Of the drawn image at its full size, in dB; NaN if it is not known."""
+    """PSNR of the drawn image at its full size, in dB; NaN if it is not known."""
     target: bytes
     rendered: bytes
     error: bytes
@@ -48,16 +51,18 @@ class Pictures:
     split: str
     """Split of the views: "eval", or "train" if none is held out."""
     error: str
-    """What the error images show, with its scale, as a phrase."""
+    """Meaning of the error images, with its scale, as a phrase."""
     views: tuple[ViewPicture, ...]
     """From the worst to the best."""
     still: bytes = b""
-    """The median view as rendered; empty if there is none."""
+    """One view as rendered, larger; empty if there is none."""
     still_name: str = ""
     orbit: bytes = b""
     """A film around the scene; empty if there is none."""
     is_moving: bool = False
     """True if time passes in the film."""
+    is_still_median: bool = False
+    """True if errors of all views were known when ``still`` was chosen among them."""
 
 
 def stored_pictures(folder: RunFolder) -> Pictures | None:
@@ -80,6 +85,7 @@ def stored_pictures(folder: RunFolder) -> Pictures | None:
             views=views,
             still=_read(home / "still.webp") if document["still"] else b"",
             still_name=str(document["still_name"]),
+            is_still_median=bool(document.get("is_still_median")),
             orbit=_read(home / "orbit.webp") if document["orbit"] else b"",
             is_moving=bool(document["is_moving"]),
         )
@@ -126,4 +132,5 @@ def _read(path: Path) -> bytes:
     content = path.read_bytes()
     if content[:4] != b"RIFF" or content[8:12] != b"WEBP" or len(content) > LARGEST:
         raise ValueError(f"{path.name} is no WebP image of at most {LARGEST} bytes")
-    return content
+    with Image.open(io.BytesIO(content)):  # Refuses a file that is cut short.
+        return content

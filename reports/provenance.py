@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gsfw.reports.figures import definition_list, plain
+from gsfw.reports.figures import definition_list
 from gsfw.reports.markup import NOTHING, Markup, bullet_list, element, folded, section, table
+from gsfw.reports.plain_text import setting_text
 from gsfw.reports.run_record import RunRecord
 
 COMMAND = "command line"
@@ -42,7 +43,10 @@ def settings_section(record: RunRecord) -> Markup:
 
 
 def _settings(values: Mapping[str, object]) -> Markup:
-    rows = [[element("code", key), element("code", plain(value))] for key, value in values.items()]
+    rows = [
+        [element("code", key), element("code", setting_text(value))]
+        for key, value in values.items()
+    ]
     return table(["setting", "value"], rows, "text")
 
 
@@ -61,13 +65,13 @@ def environment_section(record: RunRecord) -> Markup:
 def messages_section(record: RunRecord) -> Markup:
     """Warnings of the log, and the notes that the run began with."""
     content = []
-    if record.warnings:
-        content.append(bullet_list(record.warnings))
-    if record.notes:
-        listed = bullet_list(record.notes)
-        plural = "s" if len(record.notes) > 1 else ""
-        content.append(folded(f"{len(record.notes)} note{plural} at the start", listed))
+    if record.messages.warnings:
+        content.append(bullet_list(record.messages.warnings))
+    if record.messages.notes:
+        listed = bullet_list(record.messages.notes)
+        plural = "s" if len(record.messages.notes) > 1 else ""
+        content.append(folded(f"{len(record.messages.notes)} note{plural} at the start", listed))
     if not content:
         return NOTHING
-    title = "Warnings and notes" if record.warnings else "Notes"
+    title = "Warnings and notes" if record.messages.warnings else "Notes"
     return section("messages", title, content)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import shlex
 import time
+from collections.abc import Sequence
 
 from gsfw.reports.curves import time_section, training_section
 from gsfw.reports.figures import callouts, headline, protocol, tiles
 from gsfw.reports.markup import NOTHING, Markup, aspect, div, element, span, webp_uri
 from gsfw.reports.page import write_page
+from gsfw.reports.page_limit import within_limit
 from gsfw.reports.pictures import Pictures
 from gsfw.reports.provenance import environment_section, messages_section, settings_section
 from gsfw.reports.requirements import requirements_section
 from gsfw.reports.run_record import RunRecord
+from gsfw.reports.run_state import State
 from gsfw.reports.view_table import view_section
 
 HERO_HEIGHT = 430
@@ -28,7 +31,17 @@ def run_page(record: RunRecord, pictures: Pictures | None, notes: list[str]) -> 
         notes: what the reader has to know of this page, as sentences.
     """
     said = [*state_notes(record), *notes, *record.problems]
-    body = [
+
+    def build(shown: Sequence[Pictures | None], left_out: str) -> str:
+        return write_page(
+            f"{record.scene}: {record.method}", _body(record, shown[0], said), left_out
+        )
+
+    return within_limit(build, [pictures])
+
+
+def _body(record: RunRecord, pictures: Pictures | None, said: list[str]) -> list[Markup]:
+    return [
         _header(record),
         _hero(record, pictures),
         *callouts(record, said),
@@ -41,16 +54,6 @@ def run_page(record: RunRecord, pictures: Pictures | None, notes: list[str]) -> 
         settings_section(record),
         environment_section(record),
     ]
-    return write_page(f"{record.scene}: {record.method}", body, _left_out(record, pictures))
-
-
-def _left_out(record: RunRecord, pictures: Pictures | None) -> str:
-    """The number of views without images."""
-    shown = 0 if pictures is None else len(pictures.views)
-    missing = len(record.per_view) - shown
-    if not shown or missing <= 0:
-        return ""
-    return f"Images of {missing:,} of {len(record.per_view):,} views are left out for its size."
 
 
 def _header(record: RunRecord) -> Markup:
@@ -63,7 +66,7 @@ def _header(record: RunRecord) -> Markup:
     return element(
         "header",
         [
-            div("over", f"gsfw report, {time.strftime('%d %B %Y')}, {record.folder.path.name}"),
+            div("over", f"gsfw report, {time.strftime('%d %B %Y')}, {record.path.name}"),
             element("h1", [record.scene, state(record)]),
             div("about", " · ".join(parts)),
             element("p", headline(record), {"class": "summary"}),
@@ -72,42 +75,51 @@ def _header(record: RunRecord) -> Markup:
 
 
 def state(record: RunRecord) -> Markup:
-    """Whether the run is finished and its result sound, in a word or two."""
+    """The state of the run, or that its result is not sound, in a word or two."""
     if not record.is_finished:
-        return span("pill warn", "not finished")
+        return span("pill warn", "in training" if record.state is State.RUNNING else "not finished")
     if any(item.get("collapse") for item in record.findings):
         return span("pill bad", "not sound")
     return span("pill warn", "see findings") if record.findings else span("pill", "finished")
 
 
 def state_notes(record: RunRecord) -> list[str]:
-    """What an unfinished run or one without held-out views lacks, and what to do."""
-    notes = []
-    path = shlex.quote(str(record.folder.path))
-    if not record.summary and record.steps_done >= record.steps > 0:
-        notes.append(
+    """Sentences on what an unfinished run or one without held-out views lacks, with remedies."""
+    path = shlex.quote(str(record.path))
+    if not record.is_finished:
+        return [_unfinished(record, path)]
+    if record.figure("views") == 0:
+        return [
+            "No view is held out, so nothing tells how new views look: hold some out with "
+            "holdout_every=8."
+        ]
+    if not record.per_view and record.figure("psnr") is None:
+        return [f"This run was not evaluated. Measure it with: gsfw eval {path}"]
+    return []
+
+
+def _unfinished(record: RunRecord, path: str) -> str:
+    """The progress of a run without final figures, and the command that goes on."""
+    if record.steps_done >= record.steps > 0 and record.state is not State.RUNNING:
+        return (
             f"All {record.steps:,} steps are done, but there are no final figures: the run was "
             f"stopped in its last evaluation, or callbacks.results was off. Make them with: "
             f"gsfw resume {path}"
         )
-    elif not record.is_finished:
-        of = f" of {record.steps:,}" if record.steps else ""
-        step = record.evaluated_step
-        figures = (
-            f"Its figures are those after step {step:,}."
-            if step is not None
-            else "It was not evaluated yet."
-        )
-        notes.append(
-            f"This run is not finished: it has done {record.steps_done:,}{of} steps. {figures} If "
-            f"it was stopped, go on with: gsfw resume {path}"
-        )
-    elif record.summary.get("views") == 0:
-        notes.append(
-            "No view is held out, so nothing tells how new views look: hold some out with "
-            "holdout_every=8."
-        )
-    return notes
+    of = f" of {record.steps:,}" if record.steps else ""
+    progress = f"it has done {record.steps_done:,}{of} steps."
+    step = record.evaluated_step
+    figures = (
+        f"Its figures are those after step {step:,}."
+        if step is not None
+        else "It was not evaluated yet."
+    )
+    if record.state is State.RUNNING:
+        return f"This run is in training: {progress} {figures}"
+    return (
+        f"This run is not finished: {progress} {figures} If it was stopped, go on with: "
+        f"gsfw resume {path}"
+    )
 
 
 def _hero(record: RunRecord, pictures: Pictures | None) -> Markup:
@@ -117,7 +129,8 @@ def _hero(record: RunRecord, pictures: Pictures | None) -> Markup:
         words = "Around the scene while time passes" if pictures.is_moving else "Around the scene"
         shown.append((pictures.orbit, words, "film"))
     if pictures is not None and pictures.still:
-        words = f"Render of the median view, {pictures.still_name}"
+        which = "the median view, " if pictures.is_still_median else ""
+        words = f"Render of {which}{pictures.still_name}"
         shown.append((pictures.still, words, "still"))
     ratios = [aspect(content) for content, _, _ in shown]
     figures = []

@@ -1,64 +1,61 @@
-"""RunRecord: what the files of a run say; damaged ones are left out with a sentence."""
+"""RunRecord: what the files of a run say of it, for lists, comparisons and pages."""
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from gsfw.core.errors import UserError
 from gsfw.core.loop.run_folder import RunFolder, checkpoint_environment
-from gsfw.plugins.config_file import HEADER, read_config
+from gsfw.plugins.config_file import read_header
+from gsfw.reports.run_log import Messages, read_messages
+from gsfw.reports.run_state import State
 
-MOST_WARNINGS = 20
-"""Most warnings of a log that are shown, the latest ones."""
-
-_EVALUATION = re.compile(r"step_(\d+)\.json$")
-_LOGGED = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d+ (WARNING|ERROR|INFO) (.*)$")
+LOGGED = {"num_gaussians": "num_gaussians", "train_seconds": "seconds"}
+"""Figures that the log has too, for runs without final figures."""
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The facts of a run's folder."""
+    """The facts of a run's folder; made by ``gsfw.reports.run_reader``."""
 
     folder: RunFolder
-    settings: Mapping[str, Any]
+    state: State
+    why: str = ""
+    """Cause of damage, or the process that trains it; else empty."""
+    started: float | None = None
+    """Last start in seconds since 1970; ``None`` if it is not remembered."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
     """Every setting, by dotted key; empty if they cannot be read."""
-    given: frozenset[str]
+    given: frozenset[str] = frozenset()
     """Keys that the user chose."""
-    header: Mapping[str, Any]
-    """Versions, plugins and the command line of the start."""
-    log: tuple[Mapping[str, Any], ...]
+    log: tuple[Mapping[str, Any], ...] = ()
     """Figures of the logged steps and of the evaluations, in order."""
-    evaluations: Mapping[int, Mapping[str, Any]]
-    """Evaluations on held-out views, by step."""
-    summary: Mapping[str, Any]
-    """The final figures; empty for an unfinished run."""
-    requirements: Mapping[str, Any]
-    """requirements.json; empty if it is not there."""
-    environment: Mapping[str, Any]
-    """Machine of the latest checkpoint; empty if there is none."""
-    notes: tuple[str, ...] = ()
-    """Notes that the run began with."""
-    warnings: tuple[str, ...] = ()
-    """Warnings and errors of its log, the latest ones."""
-    problems: tuple[str, ...] = ()
-    """Files that cannot be read, a sentence each."""
     steps_done: int = 0
     """By its log and its latest checkpoint."""
-    protocol: Mapping[str, Any] = field(default_factory=dict)
-    """Measurement protocol of the latest evaluation."""
+    evaluated_step: int | None = None
+    """Step of the latest evaluation; ``None`` if there is none."""
+    evaluation: Mapping[str, Any] = field(default_factory=dict)
+    """The latest evaluation on held-out views, or the final figures; empty without both."""
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    """The final figures; empty for an unfinished run, also if it was finished earlier."""
+    requirements: Mapping[str, Any] = field(default_factory=dict)
+    """requirements.json; empty if it is not there."""
+    problems: tuple[str, ...] = ()
+    """Files that cannot be read, a sentence each."""
+
+    @property
+    def path(self) -> Path:
+        """Folder of the run."""
+        return self.folder.path
 
     @property
     def name(self) -> str:
         """Short name: the last two folders."""
-        return "/".join(self.folder.path.resolve().parts[-2:])
+        return "/".join(self.path.resolve().parts[-2:])
 
     @property
     def steps(self) -> int:
@@ -68,52 +65,63 @@ class RunRecord:
 
     @property
     def is_finished(self) -> bool:
-        """True if the run has written its final figures."""
-        return bool(self.summary) and (not self.steps or self.steps_done >= self.steps)
+        """True if the final figures are those of its last step."""
+        return bool(self.summary)
 
     @property
     def method(self) -> str:
         """Name of the method."""
-        return str(self.settings.get("method", self.summary.get("method", "unknown")))
+        return str(self.settings.get("method") or self.summary.get("method") or "?")
+
+    @property
+    def data(self) -> str:
+        """Name of the data set without its place, or of the datamanager of a built-in scene."""
+        data = str(self.settings.get("data") or "")
+        return Path(data).name if data else str(self.settings.get("datamanager") or "?")
 
     @property
     def scene(self) -> str:
         """Name of the scene."""
-        data = str(self.settings.get("data") or "")
-        return str(self.summary.get("scene") or Path(data).name or "built-in scene")
+        return str(self.summary.get("scene") or self.data)
 
     @property
-    def evaluated_step(self) -> int | None:
-        """Step of the latest evaluation; ``None`` if there is none."""
-        return max((step for step in self.evaluations if step <= self.steps_done), default=None)
+    def protocol(self) -> Mapping[str, Any]:
+        """Measurement protocol of the figures; empty if nothing was evaluated."""
+        found = self.evaluation.get("protocol") or self.summary.get("protocol")
+        return found if isinstance(found, Mapping) else {}
 
     @property
-    def evaluation(self) -> Mapping[str, Any]:
-        """The latest evaluation, or the final figures; empty if there are none."""
-        step = self.evaluated_step
-        return self._final if step is None else self.evaluations[step]
-
-    @property
-    def _final(self) -> Mapping[str, Any]:
-        """Figures of the end; empty if the run goes on after an earlier end."""
-        return self.summary if self.is_finished else {}
+    def metrics(self) -> list[str]:
+        """Names of the metrics of held-out views, also those of plugins, in their order."""
+        names = dict.fromkeys(name for view in self.per_view for name in view)
+        return [name for name in names if number(self.evaluation.get(name)) is not None]
 
     def figure(self, name: str) -> float | None:
-        """A figure of the latest evaluation or of the end; ``None`` if it is not known."""
-        for source in (self.evaluation, self._final):
+        """A figure of the latest evaluation, of the end or of the log; ``None`` if unknown."""
+        for source in (self.evaluation, self.summary):
             found = number(source.get(name))
             if found is not None:
                 return found
-        return None
+        return self._logged.get(LOGGED.get(name, ""))
 
-    def last(self, name: str) -> float | None:
-        """The last logged figure of a name; ``None`` if it was never logged."""
-        return next((value for line in self.log[::-1] if (value := number(line.get(name)))), None)
+    def baseline(self, name: str) -> float | None:
+        """PSNR of an image that needs no model; ``None`` if it was not measured."""
+        found = self.evaluation.get("baselines")
+        return number(found.get(name)) if isinstance(found, Mapping) else None
 
-    @property
-    def num_gaussians(self) -> float | None:
-        """At the end, or when last logged; ``None`` if it is not known."""
-        return self.figure("num_gaussians") or self.last("num_gaussians")
+    @cached_property
+    def _logged(self) -> Mapping[str, float]:
+        """The last number of Gaussians, and the seconds of all logged steps."""
+        steps = 0.0
+        found: dict[str, float] = {}
+        for line in self.log:
+            step, each = number(line.get("step")), number(line.get("step_ms"))
+            if step and each is not None:
+                found["seconds"] = found.get("seconds", 0.0) + each * (step - steps) / 1e3
+                steps = step
+            if (count := number(line.get("num_gaussians"))) is not None:
+                found["num_gaussians"] = count
+        return found
 
     @property
     def per_view(self) -> list[Mapping[str, Any]]:
@@ -135,116 +143,56 @@ class RunRecord:
         """Signs that the result is not sound."""
         return listed(self.evaluation, "findings")
 
+    @cached_property
+    def header(self) -> Mapping[str, Any]:
+        """Versions, plugins and the command line of the start; empty if they cannot be read."""
+        return read_header(self.folder.config) if self.settings else {}
+
+    @cached_property
+    def environment(self) -> Mapping[str, Any]:
+        """Machine of the latest checkpoint; empty if there is none. Imports torch."""
+        latest = self.folder.latest_checkpoint()
+        return {} if latest is None else checkpoint_environment(latest)
+
+    @cached_property
+    def messages(self) -> Messages:
+        """Notes and warnings of its log."""
+        return read_messages(self.folder.log)
+
+    def document(self) -> dict[str, Any]:
+        """Plain data for programs."""
+        count = self.figure("num_gaussians")
+        return {
+            "path": str(self.path),
+            "state": self.state.value,
+            "scene": self.scene,
+            "method": self.method,
+            "started": self.started,
+            "steps": self.steps,
+            "steps_done": self.steps_done,
+            "psnr": self.figure("psnr"),
+            "gaussians": None if count is None else int(count),
+            "train_seconds": self.figure("train_seconds"),
+            "why": self.why,
+        }
+
 
 def number(value: object) -> float | None:
     """A finite number; ``None`` for all else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return float(value)
+    try:
+        found = float(value)
+    except OverflowError:
+        return None
+    return found if math.isfinite(found) else None
+
+
+def listed(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    """The objects in a list of a document; anything else is left out."""
+    found = document.get(key)
+    return [item for item in found if isinstance(item, Mapping)] if isinstance(found, list) else []
 
 
 def _or_last(value: float | None) -> float:
     return math.inf if value is None else value
-
-
-def listed(document: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    """The objects of a list in a file; empty if it is not there."""
-    found = document.get(key)
-    return [item for item in found if isinstance(item, dict)] if isinstance(found, list) else []
-
-
-def read_run(folder: RunFolder) -> RunRecord:
-    """Read the files of a run; renders nothing and opens no data."""
-    problems: list[str] = []
-    settings, given, header = _settings(folder, problems)
-    summary = _document(folder.summary, problems)
-    log = _metrics_log(folder.metrics_log, problems)
-    evaluations = {
-        int(match[1]): document
-        for path in sorted(folder.evaluations.glob("step_*.json"))
-        if (match := _EVALUATION.fullmatch(path.name)) and (document := _document(path, problems))
-    }
-    notes, warnings = _messages(folder.log)
-    latest = folder.latest_checkpoint()
-    steps = [int(step) for line in log if (step := number(line.get("step"))) is not None]
-    done = max([0, *steps, *([int(latest.stem.split("_")[1])] if latest else [])])
-    newest = evaluations.get(max((step for step in evaluations if step <= done), default=-1), {})
-    protocol = newest.get("protocol") or summary.get("protocol")
-    return RunRecord(
-        folder=folder,
-        settings=settings,
-        given=given,
-        header=header,
-        log=log,
-        evaluations=evaluations,
-        summary=summary,
-        requirements=_document(folder.requirements, problems),
-        environment={} if latest is None else checkpoint_environment(latest),
-        notes=notes,
-        warnings=warnings,
-        problems=tuple(problems),
-        steps_done=done,
-        protocol=protocol if isinstance(protocol, dict) else {},
-    )
-
-
-def _settings(
-    folder: RunFolder, problems: list[str]
-) -> tuple[Mapping[str, Any], frozenset[str], Mapping[str, Any]]:
-    """Settings, the keys that the user chose, and the origin of the run."""
-    try:
-        layer = read_config(folder.config, everything=True)
-        document = yaml.safe_load(folder.config.read_text(encoding="utf-8")) or {}
-    except UserError as error:
-        problems.append(f"{error.message} Settings are left out.")
-        return {}, frozenset(), {}
-    given = frozenset(layer.values) if layer.given is None else layer.given
-    header = {key: document[key] for key in HEADER if key in document and key != "schema"}
-    return layer.values, given, header
-
-
-def _document(path: Path, problems: list[str]) -> dict[str, Any]:
-    """An object of a JSON file; empty if it is not there or damaged."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        problems.append(f"{path.name} cannot be read and is left out: {error}.")
-        return {}
-    if not isinstance(found, dict):
-        kind = type(found).__name__
-        problems.append(f"{path.name} is left out: expected an object, found {kind}.")
-        return {}
-    return found
-
-
-def _metrics_log(path: Path, problems: list[str]) -> tuple[Mapping[str, Any], ...]:
-    """The lines of the log of figures, up to the first damaged one."""
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return ()
-    found: list[Mapping[str, Any]] = []
-    for place, line in enumerate(lines, start=1):
-        try:
-            document = json.loads(line)
-        except ValueError:
-            document = None
-        if not isinstance(document, dict):
-            problems.append(f"{path.name} is damaged at line {place}: the curves end before it.")
-            break
-        found.append(document)
-    return tuple(found)
-
-
-def _messages(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Notes, and warnings and errors, of a log; each once."""
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return (), ()
-    matches = [match for line in lines if (match := _LOGGED.match(line))]
-    notes = [m[2].removeprefix("note: ") for m in matches if m[2].startswith("note: ")]
-    warnings = [m[2] for m in matches if m[1] != "INFO"]
-    return tuple(dict.fromkeys(notes)), tuple(dict.fromkeys(warnings))[-MOST_WARNINGS:]

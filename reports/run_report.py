@@ -15,7 +15,8 @@ from gsfw.reports.drawing import DrawingRule, Model, draw_pictures
 from gsfw.reports.error_image import choose_error
 from gsfw.reports.pictures import Pictures, store_pictures, stored_pictures
 from gsfw.reports.run_page import run_page
-from gsfw.reports.run_record import RunRecord, read_run
+from gsfw.reports.run_reader import read_run
+from gsfw.reports.run_record import RunRecord
 
 logger = logging.getLogger("gsfw.run")
 

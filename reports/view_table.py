@@ -19,6 +19,7 @@ from gsfw.reports.markup import (
     webp_uri,
 )
 from gsfw.reports.pictures import Pictures, ViewPicture
+from gsfw.reports.plain_text import metric_name, metric_text
 from gsfw.reports.run_record import RunRecord, number
 
 KINDS = (("target", "ground truth"), ("rendered", "render"), ("error", "error"))
@@ -66,14 +67,15 @@ def figure_names(views: Sequence[View]) -> list[str]:
 def _lead(
     views: Sequence[View], drawn: Mapping[str, ViewPicture], pictures: Pictures | None
 ) -> list[Child]:
-    """How many views have images, and the scale of the errors."""
+    """The number of views with images, and the scale of the errors."""
     shown = sum(view["name"] in drawn for view in views)
     if pictures is None or not shown:
         return ["Sorted by PSNR. There are no images."]
     which = "All have images" if shown == len(views) else f"{shown} have images"
     labels = any(view.label for view in pictures.views)
     detail = " (the worst, the median and the best)" if labels else ""
-    text = f"{len(views)} views sorted by PSNR. {which}{detail}; click one to flip through it. "
+    more = "" if shown == len(views) else " (gsfw report RUN views=N chooses how many)"
+    text = f"{len(views)} views sorted by PSNR. {which}{detail}{more}. Click one to see it large. "
     return [text, f"Error: {pictures.error}", span("scale")]
 
 
@@ -99,7 +101,7 @@ def _stretch(
 ) -> Markup:
     """A table of views that all have images, or that all have none."""
     with_images, views = part
-    head = ["view", *(title(name) for name in names)]
+    head = ["view", *(metric_name(name) for name in names)]
     if not with_images:
         listed = table(
             head, ([str(view["name"]), *_cells(view, names, limits)] for view in views), "rest"
@@ -123,7 +125,7 @@ def _row(
     tag = div(f"tag {picture.label}", picture.label) if picture.label else NOTHING
     cells = [element("td", [div("name", str(view["name"])), tag])]
     for name, cell in zip(names, _cells(view, names, limits), strict=True):
-        cells.append(element("td", [span("label", f"{title(name)} "), cell]))
+        cells.append(element("td", [span("label", f"{metric_name(name)} "), cell]))
     for kind, text in KINDS:
         attributes = {
             "src": webp_uri(getattr(picture, kind)),
@@ -141,26 +143,13 @@ def _cells(view: View, names: Sequence[str], limits: tuple[float, float]) -> lis
     cells = []
     for name in names:
         value = number(view.get(name))
-        shown = join("-" if value is None else figure_text(name, value))
+        shown = join("-" if value is None else metric_text(name, value))
         if name == "psnr" and value is not None and limits[1] > limits[0]:
             share = 0.04 + 0.96 * (value - limits[0]) / (limits[1] - limits[0])
             bar = element("i", NOTHING, {"style": f"width:{100 * share:.1f}%"})
             shown = join([shown, element("span", bar, {"class": "bar"})])
         cells.append(shown)
     return cells
-
-
-def title(name: str) -> str:
-    """A figure's name for people."""
-    words = name.replace("_", " ")
-    return words.replace("psnr", "PSNR").replace("ssim", "SSIM")
-
-
-def figure_text(name: str, value: float) -> str:
-    """A figure of a view."""
-    if "psnr" in name:
-        return f"{value:.2f}"
-    return f"{value:.4f}" if abs(value) < 10 else f"{value:.4g}"
 
 
 def _range(views: Sequence[View]) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from gsfw.commands.interface.console import WIDTH_OF_FILES
+from gsfw.core.words import duration, size
 from gsfw.plugins.registry import installed
 
 if TYPE_CHECKING:
@@ -22,13 +23,6 @@ MARGIN, GAP = "  ", "   "
 """Before each line of a table, and between its columns."""
 LEAST_REMARK = 24
 """Columns of a remark below which it is not wrapped, but left to the terminal."""
-
-BASELINES = (
-    ("constant_psnr", "one colour"),
-    ("mean_image_psnr", "the mean image"),
-    ("still_psnr", "a still image"),
-)
-"""PSNR of images without a model, and their names in remarks."""
 
 FIRST_METRICS = ("psnr", "ssim", "moving_psnr")
 """Metrics at the top of the table; others follow."""
@@ -44,26 +38,6 @@ class Row:
     remark: str = ""
 
 
-def size(number: int | float) -> str:
-    """A number of bytes in words: "812 kB", "2.9 MB", "1.3 GB"."""
-    for unit, name in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if number >= 0.9995 * unit:
-            amount = number / unit
-            return (
-                f"{amount:.0f} {name}" if amount >= 100 or unit == 1e3 else f"{amount:.1f} {name}"
-            )
-    return f"{number:.0f} bytes"
-
-
-def duration(seconds: int | float) -> str:
-    """A time in words: "17 s", "8 min 20 s", "3 h 5 min"."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes} min"
-    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
-
-
 def quality_rows(means: Mapping[str, float], baselines: Mapping[str, Any], views: str) -> list[Row]:
     """Rows of the metrics, PSNR first, with that of images without a model.
 
@@ -74,7 +48,9 @@ def quality_rows(means: Mapping[str, float], baselines: Mapping[str, Any], views
     """
     if not means:
         return [Row("PSNR", "-", "there are no held-out views to measure it on")]
-    known = [(name, baselines.get(key)) for key, name in BASELINES]
+    from gsfw.core.loop.baselines import NAMES  # Not at the top: it imports torch.
+
+    known = [(name, baselines.get(key)) for key, name in NAMES.items()]
     others = [f"{name} has {value:.2f} dB" for name, value in known if isinstance(value, float)]
     remarks = {"psnr": "; ".join([f"mean of {views}", *others])}
     moving = baselines.get("constant_moving_psnr")

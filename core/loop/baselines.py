@@ -29,6 +29,13 @@ PROTOCOL = {
 }
 """Definitions of the baselines, each made of at most ``MOST_IMAGES`` training images."""
 
+NAMES = {
+    "constant_psnr": "one colour",
+    "mean_image_psnr": "the mean image",
+    "still_psnr": "a still image",
+}
+"""Their PSNR in result files, and their names for people."""
+
 NO_STILL = "not available: no fixed camera has both training and held-out images"
 
 

@@ -191,9 +191,14 @@ def test_on_a_narrow_terminal_folders_have_their_own_lines(capsys, monkeypatch):
     assert f"\n  {path}\n" in capsys.readouterr().out
 
 
-def test_listing_imports_no_torch():
+@pytest.mark.parametrize("words", [[], ["compare", "runs/a", "runs/b"]])
+def test_neither_listing_nor_comparing_imports_torch(words):
     make_run("a")
-    code = "import sys; from gsfw.commands.main import main; main(['runs']); print(*sys.modules)"
+    make_run("b")
+    code = (
+        "import sys; from gsfw.commands.main import main; "
+        f"main({['runs', *words]}); print(*sys.modules)"
+    )
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
@@ -228,6 +233,19 @@ def test_comparison_shows_what_differs(capsys):
     assert said.err == ""
 
 
+def test_a_run_that_goes_on_is_not_compared_by_the_figures_of_its_earlier_end(capsys):
+    runs = [make_run("a"), make_run("b")]
+    config = runs[1] / "config.yaml"
+    config.write_text(config.read_text().replace("steps: 100", "steps: 200"))
+    (runs[1] / "eval" / "step_000000100.json").write_text('{"psnr": 27.0}')
+    assert main(["runs", "compare", *map(str, runs), "json=true"]) == 0
+    said = capsys.readouterr()
+    document = json.loads(said.out)
+    assert document["figures"]["psnr"] == [30.0, 27.0]
+    assert document["figures"]["model_bytes"] == [290_000, None]
+    assert "B is not finished: its figures are those after 100 steps." in said.err
+
+
 def test_comparison_of_runs_with_other_settings_has_dashes(capsys):
     runs = [make_run("a"), make_run("b", key="new_setting"), make_run("c", done=20)]
     assert main(["runs", "compare", *map(str, runs), "json=true"]) == 0
@@ -244,7 +262,7 @@ def test_figures_that_were_measured_differently_are_not_silently_compared(capsys
     summary.write_text(summary.read_text().replace('"views": 7', '"views": 9'))
     assert main(["runs", "compare", str(first), str(second)]) == 0
     assert capsys.readouterr().err == (
-        "warning: the figures were measured in different ways and cannot be compared: views\n"
+        "warning: The figures were not measured alike: views differs (A: 7; B: 9).\n"
     )
 
 

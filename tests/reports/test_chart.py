@@ -14,9 +14,24 @@ def test_long_curves_are_thinned_to_means_and_keep_their_end():
     points = [(float(step), float(step % 2)) for step in range(10_001)]
     few = thinned(points)
     assert len(few) <= 300
-    assert few[-1][0] == 10_000
-    assert all(0 <= value <= 1 for _, value in few)
+    assert all(0.4 < value < 0.6 for _, value in few[1:-2])
     assert thinned(points[:7]) == points[:7]
+
+
+@pytest.mark.parametrize("count", [299, 300, 301, 302, 599, 10_001])
+def test_the_ends_of_a_long_curve_are_its_true_values(count):
+    points = [(float(step), 1.0 / (1 + step)) for step in range(count - 1)]
+    points.append((float(count), 7.0))
+    few = thinned(points)
+    assert len(few) <= 300
+    assert few[0] == points[0]
+    assert few[-1] == (float(count), 7.0)
+    assert [x for x, _ in few] == sorted(x for x, _ in few)
+
+
+def test_a_thinned_line_stays_a_line():
+    few = thinned([(float(step), 2.0 * step) for step in range(5_000)])
+    assert [y for _, y in few] == pytest.approx([2 * x for x, _ in few])
 
 
 def test_smoothing_keeps_places_and_straight_lines():

@@ -1,5 +1,6 @@
 """Several runs on one page: names, common views, and what makes figures incomparable."""
 
+import numpy as np
 import pytest
 from support.report_pages import parsed
 from support.report_runs import PROTOCOL, write_run
@@ -7,11 +8,13 @@ from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
 from gsfw.reports.comparison import ComparedRun, common_views, labels, write_comparison
-from gsfw.reports.comparison_page import unalike
 from gsfw.reports.drawing import DrawingRule
+from gsfw.reports.encoding import webp
 from gsfw.reports.error_image import ErrorImage
-from gsfw.reports.pictures import Pictures, ViewPicture
-from gsfw.reports.run_record import read_run
+from gsfw.reports.page_limit import MOST_BYTES
+from gsfw.reports.pictures import Pictures, ViewPicture, store_pictures
+from gsfw.reports.run_comparison import RunComparison
+from gsfw.reports.run_reader import read_run
 from gsfw.reports.run_report import Opened
 
 RULE = DrawingRule(6, 0, ErrorImage(is_flip=False))
@@ -19,6 +22,16 @@ RULE = DrawingRule(6, 0, ErrorImage(is_flip=False))
 
 def record(path, psnrs, **more):
     return read_run(write_run(path, psnrs, **more))
+
+
+def noise_webp(side):
+    """A square image that fills many bytes."""
+    pixels = np.random.default_rng(0).integers(0, 256, (side, side, 3), dtype=np.uint8)
+    return webp(pixels, 480_000)
+
+
+def reasons(*records):
+    return RunComparison(records).why_not("xyz"[: len(records)])
 
 
 def stored(*names):
@@ -52,7 +65,7 @@ def test_the_best_of_each_row_is_marked_and_ties_are_not(tmp_path):
     two = record(tmp_path / "two", {"a": 25.0}, ssim=0.5)
     out = write_comparison([(one, Opened(None)), (two, Opened(None))], RULE, tmp_path / "c.html")
     text = out.read_text()
-    assert '<td class="best">25.00</td>' in text
+    assert '<td class="best">25.00 dB</td>' in text
     assert text.count('class="best"') == 1
     assert "The runs have no view in common" in parsed(out).text
 
@@ -60,10 +73,91 @@ def test_the_best_of_each_row_is_marked_and_ties_are_not(tmp_path):
 def test_figures_that_were_measured_otherwise_are_called_incomparable(tmp_path):
     one = record(tmp_path / "one", {"a": 20.0})
     two = record(tmp_path / "two", {"a": 20.0}, protocol={**PROTOCOL, "image_sizes": [[64, 48]]})
-    assert unalike([one, one], ["x", "y"]) == []
-    assert unalike([one, two], ["x", "y"]) == [
+    assert reasons(one, one) == []
+    assert reasons(one, two) == [
         "The figures were not measured alike: image sizes differs (x: 32 x 24; y: 64 x 48)."
     ]
+
+
+def test_without_a_common_measure_no_run_is_called_better(tmp_path):
+    one = record(tmp_path / "one", {"a": 20.0})
+    others = {
+        "is not finished": record(tmp_path / "two", {"a": 25.0}, done=40),
+        "image sizes differs": record(
+            tmp_path / "three", {"a": 25.0}, protocol={**PROTOCOL, "image_sizes": [[64, 48]]}
+        ),
+        "was not evaluated": record(tmp_path / "four", {"a": 25.0}, protocol=None),
+    }
+    for reason, other in others.items():
+        runs = [(one, Opened(None)), (other, Opened(None))]
+        out = write_comparison(runs, RULE, tmp_path / "c.html")
+        page = parsed(out)
+        assert reason in page.text
+        assert "So no run is marked as the better one." in page.text
+        assert not page.all("td", "best")
+        assert "is green" not in page.text
+
+
+def test_times_are_marked_only_between_equal_machines(tmp_path):
+    runs = [
+        record(tmp_path / name, {"a": 20.0}, render_ms=ms) for name, ms in (("x", 1.0), ("y", 2.0))
+    ]
+    comparison = RunComparison(tuple(runs))
+    render = next(figure for figure in comparison.figures if figure.key == "render_ms")
+    assert comparison.best(render) == [False, False], "nothing is known of the machines"
+    for run, threads in zip(runs, (2, 2), strict=True):
+        run.__dict__["environment"] = {"device": "cpu", "threads": threads}
+    assert RunComparison(tuple(runs)).best(render) == [True, False]
+    runs[1].__dict__["environment"] = {"device": "cpu", "threads": 8}
+    assert RunComparison(tuple(runs)).best(render) == [False, False]
+
+
+def test_a_run_that_goes_on_after_its_end_is_not_judged_by_its_old_figures(tmp_path):
+    folder = write_run(tmp_path / "one", {"a": 30.0}, ssim=0.9, model_bytes=1000)
+    folder.config.write_text(folder.config.read_text().replace("steps: 100", "steps: 200"))
+    folder.write_json(folder.evaluations / "step_000000150.json", {"psnr": 31.0})
+    with folder.metrics_log.open("a") as file:
+        file.write('{"step": 150, "num_gaussians": 77, "step_ms": 10.0}\n')
+    other = record(tmp_path / "two", {"a": 32.0})
+    comparison = RunComparison((read_run(folder), other))
+    values = {figure.key: values[0] for figure, values in comparison.figures.items()}
+    assert values["psnr"] == 31.0
+    assert values["num_gaussians"] == 77
+    assert "model_bytes" not in values
+    assert "ssim" not in values
+    assert not comparison.is_comparable
+
+
+def test_metrics_of_plugins_are_compared_without_a_better_side(tmp_path):
+    runs = []
+    for name, value in (("one", 0.25), ("two", 0.5)):
+        folder = write_run(tmp_path / name, {"a": 20.0}, my_metric=value)
+        path = folder.evaluations / "step_000000100.json"
+        text = path.read_text().replace('"name": "a",', f'"name": "a", "my_metric": {value},')
+        path.write_text(text)
+        runs.append(read_run(folder))
+    comparison = RunComparison(tuple(runs))
+    found = next(figure for figure in comparison.figures if figure.key == "my_metric")
+    assert found.name == "my metric"
+    assert [found.text(value) for value in comparison.figures[found]] == ["0.2500", "0.5000"]
+    assert comparison.best(found) == [False, False]
+
+
+def test_a_comparison_with_large_stored_films_stays_within_the_bound(tmp_path):
+    film, image = (noise_webp(side) for side in (800, 400))
+    assert 400_000 < len(film) < 480_000
+    runs = []
+    for place in range(6):
+        folder = write_run(tmp_path / str(place), {"a": 20.0 + place})
+        views = (ViewPicture("a", "", 20.0, image, image, image),)
+        store_pictures(folder, Pictures(100, "eval", "absolute", views, orbit=film))
+        runs.append((read_run(folder), Opened(None)))
+    out = write_comparison(runs[:2], RULE, tmp_path / "two.html")
+    assert "Left out" not in out.read_text()
+    out = write_comparison(runs, RULE, tmp_path / "six.html")
+    assert out.stat().st_size <= MOST_BYTES
+    assert "Left out, to stay below 4.0 MB: the film." in out.read_text()
+    assert out.read_text().count("data-run=") == 7
 
 
 def test_the_same_data_at_another_place_is_no_difference(tmp_path):
@@ -72,8 +166,8 @@ def test_the_same_data_at_another_place_is_no_difference(tmp_path):
         folder = write_run(tmp_path / place.replace("/", "_"), {"a": 20.0})
         folder.config.write_text(folder.config.read_text().replace("data: ''", f"data: {place}"))
         runs.append(read_run(folder))
-    assert unalike(runs[:2], ["x", "y"]) == []
-    assert "data differs (x: fox; y: plush)" in unalike(runs[1:], ["x", "y"])[0]
+    assert reasons(*runs[:2]) == []
+    assert "data differs (x: fox; y: plush)" in reasons(*runs[1:])[0]
 
 
 def test_runs_are_called_by_the_ends_of_their_paths_that_differ(tmp_path):

@@ -103,6 +103,7 @@ def test_pictures_are_read_as_they_were_stored(tmp_path):
         ("pictures.json", b'{"schema": 99}'),
         ("00_target.webp", b"no image"),
         ("orbit.webp", b""),
+        ("still.webp", webp(noise(40, 40), 10_000)[:100]),
     ],
 )
 def test_damaged_pictures_are_refused_in_a_sentence(tmp_path, name, content):

@@ -10,12 +10,13 @@ from support.report_runs import write_run
 from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
+from gsfw.core.files.folder_lock import only_one
 from gsfw.core.loop.run_folder import RunFolder, checkpoint_environment
 from gsfw.reports.drawing import DrawingRule
 from gsfw.reports.error_image import ErrorImage
-from gsfw.reports.page import MOST_BYTES
+from gsfw.reports.page_limit import MOST_BYTES
 from gsfw.reports.pictures import stored_pictures
-from gsfw.reports.run_record import read_run
+from gsfw.reports.run_reader import read_run
 from gsfw.reports.run_report import Opened, write_run_report
 
 PAGE = "report.html"
@@ -51,7 +52,7 @@ def test_training_ends_with_a_page_whose_images_decode(finished_run):
 def test_the_page_has_figures_protocol_curves_settings_and_machine(finished_run):
     text = parsed(finished_run / PAGE).text
     for part in (
-        "a single colour", "every", "Loss", "held-out views", "What the scene required",
+        "one colour", "every", "Loss", "held-out views", "What the scene required",
         "gsfw train method=3dgs", "settings that follow from them", "threads", "torch",
     ):  # fmt: skip
         assert part in text, part
@@ -171,7 +172,7 @@ def test_where_figures_of_views_are_lost_nobody_says_that_none_are_held_out(tmp_
     folder = write_run(tmp_path / "run", {"a": 20.0}, views=1)
     (folder.evaluations / "step_000000100.json").write_text("{")
     text = page_of(folder).text
-    assert "PSNR 20.00 dB on 1 held-out view, 12.0 dB above a single colour." in text
+    assert "PSNR 20.00 dB on 1 held-out view, 12.0 dB more than an image of one colour." in text
     assert "No view is held out" not in text
 
 
@@ -211,6 +212,68 @@ def test_thousands_of_views_and_steps_stay_within_the_bound(tmp_path):
     page = page_of(folder)
     assert (folder.path / PAGE).stat().st_size < 1_000_000
     assert "2,600 better views are left out." in page.text
+
+
+def test_long_texts_of_files_do_not_make_a_page_large(tmp_path):
+    findings = [{"key": "x", "collapse": False, "message": "word " * 1_000_000}]
+    folder = write_run(tmp_path / "run", {"a": 20.0}, findings=findings)
+    with folder.config.open("a") as file:
+        file.write(f"long: {'x' * 3_000_000}\n")
+    page = page_of(folder)
+    assert (folder.path / PAGE).stat().st_size < 100_000
+    assert "... (5,000,000 characters)" in page.text
+    assert "... (3,000,000 characters)" in page.text
+
+
+def test_views_that_were_not_asked_for_are_not_called_left_out(own_run):
+    assert main(["report", str(own_run), "views=1", "frames=0"]) == 0
+    page = parsed(own_run / PAGE)
+    assert len(page.views()) == 1
+    assert "Left out" not in page.text
+    assert "left out for its size" not in page.text
+    assert "views=N" in page.text
+
+
+def test_a_view_is_called_the_median_one_only_where_errors_are_known(own_run):
+    captions = {alt for alt, _ in parsed(own_run / PAGE).images()}
+    assert [c for c in captions if c.startswith("Render of the median view, ")]
+    shutil.rmtree(own_run / "eval")
+    assert main(["report", str(own_run), "frames=0"]) == 0
+    captions = {alt for alt, _ in parsed(own_run / PAGE).images()}
+    assert [c for c in captions if c.startswith("Render of ")]
+    assert not [c for c in captions if "median" in c]
+
+
+def test_a_run_in_training_says_so_and_not_that_it_was_stopped(tmp_path):
+    folder = write_run(tmp_path / "run", {"a": 20.0}, steps=100, done=40)
+    with only_one(folder.path, "nobody"):
+        text = page_of(folder).text
+    assert "This run is in training: it has done 40 of 100 steps." in text
+    assert "gsfw resume" not in text
+
+
+def test_a_finished_run_that_never_was_evaluated_says_how_to_measure_it(tmp_path):
+    folder = write_run(tmp_path / "run", {}, psnr=None, views=7)
+    shutil.rmtree(folder.evaluations)
+    text = page_of(folder).text
+    assert f"This run was not evaluated. Measure it with: gsfw eval {folder.path}" in text
+    assert "No view is held out" not in text
+
+
+def test_metrics_of_plugins_have_tiles_and_columns(tmp_path):
+    folder = write_run(tmp_path / "run", {"a": 20.0}, my_metric=0.25)
+    path = folder.evaluations / "step_000000100.json"
+    path.write_text(path.read_text().replace('"name": "a",', '"name": "a", "my_metric": 0.75,'))
+    text = page_of(folder).text
+    assert "my metric 0.2500" in text
+    assert "0.7500" in text
+
+
+def test_where_the_last_evaluation_is_lost_the_final_figures_count(tmp_path):
+    folder = write_run(tmp_path / "run", {"a": 20.0})
+    folder.write_json(folder.evaluations / "step_000000050.json", {"psnr": 12.0, "per_view": []})
+    (folder.evaluations / "step_000000100.json").write_text("{")
+    assert read_run(folder).figure("psnr") == 20.0
 
 
 def test_the_machine_of_a_checkpoint_is_read_without_its_tensors(finished_run, tmp_path):

@@ -48,6 +48,6 @@ def write_run(
     document = {"step": done, **figures, "per_view": views}
     folder.write_json(folder.evaluations / f"step_{done:09d}.json", document)
     if done == steps:
-        summary = {"scene": "made", "num_gaussians": 1234, "train_seconds": 5.0}
+        summary = {"scene": "made", "num_gaussians": 1234, "train_seconds": 5.0, "steps": steps}
         folder.write_json(folder.summary, {**figures, **summary})
     return folder

@@ -1,0 +1,170 @@
+"""RunComparison: figures and settings of runs side by side, and whether they can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from gsfw.core.words import duration, size
+from gsfw.reports.plain_text import metric_name, metric_text, plain
+from gsfw.reports.run_record import RunRecord
+
+CHOICES = (
+    *("method", "preset", "strategy", "rasterizer", "datamanager", "sampler"),
+    *("data", "device", "steps", "seed", "downscale"),
+)
+"""Settings that are shown wherever they differ; of the others those that a user chose."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a run, as a row of a table."""
+
+    key: str
+    name: str
+    text: Callable[[float], str]
+    better: int = 0
+    """1 where more is better, -1 where less is, 0 where neither is, or nobody knows."""
+    is_of_machine: bool = False
+    """True if it depends on the machine."""
+
+    def value(self, record: RunRecord) -> float | None:
+        """The figure of a run; ``None`` if it is not known."""
+        found = record.figure(self.key)
+        return record.baseline(self.key) if found is None else found
+
+
+QUALITY = (
+    Figure("psnr", "PSNR", "{:.2f} dB".format, 1),
+    Figure("ssim", "SSIM", "{:.4f}".format, 1),
+    Figure("moving_psnr", "PSNR of what moves", "{:.2f} dB".format, 1),
+    Figure("moving_ssim", "SSIM of what moves", "{:.4f}".format, 1),
+)
+COST = (
+    Figure("training_psnr", "PSNR of training views", "{:.2f} dB".format),
+    Figure("constant_psnr", "PSNR of a single colour", "{:.2f} dB".format),
+    Figure("num_gaussians", "Gaussians", "{:,.0f}".format, -1),
+    Figure("model_bytes", "model", size, -1),
+    Figure("train_seconds", "training", duration, -1, is_of_machine=True),
+    Figure("render_ms", "to render an image", "{:.1f} ms".format, -1, is_of_machine=True),
+    Figure("peak_memory_mb", "memory", lambda mb: size(1e6 * mb), -1, is_of_machine=True),
+    Figure(
+        "peak_gpu_memory_mb", "memory of the GPU", lambda mb: size(1e6 * mb), -1, is_of_machine=True
+    ),
+)
+"""Rows of the table; metrics of plugins stand between the two, without a better side."""
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """Two or more runs side by side; every row has a value for each run."""
+
+    records: tuple[RunRecord, ...]
+
+    @cached_property
+    def figures(self) -> dict[Figure, list[float | None]]:
+        """Figures that some run has."""
+        known = {figure.key for figure in QUALITY}
+        names = dict.fromkeys(name for record in self.records for name in record.metrics)
+        others = [
+            Figure(name, metric_name(name), lambda value, name=name: metric_text(name, value))  # type: ignore[misc]
+            for name in names
+            if name not in known
+        ]
+        rows = {
+            figure: [figure.value(record) for record in self.records]
+            for figure in (*QUALITY, *others, *COST)
+        }
+        return {f: values for f, values in rows.items() if any(v is not None for v in values)}
+
+    @cached_property
+    def settings(self) -> dict[str, list[Any]]:
+        """Settings that differ; ``None`` where a run has no such setting."""
+        return _differing([record.settings for record in self.records])
+
+    @property
+    def chosen(self) -> list[str]:
+        """Settings that differ because somebody chose so; the others follow from these."""
+        given = frozenset[str]().union(*(record.given for record in self.records))
+        return [key for key in self.settings if key in CHOICES or key in given]
+
+    @property
+    def following(self) -> list[str]:
+        """Settings that differ because others do."""
+        chosen = set(self.chosen)
+        return [key for key in self.settings if key not in chosen]
+
+    @cached_property
+    def protocol(self) -> dict[str, list[Any]]:
+        """Differences in how the figures of the evaluated runs were measured, and of what.
+
+        A rule that only some runs name is no difference: it is of a metric that others lack.
+        """
+        measured = [record for record in self.records if record.protocol]
+        rules = [{"data": record.data, **record.protocol} for record in measured]
+        shared = [key for key in (rules or [{}])[0] if all(key in rule for rule in rules)]
+        return _differing([{key: rule[key] for key in shared} for rule in rules])
+
+    def why_not(self, names: Sequence[str]) -> list[str]:
+        """Reasons why no run is better than another, as sentences; empty if they compare.
+
+        Args:
+            names: of the runs, for the sentences.
+        """
+        reasons = []
+        for key, values in self.protocol.items():
+            measured = [n for n, r in zip(names, self.records, strict=True) if r.protocol]
+            each = "; ".join(f"{n}: {plain(v)}" for n, v in zip(measured, values, strict=True))
+            words = key.replace("_", " ")
+            reasons.append(f"The figures were not measured alike: {words} differs ({each}).")
+        for name, record in zip(names, self.records, strict=True):
+            if not record.is_finished:
+                reasons.append(
+                    f"{name} is not finished: its figures are those after "
+                    f"{record.steps_done:,} steps."
+                )
+            elif not record.protocol:
+                reasons.append(f"{name} was not evaluated.")
+        return reasons
+
+    @cached_property
+    def is_comparable(self) -> bool:
+        """True if all runs are finished, and were measured alike on the same data."""
+        return not self.why_not([record.name for record in self.records])
+
+    @cached_property
+    def is_same_machine(self) -> bool:
+        """True if all runs are known to be of equal machines; reads their checkpoints."""
+        found = [record.environment for record in self.records]
+        return bool(found[0]) and all(environment == found[0] for environment in found)
+
+    def best(self, figure: Figure) -> list[bool]:
+        """Runs that have the best value of a row; none where the row cannot be compared."""
+        values = self.figures[figure]
+        known = [value for value in values if value is not None]
+        texts = [figure.text(value) for value in known]
+        if figure.better == 0 or len(known) < len(values) or len(set(texts)) < 2:
+            return [False] * len(values)
+        if not self.is_comparable or (figure.is_of_machine and not self.is_same_machine):
+            return [False] * len(values)
+        best = figure.text(max(known, key=lambda value: figure.better * value))
+        return [text == best for text in texts]
+
+    def document(self) -> dict[str, Any]:
+        """Plain data for programs."""
+        return {
+            "runs": [record.document() for record in self.records],
+            "settings": self.settings,
+            "chosen": self.chosen,
+            "figures": {figure.key: values for figure, values in self.figures.items()},
+            "protocol": self.protocol,
+        }
+
+
+def _differing(documents: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """The keys whose values are not the same everywhere, with the value of each document."""
+    keys = dict.fromkeys(key for document in documents for key in document)
+    found = {key: [document.get(key) for document in documents] for key in keys}
+    return {key: values for key, values in found.items() if any(v != values[0] for v in values)}
