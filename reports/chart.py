@@ -12,11 +12,14 @@ from gsfw.charts.style import ratio_marks, round_marks
 from gsfw.reports.markup import Markup, div, element, span
 
 WIDTH, HEIGHT = 400.0, 225.0
-LEFT, TOP, RIGHT, BOTTOM = 42.0, 10.0, 12.0, 36.0
+LEFT, TOP, RIGHT, BOTTOM = 46.0, 10.0, 12.0, 36.0
 """Margins of the plot, in units of the drawing."""
 
 MOST_POINTS = 300
 """Points of a line; longer ones are thinned, so that pages stay small."""
+
+FLAT = 0.02
+"""Least height of a vertical axis, as a part of its largest value."""
 
 COLORS = 6
 """Number of colours of lines in the style of the page; they repeat."""
@@ -48,6 +51,8 @@ class Chart:
     unit: str = ""
     is_ratio: bool = False
     """True for a logarithmic vertical axis; all values are above 0."""
+    is_from_zero: bool = False
+    """True for a vertical axis that begins at 0; no value is below."""
 
     def markup(self) -> Markup:
         """The chart; nothing without points."""
@@ -58,7 +63,7 @@ class Chart:
         ]
         if not curves:
             return Markup("")
-        frame = _Frame.around(curves, self.is_ratio)
+        frame = _Frame.around(curves, self.is_ratio, self.is_from_zero)
         drawn = [*frame.axes(self.across), *(_line(curve, frame) for curve in curves)]
         named = [curve for curve in curves if curve.style != "faint"]
         attributes = {
@@ -67,7 +72,11 @@ class Chart:
             "aria-label": f"{self.title}: {', '.join(curve.name for curve in named)}",
             "data-chart": json.dumps(frame.hover(named, self.unit), separators=(",", ":")),
         }
-        keys = [span(f"key c{curve.color % COLORS} {curve.style}", curve.name) for curve in named]
+        keys = [
+            span(f"key c{curve.color % COLORS} {curve.style}", curve.name)
+            for curve in named
+            if curve.name != self.title
+        ]
         title = f"{self.title} ({self.unit})" if self.unit else self.title
         head = element("figcaption", [element("strong", title), *keys])
         plot = div("plot", [element("svg", drawn, attributes), div("tip")])
@@ -114,11 +123,12 @@ class _Frame:
     is_ratio: bool
 
     @staticmethod
-    def around(curves: Sequence[Curve], is_ratio: bool) -> _Frame:
+    def around(curves: Sequence[Curve], is_ratio: bool, is_from_zero: bool) -> _Frame:
         """The frame of some lines; levels stretch it upward only."""
         points = [point for curve in curves for point in curve.points]
         xs, ys = [x for x, _ in points], [y for _, y in points]
-        upward = _upward_marks(min(ys), max(ys), is_ratio)
+        lowest = min(0.0, *ys) if is_from_zero else min(ys)
+        upward = _upward_marks(lowest, max(ys), is_ratio)
         left, right = (min(xs), max(xs)) if min(xs) < max(xs) else (min(xs) - 0.5, max(xs) + 0.5)
         across = [mark for mark in round_marks(left, right, 6) if left <= mark <= right]
         shown = [mark for mark in upward if _digit(mark) == 1] if is_ratio else upward
@@ -204,7 +214,9 @@ def brief(value: float) -> str:
 def _upward_marks(low: float, high: float, is_ratio: bool) -> list[float]:
     """Marks around all values; at least two."""
     if not is_ratio:
-        return round_marks(low, high, 5)
+        # A flat curve has room around it: marks so near that they read alike tell nothing.
+        room = max(FLAT * max(abs(low), abs(high)) - (high - low), 0.0) / 2
+        return round_marks(low - room, high + room, 5)
     marks = ratio_marks(low, high)
     return marks if len(marks) > 1 else [marks[0] / 2, marks[0] * 2]
 

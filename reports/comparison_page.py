@@ -24,7 +24,7 @@ from gsfw.reports.page import write_page
 from gsfw.reports.page_limit import within_limit
 from gsfw.reports.pictures import Pictures, ViewPicture
 from gsfw.reports.plain_text import setting_text
-from gsfw.reports.run_comparison import RunComparison
+from gsfw.reports.run_comparison import QUALITY, RunComparison
 from gsfw.reports.run_page import state, state_notes
 from gsfw.reports.run_record import RunRecord, number
 
@@ -52,9 +52,11 @@ def comparison_page(
         notes: what the reader has to know, as sentences.
     """
     comparison = RunComparison(tuple(records))
-    said = [*_verdict(comparison, names), *notes]
+    said = list(notes)
     for record, name in zip(records, names, strict=True):
-        said += [f"{name}: {note}" for note in (*state_notes(record), *record.problems)]
+        # Those that are not finished are among the reasons against a comparison.
+        known = state_notes(record) if record.is_finished else []
+        said += [f"{name}: {note}" for note in (*known, *record.problems)]
 
     def build(shown: Sequence[Pictures | None], left_out: str) -> str:
         title = f"{_scenes(records)}: {' and '.join(names)}"
@@ -70,17 +72,19 @@ def _body(
     views: Sequence[str],
     said: Sequence[str],
 ) -> list[Markup]:
-    records = comparison.records
+    records, headline = comparison.records, _headline(comparison, names)
     header = element(
         "header",
         [
             div("over", f"gsfw report, {time.strftime('%d %B %Y')}"),
             element("h1", f"{_scenes(records)}: {len(records)} runs compared"),
             div("about", " · ".join(names)),
+            element("p", headline, {"class": "summary"}) if headline else NOTHING,
         ],
     )
     return [
         header,
+        _verdict(comparison, names),
         *(div("callout", element("p", note)) for note in said),
         _films(names, pictures),
         _table(comparison, names),
@@ -95,10 +99,27 @@ def _scenes(records: Sequence[RunRecord]) -> str:
     return " and ".join(dict.fromkeys(record.scene for record in records))
 
 
-def _verdict(comparison: RunComparison, names: Sequence[str]) -> list[str]:
-    """Reasons why no run is called better than another."""
+def _headline(comparison: RunComparison, names: Sequence[str]) -> str:
+    """The run with the best PSNR, in a sentence; empty if they cannot be compared."""
+    figure = QUALITY[0]
+    values = comparison.figures.get(figure, [])
+    best = comparison.best(figure) if values else []
+    if best.count(True) != 1:
+        return ""
+    first, *others = sorted((v for v in values if v is not None), reverse=True)
+    more = figure.text(first - others[0])
+    second = names[values.index(others[0])]
+    name = names[best.index(True)]
+    return f"{name} has the best PSNR, {figure.text(first)}: {more} more than {second}."
+
+
+def _verdict(comparison: RunComparison, names: Sequence[str]) -> Markup:
+    """Reasons why no run is called better than another; nothing if they can be compared."""
     reasons = comparison.why_not(names)
-    return [*reasons, "So no run is marked as the better one."] if reasons else []
+    if not reasons:
+        return NOTHING
+    said = [*reasons, "So no run is marked as the better one."]
+    return div("callout", [element("p", reason) for reason in said])
 
 
 def _films(names: Sequence[str], pictures: Sequence[Pictures | None]) -> Markup:
@@ -137,10 +158,10 @@ def _marks(comparison: RunComparison) -> str:
     if not comparison.is_comparable:
         return ""
     if comparison.is_same_machine:
-        return "The best of each row is green."
+        return "Green: the best of each row, and what is nearly as good."
     return (
-        "The best of each row is green; times and memory have no mark, because the runs are not "
-        "known to be of equal machines."
+        "Green: the best of each row, and what is nearly as good. Times and memory have no mark: "
+        "nothing says that the runs are of equal machines."
     )
 
 
@@ -213,7 +234,7 @@ def _curves(records: Sequence[RunRecord], names: Sequence[str]) -> Markup:
     charts = [
         Chart("PSNR of held-out views", "step", tuple(psnr), unit="dB"),
         Chart("Loss", "step", tuple(loss), is_ratio=bool(values) and min(values) > 0),
-        Chart("Gaussians", "step", tuple(count)),
+        Chart("Gaussians", "step", tuple(count), is_from_zero=True),
         time_chart(list(records), tuple(names)),
     ]
     drawn = [chart.markup() for chart in charts if chart is not None]

@@ -17,7 +17,7 @@ def training_section(record: RunRecord) -> Markup:
     drawn = [chart.markup() for chart in charts]
     if not any(drawn):
         return section("training", "Training", "No step was logged.")
-    lead = "Bold: mean over neighbouring logged steps. Pale: each logged step, of one image."
+    lead = "Pale: the training image of each logged step. Bold: the mean over neighbouring steps."
     return section("training", "Training", div("charts", drawn), lead)
 
 
@@ -44,7 +44,7 @@ def psnr_chart(record: RunRecord) -> Chart:
 def count_chart(record: RunRecord) -> Chart:
     """Number of Gaussians."""
     curve = Curve("Gaussians", record.series("num_gaussians"), 2)
-    return Chart("Gaussians", "step", (curve,))
+    return Chart("Gaussians", "step", (curve,), is_from_zero=True)
 
 
 def time_section(record: RunRecord) -> Markup:

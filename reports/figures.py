@@ -56,7 +56,7 @@ def _quality(record: RunRecord) -> list[Markup]:
     early = f"after step {step:,}" if step is not None and not record.is_finished else ""
     return [
         _tile("PSNR", record.figure("psnr"), "dB", early or "; ".join(levels)),
-        _tile("SSIM", record.figure("ssim"), digits=4),
+        _tile("SSIM", record.figure("ssim"), "", "1: like the photos", 4),
         _tile(
             "PSNR of what moves",
             record.figure("moving_psnr"),
@@ -156,7 +156,7 @@ def findings(record: RunRecord) -> list[Markup]:
         return [
             div(
                 "callout good",
-                element("p", "No findings: the checks of the result found nothing wrong."),
+                element("p", "The checks of this result found nothing wrong."),
             )
         ]
     return found

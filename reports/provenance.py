@@ -34,9 +34,7 @@ def settings_section(record: RunRecord) -> Markup:
         )
     )
     if chosen:
-        content.append(
-            folded(f"{len(chosen)} settings that were given or chosen", _settings(chosen))
-        )
+        content.append(folded(f"{len(chosen)} settings that somebody chose", _settings(chosen)))
     if others:
         content.append(folded(f"{len(others)} settings that follow from them", _settings(others)))
     return section("settings", "Settings, and how to reproduce", content)

@@ -55,7 +55,7 @@ def _groups(found: Mapping[str, Any]) -> Markup:
             ]
         )
     return (
-        table(["part of the model", "floats", "share", "PSNR it buys"], rows) if rows else NOTHING
+        table(["part of the model", "numbers", "share", "PSNR it buys"], rows) if rows else NOTHING
     )
 
 
@@ -65,7 +65,7 @@ def _motion(found: Mapping[str, Any]) -> Markup:
     gain = number(motion.get("bought_db")) if isinstance(motion, Mapping) else None
     if gain is None:
         return NOTHING
-    text = f"Motion buys {gain:.2f} dB: so much falls the PSNR when all is drawn at one time."
+    text = f"Drawn as it is at one time, without motion, it has {gain:.2f} dB less PSNR."
     return element("p", text)
 
 

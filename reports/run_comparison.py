@@ -18,6 +18,13 @@ CHOICES = (
 """Settings that are shown wherever they differ; of the others those that a user chose."""
 
 
+PSNR_MARGIN, SSIM_MARGIN = 0.05, 0.001
+"""Chosen: nobody sees such differences, and another seed makes them."""
+
+COUNT_MARGIN, MACHINE_MARGIN = 0.01, 0.05
+"""Chosen, as parts of the value: times of the same run differ by as much."""
+
+
 @dataclass(frozen=True)
 class Figure:
     """A figure of a run, as a row of a table."""
@@ -27,6 +34,10 @@ class Figure:
     text: Callable[[float], str]
     better: int = 0
     """1 where more is better, -1 where less is, 0 where neither is, or nobody knows."""
+    margin: float = 0.0
+    """Difference up to which two values are as good as each other."""
+    is_relative: bool = False
+    """True if ``margin`` is a part of the value."""
     is_of_machine: bool = False
     """True if it depends on the machine."""
 
@@ -35,24 +46,42 @@ class Figure:
         found = record.figure(self.key)
         return record.baseline(self.key) if found is None else found
 
+    def best(self, values: Sequence[float | None]) -> list[bool]:
+        """Values that are the best, or as good; none if one is unknown, or if all are as good."""
+        known = [value for value in values if value is not None]
+        if self.better == 0 or len(known) < len(values):
+            return [False] * len(values)
+        top = max(known, key=lambda value: self.better * value)
+        margin = self.margin * (abs(top) if self.is_relative else 1.0)
+        found = [abs(value - top) <= margin for value in known]
+        return found if not all(found) else [False] * len(values)
+
+
+def _cost(key: str, name: str, text: Callable[[float], str]) -> Figure:
+    """A number that is the better the lower it is."""
+    return Figure(key, name, text, -1, COUNT_MARGIN, is_relative=True)
+
+
+def _measured(key: str, name: str, text: Callable[[float], str]) -> Figure:
+    """A time or an amount of memory."""
+    return Figure(key, name, text, -1, MACHINE_MARGIN, is_relative=True, is_of_machine=True)
+
 
 QUALITY = (
-    Figure("psnr", "PSNR", "{:.2f} dB".format, 1),
-    Figure("ssim", "SSIM", "{:.4f}".format, 1),
-    Figure("moving_psnr", "PSNR of what moves", "{:.2f} dB".format, 1),
-    Figure("moving_ssim", "SSIM of what moves", "{:.4f}".format, 1),
+    Figure("psnr", "PSNR", "{:.2f} dB".format, 1, PSNR_MARGIN),
+    Figure("ssim", "SSIM", "{:.4f}".format, 1, SSIM_MARGIN),
+    Figure("moving_psnr", "PSNR of what moves", "{:.2f} dB".format, 1, PSNR_MARGIN),
+    Figure("moving_ssim", "SSIM of what moves", "{:.4f}".format, 1, SSIM_MARGIN),
 )
 COST = (
     Figure("training_psnr", "PSNR of training views", "{:.2f} dB".format),
-    Figure("constant_psnr", "PSNR of a single colour", "{:.2f} dB".format),
-    Figure("num_gaussians", "Gaussians", "{:,.0f}".format, -1),
-    Figure("model_bytes", "model", size, -1),
-    Figure("train_seconds", "training", duration, -1, is_of_machine=True),
-    Figure("render_ms", "to render an image", "{:.1f} ms".format, -1, is_of_machine=True),
-    Figure("peak_memory_mb", "memory", lambda mb: size(1e6 * mb), -1, is_of_machine=True),
-    Figure(
-        "peak_gpu_memory_mb", "memory of the GPU", lambda mb: size(1e6 * mb), -1, is_of_machine=True
-    ),
+    Figure("constant_psnr", "PSNR of one colour", "{:.2f} dB".format),
+    _cost("num_gaussians", "Gaussians", "{:,.0f}".format),
+    _cost("model_bytes", "model", size),
+    _measured("train_seconds", "training", duration),
+    _measured("render_ms", "to render an image", "{:.1f} ms".format),
+    _measured("peak_memory_mb", "memory", lambda mb: size(1e6 * mb)),
+    _measured("peak_gpu_memory_mb", "memory of the GPU", lambda mb: size(1e6 * mb)),
 )
 """Rows of the table; metrics of plugins stand between the two, without a better side."""
 
@@ -143,14 +172,9 @@ class RunComparison:
     def best(self, figure: Figure) -> list[bool]:
         """Runs that have the best value of a row; none where the row cannot be compared."""
         values = self.figures[figure]
-        known = [value for value in values if value is not None]
-        texts = [figure.text(value) for value in known]
-        if figure.better == 0 or len(known) < len(values) or len(set(texts)) < 2:
-            return [False] * len(values)
         if not self.is_comparable or (figure.is_of_machine and not self.is_same_machine):
             return [False] * len(values)
-        best = figure.text(max(known, key=lambda value: figure.better * value))
-        return [text == best for text in texts]
+        return figure.best(values)
 
     def document(self) -> dict[str, Any]:
         """Plain data for programs."""

@@ -9,6 +9,7 @@ from gsfw.reports.markup import (
     NOTHING,
     Child,
     Markup,
+    aspect,
     div,
     element,
     folded,
@@ -26,6 +27,9 @@ KINDS = (("target", "ground truth"), ("rendered", "render"), ("error", "error"))
 
 MOST_ROWS = 400
 """Most views that are listed: the worst ones."""
+
+IMAGE_HEIGHT = 220
+"""Most height of an image in the table, in CSS pixels; small images are enlarged to it."""
 
 SHORT = 4
 """Stretches of up to so many views without images are not folded."""
@@ -70,13 +74,13 @@ def _lead(
     """The number of views with images, and the scale of the errors."""
     shown = sum(view["name"] in drawn for view in views)
     if pictures is None or not shown:
-        return ["Sorted by PSNR. There are no images."]
+        return ["There are no images."]
     which = "All have images" if shown == len(views) else f"{shown} have images"
     labels = any(view.label for view in pictures.views)
-    detail = " (the worst, the median and the best)" if labels else ""
-    more = "" if shown == len(views) else " (gsfw report RUN views=N chooses how many)"
-    text = f"{len(views)} views sorted by PSNR. {which}{detail}{more}. Click one to see it large. "
-    return [text, f"Error: {pictures.error}", span("scale")]
+    detail = ": the worst, some around the median, and the best" if labels else ""
+    more = "" if shown == len(views) else ". gsfw report RUN views=N chooses how many"
+    text = f"{len(views)} views. {which}{detail}{more}. Click one to see it large."
+    return [text, div("legend", [f"Error: {pictures.error}", span("scale")])]
 
 
 def _stretches(
@@ -127,8 +131,10 @@ def _row(
     for name, cell in zip(names, _cells(view, names, limits), strict=True):
         cells.append(element("td", [span("label", f"{metric_name(name)} "), cell]))
     for kind, text in KINDS:
+        content = getattr(picture, kind)
         attributes = {
-            "src": webp_uri(getattr(picture, kind)),
+            "src": webp_uri(content),
+            "style": f"width:{aspect(content) * IMAGE_HEIGHT:.0f}px",
             "alt": f"{view['name']}: {text}",
             "data-kind": text,
             "loading": "lazy",

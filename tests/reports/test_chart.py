@@ -56,6 +56,24 @@ def test_every_value_is_drawn_within_the_plot(values, is_ratio):
         assert 0 <= y <= HEIGHT
 
 
+def labels(markup):
+    return re.findall(r'text-anchor="end">([^<]+)<', markup)
+
+
+def test_a_flat_curve_has_marks_that_differ():
+    for value in (12_033.0, 22.1, 0.0, -3.0):
+        curve = Curve("count", [(0.0, value), (9.0, value)])
+        found = labels(Chart("Count", "step", (curve,)).markup())
+        assert len(set(found)) == len(found) >= 2, (value, found)
+
+
+def test_counts_begin_at_zero():
+    curve = Curve("Gaussians", [(0.0, 12_033.0), (9.0, 12_033.0)])
+    markup = Chart("Gaussians", "step", (curve,), is_from_zero=True).markup()
+    assert labels(markup)[0] == "0"
+    assert 'class="key' not in markup, "the title names the only curve"
+
+
 def test_a_chart_without_points_is_nothing():
     assert Chart("Loss", "step", (Curve("loss", []),)).markup() == ""
 

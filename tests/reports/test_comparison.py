@@ -13,7 +13,7 @@ from gsfw.reports.encoding import webp
 from gsfw.reports.error_image import ErrorImage
 from gsfw.reports.page_limit import MOST_BYTES
 from gsfw.reports.pictures import Pictures, ViewPicture, store_pictures
-from gsfw.reports.run_comparison import RunComparison
+from gsfw.reports.run_comparison import QUALITY, RunComparison
 from gsfw.reports.run_reader import read_run
 from gsfw.reports.run_report import Opened
 
@@ -95,7 +95,7 @@ def test_without_a_common_measure_no_run_is_called_better(tmp_path):
         assert reason in page.text
         assert "So no run is marked as the better one." in page.text
         assert not page.all("td", "best")
-        assert "is green" not in page.text
+        assert "Green:" not in page.text
 
 
 def test_times_are_marked_only_between_equal_machines(tmp_path):
@@ -126,6 +126,26 @@ def test_a_run_that_goes_on_after_its_end_is_not_judged_by_its_old_figures(tmp_p
     assert "model_bytes" not in values
     assert "ssim" not in values
     assert not comparison.is_comparable
+
+
+def test_what_is_nearly_as_good_is_marked_too_and_nothing_where_all_are(tmp_path):
+    def marks(*psnrs):
+        runs = [record(tmp_path / f"{i}", {"a": psnr}) for i, psnr in enumerate(psnrs)]
+        comparison = RunComparison(tuple(runs))
+        return comparison.best(QUALITY[0])
+
+    assert marks(20.0, 20.04, 19.0) == [True, True, False]
+    assert marks(20.0, 20.04) == [False, False]
+    assert marks(20.0, 20.1) == [False, True]
+
+
+def test_the_head_of_a_comparison_names_the_best_run(tmp_path):
+    runs = [(record(tmp_path / name, {"a": psnr}), Opened(None))
+            for name, psnr in (("one", 20.0), ("two", 25.5), ("three", 24.0))]  # fmt: skip
+    text = parsed(write_comparison(runs, RULE, tmp_path / "c.html")).text
+    assert "two has the best PSNR, 25.50 dB: 1.50 dB more than three." in text
+    same = write_comparison([runs[0], runs[0]], RULE, tmp_path / "same.html")
+    assert "has the best PSNR" not in same.read_text()
 
 
 def test_metrics_of_plugins_are_compared_without_a_better_side(tmp_path):
