@@ -38,7 +38,7 @@ def settings_page(settings: Mapping[str, Any]) -> str:
 
 
 def findings_page(step: int, findings: Sequence[Finding]) -> str:
-    """Why a result is not sound, as far as can be said after some steps; or that it is."""
+    """The reasons why a result is not sound after some steps, or that there are none."""
     if not findings:
         return f"After {step:,} steps nothing speaks against the result."
     items = "\n".join(f"* **{_escaped(item.key)}**: {_escaped(item.message)}" for item in findings)

@@ -23,7 +23,7 @@ MEMORY_NAMES = {"rss": "RAM", "cuda": "GPU"}
 
 @dataclass
 class Figures:
-    """What the line shows; changed in place as the run goes on."""
+    """The figures in the line; changed in place as the run goes on."""
 
     step: int
     steps: int

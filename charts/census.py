@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH, MARGIN = 1120.0, 32.0
-"""In layout units; so are all sizes here."""
+"""Width and margin of the figure, in layout units; so are all sizes here."""
 COUNTS, WORTHS = (270.0, 540.0), (750.0, 1010.0)
-"""Where bars begin and end, across; their numbers are to the right of them."""
+"""Left and right ends of the bars; their numbers are to the right of them."""
 HEADING, BAR, LINE, CURVE = 52.0, 26.0, 26.0, 190.0
 """Heights of the heading, of the stacked bar, of a row and of the curve."""
 THICK = 0.62

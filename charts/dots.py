@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH = 960.0
-"""Of the figure, in layout units; so are all sizes here."""
+"""Width of the figure, in layout units; so are all sizes here."""
 LEFT, TOP, RIGHT, BOTTOM = 24.0, 36.0, 26.0, 40.0
 NAME_GAP = 14.0
 """Between the names of rows and the first panel."""

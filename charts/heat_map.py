@@ -57,9 +57,9 @@ class HeatPanel:
     across: str
     upward: str
     across_values: Sequence[float]
-    """Of the columns, above 0; columns are equidistant."""
+    """Values of the columns, above 0; columns are equidistant."""
     upward_values: Sequence[float]
-    """Of the rows, from the bottom up, above 0."""
+    """Values of the rows, from the bottom up, above 0."""
     errors: Sequence[Sequence[float | None]]
     """Rows as ``upward_values``; ``None`` where there is nothing to compare."""
 

@@ -9,7 +9,7 @@ from gsfw.charts.style import SERIES, write_figure
 from gsfw.core.loop.evaluation import Evaluation
 
 SIZE = (960.0, 440.0)
-"""Of the axes with their margins, in layout units."""
+"""Width and height of the axes with their margins, in layout units."""
 METRICS = (("psnr", "PSNR of all pixels"), ("moving_psnr", "PSNR of moving pixels"))
 """Metric and its name in the legend."""
 

@@ -43,8 +43,8 @@ class ReportOptions(Options):
     error: Literal["auto", "flip", "absolute"] = "auto"
     """Error images: flip (pip install 'gsfw[flip]'), absolute, or auto: flip if it is installed."""
     images: Literal["auto", "stored"] = "auto"
-    """Where from: auto draws them from checkpoint and data, or takes those of an earlier report
-    where it cannot; stored takes these in any case, which is quick."""
+    """Source of the images: auto draws them from checkpoint and data, or takes those of an earlier
+    report where it cannot; stored takes these in any case, which is quick."""
     data: str = ""
     """Place of the data set. Empty: its place in training."""
     device: str = ""

@@ -47,7 +47,7 @@ class StressOptions(Options):
     only: tuple[str, ...] = ()
     """Names or patterns of cases, or sections, such as shape,*/fisheye; empty: all."""
     out: str = NONE
-    """Where to write the heat map of errors over scale, depth, anisotropy and opacity, such as
+    """File of the heat map of errors over scale, depth, anisotropy and opacity, such as
     stress.png; none: it is not made."""
     list: bool = False
     """List the cases; run nothing."""

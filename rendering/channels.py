@@ -8,28 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
-from gsfw.core.cameras import Cameras
-from gsfw.core.capabilities import Feature
 from gsfw.core.errors import ConfigError, UnavailableError
-from gsfw.core.model import PrimitiveModel
-from gsfw.core.rasterizer import Rasterizer
-from gsfw.core.render_output import RenderOutput
-from gsfw.core.render_settings import Depth, RenderSettings
-from gsfw.core.splats import Splats
 from gsfw.plugins.registry import did_you_mean
-from gsfw.rendering.gaussian_values import contributions, degrees, speeds, view_depths
-from gsfw.rendering.normals import surface_normals
-
-LEAST_COVERAGE = 0.5
-"""Pixels that Gaussians cover less than this show no surface, and have no value."""
+from gsfw.rendering.gaussian_values import contributions, degrees, speeds
+from gsfw.rendering.normals import NAN, surface_normals
+from gsfw.rendering.shot import Shot
 
 COUNTED_ALPHA = 1e-3
 """Alpha of every Gaussian while they are counted: 5,000 of them leave 0.7 % of the light, whose
@@ -44,7 +34,7 @@ class Channel:
     description: str
     """One phrase, for menus and help."""
     kind: Literal["color", "scalar"]
-    """Whether the image has colours, or values to be coloured."""
+    """``color`` for an image of colours, ``scalar`` for values that are to be coloured."""
     unit: str = ""
     """Unit of the values, for colour bars; empty for colours and plain fractions."""
     moving: bool = False
@@ -124,42 +114,20 @@ def available_channels(moves: bool, has_images: bool) -> tuple[Channel, ...]:
     )
 
 
-def render_channel(
-    channel: Channel,
-    model: PrimitiveModel,
-    rasterizer: Rasterizer,
-    camera: Cameras,
-    settings: RenderSettings,
-    time: Float[Tensor, ""] | None = None,
-    target: Float[Tensor, "h w 3"] | None = None,
-    valid: Bool[Tensor, "h w 1"] | None = None,
-) -> Float[Tensor, "h w 3"] | Float[Tensor, "h w"]:
+def render_channel(channel: Channel, shot: Shot) -> Float[Tensor, "h w 3"] | Float[Tensor, "h w"]:
     """Render one channel of one camera; see ``render_channels``."""
-    return render_channels([channel], model, rasterizer, camera, settings, time, target, valid)[0]
+    return render_channels([channel], shot)[0]
 
 
 @torch.no_grad()
 def render_channels(
-    channels: Sequence[Channel],
-    model: PrimitiveModel,
-    rasterizer: Rasterizer,
-    camera: Cameras,
-    settings: RenderSettings,
-    time: Float[Tensor, ""] | None = None,
-    target: Float[Tensor, "h w 3"] | None = None,
-    valid: Bool[Tensor, "h w 1"] | None = None,
+    channels: Sequence[Channel], shot: Shot
 ) -> list[Float[Tensor, "h w 3"] | Float[Tensor, "h w"]]:
     """Render channels of one camera; those that need the same pass share it.
 
     Args:
         channels: the images to make.
-        model: on the device of the camera.
-        rasterizer: any backend.
-        camera: one camera.
-        settings: conventions of the render; depth and statistics are set as the channels need.
-        time: in [0, 1]; ``None`` for a static capture.
-        target: the photo, over the background; only for channels that ``needs_image``.
-        valid: true where a pixel is to be compared; ``None`` for all.
+        shot: the model and its view; the settings' depth and statistics are set as channels need.
 
     Returns:
         For each channel [h, w, 3] in [0, 1] of kind ``color``, or [h, w] values of kind ``scalar``,
@@ -170,125 +138,59 @@ def render_channels(
         UnavailableError: the rasterizer cannot render a channel.
     """
     for channel in channels:
-        if channel.needs_image and target is None:
+        if channel.needs_image and shot.target is None:
             raise ConfigError(
                 f"channel {channel.name!r} compares with a photo, and this view has none.",
                 "Render it of the views of the data.",
             )
-        if channel.moving and time is None:
+        if channel.moving and shot.time is None:
             raise ConfigError(
                 f"channel {channel.name!r} needs a model that changes with time.",
                 "Leave this channel out.",
             )
-    surface = any(channel.name in SURFACE for channel in channels)
-    shot = _Shot(model, rasterizer, camera, settings, time, target, valid, surface)
-    return [_MAKERS[channel.name](shot) for channel in channels]
+    shared = replace(shot, has_surface=any(channel.name in SURFACE for channel in channels))
+    return [_MAKERS[channel.name](shared) for channel in channels]
 
 
 SURFACE = frozenset({"depth", "normals"})
 """Channels that need the depth image."""
 
 
-@dataclass(frozen=True)
-class _Shot:
-    """One camera's view of a model, and the passes that its channels share."""
-
-    model: PrimitiveModel
-    rasterizer: Rasterizer
-    camera: Cameras
-    settings: RenderSettings
-    time: Tensor | None
-    target: Tensor | None
-    valid: Tensor | None
-    surface: bool
-    """True if the depth image is wanted too."""
-
-    @property
-    def has_depth(self) -> bool:
-        """True if the rasterizer renders depth in the pass of the colours."""
-        return Feature.DEPTH in self.rasterizer.capabilities().features
-
-    @cached_property
-    def output(self) -> RenderOutput:
-        """The colours, and the depth if wanted."""
-        kind = Depth.EXPECTED if self.surface and self.has_depth else Depth.NONE
-        settings = replace(
-            self.settings, depth=kind, statistics=frozenset(), contribution_weights=None
-        )
-        output = self.rasterizer.render(self.splats, self.camera, settings)
-        return self.model.decode(output, self.camera)
-
-    @cached_property
-    def splats(self) -> Splats:
-        """The Gaussians of this view."""
-        return self.model.splats(self.time, self.camera)
-
-    @cached_property
-    def depth(self) -> Float[Tensor, "h w"]:
-        """View depth of the surface; NaN where there is none."""
-        if not self.has_depth:
-            return self.mean(view_depths(self.splats, self.camera))
-        depth = self.output.depth
-        assert depth is not None, "it was asked for"
-        return torch.where(self.output.alpha[0, ..., 0] >= LEAST_COVERAGE, depth[0, ..., 0], NAN)
-
-    def mean(self, values: Float[Tensor, " n"]) -> Float[Tensor, "h w"]:
-        """The mean of a value of the Gaussians over those that a pixel shows, by weight."""
-        blended = self.blend(values, self.settings).color[0]
-        weight = blended[..., 1]
-        return torch.where(weight >= LEAST_COVERAGE, blended[..., 0] / weight, NAN)
-
-    def blend(self, values: Float[Tensor, " n"], settings: RenderSettings) -> RenderOutput:
-        """Blend a value of each Gaussian, a 1 and a 0 in place of its colour, over zeros."""
-        # Three channels are no slower than one: every backend compiles them for images.
-        one = torch.ones_like(values)
-        colors = torch.stack([values, one, torch.zeros_like(values)], dim=1)
-        splats = replace(self.splats, colors=colors, extra=None)
-        plain = replace(
-            settings, background=None, depth=Depth.NONE, statistics=frozenset(),
-            contribution_weights=None,
-        )  # fmt: skip
-        return self.rasterizer.render(splats, self.camera, plain)
-
-
-NAN = float("nan")
-
-
-def _color(shot: _Shot) -> Tensor:
+def _color(shot: Shot) -> Tensor:
     return shot.output.color[0].clamp(0, 1)
 
 
-def _photo(shot: _Shot) -> Tensor:
+def _photo(shot: Shot) -> Tensor:
     assert shot.target is not None, "it was checked"
     return shot.target.clamp(0, 1)
 
 
-def _depth(shot: _Shot) -> Tensor:
+def _depth(shot: Shot) -> Tensor:
     return shot.depth
 
 
-def _alpha(shot: _Shot) -> Tensor:
+def _alpha(shot: Shot) -> Tensor:
     return shot.output.alpha[0, ..., 0]
 
 
-def _normals(shot: _Shot) -> Tensor:
+def _normals(shot: Shot) -> Tensor:
     """Normals in the camera's axes, as colours: red to the right, green up, blue to the camera."""
     normals = surface_normals(shot.depth, shot.camera)
     shown = 0.5 + 0.5 * normals * normals.new_tensor([1.0, -1.0, -1.0])
     return shown.nan_to_num(0.0).clamp(0, 1)
 
 
-def _error(shot: _Shot) -> Tensor:
+def _error(shot: Shot) -> Tensor:
     assert shot.target is not None, "it was checked"
     error = (shot.output.color[0].clamp(0, 1) - shot.target.clamp(0, 1)).abs().mean(2)
     return error if shot.valid is None else torch.where(shot.valid[..., 0], error, NAN)
 
 
-def _contribution(shot: _Shot) -> Tensor:
+def _contribution(shot: Shot) -> Tensor:
     return shot.mean(contributions(shot.splats, shot.rasterizer, shot.camera, shot.settings))
 
 
-def _count(shot: _Shot) -> Tensor:
+def _count(shot: Shot) -> Tensor:
     """The number of Gaussians that reach each pixel, by the light that equal ones let through."""
     own = shot.rasterizer.capabilities().profile
     if own:
@@ -306,16 +208,16 @@ def _count(shot: _Shot) -> Tensor:
     return (torch.log1p(-alpha.clamp(max=1 - 1e-7)) / passing.to(alpha)).round().to(torch.float32)
 
 
-def _sh_degree(shot: _Shot) -> Tensor:
+def _sh_degree(shot: Shot) -> Tensor:
     return shot.mean(degrees(shot.splats))
 
 
-def _motion(shot: _Shot) -> Tensor:
+def _motion(shot: Shot) -> Tensor:
     assert shot.time is not None, "it was checked"
     return shot.mean(speeds(shot.model, shot.splats, shot.time))
 
 
-_MAKERS: Mapping[str, Callable[[_Shot], Tensor]] = {
+_MAKERS: Mapping[str, Callable[[Shot], Tensor]] = {
     "color": _color,
     "photo": _photo,
     "depth": _depth,

@@ -20,6 +20,7 @@ from gsfw.rendering.frame_folder import FrameFolder, cameras_digest, model_diges
 from gsfw.rendering.image_files import SUFFIXES, ImageFormat, write_image, write_values
 from gsfw.rendering.panorama import panorama_images, panorama_width
 from gsfw.rendering.pictures import SAMPLES, PictureStyle, picture
+from gsfw.rendering.shot import Shot
 from gsfw.rendering.stereo import eye_distance, stereo_images
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ class FrameRenderer:
         camera = camera.to(parts.device)
         time = None if camera.time is None else camera.time[0]
         settings = self.composition.plan.settings
-        return render_channels(wanted, parts.model, parts.rasterizer, camera, settings, time)
+        return render_channels(wanted, Shot(parts.model, parts.rasterizer, camera, settings, time))
 
     def images_with_trails(self, camera: Cameras, trails: Trails, index: int) -> list[Tensor]:
         """The channels of a frame, the colours with the trails that lead to it."""
@@ -136,8 +137,7 @@ class FrameRenderer:
         parts, settings = self.composition.parts, self.composition.plan.settings
         assert settings.background is not None
         (batch,) = parts.data.load(split, [index], parts.device)
-        images = render_channels(
-            self.rule.style.channels,
+        shot = Shot(
             parts.model,
             parts.rasterizer,
             batch.cameras,
@@ -146,6 +146,7 @@ class FrameRenderer:
             batch.target(settings.background)[0],
             None if batch.valid is None else batch.valid[0],
         )
+        images = render_channels(self.rule.style.channels, shot)
         output = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time)
         return images, dict(parts.method.view_images(batch, output))
 

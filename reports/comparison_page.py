@@ -118,8 +118,8 @@ def _verdict(comparison: RunComparison, names: Sequence[str]) -> Markup:
     reasons = comparison.why_not(names)
     if not reasons:
         return NOTHING
-    said = [*reasons, "So no run is marked as the better one."]
-    return div("callout", [element("p", reason) for reason in said])
+    head = "These runs cannot be compared by their figures, so none is marked as the better one."
+    return div("callout", [element("p", text) for text in (head, *reasons)])
 
 
 def _films(names: Sequence[str], pictures: Sequence[Pictures | None]) -> Markup:

@@ -17,7 +17,7 @@ _LOGGED = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d+ (WARNING|ERROR|INFO) 
 
 @dataclass(frozen=True)
 class Messages:
-    """What a run has said, each once."""
+    """Messages of a run, each once."""
 
     notes: tuple[str, ...] = ()
     """Notes that it began with."""

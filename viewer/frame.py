@@ -17,6 +17,7 @@ from gsfw.core.metrics import psnr
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.rendering.channels import CHANNELS, Channel, render_channel
 from gsfw.rendering.color_maps import colored, value_range
+from gsfw.rendering.shot import Shot
 from gsfw.viewer.arrangement import beside, centred, fitted, slots, wiped
 from gsfw.viewer.shown_model import shown
 from gsfw.viewer.view_state import CapturedView, Comparison, ViewState
@@ -185,16 +186,17 @@ class _Shot:
             assert state.view is not None
             photo = self._photo_of(state.view).fitted(size)
         moment = torch.tensor(state.time, device=model.device) if model.is_dynamic else None
-        values = render_channel(
-            channel,
+        compared = photo if channel.needs_image else None
+        shot = Shot(
             shown(model.model, state),
             model.rasterizer,
             camera,
             self._settings(model),
             moment,
-            photo.color if photo is not None and channel.needs_image else None,
-            photo.valid if photo is not None and channel.needs_image else None,
+            None if compared is None else compared.color,
+            None if compared is None else compared.valid,
         )
+        values = render_channel(channel, shot)
         if photo is not None and channel.name == "color" and self.psnr is None:
             self.psnr = psnr(values, photo.color, photo.valid)
             self.psnr_size = (camera.width, camera.height)

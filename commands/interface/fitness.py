@@ -14,7 +14,7 @@ from gsfw.preparation.finding import Finding, Weight
 
 
 def misfits(settings: Settings, registry: Registry, data: DataManager) -> tuple[Finding, ...]:
-    """What a run with these settings refuses before its first step; nothing if it starts."""
+    """The refusal of a run with these settings before its first step; nothing if it starts."""
     try:
         check(settings, registry)
         check_data(settings, registry, data, settings.config.build())
@@ -32,6 +32,6 @@ def misfits(settings: Settings, registry: Registry, data: DataManager) -> tuple[
 
 
 def hopeless(data: DataManager) -> tuple[Finding, ...]:
-    """Why cameras show no shape whatever the method, by `gsfw check`."""
+    """Findings of `gsfw check` with cameras that show no shape, whatever the method."""
     found = camera_findings(Survey(data))
     return tuple(finding for finding in found if finding.weight is Weight.STOP)

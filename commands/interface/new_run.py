@@ -19,7 +19,7 @@ from gsfw.core.files.folder_lock import CLAIM, LOCK, only_one
 from gsfw.core.loop.run_folder import RunFolder
 
 OTHERS = "another gsfw train or resume"
-"""Who is kept out of the folder of a run."""
+"""The commands that are kept out of the folder of a run."""
 
 
 def check_free(out: str) -> None:

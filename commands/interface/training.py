@@ -33,10 +33,10 @@ from gsfw.studies.requirements.report import RequirementsReport
 
 @dataclass
 class Ending:
-    """What is known of a run besides the figures of its summary."""
+    """Facts of the end of a run besides the figures of its summary."""
 
     headline: str
-    """What the parts of the model are worth, as a phrase; empty if not measured."""
+    """The worth of the parts of the model, as a phrase; empty if not measured."""
     invisible: int = 0
     """Gaussians that are not in splats.ply, as they are too faint to be seen."""
     learnt: Sequence[Path] = ()

@@ -27,7 +27,7 @@ DEEP_TEXT = """(function all(node) {
 
 @pytest.fixture
 def address(finished_run: Path) -> Iterator[str]:
-    """Where TensorBoard serves the events of a small run."""
+    """Address at which TensorBoard serves the events of a small run."""
     command = [sys.executable, "-m", "tensorboard.main", "--logdir", str(finished_run)]
     process = subprocess.Popen(
         [*command, "--host", "127.0.0.1", "--port", "0"],

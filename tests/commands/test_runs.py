@@ -262,7 +262,7 @@ def test_figures_that_were_measured_differently_are_not_silently_compared(capsys
     summary.write_text(summary.read_text().replace('"views": 7', '"views": 9'))
     assert main(["runs", "compare", str(first), str(second)]) == 0
     assert capsys.readouterr().err == (
-        "warning: The figures were not measured alike: views differs (A: 7; B: 9).\n"
+        "warning: The figures were not measured alike: views 7 in A, 9 in B.\n"
     )
 
 

@@ -18,13 +18,13 @@ from gsfw.rendering.channels import (
     render_channels,
 )
 from gsfw.rendering.normals import camera_points, surface_normals
+from gsfw.rendering.shot import Shot
 
 NOW = torch.tensor(0.5)
 
 
 def image(name, model=None, rasterizer=None, target=None, valid=None):
-    return render_channel(
-        CHANNELS[name],
+    shot = Shot(
         model or two_balls(),
         rasterizer or ReferenceRasterizer(),
         camera_at(0.5),
@@ -33,6 +33,7 @@ def image(name, model=None, rasterizer=None, target=None, valid=None):
         target,
         valid,
     )
+    return render_channel(CHANNELS[name], shot)
 
 
 def test_every_channel_has_the_form_of_its_kind():
@@ -97,10 +98,8 @@ def test_the_motion_is_that_of_the_gaussians():
     assert float(speeds.max()) == pytest.approx(0.8)
     assert float(found[found.isfinite()].max()) == pytest.approx(0.8, rel=1e-3)
     for time in (0.0, 1.0):
-        ends = render_channel(
-            CHANNELS["motion"], model, ReferenceRasterizer(), camera_at(time), WHITE,
-            torch.tensor(time),
-        )  # fmt: skip
+        shot = Shot(model, ReferenceRasterizer(), camera_at(time), WHITE, torch.tensor(time))
+        ends = render_channel(CHANNELS["motion"], shot)
         assert float(ends.nan_to_num(0).max()) == pytest.approx(0.8, rel=1e-3)
 
 
@@ -129,9 +128,8 @@ def test_the_normals_of_a_wall_lead_to_the_camera():
 def test_several_channels_are_those_rendered_alone():
     names = ["normals", "color", "depth", "alpha"]
     asked = [CHANNELS[name] for name in names]
-    together = render_channels(
-        asked, two_balls(), ReferenceRasterizer(), camera_at(0.5), WHITE, NOW
-    )
+    shot = Shot(two_balls(), ReferenceRasterizer(), camera_at(0.5), WHITE, NOW)
+    together = render_channels(asked, shot)
     for name, found in zip(names, together, strict=True):
         assert torch.equal(found.nan_to_num(-1), image(name).nan_to_num(-1))
 
@@ -139,10 +137,9 @@ def test_several_channels_are_those_rendered_alone():
 def test_a_channel_that_cannot_be_rendered_says_what_it_lacks():
     with pytest.raises(ConfigError, match="compares with a photo, and this view has none"):
         image("error")
+    shot = Shot(two_balls(), ReferenceRasterizer(), camera_at(None), WHITE)
     with pytest.raises(ConfigError, match="needs a model that changes with time"):
-        render_channel(
-            CHANNELS["motion"], two_balls(), ReferenceRasterizer(), camera_at(None), WHITE
-        )
+        render_channel(CHANNELS["motion"], shot)
     with pytest.raises(ConfigError, match=r"no channel 'dept'\. Did you mean 'depth'\?"):
         find_channel("dept")
 

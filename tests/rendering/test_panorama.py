@@ -12,6 +12,7 @@ from gsfw.core.maths.rays import pixel_rays
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.rendering.channels import CHANNELS, render_channels
 from gsfw.rendering.panorama import panorama_images, panorama_width
+from gsfw.rendering.shot import Shot
 from gsfw.rendering.stereo import eye_distance, stereo_images
 
 COLOR, DEPTH, NORMALS = (CHANNELS[name] for name in ("color", "depth", "normals"))
@@ -62,8 +63,10 @@ def test_the_horizon_is_level_and_the_heading_stays():
 def test_the_middle_shows_what_the_camera_sees():
     model, rasterizer, camera = two_balls(), ReferenceRasterizer(), camera_at(0.5)
 
+    noon = torch.tensor(0.5)
+
     def shoot(view):
-        return render_channels((COLOR, DEPTH), model, rasterizer, view, WHITE, torch.tensor(0.5))
+        return render_channels((COLOR, DEPTH), Shot(model, rasterizer, view, WHITE, noon))
 
     width = panorama_width(camera)
     assert width == 2 * round(math.pi * float(camera.intrinsics[0, 0, 0]))

@@ -75,7 +75,7 @@ def test_figures_that_were_measured_otherwise_are_called_incomparable(tmp_path):
     two = record(tmp_path / "two", {"a": 20.0}, protocol={**PROTOCOL, "image_sizes": [[64, 48]]})
     assert reasons(one, one) == []
     assert reasons(one, two) == [
-        "The figures were not measured alike: image sizes differs (x: 32 x 24; y: 64 x 48)."
+        "The figures were not measured alike: image sizes 32 x 24 in x, 64 x 48 in y."
     ]
 
 
@@ -83,7 +83,7 @@ def test_without_a_common_measure_no_run_is_called_better(tmp_path):
     one = record(tmp_path / "one", {"a": 20.0})
     others = {
         "is not finished": record(tmp_path / "two", {"a": 25.0}, done=40),
-        "image sizes differs": record(
+        "image sizes 32 x 24 in one, 64 x 48 in three": record(
             tmp_path / "three", {"a": 25.0}, protocol={**PROTOCOL, "image_sizes": [[64, 48]]}
         ),
         "was not evaluated": record(tmp_path / "four", {"a": 25.0}, protocol=None),
@@ -93,7 +93,7 @@ def test_without_a_common_measure_no_run_is_called_better(tmp_path):
         out = write_comparison(runs, RULE, tmp_path / "c.html")
         page = parsed(out)
         assert reason in page.text
-        assert "So no run is marked as the better one." in page.text
+        assert "so none is marked as the better one." in page.text
         assert not page.all("td", "best")
         assert "Green:" not in page.text
 
@@ -187,7 +187,7 @@ def test_the_same_data_at_another_place_is_no_difference(tmp_path):
         folder.config.write_text(folder.config.read_text().replace("data: ''", f"data: {place}"))
         runs.append(read_run(folder))
     assert reasons(*runs[:2]) == []
-    assert "data differs (x: fox; y: plush)" in reasons(*runs[1:])[0]
+    assert "data fox in x, plush in y." in reasons(*runs[1:])[0]
 
 
 def test_runs_are_called_by_the_ends_of_their_paths_that_differ(tmp_path):

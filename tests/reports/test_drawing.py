@@ -1,4 +1,4 @@
-"""Which views are drawn, how errors are coloured, and how large the files get."""
+"""Choice of the drawn views, colours of errors, and sizes of the files."""
 
 import sys
 from io import BytesIO

@@ -52,7 +52,7 @@ def keep(page, name):
 
 
 def is_alone(page, path):
-    """Whether the page has asked for nothing but itself, and nothing went wrong in it."""
+    """True if the page has asked for nothing but itself, and nothing went wrong in it."""
     return page.requests() == [path.resolve().as_uri()] and page.errors() == []
 
 
