@@ -120,7 +120,7 @@ def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opene
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import COMMAND_LINE, Layer
     from gsfw.reports.drawing import Model
-    from gsfw.reports.run_report import Opened
+    from gsfw.reports.run_report import Opened, not_opened
 
     if options.images == "stored":
         return Opened(None)
@@ -130,8 +130,8 @@ def _open(found: RunArgument, options: ReportOptions, console: Console) -> Opene
     except UserError as error:
         if given:  # What the user has just said is wrong.
             raise
-        why = " ".join(f"{error.message} {error.advice}".split())
-        console.warn(f"{found.name} is not drawn anew: {why}")
-        return Opened(None, why)
+        failed = not_opened(error)
+        console.warn(f"{found.name} is not drawn anew: {failed.why_not}")
+        return failed
     composition = restored.composition
     return Opened(Model(composition.parts, composition.plan.settings, restored.step))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from gsfw.core.errors import ConfigError, DataError
+from gsfw.core.errors import ConfigError, DataError, UserError
 from gsfw.core.files.atomic import write_atomically
 from gsfw.core.progress import stage
 from gsfw.reports.comparison_page import comparison_page
@@ -14,7 +14,7 @@ from gsfw.reports.drawing import DrawingRule, draw_pictures
 from gsfw.reports.error_image import ErrorImage
 from gsfw.reports.pictures import Pictures, stored_pictures
 from gsfw.reports.run_record import RunRecord, number
-from gsfw.reports.run_report import Opened
+from gsfw.reports.run_report import Opened, not_opened
 
 MOST_RUNS = 6
 """Most runs on one page, which has a bounded size."""
@@ -82,13 +82,13 @@ def write_comparison(
     """
     found = [compared(record, opened) for record, opened in runs]
     names = labels([run.record for run in found])
-    notes = [
-        f"{name}: {note}" for name, run in zip(names, found, strict=True) for note in run.notes
-    ]
     views = common_views(found, rule.views)
     # The films share the bytes of one; errors are not shown, and FLIP would take its time.
     shared = replace(rule, film_share=1 / len(found), error=ErrorImage(is_flip=False))
     pictures = [_pictures(run, shared, views) for run in found]
+    notes = [
+        f"{name}: {note}" for name, run in zip(names, found, strict=True) for note in run.notes
+    ]
     with stage("writing the report"):
         records = [run.record for run in found]
         page = comparison_page(records, names, pictures, views, notes)
@@ -109,9 +109,15 @@ def common_views(runs: Sequence[ComparedRun], most: int) -> list[str]:
 
 
 def _pictures(run: ComparedRun, rule: DrawingRule, views: Sequence[str]) -> Pictures | None:
+    """Images of a run that are drawn now, or else those of its own report."""
     if run.opened.model is None:
         return run.stored
-    return draw_pictures(run.opened.model, [], rule, views)
+    try:
+        return draw_pictures(run.opened.model, [], rule, views)
+    except UserError as error:  # Such as an image of the data that is no longer there.
+        again = compared(run.record, not_opened(error))
+        run.notes.extend(again.notes)
+        return again.stored
 
 
 def labels(records: Sequence[RunRecord]) -> list[str]:

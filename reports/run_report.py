@@ -36,6 +36,11 @@ class Opened:
     """Cause, as a sentence; empty if the model was not asked for."""
 
 
+def not_opened(error: UserError) -> Opened:
+    """No model, because of an error."""
+    return Opened(None, " ".join(f"{error.message} {error.advice}".split()))
+
+
 def write_run_report(
     folder: RunFolder, opened: Opened, rule: DrawingRule, out: Path | None = None
 ) -> Path:
@@ -72,11 +77,15 @@ def find_pictures(
     """
     if opened.model is not None:
         worst_first = [str(view["name"]) for view in record.per_view]
-        pictures = draw_pictures(opened.model, worst_first, rule)
-        if pictures.views or pictures.orbit:
-            store_pictures(record.folder, pictures)
-        _note_step(record, pictures, notes)
-        return pictures
+        try:
+            pictures = draw_pictures(opened.model, worst_first, rule)
+        except UserError as error:  # Such as an image of the data that is no longer there.
+            opened = not_opened(error)
+        else:
+            if pictures.views or pictures.orbit:
+                store_pictures(record.folder, pictures)
+            _note_step(record, pictures, notes)
+            return pictures
     try:
         found = stored_pictures(record.folder)
     except DataError as error:

@@ -10,6 +10,7 @@ from support.report_runs import write_run
 from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
+from gsfw.core.errors import DataError
 from gsfw.core.files.folder_lock import only_one
 from gsfw.core.loop.run_folder import RunFolder, checkpoint_environment
 from gsfw.reports.drawing import DrawingRule
@@ -156,6 +157,24 @@ def test_where_the_data_is_gone_the_images_of_the_earlier_page_are_shown(own_run
     shutil.rmtree(own_run / "report")
     assert main(["report", str(own_run)]) == 0
     assert "There are no images:" in parsed(own_run / PAGE).text
+
+
+def test_an_image_that_goes_while_the_page_is_drawn_costs_images_and_not_the_page(
+    own_run, monkeypatch
+):
+    def fails(*arguments):
+        raise DataError("/data/0001.jpg: there is no such image.", "Give the data set with data=.")
+
+    monkeypatch.setattr("gsfw.reports.run_report.draw_pictures", fails)
+    monkeypatch.setattr("gsfw.reports.comparison.draw_pictures", fails)
+    assert main(["report", str(own_run)]) == 0
+    text = parsed(own_run / PAGE).text
+    assert "The images are those of an earlier report: /data/0001.jpg: there is no such" in text
+    out = own_run / "both.html"
+    shutil.copytree(own_run, own_run.with_name("other"))
+    runs = [str(own_run), str(own_run.with_name("other"))]
+    assert main(["report", *runs, f"out={out}"]) == 0
+    assert "its images are those of an earlier report: /data/0001.jpg" in parsed(out).text
 
 
 @pytest.mark.parametrize("name", ["metrics.json", "requirements.json", "eval/step_000000100.json"])
