@@ -126,7 +126,11 @@ class RunRecord:
     @property
     def per_view(self) -> list[Mapping[str, Any]]:
         """Figures of each compared view, the worst PSNR first; those without one last."""
-        views = [item for item in listed(self.evaluation, "per_view") if "name" in item]
+        views = [
+            {**item, "name": str(item["name"])}
+            for item in listed(self.evaluation, "per_view")
+            if "name" in item
+        ]
         return sorted(views, key=lambda view: _or_last(number(view.get("psnr"))))
 
     def series(self, name: str) -> list[tuple[float, float]]:

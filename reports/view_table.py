@@ -34,6 +34,9 @@ IMAGE_HEIGHT = 220
 SHORT = 4
 """Stretches of up to so many views without images are not folded."""
 
+MEDIUM = 20
+"""The same on a page without images, which is short."""
+
 MOST_FIGURES = 5
 """Most columns of figures; the result files have all of them."""
 
@@ -48,16 +51,23 @@ def view_section(record: RunRecord, pictures: Pictures | None) -> Markup:
         views = [{"name": view.name, "psnr": view.psnr} for view in pictures.views]
     if not views:
         return section("views", "Views", element("p", "No view was compared."))
-    split = "training" if pictures is not None and pictures.split == "train" else "held-out"
-    if record.per_view:
-        split = "held-out"
+    is_trained = pictures is not None and pictures.split == "train" and not record.per_view
+    split = "training" if is_trained else "held-out"
     names = figure_names(views)
     body = [_stretch(part, names, drawn, _range(views)) for part in _stretches(views, drawn)]
     left_out = len(views) - MOST_ROWS
     if left_out > 0:
         body.append(element("p", f"{left_out:,} better views are left out.", {"class": "lead"}))
-    title = f"{split.capitalize()} views, the worst first"
-    return section("views", title, body, _lead(views, drawn, pictures))
+    if record.per_view:
+        return section(
+            "views", "Held-out views, the worst first", body, _lead(views, drawn, pictures)
+        )
+    assert pictures is not None
+    lead: list[Child] = [
+        f"{len(views)} {split} views, drawn and compared for this page. Click one to see it large.",
+        _legend(pictures),
+    ]
+    return section("views", f"Some {split} views, the worst first", body, lead)
 
 
 def figure_names(views: Sequence[View]) -> list[str]:
@@ -79,8 +89,14 @@ def _lead(
     labels = any(view.label for view in pictures.views)
     detail = ": the worst, some around the median, and the best" if labels else ""
     more = "" if shown == len(views) else ". gsfw report RUN views=N chooses how many"
-    text = f"{len(views)} views. {which}{detail}{more}. Click one to see it large."
-    return [text, div("legend", [f"Error: {pictures.error}", span("scale")])]
+    count = f"{len(views):,} view{'' if len(views) == 1 else 's'}"
+    text = f"{count}. {which}{detail}{more}. Click one to see it large."
+    return [text, _legend(pictures)]
+
+
+def _legend(pictures: Pictures) -> Markup:
+    """The scale of the error images."""
+    return span("legend", [f"Error: {pictures.error}", span("scale")])
 
 
 def _stretches(
@@ -110,11 +126,12 @@ def _stretch(
         listed = table(
             head, ([str(view["name"]), *_cells(view, names, limits)] for view in views), "rest"
         )
-        if len(views) <= SHORT:
+        if len(views) <= (SHORT if drawn else MEDIUM):
             return listed
         values = [value for view in views if (value := number(view.get("psnr"))) is not None]
         between = f", {min(values):.2f} to {max(values):.2f} dB" if values else ""
-        return folded(f"{len(views):,} more views{between}", listed)
+        more = "more " if drawn else ""
+        return folded(f"{len(views):,} {more}views{between}", listed)
     titles = [element("th", text, {"scope": "col"}) for text in head]
     titles += [element("th", text, {"scope": "col", "class": "image"}) for _, text in KINDS]
     rows = [element("tr", _row(view, names, drawn[view["name"]], limits)) for view in views]

@@ -138,7 +138,7 @@ def test_a_run_without_held_out_views_shows_training_views(tmp_path):
     assert main(["train", "method=3dgs", *scene, "steps=2", f"out={out}"]) == 0
     page = parsed(out / PAGE)
     assert len(page.views()) == 6
-    assert "Training views, the worst first" in page.text
+    assert "Some training views, the worst first" in page.text
     assert "No view is held out" in page.text
 
 
@@ -204,7 +204,10 @@ def test_a_damaged_log_ends_the_curves(tmp_path):
 
 
 def test_odd_values_in_result_files_are_no_error(tmp_path):
-    views = [{"name": "a", "psnr": None}, {"psnr": 3.0}, "b", {"name": 7, "psnr": math.inf}]
+    views = [
+        {"name": "a", "psnr": None}, {"psnr": 3.0}, "b", {"name": 7, "psnr": math.inf},
+        {"name": ["c"], "psnr": 10**400},
+    ]  # fmt: skip
     folder = write_run(tmp_path / "run", {})
     document = {
         "step": 100, "psnr": "high", "per_view": views, "baselines": [], "findings": 3,
@@ -215,6 +218,14 @@ def test_odd_values_in_result_files_are_no_error(tmp_path):
         folder.requirements, {"groups": [3, {"share": "x"}], "motion": 1, "measured": 0}
     )
     assert "made" in page_of(folder).text
+
+
+def test_without_images_the_views_are_listed_and_not_folded(tmp_path):
+    folder = write_run(tmp_path / "run", {f"view {place}": 20.0 + place for place in range(7)})
+    page = page_of(folder)
+    assert "more views" not in page.text
+    assert "view 6 26.00" in page.text
+    assert "There are no images." in page.text
 
 
 def test_damaged_settings_leave_the_rest(tmp_path):
