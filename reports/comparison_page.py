@@ -15,6 +15,7 @@ from gsfw.reports.markup import (
     div,
     element,
     folded,
+    note,
     section,
     span,
     table,
@@ -56,7 +57,7 @@ def comparison_page(
     for record, name in zip(records, names, strict=True):
         # Those that are not finished are among the reasons against a comparison.
         known = state_notes(record) if record.is_finished else []
-        said += [f"{name}: {note}" for note in (*known, *record.problems)]
+        said += [f"{name}: {text}" for text in (*known, *record.problems)]
 
     def build(shown: Sequence[Pictures | None], left_out: str) -> str:
         title = f"{_scenes(records)}: {' and '.join(names)}"
@@ -85,7 +86,7 @@ def _body(
     return [
         header,
         _verdict(comparison, names),
-        *(div("callout", element("p", note)) for note in said),
+        *(div("callout", note(text)) for text in said),
         _films(names, pictures),
         _table(comparison, names),
         _slides(names, pictures, views),
@@ -170,7 +171,7 @@ def _slides(
 ) -> Markup:
     """The same views of two runs, one over the other."""
     if not views:
-        text = "The runs have no view in common that there are images of."
+        text = "No view has images in all of these runs."
         return section("views", "Side by side", element("p", text))
     found = [
         {view.name: view for view in item.views} if item is not None else {} for item in pictures

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from gsfw.core.loop.baselines import NAMES
 from gsfw.core.words import duration, size
-from gsfw.reports.markup import NOTHING, Child, Markup, div, element, folded, span
+from gsfw.reports.markup import NOTHING, Child, Markup, div, element, folded, note, span
 from gsfw.reports.plain_text import metric_name, metric_text, plain
 from gsfw.reports.run_record import RunRecord
 
@@ -139,7 +139,7 @@ def callouts(record: RunRecord, notes: list[str]) -> list[Markup]:
         record: the run.
         notes: sentences.
     """
-    return [*findings(record), *(div("callout", element("p", note)) for note in notes)]
+    return [*findings(record), *(div("callout", note(text)) for text in notes)]
 
 
 def findings(record: RunRecord) -> list[Markup]:

@@ -82,6 +82,14 @@ def folded(summary: Child, content: Child, is_open: bool = False) -> Markup:
     return element("details", [element("summary", summary), content], {"open": is_open})
 
 
+def note(text: str) -> Markup:
+    """A paragraph; a command that ends it, after a colon, is code that can be copied."""
+    words, colon, command = text.rpartition(": gsfw ")
+    if not colon:
+        return element("p", text)
+    return element("p", [f"{words}: ", element("code", f"gsfw {command}")])
+
+
 def bullet_list(items: Iterable[Child], style_class: str = "plain") -> Markup:
     """A list of sentences."""
     return element("ul", [element("li", item) for item in items], {"class": style_class})

@@ -140,6 +140,7 @@ def _hero(record: RunRecord, pictures: Pictures | None) -> Markup:
         # Widths in proportion to the ratios give all images one height.
         style = {"class": kind, "style": f"flex:{ratio:.3f} 1 0"}
         figures.append(element("figure", body, style))
-    limit = {"class": "pictures", "style": f"max-width:{sum(ratios) * HERO_HEIGHT:.0f}px"}
+    width = f"{sum(ratios) * HERO_HEIGHT:.0f}px"
+    limit = {"class": "pictures", "style": f"flex:1 1 {width};max-width:{width}"}
     pictured = [element("div", figures, limit)] if figures else []
     return div("hero", [*pictured, tiles(record)])

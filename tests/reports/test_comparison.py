@@ -67,7 +67,7 @@ def test_the_best_of_each_row_is_marked_and_ties_are_not(tmp_path):
     text = out.read_text()
     assert '<td class="best">25.00 dB</td>' in text
     assert text.count('class="best"') == 1
-    assert "The runs have no view in common" in parsed(out).text
+    assert "No view has images in all of these runs." in parsed(out).text
 
 
 def test_figures_that_were_measured_otherwise_are_called_incomparable(tmp_path):

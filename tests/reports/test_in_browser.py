@@ -143,6 +143,17 @@ def test_the_slider_of_a_comparison_moves_the_border_and_menus_choose_runs(compa
     assert is_alone(page, comparison)
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_comparison_fits_every_width(comparison, show, width):
+    page = show(comparison, (width, 900))
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    broken = (
+        "[...document.querySelectorAll('.compared td:first-child')]"
+        ".filter(cell => cell.clientHeight > 100).length"
+    )
+    assert page.evaluate(broken) == 0, "names of figures are broken within words"
+
+
 def test_a_script_in_a_name_does_not_run(tmp_path, show):
     name = "</td><script>document.title='stolen'</script><img src=x onerror=\"document.title='s'\">"
     folder = write_run(tmp_path / "run", {name: 20.0})

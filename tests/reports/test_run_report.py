@@ -13,6 +13,7 @@ from gsfw.commands.main import main
 from gsfw.core.errors import DataError
 from gsfw.core.files.folder_lock import only_one
 from gsfw.core.loop.run_folder import RunFolder, checkpoint_environment
+from gsfw.core.words import size
 from gsfw.reports.drawing import DrawingRule
 from gsfw.reports.error_image import ErrorImage
 from gsfw.reports.page_limit import MOST_BYTES
@@ -48,6 +49,14 @@ def test_training_ends_with_a_page_whose_images_decode(finished_run):
     assert shown == ["ground truth", "render", "error"] * 2
     assert "absolute error, mean of the channels" in page.text
     assert (finished_run / PAGE).stat().st_size < MOST_BYTES
+
+
+def test_the_page_states_its_own_size(finished_run):
+    stated = size((finished_run / PAGE).stat().st_size)
+    assert (
+        f"This file of {stated} holds all it shows and loads nothing."
+        in parsed(finished_run / PAGE).text
+    )
 
 
 def test_the_page_has_figures_protocol_curves_settings_and_machine(finished_run):
