@@ -63,13 +63,13 @@ def _describe(options: InfoOptions, registry: Registry, console: Console) -> dic
         ConfigError: no argument or two were given.
         DataError: it is of an unknown kind, or damaged.
     """
+    from gsfw.commands.interface.run_description import describe_run
     from gsfw.commands.interface.runs import LATEST, MODEL_SUFFIX, find_run
     from gsfw.core.errors import ConfigError
     from gsfw.core.loop.run_folder import RunFolder
     from gsfw.formats.description import describe_model, describe_splats
     from gsfw.plugins.automatic import BUILT_IN_SCENE
     from gsfw.plugins.loading import load
-    from gsfw.plugins.run_description import describe_run
     from gsfw.plugins.unread_splats import refuse_unread_splats
 
     what, data = options.what, options.data

@@ -92,6 +92,17 @@ def test_a_finished_run_that_is_to_go_on_is_interrupted(capsys):
     assert listed(capsys)[0]["state"] == "interrupted"
 
 
+def test_a_run_that_was_set_back_is_interrupted_for_every_command(capsys):
+    path = make_run("a", done=40)
+    shutil.copy(make_run("b") / "metrics.json", path)  # Of the end before it was set back.
+    record = next(one for one in listed(capsys) if one["path"] == str(path))
+    assert (record["state"], record["steps_done"], record["gaussians"]) == ("interrupted", 40, 540)
+    assert main(["info", str(path), "json=true"]) == 0
+    described = json.loads(capsys.readouterr().out)
+    assert (described["finished"], described["steps_done"]) == (False, 40)
+    assert described["metrics"]["num_gaussians"] == 540
+
+
 def test_a_run_that_somebody_trains_is_running(capsys):
     path = make_run("a", done=40)
     with only_one(path, "nobody"):
