@@ -137,8 +137,8 @@ def _hero(record: RunRecord, pictures: Pictures | None) -> Markup:
     for (content, words, kind), ratio in zip(shown, ratios, strict=True):
         image = element("img", NOTHING, {"src": webp_uri(content), "alt": words})
         body = [image, element("figcaption", words)]
-        # Widths in proportion to the ratios give all images one height.
-        style = {"class": kind, "style": f"flex:{ratio:.3f} 1 0"}
+        # Widths in proportion to the ratios give all images one height; a sum below 1 leaves room.
+        style = {"class": kind, "style": f"flex:{10 * ratio:.2f} 1 0"}
         figures.append(element("figure", body, style))
     width = f"{sum(ratios) * HERO_HEIGHT:.0f}px"
     limit = {"class": "pictures", "style": f"flex:1 1 {width};max-width:{width}"}

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support.chromium import chromium, needs_chromium
 from support.moving_runs import MOVING
@@ -11,7 +12,9 @@ from support.small_scene import SMALL_SCENE
 
 from gsfw.commands.main import main
 from gsfw.reports.drawing import DrawingRule
+from gsfw.reports.encoding import webp
 from gsfw.reports.error_image import ErrorImage
+from gsfw.reports.pictures import Pictures, store_pictures
 from gsfw.reports.run_report import Opened, write_run_report
 
 pytestmark = [pytest.mark.slow, needs_chromium]
@@ -152,6 +155,16 @@ def test_a_comparison_fits_every_width(comparison, show, width):
         ".filter(cell => cell.clientHeight > 100).length"
     )
     assert page.evaluate(broken) == 0, "names of figures are broken within words"
+
+
+def test_a_single_upright_picture_fills_its_place(tmp_path, show):
+    image = webp(np.zeros((160, 90, 3), np.uint8), 36_000)
+    folder = write_run(tmp_path / "run", {"a": 20.0})
+    pictures = Pictures(100, "eval", "absolute", (), still=image, still_name="a")
+    store_pictures(folder, pictures)
+    path = write_run_report(folder, Opened(None), DrawingRule(9, 0, ErrorImage(is_flip=False)))
+    width = "document.querySelector('.hero img').clientWidth"
+    assert show(path).evaluate(width) == pytest.approx(430 * 90 / 160, abs=2)
 
 
 def test_a_script_in_a_name_does_not_run(tmp_path, show):
