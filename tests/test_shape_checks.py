@@ -1,9 +1,9 @@
-"""Every call that tests make into gsfw is checked: shapes, types, what goes in and what comes out."""
+"""Calls that tests make into gsfw are checked: shapes, types, what goes in and what comes out."""
 
 import pytest
 import torch
 from jaxtyping import Float, TypeCheckError, jaxtyped
-from shape_checks import checked
+from shape_checks import MOST_CHECKS, checked
 from torch import Tensor
 
 from gsfw.core.maths.rotations import rotation_matrices
@@ -12,7 +12,7 @@ from gsfw.core.maths.rotations import rotation_matrices
 @jaxtyped(typechecker=checked)
 def doubled(
     rows: Float[Tensor, "n 3"], out: Tensor, times: int = 2
-) -> tuple[Float[Tensor, "n"], int]:
+) -> tuple[Float[Tensor, " n"], int]:
     """Gives back what the test says; its own arguments are sound or not."""
     return out, times
 
@@ -41,3 +41,17 @@ def test_a_result_that_does_not_fit_the_arguments_is_an_error(out):
 def test_functions_of_gsfw_are_checked():
     with pytest.raises(TypeCheckError):
         rotation_matrices(torch.zeros(4, 3))
+
+
+def test_long_loops_go_unchecked_in_the_end():
+    for _ in range(MOST_CHECKS // 2 - 1):
+        doubled(torch.zeros(4, 3), torch.zeros(4))
+    with pytest.raises(TypeCheckError):
+        doubled(torch.zeros(4), torch.zeros(4))
+    doubled(torch.zeros(4, 3), torch.zeros(4))
+    doubled(torch.zeros(4), torch.zeros(4))
+
+
+def test_the_next_test_is_checked():
+    with pytest.raises(TypeCheckError):
+        doubled(torch.zeros(4), torch.zeros(4))
