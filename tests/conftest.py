@@ -9,9 +9,9 @@ from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
-import jaxtyping
 import pytest
 import torch
+from shape_checks import MOST_CHECKS, Budget
 from support.made_once import MadeOnce
 from support.native_proofs import (  # noqa: F401 - hooks
     pytest_runtest_makereport,
@@ -62,7 +62,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Check shapes at every call, unless whole runs are made.
+    """Check shapes at every call but those of long loops, unless whole runs are made.
 
     These go thousands of times through what the tests of the parts have checked, and would take two
     to three times as long.
@@ -70,7 +70,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
     marks = {mark.name for mark in item.iter_markers()}
     folders = set(item.path.relative_to(TESTS).parts[:-1])
     whole = bool(folders & WHOLE_RUNS) or bool(marks & {"slow", "unchecked"})
-    jaxtyping.config.update("jaxtyping_disable", whole)
+    Budget.start(0 if whole else MOST_CHECKS)
     return (yield)
 
 

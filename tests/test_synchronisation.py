@@ -185,11 +185,11 @@ RUNS = {
 @pytest.mark.parametrize("name", RUNS)
 def test_an_ordinary_step_neither_reads_from_the_device_nor_copies_to_it(tmp_path, name):
     trainer = trainer_on_meta(tmp_path, *RUNS[name])
-    watched(trainer, 1)  # Cameras, images and windows come to the device once.
+    trainer._one_step()  # Cameras, images and windows come to the device once.
     trainer.step = 11
-    watched(trainer, 1)  # Images are full from now on.
+    trainer._one_step()  # Images are full from now on.
     trainer.step = 2
-    assert watched(trainer, 2) == [], "small images"
+    assert watched(trainer, 1) == [], "small images"
     trainer.step = 12
     assert watched(trainer, 2) == [], "full images"
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.fast_rasterizer import fast_rasterizer
 from support.gaussians import no_contributions, no_views
 from support.mixed_rows import check_rows
 from support.moving_runs import train
@@ -22,7 +23,6 @@ from gsfw.core.operators import Operators
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.table import SplatTable
 from gsfw.methods.spacetime.config import SpacetimeConfig
-from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 AUTO = ("static=auto", "static_start=2", "static_every=5", "static_signal=1.2")
 RANDOM = ("init=random", "random_points=150")
@@ -97,7 +97,7 @@ class Course:
         self.config = replace(config, **settings)
         self.method, self.generator = self.config.build(), torch.Generator().manual_seed(0)
         self.scene = replace(moving_scene(), extent=1.0)
-        self.truth, self.rasterizer = two_balls(), ReferenceRasterizer()
+        self.truth, self.rasterizer = two_balls(), fast_rasterizer()
         self.model = self.method.build_model(
             self.scene, Operators(), self.generator, self.truth.splats()
         )

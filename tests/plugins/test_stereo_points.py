@@ -66,20 +66,20 @@ def test_points_of_the_built_in_scene_lie_in_front_of_its_cameras():
 
 
 def test_points_are_limited_by_the_pixels_of_a_view():
-    data = SyntheticConfig(width=64, height=48, views=8).build(DataRequest(None))
+    data = SyntheticConfig(width=40, height=30, views=5).build(DataRequest(None))
     scene = with_stereo_points(data, WHITE, 50)
     assert len(scene.points) == len(scene.point_colors) == POINTS_PER_PIXEL * 50
 
 
 def test_a_run_on_small_images_starts_from_points_of_larger_ones():
-    given = {"method": "3dgs", "init": "stereo", "downscale": "3", "steps": "2"}
-    given |= {"datamanager.width": "96", "datamanager.height": "72", "datamanager.views": "5"}
+    given = {"method": "3dgs", "init": "stereo", "downscale": "2", "steps": "2"}
+    given |= {"datamanager.width": "60", "datamanager.height": "45", "datamanager.views": "5"}
     layer = Layer("test", given)
     registry = installed()
     model = compose(resolve(registry, [layer]), registry).parts.model
-    own = SyntheticConfig(width=96, height=72, views=5).build(DataRequest(None, downscale=3))
-    small = with_stereo_points(own, WHITE, 32 * 24)
-    assert len(small.points) < model.num_rows <= POINTS_PER_PIXEL * 32 * 24
+    own = SyntheticConfig(width=60, height=45, views=5).build(DataRequest(None, downscale=2))
+    small = with_stereo_points(own, WHITE, 30 * 22)
+    assert len(small.points) < model.num_rows <= POINTS_PER_PIXEL * 30 * 22
 
 
 def test_small_images_are_read_again_at_a_larger_size_for_stereo():

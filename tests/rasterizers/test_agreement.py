@@ -115,8 +115,20 @@ def test_every_number_of_channels_agrees(backend, channels, extras):
         check(backend, replace(kind, extras=extras, depth=depth, background="constant"))
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("model", CameraModel)
+def sizes_and_models() -> list:
+    """All pairs for the CPU; for the emulation, which is slow, every size with one model a day."""
+    pairs = [(size, model) for size in SIZES for model in CameraModel]
+    found = [pytest.param("cpu", *pair) for pair in pairs]
+    for backend in (EMULATED, *CUDA):
+        for place, (size, model) in enumerate(pairs):
+            daily = place % len(CameraModel) == SIZES.index(size) % len(CameraModel)
+            marks = [] if daily or backend != EMULATED else [pytest.mark.slow]
+            marks += [pytest.mark.cuda] if backend in CUDA else []
+            found += [pytest.param(backend, size, model, marks=marks)]
+    return found
+
+
+@pytest.mark.parametrize(("backend", "size", "model"), sizes_and_models(), indirect=["backend"])
 def test_every_size_and_camera_model_agrees(backend, model, size):
     for covariances in (False, True):
         kind = Kind(3, size, model, cameras=2, covariances=covariances, antialias=covariances)

@@ -30,7 +30,8 @@ def test_every_file_is_tested():
 @pytest.mark.parametrize("name", DATAMANAGERS)
 def test_every_run_of_a_published_study_has_valid_settings(name):
     cells = read_study(FOLDER / f"{name}.yaml").cells()
-    different = {repr(cell.settings | {"seed": 0}): cell for cell in cells}
+    # Neither is read here: the data manager is named, and its folder is not opened.
+    different = {repr(cell.settings | {"seed": 0, "data": ""}): cell for cell in cells}
     for cell in different.values():
         datamanager = DATAMANAGERS[name] if "data" in cell.settings else "synthetic"
         given = {"device": "cpu", "datamanager": datamanager, **cell.settings}

@@ -9,7 +9,7 @@ from gsfw.core.loop.run_folder import RunFolder
 MOVING = (
     *("device=cpu", "datamanager.moving=true", "datamanager.times=4", "datamanager.views=12"),
     *("datamanager.eval_views=2", "datamanager.width=32", "datamanager.height=24"),
-    "datamanager.points=150",
+    *("datamanager.points=150", "report=false"),
 )
 """Settings of the scene; what a test gives after them wins."""
 

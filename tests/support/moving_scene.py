@@ -16,7 +16,7 @@ from gsfw.methods.gaussians3d.config import GaussiansConfig, StaticGaussiansOpti
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.methods.gaussians3d.model import GaussianParameters, StaticGaussians
 from gsfw.plugins.specs import Spec, hookimpl
-from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
+from support.fast_rasterizer import fast_rasterizer
 from support.scenes import front_camera
 
 WHITE = RenderSettings(background=torch.ones(3))
@@ -110,7 +110,7 @@ class MovingImages(DataManager):
             )
             for split, moments in ((Split.TRAIN, train), (Split.EVAL, held_out))
         }
-        truth, rasterizer = two_balls(), ReferenceRasterizer()
+        truth, rasterizer = two_balls(), fast_rasterizer()
         self.images = {
             split: [
                 render_model(

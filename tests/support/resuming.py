@@ -11,7 +11,7 @@ from support.states import assert_same_bits
 SCENE = (
     *("device=cpu", "datamanager.moving=true", "datamanager.views=12", "datamanager.times=4"),
     *("datamanager.eval_views=2", "datamanager.width=32", "datamanager.height=24"),
-    "datamanager.points=150",
+    *("datamanager.points=150", "report=false"),
 )
 STEPS, HALF = 20, 10
 

@@ -16,9 +16,6 @@ from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
-from gsfw.plugins.automatic import rasterizer_capabilities
-from gsfw.plugins.loading import load
-from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.viewer.opening import FixedSplats
 from gsfw.viewer.page import Pages
@@ -29,17 +26,6 @@ from support.moving_scene import two_balls
 from support.scenes import front_camera, random_splats
 
 BLACK = RenderSettings(background=torch.zeros(3))
-
-
-def fast_rasterizer() -> Rasterizer:
-    """The fastest one here for whole pages on the CPU."""
-    device = torch.device("cpu")
-    able = rasterizer_capabilities(installed())
-    name = "reference" if able["cpu"].unavailable else "cpu"
-    rasterizer: Rasterizer = load("rasterizer", installed().find("rasterizer", name))().build(
-        device
-    )
-    return rasterizer
 
 
 class OneView(DataManager):

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.chromium import Page, chromium, needs_chromium
+from support.fast_rasterizer import fast_rasterizer
 from support.small_scene import SMALL_SCENE
-from support.viewing import OneView, fast_rasterizer, moving_model, served, still_model
+from support.viewing import OneView, moving_model, served, still_model
 
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.panels import path_panel

@@ -2,13 +2,13 @@
 
 import pytest
 import torch
+from support.fast_rasterizer import fast_rasterizer
 from support.moving_scene import WHITE, MovingImages, two_balls
 
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.evaluation import evaluate
 from gsfw.core.metrics import Psnr, Ssim, psnr
 from gsfw.core.temporal_metrics.moving_region import UNKNOWN
-from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 
 CPU = torch.device("cpu")
 FIXED = [(0.0, 3.0), (0.5, 3.0), (1.0, 3.0)]
@@ -17,7 +17,7 @@ FIXED = [(0.0, 3.0), (0.5, 3.0), (1.0, 3.0)]
 def run(data, model=None, split=Split.EVAL, on_view=None):
     metrics = {"psnr": Psnr(), "ssim": Ssim()}
     model = model or two_balls()
-    return evaluate(model, ReferenceRasterizer(), data, metrics, WHITE, CPU, split, on_view)
+    return evaluate(model, fast_rasterizer(), data, metrics, WHITE, CPU, split, on_view)
 
 
 def test_the_truth_is_perfect_everywhere_and_does_not_flicker():
@@ -104,7 +104,7 @@ def test_a_static_capture_has_none_of_this():
 
 def test_a_sample_is_spread_over_the_views_and_says_of_how_many():
     data = MovingImages([(None, 3.0 + 0.01 * i) for i in range(20)], train=[(None, 4.0)])
-    found = evaluate(two_balls(), ReferenceRasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=5)
+    found = evaluate(two_balls(), fast_rasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=5)
     assert found.views == ("eval_0", "eval_4", "eval_9", "eval_14", "eval_19")
     assert len(found.per_view) == 5
     assert found.count == "5 of 20"
@@ -113,7 +113,7 @@ def test_a_sample_is_spread_over_the_views_and_says_of_how_many():
 
 def test_a_sample_of_a_moving_scene_has_its_own_times_only():
     data = MovingImages([(i / 8, 3.0) for i in range(9)])
-    found = evaluate(two_balls(), ReferenceRasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=3)
+    found = evaluate(two_balls(), fast_rasterizer(), data, {"psnr": Psnr()}, WHITE, CPU, most=3)
     assert [point["time"] for point in found.over_time] == [0.0, 4 / 8, 8 / 8]
     assert found.notes["flicker"].startswith("2 pairs of neighbouring times, 0.5 apart")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from support.fast_rasterizer import fast_rasterizer
 from support.scenes import front_camera, random_splats
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -83,7 +84,7 @@ class Capture(DataManager):
         for group in self.split[split].groups(indices):
             cameras = Cameras.cat([self.split[split].cameras[i] for i in group])
             with torch.no_grad():
-                images = self.factor * ReferenceRasterizer().render(TRUTH, cameras).color
+                images = self.factor * fast_rasterizer().render(TRUTH, cameras).color
             batch = Batch(images.clamp(0, 1), cameras, group)
             if self.mask is not None:
                 nothing = torch.zeros(*images.shape[:3], 1, dtype=torch.bool)
@@ -134,7 +135,7 @@ def trainer(
         refiners=Refiners(STRATEGIES[strategy].refiners(data.scene)),
         sampler=UniformSampler(len(data.views(Split.TRAIN)), 1, 0),
         data=data,
-        rasterizer=ReferenceRasterizer(),
+        rasterizer=fast_rasterizer(),
         operators=operators,
         metrics={"psnr": Psnr()},
         generator=torch.Generator().manual_seed(1),

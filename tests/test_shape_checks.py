@@ -1,0 +1,57 @@
+"""Calls that tests make into gsfw are checked: shapes, types, what goes in and what comes out."""
+
+import pytest
+import torch
+from jaxtyping import Float, TypeCheckError, jaxtyped
+from shape_checks import MOST_CHECKS, checked
+from torch import Tensor
+
+from gsfw.core.maths.rotations import rotation_matrices
+
+
+@jaxtyped(typechecker=checked)
+def doubled(
+    rows: Float[Tensor, "n 3"], out: Tensor, times: int = 2
+) -> tuple[Float[Tensor, " n"], int]:
+    """Gives back what the test says; its own arguments are sound or not."""
+    return out, times
+
+
+def test_sound_calls_pass():
+    assert doubled(torch.zeros(4, 3), torch.zeros(4))[1] == 2
+
+
+@pytest.mark.parametrize(
+    ("rows", "times"),
+    [(torch.zeros(4, 2), 2), (torch.zeros(4), 2), (torch.zeros(4, 3).long(), 2),
+     ([[0.0, 0.0, 0.0]], 2), (torch.zeros(4, 3), "2")],
+    ids=["width", "dimensions", "dtype", "list", "type"],
+)  # fmt: skip
+def test_an_argument_that_is_not_as_annotated_is_an_error(rows, times):
+    with pytest.raises(TypeCheckError, match="checking the parameters of"):
+        doubled(rows, torch.zeros(4), times)
+
+
+@pytest.mark.parametrize("out", [torch.zeros(4, 1), torch.zeros(5), torch.zeros(4).long()])
+def test_a_result_that_does_not_fit_the_arguments_is_an_error(out):
+    with pytest.raises(TypeCheckError, match="checking the return value of"):
+        doubled(torch.zeros(4, 3), out)
+
+
+def test_functions_of_gsfw_are_checked():
+    with pytest.raises(TypeCheckError):
+        rotation_matrices(torch.zeros(4, 3))
+
+
+def test_long_loops_go_unchecked_in_the_end():
+    for _ in range(MOST_CHECKS // 2 - 1):
+        doubled(torch.zeros(4, 3), torch.zeros(4))
+    with pytest.raises(TypeCheckError):
+        doubled(torch.zeros(4), torch.zeros(4))
+    doubled(torch.zeros(4, 3), torch.zeros(4))
+    doubled(torch.zeros(4), torch.zeros(4))
+
+
+def test_the_next_test_is_checked():
+    with pytest.raises(TypeCheckError):
+        doubled(torch.zeros(4), torch.zeros(4))
