@@ -38,7 +38,7 @@ class KeyFrame:
     fov: float
     """Vertical field of view, in degrees."""
     time: float | None = None
-    """Time of a moving scene, in [0, 1]; ``None`` for the time of the command."""
+    """Time of a moving scene, in [0, 1]. All of a path, or none: then it is that of the command."""
     seconds: float | None = None
     """When the film passes it, from its start. All of a path, or none: then the camera has one
     speed, or, where the times of key frames differ, every step takes equally long."""
@@ -144,6 +144,11 @@ def camera_path_of(document: Mapping[str, Any], source: str) -> CameraPath:
         raise DataError(f"{source} has no key frames.", "Add at least one in the viewer.")
     frames = tuple(_key_frame(item, f"{source}: key frame {n}") for n, item in enumerate(listed))
     _check_moments([frame.seconds for frame in frames], source)
+    if len({frame.time is None for frame in frames}) > 1:
+        raise DataError(
+            f"{source}: some of its key frames have a time, and others none.",
+            "Give a time to every key frame, or null to all: they then have that of time=T.",
+        )
     return CameraPath(
         frames,
         fps=number(document.get("fps", FPS), f"{source}: fps", 0.1, 1000),

@@ -57,6 +57,10 @@ class Trails:
         self._strength = (tracks.opacities[:, rows] >= OPAQUE).cpu().numpy()
         self._colors = _rainbow(home)
 
+    def __len__(self) -> int:
+        """Number of trails; 0 where no row on a surface is opaque."""
+        return len(self._colors)
+
     def draw_on(
         self,
         image: Float[Tensor, "h w 3"],
