@@ -1,0 +1,47 @@
+"""Photos and other files that a source is read from, each unlike any other."""
+
+import itertools
+from pathlib import Path
+
+from PIL import Image
+
+from gsfw.preparation.image_set import LeftOut
+from gsfw.preparation.source import Source
+
+SERIAL = itertools.count()
+HEIC_ADVICE = (
+    "Convert them to JPEG. macOS: sips -s format jpeg *.HEIC --out FOLDER. Linux: heif-convert -q "
+    "95 IN.HEIC OUT.jpg for each (in Debian's libheif-examples). Windows: open and save them in "
+    "Photos. An iPhone takes JPEG with Settings > Camera > Formats > Most Compatible."
+)
+"""What people with an iPhone are told."""
+
+
+def photo(path: Path, size: tuple[int, int] = (8, 6), content: str = "", **settings) -> Path:
+    """An image unlike any other."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    number = next(SERIAL)
+    shade = (37 * number % 256, 91 * number % 256, 11 * number % 256)
+    Image.new("RGB", size, shade).save(path, content or None, **settings)
+    return path
+
+
+def photos(folder: Path, *names: str) -> Path:
+    for name in names:
+        photo(folder / name)
+    return folder
+
+
+def written(path: Path, content: bytes) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    return path
+
+
+def names(source: Source) -> list[str]:
+    return [image.name for image in source.images.images]
+
+
+def only_left_out(source: Source) -> LeftOut:
+    (item,) = source.images.left_out
+    return item
