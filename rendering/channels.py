@@ -44,7 +44,7 @@ class Channel:
     description: str
     """One phrase, for menus and help."""
     kind: Literal["color", "scalar"]
-    """Whether the image has colours, or values to be coloured."""
+    """Kind of image: it has colours, or values to be coloured."""
     unit: str = ""
     """Unit of the values, for colour bars; empty for colours and plain fractions."""
     moving: bool = False
@@ -122,20 +122,6 @@ def available_channels(moves: bool, has_images: bool) -> tuple[Channel, ...]:
         for channel in CHANNELS.values()
         if moves >= channel.moving and has_images >= channel.needs_image
     )
-
-
-def render_channel(
-    channel: Channel,
-    model: PrimitiveModel,
-    rasterizer: Rasterizer,
-    camera: Cameras,
-    settings: RenderSettings,
-    time: Float[Tensor, ""] | None = None,
-    target: Float[Tensor, "h w 3"] | None = None,
-    valid: Bool[Tensor, "h w 1"] | None = None,
-) -> Float[Tensor, "h w 3"] | Float[Tensor, "h w"]:
-    """Render one channel of one camera; see ``render_channels``."""
-    return render_channels([channel], model, rasterizer, camera, settings, time, target, valid)[0]
 
 
 @torch.no_grad()

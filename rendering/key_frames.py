@@ -23,7 +23,7 @@ SCHEMA = 1
 """Version of our layout."""
 
 FPS, SECONDS = 30.0, 6.0
-"""Of a new path."""
+"""Frames per second and length in seconds of a new path."""
 
 SKEW = 0.01
 """Largest difference of the three axes of a pose, of their length, that rounding explains."""
@@ -57,7 +57,7 @@ class CameraPath:
     closed: bool = False
     """The film returns to the first key frame, so that it can be repeated."""
     width: int = 0
-    """Of the frames, in pixels; 0: that of the training images."""
+    """Width of the frames, in pixels; 0: that of the training images."""
     height: int = 0
 
     def document(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class PathFrames:
     fps: float | None = None
     """Frames per second; ``None`` where the file does not say."""
     width: int = 0
-    """Of the frames, in pixels; 0 where the file does not say."""
+    """Width of the frames, in pixels; 0 where the file does not say."""
     height: int = 0
 
     def resampled(self, frames: int) -> PathFrames:

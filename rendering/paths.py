@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gsfw.plugins.compose import Composition
 
 FRAMES, FPS = 60, 20
-"""Of a film, unless the user or a file of key frames says otherwise."""
+"""Length and speed of a film, unless the user or a file of key frames says otherwise."""
 
 FRAMES_PER_VIEW = 4
 """A path passes one view in so many frames: handheld captures shake from view to view."""

@@ -161,7 +161,7 @@ def spread(places: Float[Tensor, "n d"], count: int) -> Int[Tensor, " r"]:
 
 
 def _first_places(positions: Float[Tensor, "t n 3"]) -> Float[Tensor, "n 3"]:
-    """Where each row is when it is there for the first time."""
+    """Position of each row at the first time that it is there."""
     first = positions.isfinite().all(2).int().argmax(0)
     return positions[first, torch.arange(len(first), device=first.device)]
 

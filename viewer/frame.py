@@ -15,7 +15,7 @@ from torch.nn.functional import interpolate
 from gsfw.core.cameras import Cameras
 from gsfw.core.metrics import psnr
 from gsfw.core.render_settings import RenderSettings, Validation
-from gsfw.rendering.channels import CHANNELS, Channel, render_channel
+from gsfw.rendering.channels import CHANNELS, Channel, render_channels
 from gsfw.rendering.color_maps import colored, value_range
 from gsfw.viewer.arrangement import beside, centred, fitted, slots, wiped
 from gsfw.viewer.shown_model import shown
@@ -185,8 +185,8 @@ class _Shot:
             assert state.view is not None
             photo = self._photo_of(state.view).fitted(size)
         moment = torch.tensor(state.time, device=model.device) if model.is_dynamic else None
-        values = render_channel(
-            channel,
+        (values,) = render_channels(
+            [channel],
             shown(model.model, state),
             model.rasterizer,
             camera,

@@ -14,7 +14,6 @@ from gsfw.rendering.channels import (
     CHANNELS,
     available_channels,
     find_channel,
-    render_channel,
     render_channels,
 )
 from gsfw.rendering.normals import camera_points, surface_normals
@@ -23,8 +22,8 @@ NOW = torch.tensor(0.5)
 
 
 def image(name, model=None, rasterizer=None, target=None, valid=None):
-    return render_channel(
-        CHANNELS[name],
+    (found,) = render_channels(
+        [CHANNELS[name]],
         model or two_balls(),
         rasterizer or ReferenceRasterizer(),
         camera_at(0.5),
@@ -33,6 +32,7 @@ def image(name, model=None, rasterizer=None, target=None, valid=None):
         target,
         valid,
     )
+    return found
 
 
 def test_every_channel_has_the_form_of_its_kind():
@@ -97,8 +97,8 @@ def test_the_motion_is_that_of_the_gaussians():
     assert float(speeds.max()) == pytest.approx(0.8)
     assert float(found[found.isfinite()].max()) == pytest.approx(0.8, rel=1e-3)
     for time in (0.0, 1.0):
-        ends = render_channel(
-            CHANNELS["motion"], model, ReferenceRasterizer(), camera_at(time), WHITE,
+        (ends,) = render_channels(
+            [CHANNELS["motion"]], model, ReferenceRasterizer(), camera_at(time), WHITE,
             torch.tensor(time),
         )  # fmt: skip
         assert float(ends.nan_to_num(0).max()) == pytest.approx(0.8, rel=1e-3)
@@ -140,8 +140,8 @@ def test_a_channel_that_cannot_be_rendered_says_what_it_lacks():
     with pytest.raises(ConfigError, match="compares with a photo, and this view has none"):
         image("error")
     with pytest.raises(ConfigError, match="needs a model that changes with time"):
-        render_channel(
-            CHANNELS["motion"], two_balls(), ReferenceRasterizer(), camera_at(None), WHITE
+        render_channels(
+            [CHANNELS["motion"]], two_balls(), ReferenceRasterizer(), camera_at(None), WHITE
         )
     with pytest.raises(ConfigError, match=r"no channel 'dept'\. Did you mean 'depth'\?"):
         find_channel("dept")
