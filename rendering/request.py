@@ -154,7 +154,12 @@ def _gathered(frames: FrameFolder, rendered: Iterator[Path], name: str, say: Say
     """All files of a folder, with progress."""
     if frames.kept:
         say(f"{name}: {frames.kept} of {len(frames.names)} frames were rendered before")
-    return list(tracked(rendered, f"rendering {name}", len(frames.names)))
+    try:
+        return list(tracked(rendered, f"rendering {name}", len(frames.names)))
+    except KeyboardInterrupt:
+        there = sum((frames.path / frame).is_file() for frame in frames.names)
+        say(f"{name}: {there} of {len(frames.names)} frames are there; the same command goes on")
+        raise
 
 
 def _renderer(

@@ -2,6 +2,11 @@
 
 import json
 import math
+import re
+import signal
+import subprocess
+import sys
+from time import sleep
 
 import numpy as np
 import pytest
@@ -262,6 +267,39 @@ def test_what_stops_in_the_middle_leaves_whole_frames(moving_run, tmp_path, monk
     monkeypatch.undo()
     assert render(moving_run, tmp_path, *arguments) == 0
     assert "orbit: 3 of 5 frames were rendered before" in capsys.readouterr().out
+
+
+PROGRAM = """
+import signal, sys
+from gsfw.commands.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # Whoever runs the tests may ignore it.
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_an_interrupted_render_says_that_it_can_go_on(moving_run, tmp_path):
+    arguments = [
+        "what=orbit",
+        "frames=4000",
+        "video=none",
+        "channel=color,depth",
+        f"out={tmp_path}",
+    ]
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "render", str(moving_run / "splats.ply"), *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    while process.poll() is None and not (tmp_path / "orbit" / "0003.png").exists():
+        sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate()
+    assert process.returncode == 130
+    found = re.search(r"orbit: (\d+) of 4000 frames are there; the same command goes on", said)
+    assert found is not None, said
+    frames = sorted((tmp_path / "orbit").iterdir())
+    assert len(frames) == int(found[1]) + 1, "and the list of frames"
+    for frame in frames[:-1]:
+        assert pixels(frame).shape[2] == 3
 
 
 def test_a_full_disk_leaves_whole_frames(moving_run, tiny_disk, capsys):
