@@ -130,7 +130,7 @@ BROKEN = {
     "some of its key frames have a time, and others none": {
         "schema": 1,
         "key_frames": [
-            {"fov": 50, "time": time, "camera_to_world": torch.eye(4).tolist()} for time in (0, None)
+            {"fov": 50, "time": at, "camera_to_world": torch.eye(4).tolist()} for at in (0, None)
         ],
     },
     "seconds of its key frames do not ascend": {
