@@ -11,7 +11,6 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
-from torch.utils.tensorboard.summary import hparams
 
 from gsfw.callbacks.board_curves import (
     LAYOUT,
@@ -22,6 +21,7 @@ from gsfw.callbacks.board_curves import (
     result_curves,
     step_curves,
 )
+from gsfw.callbacks.board_hparams import hparam_events
 from gsfw.callbacks.board_images import captioned, comparison, summary_of
 from gsfw.callbacks.board_pages import findings_page, run_page, settings_page
 from gsfw.callbacks.countdown import Countdown
@@ -38,6 +38,8 @@ IMAGES_OF_A_RUN = 10
 """Evaluations with images in a run, about; each costs megabytes."""
 PAGES = ("1_run", "2_settings")
 """Texts at the start of a run, and of each part of a resumed one."""
+VIEWS, REQUIREMENTS = "2_views", "9_requirements/chart"
+"""Tags of images: views come before the chart."""
 WRITTEN_ANEW = ("_hparams_/", "custom_scalars__config__")
 """Tags without a step that each part of a run writes."""
 BINS: dict[str, tuple[int, tuple[float, float] | None]] = {
@@ -109,11 +111,11 @@ class TensorBoard(Callback):
             self._shown.add(view.name)
         if view.name not in self._shown:
             return
-        self._add_image(f"views/{view.name}", comparison(view, step, self._run.steps), step)
+        self._add_image(f"{VIEWS}/{view.name}", comparison(view, step, self._run.steps), step)
         for name, image in view.images.items():
             caption = f"{name}, step {step:,} of {self._run.steps:,}"
             self._add_image(
-                f"views/{view.name}/{name}", captioned([image], ("",), view.name, caption), step
+                f"{VIEWS}/{view.name}/{name}", captioned([image], ("",), view.name, caption), step
             )
 
     def _images_due(self, step: int, steps: int) -> bool:
@@ -166,12 +168,11 @@ class TensorBoard(Callback):
         if not summary["completed"]:
             return
         settings = {
-            key: _hparam(value)
+            key: value
             for key, value in self._run.settings.items()
             if not key.startswith("callbacks.")
         }
-        # SummaryWriter.add_hparams would open a second run beside this one.
-        for event in hparams(settings, hparam_metrics(summary)):
+        for event in hparam_events(settings, self._run.scene, hparam_metrics(summary)):
             self._writer._get_file_writer().add_summary(event)
         self._add(step, result_curves(summary))
 
@@ -180,7 +181,7 @@ class TensorBoard(Callback):
         assert self._writer is not None
         self._add(requirements.step, requirement_curves(requirements))
         self._writer.add_text("4_requirements", requirements.headline, requirements.step)
-        self._writer.add_image("requirements", plot, requirements.step, dataformats="HWC")
+        self._writer.add_image(REQUIREMENTS, plot, requirements.step, dataformats="HWC")
 
     def close(self) -> None:
         """Flush and close the events."""
@@ -197,13 +198,6 @@ def _stays(run: RunInfo, step: int, tag: str) -> bool:
         tag.startswith(PAGES) or (step >= run.steps and not of_a_step(tag))
     )
     return not is_again
-
-
-def _hparam(value: object) -> int | float | str:
-    """A setting as the hparams page can hold it; torch would write truth as 1.0."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return value
-    return str(value)
 
 
 def _distributions(splats: Splats) -> dict[str, np.ndarray]:

@@ -12,9 +12,6 @@ from gsfw.rendering.film import VideoFormat
 if TYPE_CHECKING:
     from gsfw.rendering.request import RenderRequest
 
-MOST_FPS = 1000
-"""Highest frame rate: a WebP counts in milliseconds."""
-
 
 @dataclass(kw_only=True)
 class RenderOptions(RunOptions):
@@ -41,7 +38,7 @@ class RenderOptions(RunOptions):
     from first to last time), orbit-time, path-time and spiral-time (both at once), or all: views,
     orbit, time and orbit-time. A model file has no photos: views then needs data=PATH."""
     split: Literal["eval", "train", "all"] = "eval"
-    """Views of what=views: held-out ones, those that were trained on, or all."""
+    """Views of what=views and what=all: held-out ones, those that were trained on, or all."""
     channel: tuple[str, ...] = ()
     """Images side by side: color, photo, depth, alpha, normals, error, contribution, count,
     sh_degree, motion. Empty: photo,color for views, color for films."""
@@ -65,11 +62,12 @@ class RenderOptions(RunOptions):
     fps: int | None = None
     """Frames per second of the films. None: 20, or as the file of a camera path says."""
     scale: float = 1.0
-    """Size of the frames, relative to the images the run was trained on."""
+    """Size of the frames of films, relative to the images the run was trained on."""
     width: int = 0
-    """Width of the frames in pixels, in place of scale. 0: by scale."""
+    """Width of the frames of films in pixels, of one eye of stereo, in place of scale. 0: by
+    scale."""
     time: float = 0.0
-    """Time of films at one time, in [0, 1]; a static model ignores it."""
+    """Time of films at one time, in [0, 1], of a model that changes with time."""
     camera: str = ""
     """Name of the view whose camera what=time looks through (empty: the first held-out one), or a
     file of a camera path: of gsfw's viewer, nerfstudio's camera_path.json, or a transforms.json."""
@@ -94,9 +92,10 @@ class RenderOptions(RunOptions):
 def run(arguments: list[str]) -> int:
     """Render, and print the place of the images."""
     options = read("render", RenderOptions, arguments)
-    _check(options)
     from gsfw.commands.interface.progress import load_torch
+    from gsfw.commands.interface.render_rules import check_channels, check_options
 
+    check_options(options)
     load_torch()
 
     from gsfw.commands.interface.console import Console
@@ -104,8 +103,8 @@ def run(arguments: list[str]) -> int:
     from gsfw.plugins.registry import installed
     from gsfw.rendering.request import render
 
-    _check_channels(options)
-    request = _request(options)
+    check_channels(options)
+    request = render_request(options)
     request.check()
     console = Console(options.json)
     found = find_run(options.run, console.say, splats=True)
@@ -119,94 +118,7 @@ def run(arguments: list[str]) -> int:
     return 0
 
 
-def _check(options: RenderOptions) -> None:
-    """Refuse invalid settings before anything is loaded."""
-    from gsfw.core.config import parse_background
-    from gsfw.core.errors import ConfigError
-
-    frames = 1 if options.frames is None else options.frames
-    fps = 1 if options.fps is None else options.fps
-    sound = frames >= 1 and 1 <= fps <= MOST_FPS
-    if not (sound and options.scale > 0 and 0 <= options.time <= 1):
-        raise ConfigError(
-            f"frames={frames} scale={options.scale:g} time={options.time:g} "
-            f"fps={fps}: expected at least 1 frame, a scale above 0, a time in [0, 1], "
-            f"and 1 to {MOST_FPS} frames per second."
-        )
-    if options.width < 0 or (options.width and options.scale != 1):
-        raise ConfigError(
-            f"width={options.width} scale={options.scale:g}: expected one of them, above 0.",
-            "Leave one of them out.",
-        )
-    if options.range and (len(options.range) != 2 or not options.range[0] < options.range[1]):
-        raise ConfigError(
-            f"range={','.join(f'{end:g}' for end in options.range)}: expected two numbers, the "
-            "smaller one first.",
-            "Write range=LOW,HIGH, such as range=0,5.",
-        )
-    if options.background:
-        parse_background(options.background)
-    if options.eye_distance < 0:
-        raise ConfigError(f"eye_distance={options.eye_distance:g}: expected 0 or more.")
-    if options.images == "exr" and options.video not in ("auto", "none"):
-        raise ConfigError(
-            f"images=exr video={options.video}: a film is made of pictures, and an EXR holds "
-            "values.",
-            "Render it twice: images=png for the film, into another folder with out=DIR.",
-        )
-    _check_tracks(options)
-
-
-def _check_channels(options: RenderOptions) -> None:
-    """Refuse channels that are not there, or of which a path has none."""
-    from gsfw.core.errors import ConfigError
-    from gsfw.rendering.channels import find_channel
-
-    listed = [find_channel(name) for name in options.channel]
-    has_file = options.camera.lower().endswith(".json")
-    if has_file and options.what not in ("all", "path"):
-        raise ConfigError(
-            f"what={options.what} camera={options.camera}: the file has the whole path.",
-            "Leave what out, or give camera the name of a view.",
-        )
-    with_photo = [channel.name for channel in listed if channel.needs_image]
-    if with_photo and (has_file or options.what != "views"):
-        raise ConfigError(
-            f"channel={','.join(options.channel)}: {with_photo[0]} needs a photo, and there is "
-            "none along a camera path.",
-            f"Render what=views, or leave {with_photo[0]} out.",
-        )
-    if options.what == "views" and options.projection != "camera":
-        raise ConfigError(
-            f"what=views projection={options.projection}: views are compared with photos, which "
-            "have one image.",
-            "Render a camera path: what=orbit or what=path.",
-        )
-
-
-def _check_tracks(options: RenderOptions) -> None:
-    from gsfw.core.errors import ConfigError
-
-    if options.tracks_count < 1 or options.tracks_frames < 1:
-        raise ConfigError(
-            f"tracks_count={options.tracks_count} tracks_frames={options.tracks_frames}: "
-            "expected numbers of at least 1."
-        )
-    if not options.tracks:
-        return
-    if options.what in ("views", "orbit", "path", "spiral"):
-        raise ConfigError(
-            f"tracks=true what={options.what}: nothing moves there.",
-            "Render what=time or what=orbit-time.",
-        )
-    if options.projection != "camera" or (options.channel and "color" not in options.channel):
-        raise ConfigError(
-            "tracks=true: tracks are drawn on the colours of one camera.",
-            "Leave projection out, and let channel have color.",
-        )
-
-
-def _request(options: RenderOptions) -> RenderRequest:
+def render_request(options: RenderOptions) -> RenderRequest:
     """The options in the terms of the renderer."""
     from gsfw.core.datamanager import Split
     from gsfw.rendering.channels import find_channel

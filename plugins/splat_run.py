@@ -38,7 +38,7 @@ CAMERAS = 24
 """Cameras around the splats."""
 
 WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
-"""Of a camera: pixels, and degrees from left to right."""
+"""Size of an image in pixels, and field of view in degrees from left to right."""
 
 DISTANCE, RISE = 2.2, 0.5
 """Distance of the cameras, and their height above the middle, in sizes of the scene."""

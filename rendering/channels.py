@@ -34,7 +34,7 @@ class Channel:
     description: str
     """One phrase, for menus and help."""
     kind: Literal["color", "scalar"]
-    """``color`` for an image of colours, ``scalar`` for values that are to be coloured."""
+    """Kind of image: it has colours, or values to be coloured."""
     unit: str = ""
     """Unit of the values, for colour bars; empty for colours and plain fractions."""
     moving: bool = False
@@ -112,11 +112,6 @@ def available_channels(moves: bool, has_images: bool) -> tuple[Channel, ...]:
         for channel in CHANNELS.values()
         if moves >= channel.moving and has_images >= channel.needs_image
     )
-
-
-def render_channel(channel: Channel, shot: Shot) -> Float[Tensor, "h w 3"] | Float[Tensor, "h w"]:
-    """Render one channel of one camera; see ``render_channels``."""
-    return render_channels([channel], shot)[0]
 
 
 @torch.no_grad()

@@ -42,9 +42,9 @@ class FrameRule:
     projection: Projection = "camera"
     """One image, those of two eyes side by side, or all directions."""
     eye_distance: float = 0.0
-    """Of stereo, in scene units; 0: by the distance of what is looked at."""
+    """Distance of the eyes of stereo, in scene units; 0: by that of what is looked at."""
     width: int = 0
-    """Of panoramas, in pixels; 0: at the resolution of the cameras."""
+    """Width of panoramas, in pixels; 0: at the resolution of the cameras."""
 
     @property
     def suffix(self) -> str:

@@ -27,7 +27,7 @@ SUFFIXES: Mapping[ImageFormat, str] = {
 }  # fmt: skip
 
 JPEG_QUALITY = 95
-"""Of Pillow's scale; at 95 and without subsampling of colours the loss is hard to see."""
+"""Quality on Pillow's scale; at 95 and without subsampling of colours the loss is hard to see."""
 
 EXR_NAMES: Mapping[str, Sequence[str]] = {
     "color": ("R", "G", "B"),

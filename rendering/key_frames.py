@@ -23,7 +23,7 @@ SCHEMA = 1
 """Version of our layout."""
 
 FPS, SECONDS = 30.0, 6.0
-"""Of a new path."""
+"""Frames per second and length in seconds of a new path."""
 
 SKEW = 0.01
 """Largest difference of the three axes of a pose, of their length, that rounding explains."""
@@ -38,7 +38,7 @@ class KeyFrame:
     fov: float
     """Vertical field of view, in degrees."""
     time: float | None = None
-    """Time of a moving scene, in [0, 1]; ``None`` for the time of the command."""
+    """Time of a moving scene, in [0, 1]. All of a path, or none: then it is that of the command."""
     seconds: float | None = None
     """When the film passes it, from its start. All of a path, or none: then the camera has one
     speed, or, where the times of key frames differ, every step takes equally long."""
@@ -57,7 +57,7 @@ class CameraPath:
     closed: bool = False
     """The film returns to the first key frame, so that it can be repeated."""
     width: int = 0
-    """Of the frames, in pixels; 0: that of the training images."""
+    """Width of the frames, in pixels; 0: that of the training images."""
     height: int = 0
 
     def document(self) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class PathFrames:
     fps: float | None = None
     """Frames per second; ``None`` where the file does not say."""
     width: int = 0
-    """Of the frames, in pixels; 0 where the file does not say."""
+    """Width of the frames, in pixels; 0 where the file does not say."""
     height: int = 0
 
     def resampled(self, frames: int) -> PathFrames:
@@ -144,6 +144,11 @@ def camera_path_of(document: Mapping[str, Any], source: str) -> CameraPath:
         raise DataError(f"{source} has no key frames.", "Add at least one in the viewer.")
     frames = tuple(_key_frame(item, f"{source}: key frame {n}") for n, item in enumerate(listed))
     _check_moments([frame.seconds for frame in frames], source)
+    if len({frame.time is None for frame in frames}) > 1:
+        raise DataError(
+            f"{source}: some of its key frames have a time, and others none.",
+            "Give a time to every key frame, or null to all: they then have that of time=T.",
+        )
     return CameraPath(
         frames,
         fps=number(document.get("fps", FPS), f"{source}: fps", 0.1, 1000),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gsfw.plugins.compose import Composition
 
 FRAMES, FPS = 60, 20
-"""Of a film, unless the user or a file of key frames says otherwise."""
+"""Length and speed of a film, unless the user or a file of key frames says otherwise."""
 
 FRAMES_PER_VIEW = 4
 """A path passes one view in so many frames: handheld captures shake from view to view."""
@@ -99,6 +99,8 @@ def paths(composition: Composition, what: str, rule: FilmRule) -> list[RenderPat
         DataError: the file of a camera path cannot be used.
     """
     moves, data = is_dynamic(composition), composition.parts.data
+    if not moves:
+        _check_still(composition, what, rule)
     if rule.file is not None:
         return [_of_file(rule.file, data, rule)]
     names = [what]
@@ -106,17 +108,34 @@ def paths(composition: Composition, what: str, rule: FilmRule) -> list[RenderPat
         names = ["orbit", "time", "orbit-time"] if moves else ["orbit"]
     elif what == "views":
         names = []
-    if not moves and (what == "time" or what.endswith(WITH_TIME)):
-        why = (
-            f"method {composition.settings.method.name} is static"
-            if composition.scene.is_dynamic
-            else f"the data ({composition.scene.name}) has no times"
-        )
+    return [RenderPath(name, _sized(_cameras(name, data, rule), rule)) for name in names]
+
+
+def _check_still(composition: Composition, what: str, rule: FilmRule) -> None:
+    """Refuse what needs a model that changes with time.
+
+    Raises:
+        ConfigError: names the option.
+    """
+    why = (
+        f"method {composition.settings.method.name} is static"
+        if composition.scene.is_dynamic
+        else f"the data ({composition.scene.name}) has no times"
+    )
+    if what == "time" or what.endswith(WITH_TIME):
         raise ConfigError(
             f"what={what}: {why}, so all frames would show the same moment.",
             "Render what=orbit or what=views.",
         )
-    return [RenderPath(name, _sized(_cameras(name, data, rule), rule)) for name in names]
+    if rule.time:
+        raise ConfigError(
+            f"time={rule.time:g}: {why}, so every time shows the same.", "Leave time out."
+        )
+    if rule.camera and rule.file is None:
+        raise ConfigError(
+            f"camera={rule.camera}: {why}, and only what=time looks through the camera of a view.",
+            "Leave camera out, or give it the file of a camera path.",
+        )
 
 
 def _cameras(name: str, data: DataManager, rule: FilmRule) -> Cameras:
@@ -133,6 +152,11 @@ def _cameras(name: str, data: DataManager, rule: FilmRule) -> Cameras:
 def _of_file(file: Path, data: DataManager, rule: FilmRule) -> RenderPath:
     """The frames of a camera path, in the scene frame; pinhole cameras."""
     found = read_path_file(file, rule.frames)
+    if rule.time and found.times is not None:
+        raise ConfigError(
+            f"time={rule.time:g} camera={file}: each frame of this path has a time of its own.",
+            "Leave time out.",
+        )
     like = _train(data)[0]
     width, height = found.width or like.width, found.height or like.height
     if not (found.width and found.height):

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 LEAST_HEIGHT = 100
 """Pictures of fewer lines have neither bars nor names: there is no room."""
 
+LINE, LINE_GREY = 2, 0.45
+"""Width in pixels and grey of the line behind a colour bar: it belongs to the image before it."""
+
 SAMPLES = 6
 """Frames of which the colour scale of a film is found; all of its frames share it."""
 
@@ -31,7 +34,7 @@ class PictureStyle:
     channels: tuple[Channel, ...]
     """From left to right; none for the usual ones of what is rendered."""
     colormap: str = ""
-    """Of all values; empty: that of each channel."""
+    """Colour map of all values; empty: that of each channel."""
     ends: tuple[float, float] | None = None
     """Least and largest value of the colour scale; ``None``: found."""
     bars: bool = True
@@ -77,9 +80,12 @@ def picture(
         scales: as ``PictureStyle.scales`` returns them.
     """
     panels: list[Tensor] = []
+    has_bar = False
     for channel, rendered in zip(style.channels, images, strict=True):
         image = rendered.detach().cpu()
         height = image.shape[0]
+        if has_bar:
+            panels.append(torch.full((height, LINE, 3), LINE_GREY))
         roomy = height >= LEAST_HEIGHT
         if channel.kind == "color":
             panel = image.float().clamp(0, 1)
@@ -91,7 +97,8 @@ def picture(
         if style.labels and roomy and len(images) > 1:
             panel = _named(panel, channel.name.replace("_", " "))
         panels.append(panel)
-        if channel.kind == "scalar" and style.bars and roomy:
+        has_bar = channel.kind == "scalar" and style.bars and roomy
+        if has_bar:
             panels.append(color_bar(height, low, high, channel.unit, style.map_of(channel)))
     return torch.cat(panels, dim=1)
 

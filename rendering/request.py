@@ -83,6 +83,11 @@ def render(
     """
     composition = _before(composition, request.background)
     asked = paths(composition, request.what, request.film)
+    if request.tracks and not any(_passes_time(path) for path in asked):
+        raise ConfigError(
+            "tracks=true: all frames show one time, so that nothing moves.",
+            "Render what=time of a model that changes with time, or leave tracks out.",
+        )
     images: list[Path] = []
     films: list[Path] = []
     with deterministic(composition.parts.device):
@@ -95,6 +100,11 @@ def render(
                 films += write_film(out / path.name, frames, fps, request.video_format)
             images += frames
     return images, films
+
+
+def _passes_time(path: RenderPath) -> bool:
+    """True if frames of a film show several times."""
+    return path.cameras.time is not None and len(path.cameras.time.unique()) > 1
 
 
 def _before(composition: Composition, background: str) -> Composition:
@@ -134,6 +144,8 @@ def _frames(
     renderer = _renderer(composition, request, FILM_CHANNELS, has_photos=False)
     drawn = request.tracks
     trails = None if drawn is None else trails_along(path.cameras, composition, *drawn)
+    if trails is not None and not len(trails):
+        say(f"{path.name}: no tracks are drawn, as no Gaussian is opaque yet; train longer")
     frames, rendered = film_frames(path, renderer, out / path.name, trails, drawn or ())
     return _gathered(frames, rendered, path.name, say)
 
@@ -142,7 +154,12 @@ def _gathered(frames: FrameFolder, rendered: Iterator[Path], name: str, say: Say
     """All files of a folder, with progress."""
     if frames.kept:
         say(f"{name}: {frames.kept} of {len(frames.names)} frames were rendered before")
-    return list(tracked(rendered, f"rendering {name}", len(frames.names)))
+    try:
+        return list(tracked(rendered, f"rendering {name}", len(frames.names)))
+    except KeyboardInterrupt:
+        there = sum((frames.path / frame).is_file() for frame in frames.names)
+        say(f"{name}: {there} of {len(frames.names)} frames are there; the same command goes on")
+        raise
 
 
 def _renderer(

@@ -57,6 +57,10 @@ class Trails:
         self._strength = (tracks.opacities[:, rows] >= OPAQUE).cpu().numpy()
         self._colors = _rainbow(home)
 
+    def __len__(self) -> int:
+        """Number of trails; 0 where no row on a surface is opaque."""
+        return len(self._colors)
+
     def draw_on(
         self,
         image: Float[Tensor, "h w 3"],
@@ -157,7 +161,7 @@ def spread(places: Float[Tensor, "n d"], count: int) -> Int[Tensor, " r"]:
 
 
 def _first_places(positions: Float[Tensor, "t n 3"]) -> Float[Tensor, "n 3"]:
-    """Where each row is when it is there for the first time."""
+    """Position of each row at the first time that it is there."""
     first = positions.isfinite().all(2).int().argmax(0)
     return positions[first, torch.arange(len(first), device=first.device)]
 

@@ -15,7 +15,7 @@ from torch.nn.functional import interpolate
 from gsfw.core.cameras import Cameras
 from gsfw.core.metrics import psnr
 from gsfw.core.render_settings import RenderSettings, Validation
-from gsfw.rendering.channels import CHANNELS, Channel, render_channel
+from gsfw.rendering.channels import CHANNELS, Channel, render_channels
 from gsfw.rendering.color_maps import colored, value_range
 from gsfw.rendering.shot import Shot
 from gsfw.viewer.arrangement import beside, centred, fitted, slots, wiped
@@ -196,7 +196,7 @@ class _Shot:
             None if compared is None else compared.color,
             None if compared is None else compared.valid,
         )
-        values = render_channel(channel, shot)
+        (values,) = render_channels([channel], shot)
         if photo is not None and channel.name == "color" and self.psnr is None:
             self.psnr = psnr(values, photo.color, photo.valid)
             self.psnr_size = (camera.width, camera.height)

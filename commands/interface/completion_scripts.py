@@ -11,6 +11,11 @@ TABLE = "@TABLE@"
 
 BASH = r"""# gsfw completion for bash. Load it from ~/.bashrc, or save it as
 # ~/.local/share/bash-completion/completions/gsfw
+if (( BASH_VERSINFO[0] * 100 + BASH_VERSINFO[1] < 403 )); then
+    echo "gsfw completion needs bash 4.3, and this is $BASH_VERSION." \
+        "Install a newer bash, or use zsh: gsfw completion zsh" >&2
+    return 1
+fi
 declare -gA _gsfw_table=(
 @TABLE@
 )
@@ -19,13 +24,16 @@ _gsfw() {
     local line=${COMP_LINE:0:COMP_POINT} word slot context key values rest found=' ' before=''
     local -a words=() contexts=('-')
     COMPREPLY=()
+    # An escaped space is part of its word.
+    line=${line//\\ /$'\001'}
     read -ra words <<< "$line"
     [[ $line == *[[:space:]] || ${#words[@]} -lt 2 ]] && words+=('')
-    local current=${words[-1]} verb=${words[1]}
+    words=("${words[@]//$'\001'/ }")
+    local current=${words[-1]//\\/} verb=${words[1]}
     if (( ${#words[@]} > 2 )); then
         before=" ${words[*]:2:${#words[@]}-3} "
         contexts=("$verb")
-        for word in $before; do contexts+=("$verb $word"); done
+        for word in "${words[@]:2:${#words[@]}-3}"; do contexts+=("$verb $word"); done
         for slot in method strategy rasterizer datamanager sampler; do
             [[ $before == *" $slot="* ]] || contexts+=("$verb $slot=")
         done
@@ -53,12 +61,14 @@ _gsfw() {
 }
 
 _gsfw_values() {
-    local value
-    for value in $2; do
+    # In a list the last item is completed.
+    local value item=${1##*,} values
+    read -ra values <<< "$2"
+    for value in "${values[@]}"; do
         if [[ $value == @ ]]; then
             _gsfw_files "$1"
-        elif [[ $value == "$1"* ]]; then
-            COMPREPLY+=("$value")
+        elif [[ $value == "$item"* ]]; then
+            COMPREPLY+=("${1%"$item"}$value")
         fi
     done
 }
@@ -115,6 +125,7 @@ _gsfw() {
         done <<< "${_gsfw_table[$context]}"
     done
     [[ $current == *=* ]] && compset -P '*='
+    (( $#chosen && ! files )) && compset -P '*,'  # In a list the last item is completed.
     (( $#chosen )) && compadd -- ${(u)chosen}
     (( $#closed )) && compadd -- ${(u)closed}
     (( $#open )) && compadd -S '' -- ${(u)open}
@@ -144,7 +155,8 @@ function __gsfw_complete
         end
     end
     for context in $contexts
-        for line in (string replace -- "$context|" '' (string match -- "$context|*" $__gsfw_table))
+        set -l start '^'(string escape --style=regex -- "$context|")
+        for line in (string replace -rf -- $start '' $__gsfw_table)
             set -l parts (string split '|' -- $line)
             if string match -q -- '*=*' $current
                 __gsfw_values $current $parts
@@ -152,9 +164,9 @@ function __gsfw_complete
                 if test -z "$current"; and contains -- "$context|latest|" $__gsfw_table
                     test -d runs; and echo runs/
                 else
-                    __fish_complete_path $current
+                    __fish_complete_path (string unescape -- $current)
                 end
-            else if string match -q -- "$current*" $parts[1]
+            else if __gsfw_begins $parts[1] $current
                 string match -q -- "$parts[1]*" $before; and continue
                 __gsfw_grouped $current $parts[1]
             end
@@ -164,13 +176,20 @@ end
 
 function __gsfw_values --argument-names current key values
     test "$key" = (string replace -r '=.*' '=' -- $current); or return
+    # In a list the last item is completed.
+    set -l before (string replace -rf '^[^=]*=(.*,)?.*' '$1' -- $current)
+    set -l path (string unescape -- (string replace -r '^[^=]*=' '' -- $current))
     for word in (string split -n ' ' -- $values)
         if test $word = @
-            printf "$key%s\n" (__fish_complete_path (string replace -r '^[^=]*=' '' -- $current))
+            printf "$key%s\n" (__fish_complete_path $path)
         else
-            echo $key$word
+            echo $key$before$word
         end
     end
+end
+
+function __gsfw_begins --argument-names text start
+    test (string sub -l (string length -- "$start") -- $text) = "$start"
 end
 
 function __gsfw_grouped --argument-names current key

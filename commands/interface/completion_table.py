@@ -23,6 +23,7 @@ from gsfw.core.config import AUTO
 from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
 from gsfw.plugins.registry import SLOTS, Registry
+from gsfw.rendering.channels import CHANNELS
 
 START, FILE = "-", "@"
 FILES = ("data", "out", "config", "init", "images", "masks")
@@ -150,6 +151,8 @@ def _values(key: Key, slot: str, registry: Registry) -> tuple[str, ...]:
         return DEVICES
     if key.name == "slot":
         return tuple(SLOTS)
+    if key.name == "channel":
+        return tuple(CHANNELS)
     return tuple(registry.slot(slot)) if slot in SLOTS else ()
 
 

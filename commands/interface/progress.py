@@ -107,10 +107,12 @@ def _new_bars() -> Bars:
     from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    screen = Screen(stderr=True)
+    spinner = SpinnerColumn("dots" if screen.encoding.startswith("utf") else "line")
+    columns = (spinner, TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     # What is printed meanwhile belongs to standard output, wherever that goes.
     to_screen = sys.stdout.isatty()
-    return Bars(*columns, console=Screen(stderr=True), transient=True, redirect_stdout=to_screen)
+    return Bars(*columns, console=screen, transient=True, redirect_stdout=to_screen)
 
 
 class StageBars:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from contextlib import suppress
 from pathlib import Path
+from shlex import quote
 
 import yaml
 
@@ -20,7 +21,8 @@ def check_removable(found: RunArgument) -> Path:
 
     Raises:
         ConfigError: a checkpoint or a model file is given.
-        DataError: the folder is a link, no run of gsfw, or holds other runs.
+        DataError: the folder is a link, no run of gsfw, holds other runs, or is the current folder
+            or a parent of it.
         OutputError: it is trained on now.
     """
     path = found.folder.path
@@ -37,6 +39,12 @@ def check_removable(found: RunArgument) -> Path:
         raise DataError(
             f"{path} does not look like a run of gsfw, and is left as it is.",
             "A run has a config.yaml that names its gsfw, and checkpoints.",
+        )
+    here = Path.cwd()
+    if here.is_relative_to(path.resolve()):
+        raise DataError(
+            f"{path.resolve()} cannot be removed from inside of it (you are in {here}).",
+            f"Leave it first: cd {quote(str(path.resolve().parent))}",
         )
     others = [other.parent for other in path.rglob("config.yaml") if other.parent != path]
     if others:
@@ -72,7 +80,7 @@ def remove_run(path: Path) -> int:
     Raises:
         OutputError: somebody trains it by now, or a file cannot be removed.
     """
-    path = path.absolute()  # "." cannot be removed under that name.
+    path = path.resolve()  # A folder cannot be removed under a name that ends in "..".
     freed = size_of(path)
     with only_one(path, OTHERS, "Wait for it, or end it."):
         try:

@@ -37,6 +37,19 @@ def test_the_line_is_one_line_at_any_width(width):
         assert len(line.rstrip("\n")) <= width
 
 
+@pytest.mark.parametrize("width", [30, 80, 200])
+def test_without_unicode_and_colours_the_line_is_plain_text(width, monkeypatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+    written = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
+    console = Console(file=written, width=width, force_terminal=True)
+    console.print(LiveLine(long_run()), end="")
+    written.flush()
+    line = written.buffer.getvalue().decode()
+    assert "12345/30000" in line
+    assert "\x1b[" not in line
+    assert len(line.rstrip("\n")) <= width
+
+
 @pytest.mark.parametrize("width", [80, 120])
 def test_bar_time_left_and_memory_are_always_there(width):
     figures = long_run()

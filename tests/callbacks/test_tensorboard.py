@@ -107,7 +107,10 @@ def test_settings_and_final_figures_are_on_the_hparams_page(finished_run):
         for content in [events.summary_metadata[tag].plugin_data.content]
         if tag.startswith("_hparams_")
     }
-    metrics = stored["_hparams_/experiment"].experiment.metric_infos
+    experiment = stored["_hparams_/experiment"].experiment
+    first = {info.name for info in experiment.hparam_infos if info.differs}
+    assert first == {"method", "scene", "seed", "steps", "strategy"}, "TensorBoard shows five"
+    metrics = experiment.metric_infos
     names = {metric.name.tag for metric in metrics}
     assert {"1_overview/psnr_held_out", "2_quality/ssim", "8_result/train_seconds"} <= names
     assert names <= set(events.Tags()["scalars"]), "each metric is the end of a curve"
@@ -124,14 +127,14 @@ def test_images_come_about_ten_times_in_a_run_and_at_its_end(tmp_path):
         board.on_view(step, view(1))
         board.on_evaluation(step, evaluation(), control)
     board.close()
-    steps = [event.step for event in events_in(tmp_path).Images("views/v1")]
+    steps = [event.step for event in events_in(tmp_path).Images("2_views/v1")]
     assert steps == [100, 200, 300, 400, 500, 600, 700, 800, 900, 1000]
 
 
 def test_a_few_evaluations_all_have_images_of_the_same_few_views(tmp_path):
     play(TensorBoard(4), tmp_path)
     tags = set(events_in(tmp_path).Tags()["images"])
-    assert tags == {*(f"views/v{index}" for index in range(4)), "views/v0/depth"}
+    assert tags == {*(f"2_views/v{index}" for index in range(4)), "2_views/v0/depth"}
 
 
 def test_an_image_shows_truth_render_and_error_below_a_caption():
@@ -239,7 +242,7 @@ def test_what_a_run_required_has_its_own_group(tmp_path):
         "sh_floats": 18, "sh_floats_full": 24, "total_floats": 24, "floats/positions": 6,
         "floats/SH_band_1": 18, "bought_db/SH_band_1": 0.25,
     }  # fmt: skip
-    assert events.Images("requirements")[0].width == 5
+    assert events.Images("9_requirements/chart")[0].width == 5
     assert text(events, "4_requirements") == ["48 floats each for colour"]
 
 
@@ -262,7 +265,7 @@ def test_a_resumed_run_loses_and_repeats_no_point(tmp_path):
         play(TensorBoard(1), tmp_path, steps=(30, 40), first_step=20, summary=STOPPED)
     assert steps_shown(tmp_path, "1_overview/loss") == [10, 20, 30, 40]
     assert steps_shown(tmp_path, "1_overview/psnr_held_out") == [40]
-    assert steps_shown(tmp_path, "views/v0") == [40]
+    assert steps_shown(tmp_path, "2_views/v0") == [40]
     assert steps_shown(tmp_path, "1_run/text_summary") == [0, 20]
     assert len(steps_shown(tmp_path, "custom_scalars__config__")) == 1
 
@@ -272,7 +275,7 @@ def test_a_run_that_only_lost_its_summary_has_its_last_evaluation_once(tmp_path)
     play(TensorBoard(1), tmp_path, steps=(), first_step=20)
     assert steps_shown(tmp_path, "1_overview/loss") == [10, 20]
     assert steps_shown(tmp_path, "1_overview/psnr_held_out") == [20]
-    assert steps_shown(tmp_path, "views/v0") == [20]
+    assert steps_shown(tmp_path, "2_views/v0") == [20]
 
 
 def test_a_file_that_a_crash_has_cut_short_is_read_up_to_there(tmp_path):
@@ -313,6 +316,6 @@ def test_watching_changes_no_bit_of_what_is_trained(tmp_path, scene):
 
 def test_the_images_are_readable(finished_run):
     events = events_in(finished_run)
-    (shown, *_) = events.Images("views/eval_000")
+    (shown, *_) = events.Images("2_views/eval_000")
     with Image.open(io.BytesIO(shown.encoded_image_string)) as image:
         assert image.size == (shown.width, shown.height)

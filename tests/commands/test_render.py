@@ -2,46 +2,33 @@
 
 import json
 import math
+import re
+import signal
+import subprocess
+import sys
+from time import sleep
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
-from support.moving_scene import DriftingPlugin
+from support.moving_scene import SMALL_MOVING_SCENE
 
 from gsfw.commands.interface.runs import find_run, open_run
 from gsfw.commands.main import main
 from gsfw.core.errors import OutputError
 from gsfw.core.files.atomic import write_atomically
-from gsfw.plugins.discovery import PluginSource
 from gsfw.plugins.registry import installed
 from gsfw.rendering import image_files
 from gsfw.rendering.key_frames import CameraPath, KeyFrame, write_camera_path
 from gsfw.rendering.paths import find_camera
-
-MOVING_SCENE = (
-    "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",
-    "datamanager.height=24", "datamanager.points=150", "datamanager.moving=true",
-    "datamanager.times=3", "steps=5",
-)  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def moving_run(tmp_path_factory):
-    """A run of a method whose splats drift, on the built-in scene that moves."""
-    discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), PluginSource("drifting", "tests", "1.0"))
-    out = tmp_path_factory.mktemp("runs") / "moving"
-    assert main(["train", "method=drifting", *MOVING_SCENE, f"out={out}"]) == 0
-    yield out
-    discovery.remove("drifting")
 
 
 @pytest.fixture(scope="module")
 def blurred_run(tmp_path_factory):
     """A run of the static method on the same scene."""
     out = tmp_path_factory.mktemp("runs") / "blurred"
-    arguments = ["train", "method=3dgs", "ignore_time=true", *MOVING_SCENE, f"out={out}"]
+    arguments = ["train", "method=3dgs", "ignore_time=true", *SMALL_MOVING_SCENE, f"out={out}"]
     assert main(arguments) == 0
     return out
 
@@ -56,7 +43,8 @@ def pixels(path):
 
 
 def render(run, out, *arguments) -> int:
-    return main(["render", str(run), f"out={out}", "video=webp", *arguments])
+    video = () if "what=views" in arguments else ("video=webp",)
+    return main(["render", str(run), f"out={out}", *video, *arguments])
 
 
 def test_held_out_views_are_drawn_beside_their_photos_and_an_orbit(finished_run, tmp_path, capsys):
@@ -281,6 +269,39 @@ def test_what_stops_in_the_middle_leaves_whole_frames(moving_run, tmp_path, monk
     assert "orbit: 3 of 5 frames were rendered before" in capsys.readouterr().out
 
 
+PROGRAM = """
+import signal, sys
+from gsfw.commands.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # Whoever runs the tests may ignore it.
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_an_interrupted_render_says_that_it_can_go_on(moving_run, tmp_path):
+    arguments = [
+        "what=orbit",
+        "frames=4000",
+        "video=none",
+        "channel=color,depth",
+        f"out={tmp_path}",
+    ]
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "render", str(moving_run / "splats.ply"), *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    )  # fmt: skip
+    while process.poll() is None and not (tmp_path / "orbit" / "0003.png").exists():
+        sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate()
+    assert process.returncode == 130
+    found = re.search(r"orbit: (\d+) of 4000 frames are there; the same command goes on", said)
+    assert found is not None, said
+    frames = sorted((tmp_path / "orbit").iterdir())
+    assert len(frames) == int(found[1]) + 1, "and the list of frames"
+    for frame in frames[:-1]:
+        assert pixels(frame).shape[2] == 3
+
+
 def test_a_full_disk_leaves_whole_frames(moving_run, tiny_disk, capsys):
     arguments = ("what=orbit", "frames=9", "video=none", "images=exr", "width=320")
     assert main(["render", str(moving_run), f"out={tiny_disk}", *arguments]) == 2
@@ -305,6 +326,9 @@ def test_another_background_is_behind_the_scene(finished_run, tmp_path):
         ("what=orbit channel=error", "error needs a photo, and there is none along a camera path"),
         ("channel=dept", "there is no channel 'dept'. Did you mean 'depth'?"),
         ("what=orbit channel=motion", "channel=motion: this model does not change with time"),
+        ("time=0.5", "time=0.5: the data (synthetic) has no times, so every time shows the same"),
+        ("camera=eval_000", "only what=time looks through the camera of a view"),
+        ("tracks=true", "tracks=true: all frames show one time, so that nothing moves"),
         ("range=3,1 channel=depth", "range=3,1: expected two numbers, the smaller one first"),
         ("width=100 scale=2", "width=100 scale=2: expected one of them"),
         ("images=exr video=mp4", "a film is made of pictures, and an EXR holds values"),
@@ -313,7 +337,10 @@ def test_another_background_is_behind_the_scene(finished_run, tmp_path):
         ("background=green", "background=green: expected white, black, auto, or three numbers"),
         ("eye_distance=-1", "eye_distance=-1: expected 0 or more"),
         ("tracks=true what=spiral", "nothing moves there"),
-        ("tracks=true channel=depth", "tracks are drawn on the colours of one camera"),
+        (
+            "tracks=true channel=depth",
+            "tracks are drawn on the colours.\nLet channel have color, or",
+        ),
     ],
 )
 def test_what_cannot_be_is_one_sentence_with_a_remedy(finished_run, capsys, arguments, message):

@@ -362,6 +362,25 @@ def test_a_run_that_holds_others_a_link_and_a_checkpoint_are_not_removed(capsys)
     assert checkpoint.is_file()
 
 
+@pytest.mark.parametrize("inside", [".", "checkpoints"])
+def test_a_run_is_not_removed_from_inside_of_it(capsys, monkeypatch, inside):
+    path = make_run("a b").resolve()
+    monkeypatch.chdir(path / inside)
+    name = "." if inside == "." else ".."
+    for given in (name, str(path)):
+        assert refusal(capsys, "remove", given, "yes=true") == (
+            f"error: {path} cannot be removed from inside of it (you are in {Path.cwd()}).\n"
+            f"Leave it first: cd {path.parent}\n"
+        )
+    assert path.is_dir()
+
+
+def test_a_run_is_removed_under_any_name_of_it(capsys):
+    path = make_run("a")
+    assert main(["runs", "remove", f"{path}/checkpoints/..", "yes=true"]) == 0
+    assert not path.exists()
+
+
 def test_of_several_runs_one_that_must_stay_keeps_all(capsys):
     paths = [make_run("a"), make_run("b")]
     with only_one(paths[1], "nobody"):

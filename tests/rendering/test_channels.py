@@ -14,7 +14,6 @@ from gsfw.rendering.channels import (
     CHANNELS,
     available_channels,
     find_channel,
-    render_channel,
     render_channels,
 )
 from gsfw.rendering.normals import camera_points, surface_normals
@@ -33,7 +32,7 @@ def image(name, model=None, rasterizer=None, target=None, valid=None):
         target,
         valid,
     )
-    return render_channel(CHANNELS[name], shot)
+    return render_channels([CHANNELS[name]], shot)[0]
 
 
 def test_every_channel_has_the_form_of_its_kind():
@@ -99,7 +98,7 @@ def test_the_motion_is_that_of_the_gaussians():
     assert float(found[found.isfinite()].max()) == pytest.approx(0.8, rel=1e-3)
     for time in (0.0, 1.0):
         shot = Shot(model, ReferenceRasterizer(), camera_at(time), WHITE, torch.tensor(time))
-        ends = render_channel(CHANNELS["motion"], shot)
+        (ends,) = render_channels([CHANNELS["motion"]], shot)
         assert float(ends.nan_to_num(0).max()) == pytest.approx(0.8, rel=1e-3)
 
 
@@ -139,7 +138,7 @@ def test_a_channel_that_cannot_be_rendered_says_what_it_lacks():
         image("error")
     shot = Shot(two_balls(), ReferenceRasterizer(), camera_at(None), WHITE)
     with pytest.raises(ConfigError, match="needs a model that changes with time"):
-        render_channel(CHANNELS["motion"], shot)
+        render_channels([CHANNELS["motion"]], shot)
     with pytest.raises(ConfigError, match=r"no channel 'dept'\. Did you mean 'depth'\?"):
         find_channel("dept")
 

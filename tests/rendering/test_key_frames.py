@@ -127,6 +127,12 @@ BROKEN = {
         "schema": 1,
         "key_frames": [{"fov": 50, "time": 2, "camera_to_world": torch.eye(4).tolist()}],
     },
+    "some of its key frames have a time, and others none": {
+        "schema": 1,
+        "key_frames": [
+            {"fov": 50, "time": at, "camera_to_world": torch.eye(4).tolist()} for at in (0, None)
+        ],
+    },
     "seconds of its key frames do not ascend": {
         "schema": 1,
         "key_frames": [

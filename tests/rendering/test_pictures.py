@@ -6,7 +6,7 @@ import torch
 
 from gsfw.rendering.channels import CHANNELS
 from gsfw.rendering.color_maps import UNKNOWN, color_bar
-from gsfw.rendering.pictures import PictureStyle, picture
+from gsfw.rendering.pictures import LINE, LINE_GREY, PictureStyle, picture
 
 COLOR, DEPTH, ERROR = (CHANNELS[name] for name in ("color", "depth", "error"))
 
@@ -21,6 +21,15 @@ def test_channels_are_side_by_side_with_a_bar_at_each_value():
     assert torch.equal(found[:, 120:], bar)
     plain = PictureStyle((COLOR, DEPTH), labels=False, bars=False)
     assert picture(plain, images, {"depth": (0.0, 1.0)}).shape == (120, 120, 3)
+
+
+def test_a_line_parts_a_bar_from_the_next_image():
+    style = PictureStyle((DEPTH, COLOR), labels=False)
+    images = [torch.rand(120, 60), torch.rand(120, 60, 3)]
+    found = picture(style, images, {"depth": (0.0, 1.0)})
+    end = 60 + color_bar(120, 0.0, 1.0, DEPTH.unit).shape[1]
+    assert bool((found[:, end : end + LINE] == LINE_GREY).all())
+    assert torch.equal(found[:, end + LINE :], images[1])
 
 
 def test_names_are_drawn_on_several_channels_of_some_height():

@@ -136,7 +136,7 @@ def test_tracks_of_what_does_not_move_are_refused(moving_run, capsys):
     assert main(["render", str(moving_run), "tracks=true", "what=orbit"]) == 2
     assert capsys.readouterr().err == (
         "error: tracks=true what=orbit: nothing moves there.\n"
-        "Render what=time or what=orbit-time.\n"
+        "Render what=time or what=orbit-time, or leave tracks out.\n"
     )
     assert main(["render", str(moving_run), "tracks=true", "tracks_frames=0"]) == 2
     assert "tracks_count=150 tracks_frames=0: expected numbers of at least 1." in (

@@ -19,6 +19,13 @@ from gsfw.plugins.specs import Spec, hookimpl
 from support.fast_rasterizer import fast_rasterizer
 from support.scenes import front_camera
 
+SMALL_MOVING_SCENE = (
+    "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",
+    "datamanager.height=24", "datamanager.points=150", "datamanager.moving=true",
+    "datamanager.times=3", "steps=5",
+)  # fmt: skip
+"""Settings of a run on the built-in scene that moves."""
+
 WHITE = RenderSettings(background=torch.ones(3))
 RATES = StaticGaussiansOptim().learning_rates(1.0)
 

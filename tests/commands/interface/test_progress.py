@@ -44,6 +44,15 @@ def test_a_slow_stage_is_a_bar_on_a_terminal_and_vanishes(monkeypatch):
     assert "\x1b[2K" in text  # The line is erased.
 
 
+def test_a_bar_is_plain_ascii_where_the_locale_has_nothing_else(monkeypatch):
+    class AsciiTerminal(Terminal):
+        encoding = "ascii"
+
+    monkeypatch.setenv("TERM", "xterm-256color")
+    text = shown(monkeypatch, AsciiTerminal(), patience=0.0, until="reading images")
+    assert text.isascii()
+
+
 def test_a_quick_stage_is_not_shown(monkeypatch):
     assert shown(monkeypatch, io.StringIO(), patience=60.0, until="") == ""
 

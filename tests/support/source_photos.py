@@ -1,4 +1,4 @@
-"""Photos and other files that are given to ``gsfw prepare``."""
+"""Photos and other files that a source is read from, each unlike any other."""
 
 import itertools
 from pathlib import Path
@@ -9,6 +9,12 @@ from gsfw.preparation.image_set import LeftOut
 from gsfw.preparation.source import Source
 
 SERIAL = itertools.count()
+HEIC_ADVICE = (
+    "Convert them to JPEG. macOS: sips -s format jpeg *.HEIC --out FOLDER. Linux: heif-convert -q "
+    "95 IN.HEIC OUT.jpg for each (in Debian's libheif-examples). Windows: open and save them in "
+    "Photos. An iPhone takes JPEG with Settings > Camera > Formats > Most Compatible."
+)
+"""What people with an iPhone are told."""
 
 
 def photo(path: Path, size: tuple[int, int] = (8, 6), content: str = "", **settings) -> Path:
@@ -21,25 +27,21 @@ def photo(path: Path, size: tuple[int, int] = (8, 6), content: str = "", **setti
 
 
 def photos(folder: Path, *names: str) -> Path:
-    """Images of these names in a folder."""
     for name in names:
         photo(folder / name)
     return folder
 
 
 def written(path: Path, content: bytes) -> Path:
-    """A file with this content, in a folder that is made where there is none."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
     return path
 
 
 def names(source: Source) -> list[str]:
-    """Names of the images that are used."""
     return [image.name for image in source.images.images]
 
 
 def only_left_out(source: Source) -> LeftOut:
-    """The one file that is not used."""
     (item,) = source.images.left_out
     return item
