@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.segment import Segment
 from rich.text import Text
 
-from gsfw.callbacks.countdown import duration
+from gsfw.core.loop.countdown import duration
 
 LEAST_BAR, MOST_BAR = 8, 40
 """Columns of the bar; below the least there is none."""
