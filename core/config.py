@@ -197,6 +197,9 @@ class CallbackConfig(ABC):
     def build(self) -> Callback:
         """Build the callback of one run."""
 
+    def check(self) -> None:  # noqa: B027 - most have nothing to check.
+        """Raise an error if the callback cannot work on this machine; before anything is loaded."""
+
 
 @dataclass
 class CallbackConfigs:

@@ -10,8 +10,9 @@ from support.viewing import served, still_model
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from gsfw.core.errors import ConfigError, UnavailableError
+from gsfw.viewer.config import ViewerConfig
 from gsfw.viewer.guard import guarded, without_secret
-from gsfw.viewer.server import ViewerServer, _bound, check_installed
+from gsfw.viewer.server import ViewerServer, bound, check_installed
 from gsfw.viewer.view_state import Pose
 
 FRONT = Pose((0.0, 0.0, -4.0), (1.0, 0.0, 0.0, 0.0), 0.8)
@@ -114,7 +115,7 @@ def test_closed_pages_are_forgotten(small):
 
 
 def test_it_listens_on_this_machine_alone(small):
-    with _bound(0) as listening:
+    with bound(0) as listening:
         assert listening.getsockname()[0] == "127.0.0.1"
     assert small.server.address.startswith("http://127.0.0.1:")
     assert f"-L {small.server.port}:127.0.0.1:{small.server.port}" in small.server.ssh_line
@@ -122,8 +123,10 @@ def test_it_listens_on_this_machine_alone(small):
 
 def test_a_taken_port_is_a_sentence(small):
     with pytest.raises(ConfigError, match=f"port={small.server.port}") as caught:
-        ViewerServer(small.server.port)
-    assert "the first free one" in caught.value.advice
+        bound(small.server.port)
+    assert "port=N" in caught.value.advice
+    with pytest.raises(ConfigError, match=f"viewer.port={small.server.port}"):
+        ViewerConfig(enabled=True, port=small.server.port).check()
 
 
 def test_without_viser_the_remedy_is_said(monkeypatch):
@@ -151,7 +154,7 @@ def test_the_secret_is_the_whole_first_part_of_a_path():
 
 
 def test_secrets_differ():
-    first, second = ViewerServer(), ViewerServer()
+    first, second = ViewerServer(bound(0)), ViewerServer(bound(0))
     try:
         assert first.secret != second.secret
         assert len(first.secret) >= 20
