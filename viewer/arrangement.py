@@ -9,8 +9,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-BEHIND = 0.07
-"""Grey of what no image covers: as dark as the page."""
 LINE = 0.95
 """Brightness of the line of a wipe."""
 GAP = 2
@@ -30,20 +28,22 @@ def slots(width: int, height: int, count: int) -> list[tuple[int, int]]:
     return [(max(last - first, 1), height) for first, last in pairwise(edges)]
 
 
-def centred(image: Float[Tensor, "h w 3"], size: tuple[int, int]) -> Float[Tensor, "h2 w2 3"]:
-    """An image in the middle of a dark one of ``size`` (width, height), which is not smaller."""
+def centred(
+    image: Float[Tensor, "h w 3"], size: tuple[int, int], behind: float
+) -> Float[Tensor, "h2 w2 3"]:
+    """An image in the middle of a grey one of ``size`` (width, height), which is not smaller."""
     height, width = image.shape[:2]
     if (width, height) == size:
         return image
-    canvas = image.new_full((size[1], size[0], 3), BEHIND)
+    canvas = image.new_full((size[1], size[0], 3), behind)
     top, left = (size[1] - height) // 2, (size[0] - width) // 2
     canvas[top : top + height, left : left + width] = image
     return canvas
 
 
-def beside(images: Sequence[Float[Tensor, "h _ 3"]]) -> Float[Tensor, "h w 3"]:
-    """Images of one height beside one another."""
-    gap = images[0].new_full((images[0].shape[0], GAP, 3), BEHIND)
+def beside(images: Sequence[Float[Tensor, "h _ 3"]], behind: float) -> Float[Tensor, "h w 3"]:
+    """Images of one height beside one another, with grey between them."""
+    gap = images[0].new_full((images[0].shape[0], GAP, 3), behind)
     parts = [images[0]]
     for image in images[1:]:
         parts += [gap, image]

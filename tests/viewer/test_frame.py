@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
-from support.viewing import OneView, moving_model, still_model
+from support.viewing import captured_model, moving_model, still_model
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
@@ -19,11 +19,6 @@ from gsfw.viewer.view_state import Box, CapturedView, Comparison, Pose, ViewStat
 FRONT = Pose((0.0, 0.0, -4.0), (1.0, 0.0, 0.0, 0.0), 0.8)
 STATE = ViewState(pose=FRONT, width=48, height=36)
 VIEW = CapturedView(Split.TRAIN, 0)
-
-
-def captured():
-    """A model whose one photo is grey."""
-    return replace(still_model(), data=OneView((0.5, 0.5, 0.5)))
 
 
 def test_a_frame_is_the_render_of_the_camera_of_the_page():
@@ -72,7 +67,7 @@ def test_channels_of_values_say_what_their_colours_mean(channel):
 
 def test_a_captured_view_beside_its_photo_and_its_error_has_a_figure():
     state = replace(STATE, width=240, height=60, view=VIEW, comparison=Comparison.SIDE_BY_SIDE)
-    frame = FrameMaker([captured()]).make(state)
+    frame = FrameMaker([captured_model()]).make(state)
     assert frame.image.shape == (60, 240, 3)
     assert frame.image[30, 40].tolist() == [128, 128, 128]  # The photo is the left third.
     assert frame.psnr is not None
@@ -81,14 +76,14 @@ def test_a_captured_view_beside_its_photo_and_its_error_has_a_figure():
 
 def test_the_photo_alone_fills_the_page_in_its_own_shape():
     state = replace(STATE, width=96, height=36, view=VIEW, comparison=Comparison.OTHER)
-    image = FrameMaker([captured()]).make(state).image
+    image = FrameMaker([captured_model()]).make(state).image
     assert (image[:, 24:72] == 128).all()
     assert (image[:, :20] < 30).all()
 
 
 def test_a_wipe_has_the_photo_at_the_left_and_the_render_at_the_right():
     state = replace(STATE, width=48, height=36, view=VIEW, comparison=Comparison.WIPE, wipe=0.5)
-    maker = FrameMaker([captured()])
+    maker = FrameMaker([captured_model()])
     image = maker.make(state).image
     render = maker.make(replace(state, comparison=Comparison.RENDER)).image
     assert (image[:, :22] == 128).all()
@@ -96,7 +91,7 @@ def test_a_wipe_has_the_photo_at_the_left_and_the_render_at_the_right():
 
 
 def test_the_error_of_a_free_view_is_its_colours_as_there_is_no_photo():
-    maker = FrameMaker([captured()])
+    maker = FrameMaker([captured_model()])
     free, plain = (maker.make(replace(STATE, channel=name)) for name in ("error", "color"))
     assert np.array_equal(free.image, plain.image)
 
@@ -136,7 +131,7 @@ def test_smaller_gaussians_and_fewer_bands_change_nothing_in_the_model():
 def test_images_of_any_width_have_slots_that_fill_it():
     for width, count in product((7, 96, 101), (1, 2, 3)):
         parts = [torch.zeros(4, size[0], 3) for size in slots(width, 4, count)]
-        assert beside(parts).shape == (4, width, 3)
+        assert beside(parts, 0.0).shape == (4, width, 3)
 
 
 def test_an_image_fits_inside_in_its_own_shape():

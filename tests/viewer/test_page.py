@@ -8,14 +8,13 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.chromium import Page, chromium, needs_chromium
 from support.small_scene import SMALL_SCENE
-from support.viewing import OneView, fast_rasterizer, moving_model, served, still_model
+from support.viewing import captured_model, fast_rasterizer, moving_model, served, still_model
 
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.panels import path_panel
@@ -146,7 +145,7 @@ def test_the_time_slider_moves_the_scene_and_play_goes_on(browser, tmp_path):
 
 
 def test_a_click_on_a_frustum_shows_the_photo_of_its_view(browser, tmp_path):
-    model = replace(still_model(rasterizer=fast_rasterizer()), data=OneView((0.9, 0.2, 0.1)))
+    model = captured_model((0.9, 0.2, 0.1), rasterizer=fast_rasterizer())
     with shown(browser, tmp_path, model) as (session, page):
         settle(session)
         page.click_text("Cameras")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import math
 
+from gsfw.core.loop.countdown import duration
 from gsfw.viewer.live_run import LiveRun
 
 TABLE = (
@@ -29,7 +30,6 @@ def figures_html(rows: list[tuple[str, str]], note: str = "") -> str:
 def status_html(live: LiveRun) -> str:
     """The figures of a run that trains."""
     status, info = live.status, live.info
-    state = "finished" if live.finished else "paused" if live.paused else "training"
     rows = [("step", f"{live.step:,} of {info.steps:,}")]
     if math.isfinite(status.loss):
         rows += [("loss", f"{status.loss:.4f}"), ("PSNR, training views", f"{status.psnr:.2f} dB")]
@@ -38,19 +38,12 @@ def status_html(live: LiveRun) -> str:
     if status.gaussians:
         rows.append(("Gaussians", f"{status.gaussians:,}"))
         rows.append(("speed", f"{status.steps_per_second:.1f} steps/s"))
-    if status.seconds_left is not None and not live.finished:
-        # Frames take their share of the time on top of what steps take.
-        rows.append(("time left", duration(status.seconds_left / max(1 - live.share, 0.05))))
+    left = live.seconds_left
+    if left is not None:
+        rows.append(("time left", duration(left)))
     if status.memory_mb:
         rows.append(("memory", f"{status.memory_mb / 1e3:.1f} GB"))
     rows.append(("time for frames", f"{100 * live.share:.0f} %"))
     if live.checkpointed is not None:
         rows.append(("last checkpoint", f"step {live.checkpointed:,}"))
-    return figures_html(rows, f"{html.escape(info.method)}: {state}")
-
-
-def duration(seconds: float) -> str:
-    """Hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+    return figures_html(rows, f"{html.escape(info.method)}: {live.state}")

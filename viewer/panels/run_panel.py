@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import TYPE_CHECKING
 
 import numpy as np
 from viser import Icon
 
-from gsfw.viewer.export import export_path, export_splats
+from gsfw.core.loop.countdown import duration
+from gsfw.viewer.export import export_splats
 from gsfw.viewer.live_run import LiveRun
-from gsfw.viewer.panels.figures import duration, figures_html, status_html
+from gsfw.viewer.panels.figures import figures_html, status_html
 from gsfw.viewer.panels.panel import Panel
 
 if TYPE_CHECKING:
@@ -93,16 +94,17 @@ class RunPanel(Panel):
 
     def _order_export(self) -> None:
         """Order an export; the thread that owns the model writes it."""
-        page = self._page
-        live = self._live
-        if live is not None and not (live.paused or live.finished):
-            page.tell("Pause the run first: an export takes training time.", "yellow")
+        page, live = self._page, self._live
+        if live is not None and live.finished:
+            page.tell("The run is over: open it with gsfw view to export it.", "yellow")
             return
-        path = export_path(page.session.folder, None if live is None else live.step)
         state = page.viewport.state
 
-        def work() -> Iterator[None]:
+        def work() -> Generator[None, None, None]:
+            # Only now the run stands still: its step is that of what is written.
+            name = "view" if live is None else f"step_{live.step:06d}"
             try:
+                path = page.session.free_path("exports", name, ".ply").with_suffix(".ply")
                 count = export_splats(page.session.model, state, path)
             except Exception as error:  # The disk is full, for instance: the run goes on.
                 page.tell(f"Nothing was exported: {error}", "red")
@@ -122,7 +124,7 @@ class RunPanel(Panel):
         self._bar.value = 100.0 * live.step / max(live.info.steps, 1)  # type: ignore[misc]
         self._pause.label = "Resume" if live.paused else "Pause"
         self._pause.icon = Icon.PLAYER_PLAY if live.paused else Icon.PLAYER_PAUSE
-        for button in (self._pause, self._save, self._stop):
+        for button in (self._pause, self._save, self._stop, self._export):
             button.disabled = live.finished
         if status.step != self._points and len(live.loss.steps) > 1:
             self._points = status.step

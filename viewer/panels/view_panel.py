@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from viser import Icon
 
+from gsfw.core.errors import UserError
 from gsfw.rendering.channels import CHANNELS, available_channels
 from gsfw.rendering.color_maps import color_bar
 from gsfw.viewer.frame import Frame, ValueScale
@@ -68,11 +70,16 @@ class ViewPanel(Panel):
     def _add_time(self) -> None:
         with self._gui.add_folder("Time"):
             self._time = self._gui.add_slider("Time", 0.0, 1.0, 0.001, 0.0)
+            self._moment = 0.0
             self._play = self._gui.add_button("Play", icon=Icon.PLAYER_PLAY)
             self._loop = self._gui.add_checkbox("Loop", True)
             self._speed = self._gui.add_slider(
                 "Speed", 0.05, 4.0, 0.05, 1.0, hint="1: from the first time to the last in 4 s"
             )
+            self._tracks = self._gui.add_checkbox(
+                "Show tracks", False, hint="paths of some Gaussians over the last sixth of the time"
+            )
+        self._tracks.on_update(lambda _: self._show_tracks())
         self._time.on_update(self._time_moved)
         self._play.on_click(lambda _: self._toggle())
         self._loop.on_update(lambda _: self._follow())
@@ -81,7 +88,26 @@ class ViewPanel(Panel):
     def _time_moved(self, event: object) -> None:
         # The page's own moves of the slider, while it plays, come back here without a client.
         if getattr(event, "client", None) is not None:
-            self._viewport.change(lambda state: replace(state, time=float(self._time.value)))
+            self._moment = float(self._time.value)
+            self._viewport.change(lambda state: replace(state, time=self._moment))
+
+    def _show_tracks(self) -> None:
+        """Draw tracks; they are followed anew, since a model that trains has moved on."""
+        wanted, page = bool(self._tracks.value), self._page
+        self._viewport.change(lambda state: replace(state, tracks=wanted))
+        if not wanted:
+            return
+        state = self._viewport.state
+
+        def follow() -> Generator[None, None, None]:
+            try:
+                page.session.service.maker.make_trails(state)
+            except UserError as error:
+                page.tell(f"There are no tracks: {error.message} {error.advice}".strip())
+            page.session.service.refresh()
+            yield
+
+        page.session.service.order(follow())
 
     def _toggle(self) -> None:
         self._viewport.play(not self._viewport.playback.playing)
@@ -159,7 +185,9 @@ class ViewPanel(Panel):
             height = self._gui.add_dropdown(
                 "Largest height", HEIGHTS, initial_value="1080", hint="of frames at rest, in pixels"
             )
+            light = self._gui.add_checkbox("Light page", False)
             shot = self._gui.add_button("Screenshot", icon=Icon.CAMERA)
+        light.on_update(lambda _: self._page.set_theme(dark=not light.value))
         height.on_update(
             lambda _: self._viewport.change(
                 lambda state: replace(state, full_height=int(height.value))
@@ -203,7 +231,14 @@ class ViewPanel(Panel):
                 f'<div style="font-size:12px;opacity:.7;padding:2px 12px">{width} &times; {height}'
                 f" &middot; {1e3 * frame.seconds:.0f} ms &middot; {moving}</div>"
             )
-        if self._page.session.model.is_dynamic and self._viewport.playback.playing:
-            self._time.value = round(self._viewport.state.time, 3)  # type: ignore[misc]
-        elif self._page.session.model.is_dynamic:
+        if self._page.session.model.is_dynamic:
+            self._follow_time()
+
+    def _follow_time(self) -> None:
+        """Move the slider where the time has moved: it plays, or a view of the capture has one."""
+        moment = self._viewport.state.time
+        if moment != self._moment:
+            self._moment = moment
+            self._time.value = round(moment, 3)  # type: ignore[misc]
+        if not self._viewport.playback.playing:
             self._follow()
