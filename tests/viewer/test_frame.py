@@ -6,15 +6,19 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
-from support.viewing import captured_model, moving_model, still_model
+from support.viewing import FixedSplats, OneView, captured_model, moving_model, still_model
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.evaluation import render_model
+from gsfw.core.maths.frame import transform_splats
+from gsfw.core.maths.rotations import rotation_matrices
+from gsfw.core.maths.similarity import Similarity
 from gsfw.viewer.arrangement import beside, fitted, slots, wiped
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.shown_model import edited, inside
 from gsfw.viewer.view_state import Box, CapturedView, Comparison, Pose, ViewState
+from gsfw.viewer.viewed_model import same_world
 
 FRONT = Pose((0.0, 0.0, -4.0), (1.0, 0.0, 0.0, 0.0), 0.8)
 STATE = ViewState(pose=FRONT, width=48, height=36)
@@ -103,6 +107,49 @@ def test_two_runs_stand_beside_one_another():
     for model, part in ((first, both[:, :48]), (second, both[:, -48:])):
         alone = FrameMaker([model]).make(STATE).image
         assert np.array_equal(part, alone)
+
+
+def two_runs_of_one_world():
+    """The same splats in two frames: the second one is turned, shifted, and twice as large."""
+    first = captured_model()
+    turn = rotation_matrices(torch.tensor([[0.9, 0.1, 0.3, 0.2]], dtype=torch.float64))[0]
+    placed = Similarity(0.5, turn, torch.tensor([0.3, -0.2, 0.1], dtype=torch.float64))
+    splats = transform_splats(first.model.splats(), placed.inverse()).map(torch.Tensor.float)
+    data = OneView((0.5, 0.5, 0.5), placed)
+    second = replace(first, name="second", model=FixedSplats(splats), scene=data.scene, data=data)
+    return first, second
+
+
+def test_two_runs_of_other_frames_are_cropped_by_one_box():
+    crop = Box((-0.4, -2.0, -2.0), (2.0, 2.0, 0.3))
+    state = replace(STATE, width=98, comparison=Comparison.SIDE_BY_SIDE, crop=crop)
+    image = FrameMaker(two_runs_of_one_world()).make(state).image.astype(int)
+    whole = FrameMaker(two_runs_of_one_world()).make(replace(state, crop=None)).image
+    assert np.abs(image[:, :48] - image[:, -48:]).max() <= 2
+    assert np.abs(image - whole).max() > 20  # The box does cut something off.
+
+
+@pytest.mark.parametrize("channel", ["depth", "count"])
+def test_two_runs_share_one_scale_of_values(channel):
+    state = replace(STATE, width=98, comparison=Comparison.SIDE_BY_SIDE, channel=channel)
+    image = FrameMaker(two_runs_of_one_world()).make(state).image.astype(int)
+    assert (np.abs(image[:, :48] - image[:, -48:]).max(2) > 4).mean() < 0.01
+
+
+def test_runs_show_one_world_if_a_view_of_both_was_taken_at_one_place():
+    first, _ = two_runs_of_one_world()
+    elsewhere = replace(first, data=OneView((0.0, 0.0, 0.0), name="other.png"))
+    shift = Similarity(translation=torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64))
+    shifted = OneView((0.0, 0.0, 0.0), shift)
+    assert same_world(first, first)
+    assert not same_world(first, elsewhere)
+    assert not same_world(first, replace(first, data=shifted, scene=shifted.scene))
+    assert not same_world(first, still_model())
+
+
+def test_a_light_page_has_light_margins():
+    state = replace(STATE, width=96, view=VIEW, comparison=Comparison.OTHER, behind=0.9)
+    assert (FrameMaker([captured_model()]).make(state).image[:, :20] > 220).all()
 
 
 def test_a_motion_channel_of_what_stands_still_is_refused_in_words():
