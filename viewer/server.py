@@ -26,6 +26,9 @@ HOST = "127.0.0.1"
 """Nobody but this machine reaches it; from elsewhere, ssh forwards the port."""
 FIRST_PORT, TRIED_PORTS = 8080, 50
 """Without a given port, the first free one of these."""
+UNDERWAY = 1 << 17
+"""Bytes that may be on their way to a page, a few frames: the usual megabytes would be seconds of a
+slow connection, in which the page lags behind."""
 
 logger = logging.getLogger(__name__)
 
@@ -113,6 +116,7 @@ def bound(port: int, key: str = "port") -> socket.socket:
         try:
             if os.name == "posix":  # Elsewhere it would take the port from who has it.
                 listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNDERWAY)
             listening.bind((HOST, candidate))
             # Two sockets may be bound, but only one may listen.
             listening.listen(16)

@@ -164,7 +164,7 @@ def test_a_page_that_reads_nothing_gets_no_further_frame(small):
     rendered, make = [], small.session.service.maker.make
     small.session.service.maker.make = lambda *given: rendered.append(1) or make(*given)
     try:
-        with mute_page(small.server, (1920, 1080)) as look:
+        with mute_page(small.server, (640, 360)) as look:
             before, stuck, end = -1, False, time.monotonic() + 60
             while not stuck and time.monotonic() < end:
                 for turn in range(20):
@@ -172,6 +172,7 @@ def test_a_page_that_reads_nothing_gets_no_further_frame(small):
                     time.sleep(0.05)
                 before, stuck = len(rendered), len(rendered) == before
             assert stuck
+            assert small.session.service.pages  # It is still open: nobody has cut it off.
     finally:
         small.session.service.maker.make = make
     assert gets_a_frame(small).any()
