@@ -28,6 +28,21 @@ def slots(width: int, height: int, count: int) -> list[tuple[int, int]]:
     return [(max(last - first, 1), height) for first, last in pairwise(edges)]
 
 
+def best_columns(count: int, size: tuple[int, int], aspect: int | float) -> int:
+    """Number of columns in which ``count`` images of one shape are largest within ``size``."""
+
+    def width(columns: int) -> float:
+        rows = -(-count // columns)
+        return min(size[0] / columns, size[1] / rows * aspect)
+
+    return max(range(count, 0, -1), key=width)
+
+
+def below(images: Sequence[Float[Tensor, "_ w 3"]], behind: float) -> Float[Tensor, "h w 3"]:
+    """Images of one width below one another, with grey between them."""
+    return beside([image.transpose(0, 1) for image in images], behind).transpose(0, 1)
+
+
 def centred(
     image: Float[Tensor, "h w 3"], size: tuple[int, int], behind: float
 ) -> Float[Tensor, "h2 w2 3"]:

@@ -19,7 +19,7 @@ from gsfw.rendering.channels import CHANNELS, Channel, render_channels
 from gsfw.rendering.color_maps import colored, value_range
 from gsfw.rendering.pictures import PictureStyle
 from gsfw.rendering.trails import Trails, make_trails
-from gsfw.viewer.arrangement import beside, centred, fitted, slots, wiped
+from gsfw.viewer.arrangement import below, beside, best_columns, centred, fitted, slots, wiped
 from gsfw.viewer.shown_model import shown
 from gsfw.viewer.view_state import CapturedView, Comparison, ViewState
 from gsfw.viewer.viewed_model import ViewedModel, between
@@ -170,11 +170,24 @@ class _Shot:
         if self._state.comparison is Comparison.WIPE and len(makers) > 1:
             first, second = (centred(make(size), size, behind) for make in makers[:2])
             return wiped(first, second, self._state.wipe)
-        places = slots(*size, len(makers))
-        return beside(
-            [centred(make(slot), slot, behind) for make, slot in zip(makers, places, strict=True)],
-            behind,
-        )
+        columns = self._columns(len(makers), size)
+        rows = [makers[first : first + columns] for first in range(0, len(makers), columns)]
+        heights = [height for height, _ in slots(size[1], 1, len(rows))]
+        images = []
+        for row, height in zip(rows, heights, strict=True):
+            places = slots(size[0], height, columns)[: len(row)]
+            parts = [
+                centred(make(slot), slot, behind) for make, slot in zip(row, places, strict=True)
+            ]
+            images.append(centred(beside(parts, behind), (size[0], height), behind))
+        return below(images, behind)
+
+    def _columns(self, count: int, size: Size) -> int:
+        """Images of one view have its shape; those of a free page take the shape of their place."""
+        if self._state.view is None:
+            return count
+        camera = self._models[0].camera(self._state.view)
+        return best_columns(count, size, camera.width / camera.height)
 
     def _makers(self) -> list[MakeImage]:
         """What makes the images of the comparison, from left to right."""

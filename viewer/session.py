@@ -6,7 +6,7 @@ import itertools
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from gsfw.viewer.first_view import FirstView, first_view
@@ -48,7 +48,13 @@ class Session:
     @property
     def title(self) -> str:
         """Title of the page."""
-        return " | ".join(model.name for model in self.models)
+        return " | ".join(self.names)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the models: those of their files or folders, where that tells them apart."""
+        short = [PurePath(model.name).name or model.name for model in self.models]
+        return short if len(set(short)) == len(short) else [model.name for model in self.models]
 
     def free_path(self, folder: str, name: str, *suffixes: str) -> Path:
         """A path of a new file, without its suffix: no file of these suffixes has it.

@@ -64,9 +64,14 @@ class OneView(DataManager):
     """A data set of one photo, of one colour."""
 
     def __init__(
-        self, color: tuple[float, float, float], placed: Similarity | None = None, name="one.png"
+        self,
+        color: tuple[float, float, float],
+        placed: Similarity | None = None,
+        name: str = "one.png",
+        time: float | None = None,
     ) -> None:
-        self._camera = front_camera(32, 24)
+        moment = None if time is None else torch.tensor([time])
+        self._camera = replace(front_camera(32, 24), time=moment)
         self._color, self._name = torch.tensor(color), name
         self._placed = placed or Similarity()
 

@@ -1,6 +1,7 @@
 """Opening: runs, model files, and splats of other tools."""
 
 import json
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -149,18 +150,22 @@ def test_a_film_is_rendered_part_by_part(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_verb_serves_a_page_until_it_is_interrupted(finished_run):
-    import signal
-
+def test_the_verb_serves_a_page_until_it_is_interrupted(finished_run, tmp_path):
     command = [sys.executable, "-u", "-m", "gsfw", "view", str(finished_run), "json=true"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with (
+        (tmp_path / "told").open("w+") as told,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=told, text=True) as process,
+    ):
         assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        while lines[-1].strip() != b"}":
-            lines.append(process.stdout.readline())
-        document = json.loads(b"".join(lines))
+        lines = []
+        for line in process.stdout:  # It ends with the process, if that fails.
+            lines.append(line)
+            if line.strip() == "}":
+                break
+        document = json.loads("".join(lines))
         with open_page(document["address"]) as page:
             page.look(FRONT)
             page.wait_for_frame()
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
+        assert "closed" in (tmp_path / "told").read_text()

@@ -272,16 +272,26 @@ def test_a_paused_run_without_a_page_goes_on_after_a_while(viewer, monkeypatch):
     steps.join(20)
 
 
-def test_a_page_that_reads_nothing_does_not_stall_the_run(viewer):
+def test_a_page_that_takes_nothing_does_not_stall_the_run_and_gets_one_frame(viewer, monkeypatch):
+    taken, rendered = threading.Event(), []
+    monkeypatch.setattr(
+        "gsfw.viewer.page.wait_until_taken", lambda client, given_up: taken.wait(60)
+    )
+    make = viewer._session.service.maker.make
+    viewer._session.service.maker.make = lambda *given: rendered.append(1) or make(*given)
     steps = Steps(viewer)
-    with open_page(viewer._server.address, (640, 480)) as page:
+    steps.start()
+    with open_page(viewer._server.address) as page:
         page.look(FRONT)
-        steps.start()
-        before = steps.step
-        soon(lambda: steps.step > before + 200)
+        soon(lambda: rendered)
+        held = steps.step
+        page.look(replace(FRONT, position=(0.5, 0.0, -4.0)))
+        soon(lambda: steps.step > held + 100)
+        assert len(rendered) == 1
+        taken.set()
+        soon(lambda: len(rendered) > 1)
     viewer.control.request_stop("the test is over")
     steps.join(20)
-    assert viewer._live.share < 0.5
 
 
 def test_figures_of_steps_reach_the_page(viewer):

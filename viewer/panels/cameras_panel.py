@@ -40,7 +40,7 @@ class CamerasPanel(Panel):
         steps = gui.add_button_group("Go to", ("Previous", "Next", "Nearest"))
         self._figures = gui.add_html("")
         self._comparison = gui.add_dropdown(
-            "Show",
+            "Compare",
             [item.value for item in Comparison] if model.has_photos else [Comparison.RENDER.value],
             initial_value=(
                 Comparison.SIDE_BY_SIDE if model.has_photos else Comparison.RENDER
@@ -49,7 +49,7 @@ class CamerasPanel(Panel):
         )
         self._wipe = gui.add_slider("Line", 0.0, 1.0, 0.01, 0.5, visible=False)
         self._shown = gui.add_checkbox("Show cameras", False, hint="click one to look through it")
-        size = gui.add_slider("Camera size", 0.2, 4.0, 0.1, 1.0)
+        size = self._size = gui.add_slider("Camera size", 0.2, 4.0, 0.1, 1.0, visible=False)
         self._choice.on_update(lambda _: self._choose())
         steps.on_click(lambda _: self._go(steps.value))
         self._comparison.on_update(lambda _: self._compare())
@@ -93,6 +93,7 @@ class CamerasPanel(Panel):
 
     def moved(self, pose: Pose) -> None:
         """Leave the view once the page's camera is moved away from it."""
+        self._frusta.seen_from(pose.position)
         if self._viewport.state.view is None:
             return
         size = self._page.session.first.size
@@ -111,9 +112,11 @@ class CamerasPanel(Panel):
         camera = self._page.session.model.camera(view)
         rows = [
             ("PSNR", f"{frame.psnr:.2f} dB"),
-            ("measured at", f"{frame.psnr_size[0]} &times; {frame.psnr_size[1]}"),
-            ("photo", f"{camera.width} &times; {camera.height}"),
+            ("photo", f"{camera.width} &times; {camera.height} pixels"),
         ]
+        if frame.psnr_size != (camera.width, camera.height):
+            size = f"{frame.psnr_size[0]} &times; {frame.psnr_size[1]}"
+            rows.append(("compared at", f"{size}, as this page is smaller"))
         self._figures.content = figures_html(rows)
 
     def _choose(self) -> None:
@@ -152,6 +155,7 @@ class CamerasPanel(Panel):
         state = self._viewport.state
         single = state.view is None and state.comparison is not Comparison.SIDE_BY_SIDE
         self._frusta.show(bool(self._shown.value) and single)
+        self._size.visible = bool(self._shown.value)
 
 
 def _distance(pose: Pose, other: Pose, size: float) -> float:

@@ -25,7 +25,7 @@ class ComparePanel(Panel):
     def __init__(self, page: Page) -> None:
         """Build the panel inside the current container of the page."""
         gui, viewport = page.client.gui, page.viewport
-        first, second = (model.name for model in page.session.models)
+        first, second = page.session.names
         choices = {
             "side by side": Comparison.SIDE_BY_SIDE,
             "line between": Comparison.WIPE,

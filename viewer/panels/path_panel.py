@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 COLOR = (110, 200, 130)
 """Colour of the path and of its key frames."""
-SIZE = 0.04
-"""Length of a key frame's frustum, relative to the size of the scene."""
+SIZE = 0.02
+"""Size of a key frame's frustum, relative to that of the scene."""
 LINE = 2.0
 """Thickness of lines, in pixels."""
 NO_KEY = "none"
@@ -64,7 +64,7 @@ class PathPanel(Panel):
         gui = self._page.client.gui
         add = gui.add_button("Add key frame", icon=Icon.PLUS, hint="of the page's own camera")
         self._chosen = gui.add_dropdown("Key frame", (NO_KEY,))
-        edit = gui.add_button_group("It", ("Go to", "Replace", "Remove"))
+        edit = gui.add_button_group("This one", ("Go to", "Replace", "Remove"))
         add.on_click(lambda _: self._set(with_key_frame(self._keys, self._here())))
         edit.on_click(lambda _: self._edit(edit.value))
         self._chosen.on_update(lambda _: self._edit("Go to"))
@@ -81,9 +81,9 @@ class PathPanel(Panel):
             self._progress = gui.add_progress_bar(0.0, visible=False)
         with gui.add_folder("File"):
             self._name = gui.add_text("Name", NAME, hint="where it is taken, a number follows it")
-            save = gui.add_button("Save JSON", icon=Icon.DEVICE_FLOPPY, color="gray")
+            save = gui.add_button("Save path", icon=Icon.DEVICE_FLOPPY, color="gray")
             load = gui.add_upload_button(
-                "Open JSON", icon=Icon.UPLOAD, color="gray", mime_type="application/json"
+                "Open path", icon=Icon.UPLOAD, color="gray", mime_type="application/json"
             )
             self._command = gui.add_markdown("")
         self._closed.on_update(lambda _: self._draw())

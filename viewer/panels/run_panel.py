@@ -41,7 +41,9 @@ class RunPanel(Panel):
         else:
             self._figures.content = figures_html(_finished(page))
         self._export = self._gui.add_button(
-            "Export PLY", icon=Icon.FILE_EXPORT, hint="the Gaussians at this time, for other tools"
+            "Export as PLY",
+            icon=Icon.FILE_EXPORT,
+            hint="the Gaussians at this time, for other tools",
         )
         self._export.on_click(lambda _: self._order_export())
         self.update()
@@ -54,10 +56,10 @@ class RunPanel(Panel):
         self._pause.on_click(lambda _: live.pause(not live.paused))
         self._save.on_click(lambda _: live.checkpoint())
         self._stop.on_click(lambda _: self._confirm_stop(live))
-        self._loss = self._chart("Loss", [("loss", COLORS["loss"])])
         self._psnr = self._chart("PSNR of training views, dB", [("PSNR", COLORS["psnr"])])
         self._held_out = self._chart("PSNR of held-out views, dB", [("PSNR", COLORS["held out"])])
         self._held_out.visible = False
+        self._loss = self._chart("Loss", [("loss", COLORS["loss"])])
 
     def _chart(self, title: str, series: list[tuple[str, str]]) -> viser.GuiUplotHandle:
         """An empty chart."""
@@ -139,16 +141,23 @@ class RunPanel(Panel):
 def _finished(page: Page) -> list[tuple[str, str]]:
     """Rows of figures of a finished run or a file, by what its folder has."""
     model = page.session.model
-    rows = [(item.name, f"{item.model.num_rows:,} Gaussians") for item in page.session.models]
+    models = page.session.models
+    names = (
+        ["Gaussians"]
+        if len(models) == 1
+        else [f"Gaussians of {name}" for name in page.session.names]
+    )
+    rows = [(name, f"{item.model.num_rows:,}") for name, item in zip(names, models, strict=True)]
     path = page.session.folder / "metrics.json"
-    if model.data is not None and model.data.has_images and path.is_file():
+    if model.data.has_images and path.is_file():
         try:
             summary = json.loads(path.read_text())
         except (OSError, ValueError):
             return rows
         for name, text in (("psnr", "{:.2f} dB"), ("ssim", "{:.4f}"), ("steps", "{:,}")):
             if isinstance(summary.get(name), (int, float)):
-                rows.append((name.upper() if name != "steps" else name, text.format(summary[name])))
+                label = name if name == "steps" else f"{name.upper()}, held-out views"
+                rows.append((label, text.format(summary[name])))
         if isinstance(summary.get("train_seconds"), (int, float)):
-            rows.append(("trained", duration(summary["train_seconds"])))
+            rows.append(("training took", duration(summary["train_seconds"])))
     return [(html.escape(name), html.escape(text)) for name, text in rows]

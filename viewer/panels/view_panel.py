@@ -53,11 +53,13 @@ class ViewPanel(Panel):
             if channel.name != PHOTO  # The panel of cameras shows it.
         ]
         descriptions = "; ".join(f"{channel.name}: {channel.description}" for channel in channels)
-        names = [channel.name for channel in channels]
-        chosen = self._gui.add_dropdown("Channel", names, initial_value="color", hint=descriptions)
+        names = {channel.name.replace("_", " "): channel.name for channel in channels}
+        chosen = self._gui.add_dropdown(
+            "Show", list(names), initial_value="color", hint=descriptions
+        )
 
         def choose(_: object) -> None:
-            name = chosen.value
+            name = names[chosen.value]
             self._viewport.change(lambda state: replace(state, channel=name))
             if CHANNELS[name].needs_image and self._viewport.state.view is None:
                 self._page.tell(
@@ -126,15 +128,15 @@ class ViewPanel(Panel):
             )
             most = self._page.session.first.sh_degree
             degree = self._gui.add_slider(
-                "SH degree",
+                "Colour bands",
                 0,
                 max(most, 1),
                 1,
                 most,
-                hint="bands of view-dependent colour above are left out",
+                hint="degree of spherical harmonics; 0: one colour from all sides, without gloss",
                 visible=most > 0,
             )
-            behind = self._gui.add_dropdown("Background", ["of the run", "black", "white", "other"])
+            behind = self._gui.add_dropdown("Background", ["as trained", "black", "white", "other"])
             color = self._gui.add_rgb("Color", (30, 60, 90), visible=False)
         size.on_update(
             lambda _: self._viewport.change(
@@ -228,8 +230,8 @@ class ViewPanel(Panel):
             speed = self._viewport.frames_per_second()
             moving = "at rest" if self._viewport.resting else f"{speed:.0f} frames/s"
             self._figures.content = (
-                f'<div style="font-size:12px;opacity:.7;padding:2px 12px">{width} &times; {height}'
-                f" &middot; {1e3 * frame.seconds:.0f} ms &middot; {moving}</div>"
+                f'<div style="font-size:12px;opacity:.7;padding:2px 9px">{width} &times; {height}'
+                f" pixels in {1e3 * frame.seconds:.0f} ms &middot; {moving}</div>"
             )
         if self._page.session.model.is_dynamic:
             self._follow_time()
