@@ -134,8 +134,8 @@ def test_orbiting_changes_the_image(browser, tmp_path):
         before = seen(page, "orbit-before")
         pose = viewport(session).state.pose
         page.drag((400, 400), (520, 430))
+        until(lambda: viewport(session).state.pose != pose)
         settle(session)
-        assert viewport(session).state.pose != pose
         until(lambda: differ(before, seen(page, "orbit-after")))
 
 
@@ -151,8 +151,8 @@ def test_the_time_slider_moves_the_scene_and_play_goes_on(browser, tmp_path):
             })()"""
         )
         page.click((x, y))
+        until(lambda: viewport(session).state.time == pytest.approx(0.9, abs=0.05))
         settle(session)
-        assert viewport(session).state.time == pytest.approx(0.9, abs=0.05)
         until(lambda: differ(before, seen(page, "time-1")))
         page.click_text("Play")
         page.wait_for("[...document.querySelectorAll('button')].some(b => b.innerText === 'Pause')")
@@ -167,8 +167,11 @@ def test_a_click_on_a_frustum_shows_the_photo_of_its_view(browser, tmp_path):
         page.click_text("Cameras")
         page.wait_for("document.body.innerText.includes('Show cameras')")
         page.click_text("Show cameras")
+        home = viewport(session).state.pose
         page.wheel(500, 400, 600)  # Back, so that the camera is in front.
+        until(lambda: viewport(session).state.pose != home)
         settle(session)
+        seen(page, "cameras")  # The browser has drawn them.
         page.click(frustum_place(session))
         port = viewport(session)
         until(lambda: port.state.view is not None)
@@ -176,9 +179,9 @@ def test_a_click_on_a_frustum_shows_the_photo_of_its_view(browser, tmp_path):
         settle(session)
         red, end = np.array([230.0, 51.0, 26.0]), time.monotonic() + 20
         image = np.zeros((720, 1280, 3))
-        while np.abs(image[360, 160] - red).max() >= 8 and time.monotonic() < end:
+        while np.abs(image[180, 240] - red).max() >= 8 and time.monotonic() < end:
             image = page.screenshot(Path(SHOTS) / "frustum.png" if SHOTS else None).astype(float)
-        assert np.abs(image[360, 160] - red).max() < 8
+        assert np.abs(image[180, 240] - red).max() < 8
         assert "PSNR" in page.text()
         page.drag((400, 400), (500, 420))
         until(lambda: port.state.view is None)  # Whoever moves looks from elsewhere.
@@ -213,7 +216,9 @@ def test_key_frames_become_a_file_and_a_film(browser, tmp_path, monkeypatch):
         page.click_text("Path")
         page.wait_for("document.body.innerText.includes('Add key frame')")
         page.click_text("Add key frame")
+        start = viewport(session).state.pose
         page.drag((400, 400), (520, 430))
+        until(lambda: viewport(session).state.pose != start)
         settle(session)
         page.click_text("Add key frame")
         page.wait_for("document.body.innerText.includes('Save path')")
@@ -247,7 +252,9 @@ def test_two_pages_have_their_own_cameras_and_one_that_dies_harms_no_other(brows
         other.wait_for("document.body.innerText.includes('Background')")
         settle(session)
         page.to_front()
+        home = viewport(session, 0).state.pose
         page.drag((400, 400), (520, 430))
+        until(lambda: viewport(session, 0).state.pose != home)
         settle(session, 0)
         settle(session, 1)
         assert viewport(session, 0).state.pose != viewport(session, 1).state.pose
@@ -372,7 +379,10 @@ def test_the_slider_follows_the_time_of_a_captured_view(browser, tmp_path):
 def test_a_light_page_is_light(browser, tmp_path):
     with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
         settle(session)
-        page.click_text("Picture")
-        page.click_text("Light page")
+        page.click_text("Picture", selector="*")
+        # Not by its place: the folder still opens.
+        label = "[...document.querySelectorAll('label')].find(l => l.innerText === 'Light page')"
+        page.wait_for(f"!!{label}")
+        page.evaluate(f"{label}.click()")
         until(lambda: page.screenshot()[600, 1200].min() > 200)
         page.screenshot(Path(SHOTS) / "light.png" if SHOTS else None)

@@ -64,7 +64,7 @@ class PathPanel(Panel):
         gui = self._page.client.gui
         add = gui.add_button("Add key frame", icon=Icon.PLUS, hint="of the page's own camera")
         self._chosen = gui.add_dropdown("Key frame", (NO_KEY,))
-        edit = gui.add_button_group("This one", ("Go to", "Replace", "Remove"))
+        edit = self._edits = gui.add_button_group("This one", ("Go to", "Replace", "Remove"))
         add.on_click(lambda _: self._set(with_key_frame(self._keys, self._here())))
         edit.on_click(lambda _: self._edit(edit.value))
         self._chosen.on_update(lambda _: self._edit("Go to"))
@@ -76,12 +76,16 @@ class PathPanel(Panel):
             self._fps = gui.add_slider("Frames/s", 10, 60, 5, round(FPS))
             self._closed = gui.add_checkbox("Closed loop", False)
             self._height = gui.add_dropdown("Height", HEIGHTS, initial_value="720")
-            preview = gui.add_button("Preview", icon=Icon.PLAYER_PLAY, color="gray")
-            render = gui.add_button("Render film", icon=Icon.MOVIE)
+            preview = self._preview_button = gui.add_button(
+                "Preview", icon=Icon.PLAYER_PLAY, color="gray"
+            )
+            render = self._render_button = gui.add_button("Render film", icon=Icon.MOVIE)
             self._progress = gui.add_progress_bar(0.0, visible=False)
         with gui.add_folder("File"):
             self._name = gui.add_text("Name", NAME, hint="where it is taken, a number follows it")
-            save = gui.add_button("Save path", icon=Icon.DEVICE_FLOPPY, color="gray")
+            save = self._save_button = gui.add_button(
+                "Save path", icon=Icon.DEVICE_FLOPPY, color="gray"
+            )
             load = gui.add_upload_button(
                 "Open path", icon=Icon.UPLOAD, color="gray", mime_type="application/json"
             )
@@ -92,6 +96,14 @@ class PathPanel(Panel):
         render.on_click(lambda _: self._render())
         save.on_click(lambda _: self._save())
         load.on_upload(lambda _: self._load(load.value.content))
+        self._enable()
+
+    def _enable(self) -> None:
+        """Offer what the number of key frames allows."""
+        some = bool(self._keys)
+        self._chosen.visible = self._edits.visible = some
+        self._render_button.disabled = self._save_button.disabled = not some
+        self._preview_button.disabled = len(self._keys) < 2
 
     @property
     def _path(self) -> CameraPath:
@@ -119,6 +131,7 @@ class PathPanel(Panel):
         self._chosen.options = tuple(names)
         self._chosen.value = names[chosen]  # type: ignore[misc]
         self._quiet = False
+        self._enable()
         self._draw()
 
     def _edit(self, what: str) -> None:
