@@ -9,7 +9,7 @@ from gsfw.core.loop.countdown import duration
 from gsfw.viewer.live_run import LiveRun
 
 TABLE = (
-    '<div style="padding:4px 8px;font-size:13px;line-height:1.6">{note}'
+    '<div style="padding:4px 10px 4px 8px;font-size:13px;line-height:1.6">{note}'
     '<table style="width:100%;border-collapse:collapse">{rows}</table></div>'
 )
 ROW = (
