@@ -1,7 +1,7 @@
 """How fast the page of the viewer is, and what it costs a run that trains.
 
     OMP_NUM_THREADS=2 python benchmarks/viewer.py [--gaussians 50000 200000 1000000] [--rounds 3]
-                                                  [--data PATH] [--steps 300] [--seconds 10]
+        [--steps 300] [--seconds 10] [--settings data=PATH ...]
 
 on a machine that does nothing else. Prints two Markdown tables. The pages are no browsers: they
 speak the protocol of viser over a websocket, report poses as a hand does that drags, and count the
@@ -158,10 +158,10 @@ def view(file: Path, seconds: float) -> Shown:
     return Shown(address_seconds, first, len(widths) / seconds, width, rest)
 
 
-def step_ms(mode: str, folder: Path, data: list[str], steps: int) -> tuple[float, float]:
+def step_ms(mode: str, folder: Path, settings: list[str], steps: int) -> tuple[float, float]:
     """Wall time of a step, and the frames per second that the page got."""
     rate = [0.0]
-    arguments = ["train", "method=3dgs", *data, f"steps={WARM_UP + steps}", f"out={folder}"]
+    arguments = ["train", "method=3dgs", *settings, f"steps={WARM_UP + steps}", f"out={folder}"]
     arguments += ["device=cpu", "rescale=false", f"checkpoint_every={WARM_UP}", "eval_every=0"]
     if mode == "none":
         command = [sys.executable, "-m", "gsfw", *arguments]
@@ -213,13 +213,14 @@ def pages_table(counts: list[int], seconds: float, folder: Path) -> list[str]:
     return lines
 
 
-def training_table(data: list[str], steps: int, rounds: int, folder: Path) -> list[str]:
+def training_table(settings: list[str], steps: int, rounds: int, folder: Path) -> list[str]:
     """The second table."""
     times: dict[str, list[float]] = {mode: [] for mode in MODES}
     rates: dict[str, list[float]] = {mode: [] for mode in MODES}
     for number in range(rounds):
         for mode in MODES:
-            took, rate = step_ms(mode, folder / f"{number}-{mode.replace(' ', '-')}", data, steps)
+            run = folder / f"{number}-{mode.replace(' ', '-')}"
+            took, rate = step_ms(mode, run, settings, steps)
             times[mode].append(took)
             rates[mode].append(rate)
     lines = ["| page | ms for a step | ratio to no page | frames/s |", "|---|---|---|---|"]
@@ -246,14 +247,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--steps", type=int, default=300)
-    parser.add_argument("--data", default="")
+    parser.add_argument("--settings", nargs="*", default=[], help="of gsfw train")
     given = parser.parse_args()
-    data = [f"data={given.data}"] if given.data else []
     with tempfile.TemporaryDirectory(prefix="gsfw-bench-") as folder:
         if given.gaussians:
             tell(pages_table(given.gaussians, given.seconds, Path(folder)))
         if given.rounds:
-            tell(training_table(data, given.steps, given.rounds, Path(folder)))
+            tell(training_table(given.settings, given.steps, given.rounds, Path(folder)))
 
 
 if __name__ == "__main__":

@@ -76,6 +76,7 @@ class RunPanel(Panel):
             axes=(axis, axis),
             scales={"x": uplot.Scale(time=False)},
             height=CHART_HEIGHT,
+            padding=(14, 8, 0, 0),  # The uppermost number is not cut off.
         )
 
     def _confirm_stop(self, live: LiveRun) -> None:
