@@ -14,9 +14,9 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bars
 
-from gsfw.callbacks.countdown import Countdown
 from gsfw.callbacks.live_line import GAP, Figures, LiveLine
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
+from gsfw.core.loop.countdown import Countdown
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.progress import Advance, shown_by
 

@@ -24,10 +24,10 @@ from gsfw.callbacks.board_curves import (
 from gsfw.callbacks.board_hparams import hparam_events
 from gsfw.callbacks.board_images import captioned, comparison, summary_of
 from gsfw.callbacks.board_pages import findings_page, run_page, settings_page
-from gsfw.callbacks.countdown import Countdown
 from gsfw.callbacks.event_files import cut_events
 from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepReport
 from gsfw.core.files.atomic import readable_write_errors
+from gsfw.core.loop.countdown import Countdown
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.requirements import Requirements

@@ -79,7 +79,7 @@ def _go_on(
     from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.config_file import write_config
-    from gsfw.plugins.loading import make_callbacks
+    from gsfw.plugins.loading import check_callbacks, make_callbacks
     from gsfw.plugins.restore import restore
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 
@@ -91,6 +91,7 @@ def _go_on(
     for change in restored.changes():
         console.warn(f"{change}: the result may differ in its last bits from an unstopped run's.")
     composition, folder = restored.composition, restored.folder
+    check_callbacks(composition.settings.config.callbacks, installed())
     callbacks = make_callbacks(composition.settings.config.callbacks, installed())
     trainer = composition.trainer(folder, callbacks, restored.step)
     trainer.load_state_dict(restored.state)

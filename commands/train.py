@@ -34,9 +34,10 @@ def run(tokens: list[str]) -> int:
     from gsfw.core.files.atomic import write_atomically
     from gsfw.plugins.compose import check, compose
     from gsfw.plugins.config_file import write_config
-    from gsfw.plugins.loading import make_callbacks
+    from gsfw.plugins.loading import check_callbacks, make_callbacks
 
     check(settings, registry)
+    check_callbacks(settings.config.callbacks, registry)
     out = settings.config.out
     check_free(out)
     composition = compose(settings, registry)

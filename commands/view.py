@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from gsfw.commands.interface.arguments import Options, read, words
 
 if TYPE_CHECKING:
+    import socket
+
     from gsfw.commands.interface.console import Console
+    from gsfw.commands.interface.runs import RunArgument
     from gsfw.viewer.server import ViewerServer
     from gsfw.viewer.viewed_model import ViewedModel
 
@@ -42,36 +45,52 @@ def run(arguments: list[str]) -> int:
     """Open the models, and serve their page until Ctrl-C."""
     options = read("view", ViewOptions, arguments)
     _check(options)
-    from gsfw.viewer.server import check_installed
+    from gsfw.viewer.server import bound, check_installed
 
     check_installed()
-    from gsfw.commands.interface.progress import load_torch
+    with bound(options.port) as listening:  # Before minutes of loading: the port may be taken.
+        from gsfw.commands.interface.console import Console
+        from gsfw.commands.interface.progress import load_torch
 
-    load_torch()
+        load_torch()
+        console = Console(options.json)
+        found = [_find(text, console) for text in options.runs]
+        with ExitStack() as opened:
+            models = tuple(_open(run, options) for run in found)
+            for model in models:
+                opened.callback(model.data.close)
+            _serve(listening, models, found[0], options, console)
+    return 0
 
-    from gsfw.commands.interface.console import Console
+
+def _serve(
+    listening: socket.socket,
+    models: tuple[ViewedModel, ...],
+    first: RunArgument,
+    options: ViewOptions,
+    console: Console,
+) -> None:
+    """Serve the page until Ctrl-C."""
+    from gsfw.viewer.browser import browser_on
     from gsfw.viewer.page import Pages
     from gsfw.viewer.server import ViewerServer
     from gsfw.viewer.session import Session, serve
 
-    console = Console(options.json)
-    models = tuple(_open(text, options, console) for text in options.runs)
-    session = Session(models, _folder(options.runs[0]))
-    server = ViewerServer(options.port)
-    pages = Pages(session)
-    try:
-        server.start(session, pages)
-        _announce(server, options, console)
-        serve(session, lambda: False)
-    except KeyboardInterrupt:
-        console.say("closed")
-    finally:
-        pages.close()
-        server.close()
-        for model in models:
-            if model.data is not None:
-                model.data.close()
-    return 0
+    session = Session(models, first.folder.path, str(first.checkpoint or first.name))
+    with ExitStack() as running:
+        server = ViewerServer(listening)
+        running.callback(server.close)
+        pages = Pages(session)
+        running.callback(pages.close)
+        running.callback(session.service.close)
+        try:
+            server.start(session, pages)
+            _announce(server, console)
+            if options.browser:
+                running.enter_context(browser_on(server.address))
+            serve(session, lambda: False)
+        except KeyboardInterrupt:
+            console.say("closed")
 
 
 def _check(options: ViewOptions) -> None:
@@ -87,40 +106,28 @@ def _check(options: ViewOptions) -> None:
         raise ConfigError(f"port={options.port}: expected a number from 0 to 65535.")
 
 
-def _folder(text: str) -> Path:
-    """Folder of the files that pages order: the run, or that of the file."""
+def _find(text: str, console: Console) -> RunArgument:
+    """The run or file of an argument."""
     from gsfw.commands.interface.runs import find_run
 
-    path = Path(text)
-    if path.is_file() and path.suffix != ".pt":
-        return path.resolve().parent
-    return find_run(text, lambda line: None).folder.path
+    return find_run(text, console.say, splats=True)
 
 
-def _open(text: str, options: ViewOptions, console: Console) -> ViewedModel:
+def _open(found: RunArgument, options: ViewOptions) -> ViewedModel:
     """Open a run, a model file or a splat file."""
-    from gsfw.commands.interface.runs import MODEL_SUFFIX, find_run, open_run
+    from gsfw.commands.interface.runs import open_run
     from gsfw.plugins.registry import installed
-    from gsfw.viewer.opening import of_restored, of_splat_file
-
-    path = Path(text)
-    if path.is_file() and path.suffix not in (".pt", MODEL_SUFFIX):
-        return of_splat_file(path, options.device, installed())
-    found = find_run(text, console.say)
-    given = {key: value for key in ("data", "device") if (value := getattr(options, key))}
     from gsfw.plugins.settings import COMMAND_LINE, Layer
+    from gsfw.viewer.opening import of_restored
 
-    changed = Layer(COMMAND_LINE, given) if given else None
-    return of_restored(found.name, open_run(found, installed(), changed))
+    given = {key: value for key in ("data", "device") if (value := getattr(options, key))}
+    restored = open_run(found, installed(), Layer(COMMAND_LINE, given) if given else None)
+    return of_restored(found.name, restored, has_cameras=found.splat_file is None)
 
 
-def _announce(server: ViewerServer, options: ViewOptions, console: Console) -> None:
+def _announce(server: ViewerServer, console: Console) -> None:
     """Print the address, and how to reach it from elsewhere."""
     console.say(f"the page is at {server.address}")
     console.say(f"from another machine, first: {server.ssh_line}")
     console.say("Ctrl-C ends it")
     console.result({"address": server.address, "port": server.port, "ssh": server.ssh_line})
-    if options.browser:
-        import webbrowser
-
-        webbrowser.open(server.address)

@@ -197,6 +197,9 @@ class CallbackConfig(ABC):
     def build(self) -> Callback:
         """Build the callback of one run."""
 
+    def check(self) -> None:  # noqa: B027 - most have nothing to check.
+        """Raise an error if the callback cannot work on this machine; before anything is loaded."""
+
 
 @dataclass
 class CallbackConfigs:
@@ -338,10 +341,8 @@ class MethodConfig(ABC):
         from gsfw.core.capabilities import Feature, Needs
 
         features = {Feature.GRADIENT, Feature.SH}
-        if self.antialias:
-            features.add(Feature.ANTIALIAS)
-        if self.refine_poses:
-            features.add(Feature.POSE_GRADIENT)
+        features |= {Feature.ANTIALIAS} if self.antialias else set()
+        features |= {Feature.POSE_GRADIENT} if self.refine_poses else set()
         profile = "" if self.profile == AUTO else self.profile
         return Needs(features=frozenset(features), profile=profile)
 
@@ -364,11 +365,10 @@ class MethodConfig(ABC):
             raise ConfigError(f"profile={self.profile}: expected {', '.join((AUTO, *PROFILES))}.")
 
     def _check_resolution(self) -> None:
-        if self.resolution_schedule not in ("none", AUTO):
-            raise ConfigError(
-                f"resolution_schedule={self.resolution_schedule}: expected none or auto."
-            )
-        if self.resolution_schedule == AUTO and self.resolution_steps >= self.steps:
+        schedule = self.resolution_schedule
+        if schedule not in ("none", AUTO):
+            raise ConfigError(f"resolution_schedule={schedule}: expected none or auto.")
+        if schedule == AUTO and self.resolution_steps >= self.steps:
             raise ConfigError(
                 f"resolution_steps={self.resolution_steps}: expected less than steps={self.steps}, "
                 "so that training ends on full-size images.",

@@ -95,6 +95,18 @@ def make_callbacks(configs: CallbackConfigs, registry: Registry) -> list[Callbac
     return made
 
 
+def check_callbacks(configs: CallbackConfigs, registry: Registry) -> None:
+    """Check, before any data is read, that every enabled callback can work on this machine.
+
+    Raises:
+        UserError: one cannot; says why.
+    """
+    for name in registry.slot("callback"):
+        config = getattr(configs, field_name(name), None)
+        if config is not None and config.enabled:
+            config.check()
+
+
 def field_name(name: str) -> str:
     """The name of a callback in keys: letters, digits and underscores."""
     word = re.sub(r"\W", "_", name)

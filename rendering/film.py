@@ -91,14 +91,12 @@ def write_film(
 
 
 def _write_webp(path: Path, frames: Sequence[Path], fps: int | float) -> None:
-    """An animated WebP, which browsers show; Pillow takes all of its frames at once."""
-    first, *others = [_picture(frame) for frame in frames]
+    """An animated WebP, which browsers show; one frame after another is in memory."""
     buffer = io.BytesIO()
-    first.save(
+    _frames_as_image(frames).save(
         buffer,
         "WEBP",
         save_all=True,
-        append_images=others,
         duration=round(1000 / fps),
         loop=0,
         kmin=WEBP_KEY_FRAMES[0],
@@ -134,6 +132,34 @@ def _picture(file: Path) -> Picture:
 
     with Image.open(file) as image:
         return image.convert("RGB")
+
+
+def _frames_as_image(files: Sequence[Path]) -> Picture:
+    """Files as the frames of one image, as Pillow has those of a GIF; read one at a time."""
+    from PIL import Image
+
+    class Frames(Image.Image):
+        """Frame by frame."""
+
+        n_frames = len(files)
+
+        def __init__(self) -> None:
+            super().__init__()
+            self._place = -1
+            self.seek(0)
+
+        def seek(self, frame: int) -> None:
+            """Read a frame."""
+            if frame != self._place:
+                picture = _picture(files[frame])
+                self.im, self._mode, self._size = picture.im, picture.mode, picture.size
+                self._place = frame
+
+        def tell(self) -> int:
+            """Number of the frame that is read."""
+            return self._place
+
+    return Frames()
 
 
 @contextmanager

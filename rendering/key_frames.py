@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -124,7 +124,7 @@ def write_camera_path(file: Path, path: CameraPath) -> Path:
     return file
 
 
-def camera_path_of(document: Mapping[str, Any], source: str) -> CameraPath:
+def camera_path_of(document: object, source: str) -> CameraPath:
     """The key frames of a document.
 
     Args:
@@ -134,6 +134,11 @@ def camera_path_of(document: Mapping[str, Any], source: str) -> CameraPath:
     Raises:
         DataError: something is missing or out of range; names it.
     """
+    if not isinstance(document, dict) or "key_frames" not in document:
+        raise DataError(
+            f"{source} is no camera path of gsfw: it has no key frames.",
+            "The viewer writes one under Path; docs/render.md has its layout.",
+        )
     if document.get("schema") != SCHEMA:
         raise DataError(
             f"{source}: expected a camera path of schema {SCHEMA}, found {document.get('schema')}.",

@@ -26,6 +26,9 @@ OPENCV_FROM_OPENGL = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0], dtype=torch
 PLACEMENT = "dataparser_transforms.json"
 """nerfstudio's file beside a run: how it moved and scaled the world of the data."""
 
+MOST_SECONDS = 1e16
+"""Largest time of a frame, of either sign: microseconds since 1970 are less."""
+
 KINDS = "key frames of gsfw's viewer, nerfstudio's camera_path.json, and transforms.json"
 
 
@@ -47,7 +50,7 @@ def read_path_file(file: Path, frames: int | None = None) -> PathFrames:
             "Give the path of a camera path, or the name of a view.",
         ) from None
     except (OSError, ValueError) as error:
-        raise DataError(f"{file} cannot be read as JSON: {error}.") from None
+        raise DataError(f"{file} cannot be read as JSON: {error}.", f"Known are {KINDS}.") from None
     if isinstance(document, dict) and "key_frames" in document:
         return path_frames(camera_path_of(document, str(file)), frames)
     if isinstance(document, dict) and _lists(document, "camera_path"):
@@ -61,7 +64,9 @@ def read_path_file(file: Path, frames: int | None = None) -> PathFrames:
 
 def _lists(document: Mapping[str, Any], key: str) -> bool:
     listed = document.get(key)
-    return isinstance(listed, list) and bool(listed) and isinstance(listed[0], dict)
+    return (
+        isinstance(listed, list) and bool(listed) and all(isinstance(item, dict) for item in listed)
+    )
 
 
 def _nerfstudio(document: Mapping[str, Any], file: Path) -> PathFrames:
@@ -112,7 +117,10 @@ def _in_the_data(poses: torch.Tensor, file: Path) -> torch.Tensor:
     except (OSError, ValueError, AttributeError) as error:
         if isinstance(error, DataError):
             raise
-        raise DataError(f"{beside} cannot be read: {error}.") from None
+        raise DataError(
+            f"{beside} cannot be read: {error}.",
+            f"Copy {PLACEMENT} of the run again, or take it away: then the path is read as it is.",
+        ) from None
     poses = poses.clone()
     poses[:, :3, 3] /= scale
     return torch.linalg.inv(placed) @ poses
@@ -133,7 +141,11 @@ def _transforms(document: Mapping[str, Any], file: Path) -> PathFrames:
     ]
     times = None
     if all(item.get("time") is not None for item in listed):
-        seconds = torch.tensor([float(item["time"]) for item in listed], dtype=torch.float64)
+        moments = [
+            number(item["time"], f"{file}: frame {n}: time", -MOST_SECONDS, MOST_SECONDS)
+            for n, item in enumerate(listed)
+        ]
+        seconds = torch.tensor(moments, dtype=torch.float64)
         # Times beyond [0, 1] are in another unit: the film runs over all of the capture.
         inside = bool((seconds >= 0).all() and (seconds <= 1).all())
         span = (seconds.max() - seconds.min()).clamp_min(1e-12)
@@ -143,13 +155,18 @@ def _transforms(document: Mapping[str, Any], file: Path) -> PathFrames:
 
 def _vertical_fov(facts: Mapping[str, Any], source: str) -> float:
     """Vertical field of view in degrees, from whichever numbers a file has."""
-    width, height = facts.get("w"), facts.get("h")
+    width, height = (number(facts.get(key) or 0, f"{source}: {key}", 0, 32768) for key in "wh")
     if height and (facts.get("fl_y") or facts.get("fl_x")):
         focal = number(facts.get("fl_y") or facts.get("fl_x"), f"{source}: fl_y", 1e-6, 1e9)
-        return math.degrees(2 * math.atan(float(height) / (2 * focal)))
+        return math.degrees(2 * math.atan(height / (2 * focal)))
     if facts.get("camera_angle_y"):
         return math.degrees(number(facts["camera_angle_y"], f"{source}: camera_angle_y", 0, 3.13))
-    across = number(facts.get("camera_angle_x"), f"{source}: camera_angle_x", 1e-3, 3.13)
+    if not facts.get("camera_angle_x"):
+        raise DataError(
+            f"{source} has no field of view.",
+            "Add camera_angle_x (radians), or fl_y and h (pixels), to it or to the whole file.",
+        )
+    across = number(facts["camera_angle_x"], f"{source}: camera_angle_x", 1e-3, 3.13)
     # Without sizes images are square, as those of NeRF's Blender scenes are.
-    aspect = float(height) / float(width) if width and height else 1.0
+    aspect = height / width if width and height else 1.0
     return math.degrees(2 * math.atan(math.tan(across / 2) * aspect))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -41,20 +42,17 @@ class Trails:
     Of a row that is not there or not opaque nothing is seen, and nothing where a surface hides it.
     """
 
-    def __init__(
-        self, tracks: Tracks, rows: Int[Tensor, " r"], length: int, home: Float[Tensor, "r 3"]
-    ) -> None:
-        """Trails of ``rows``.
+    def __init__(self, tracks: Tracks, length: int, home: Float[Tensor, "r 3"]) -> None:
+        """Trails of rows.
 
         Args:
-            tracks: at the time of every frame.
-            rows: which to draw.
+            tracks: of these rows, at the time of every frame.
             length: frames that a trail reaches back.
             home: where each row is known from, which gives it its colour.
         """
         self._length = length
-        self._positions = tracks.positions[:, rows]
-        self._strength = (tracks.opacities[:, rows] >= OPAQUE).cpu().numpy()
+        self._positions = tracks.positions
+        self._strength = (tracks.opacities >= OPAQUE).cpu().numpy()
         self._colors = _rainbow(home)
 
     def __len__(self) -> int:
@@ -66,7 +64,7 @@ class Trails:
         image: Float[Tensor, "h w 3"],
         depth: Float[Tensor, "h w 1"] | None,
         camera: Cameras,
-        frame: int,
+        frame: int | float,
     ) -> Float[Tensor, "h w 3"]:
         """The image of a frame with the trails that lead there.
 
@@ -74,13 +72,19 @@ class Trails:
             image: the rendered image.
             depth: of its surface, 0 where there is none; ``None`` when nothing hides trails.
             camera: that of the frame.
-            frame: its number.
+            frame: its number; between two of them, trails end between their places.
         """
-        first = max(frame - self._length, 0)
-        positions = self._positions[first : frame + 1]
+        last = min(math.floor(frame), len(self._positions) - 1)
+        first = max(last - self._length, 0)
+        positions, strength = self._positions[first : last + 1], self._strength[first : last + 1]
+        ages = np.arange(last - first, -1, -1) / max(self._length, 1)
+        if frame > last and last + 1 < len(self._positions):
+            head = torch.lerp(positions[-1], self._positions[last + 1], frame - last)
+            positions = torch.cat([positions, head[None]])
+            strength = np.concatenate([strength, strength[-1:] & self._strength[last + 1]])
+            ages = np.append((ages + (frame - last) / max(self._length, 1)).clip(0, 1), 0.0)
         pixels, depths = _project(positions, camera)
-        there = self._strength[first : frame + 1] & np.isfinite(depths)
-        ages = np.arange(frame - first, -1, -1) / max(self._length, 1)
+        there = strength & np.isfinite(depths)
         canvas = image.clamp(0, 1).cpu().numpy().copy()
         surface = None if depth is None else depth[..., 0].cpu().numpy()
         for row, color in enumerate(self._colors):
@@ -100,24 +104,25 @@ def make_trails(
 ) -> Trails:
     """Trails of ``count`` rows that a film's first, middle or last frame shows, or fewer."""
     assert cameras.time is not None
-    tracks = follow(model, cameras.time.tolist())
-    last = len(tracks.times) - 1
-    moments = sorted({0, last // 2, last})
-    seen = torch.zeros_like(tracks.present[0])
+    times = cameras.time.tolist()
+    last = len(times) - 1
+    frames = sorted({0, last // 2, last})
+    sample = follow(model, [times[frame] for frame in frames])
+    seen = torch.zeros_like(sample.present[0])
     with_depth = surface_settings(rasterizer, settings)
-    for moment in moments:
-        camera = cameras.select([moment])
+    for place, frame in enumerate(frames):
+        camera = cameras.select([frame])
         output = render_model(model, rasterizer, camera, with_depth, camera.time[0])  # type: ignore[index]
         depth = None if output.depth is None else output.depth[0]
-        opaque = tracks.opacities[moment] >= OPAQUE
-        seen |= opaque & _on_surface(tracks.positions[moment], camera, depth)
+        opaque = sample.opacities[place] >= OPAQUE
+        seen |= opaque & _on_surface(sample.positions[place], camera, depth)
     candidates = seen.nonzero()[:, 0]
     candidates = candidates[:: len(candidates) // MOST_CANDIDATES + 1]
-    home = _first_places(tracks.positions[:, candidates])
-    shifts = (tracks.positions[moments][:, candidates] - home).nan_to_num()
+    home = _first_places(sample.positions[:, candidates])
+    shifts = (sample.positions[:, candidates] - home).nan_to_num()
     places = torch.cat([home, MOTION_WEIGHT * shifts.transpose(0, 1).flatten(1)], dim=1)
     chosen = spread(places, count)
-    return Trails(tracks, candidates[chosen], length, home[chosen])
+    return Trails(follow(model, times, candidates[chosen]), length, home[chosen])
 
 
 def trails_along(

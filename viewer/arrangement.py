@@ -9,8 +9,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-BEHIND = 0.07
-"""Grey of what no image covers: as dark as the page."""
 LINE = 0.95
 """Brightness of the line of a wipe."""
 GAP = 2
@@ -30,20 +28,37 @@ def slots(width: int, height: int, count: int) -> list[tuple[int, int]]:
     return [(max(last - first, 1), height) for first, last in pairwise(edges)]
 
 
-def centred(image: Float[Tensor, "h w 3"], size: tuple[int, int]) -> Float[Tensor, "h2 w2 3"]:
-    """An image in the middle of a dark one of ``size`` (width, height), which is not smaller."""
+def best_columns(count: int, size: tuple[int, int], aspect: int | float) -> int:
+    """Number of columns in which ``count`` images of one shape are largest within ``size``."""
+
+    def width(columns: int) -> float:
+        rows = -(-count // columns)
+        return min(size[0] / columns, size[1] / rows * aspect)
+
+    return max(range(count, 0, -1), key=width)
+
+
+def below(images: Sequence[Float[Tensor, "_ w 3"]], behind: float) -> Float[Tensor, "h w 3"]:
+    """Images of one width below one another, with grey between them."""
+    return beside([image.transpose(0, 1) for image in images], behind).transpose(0, 1)
+
+
+def centred(
+    image: Float[Tensor, "h w 3"], size: tuple[int, int], behind: float
+) -> Float[Tensor, "h2 w2 3"]:
+    """An image in the middle of a grey one of ``size`` (width, height), which is not smaller."""
     height, width = image.shape[:2]
     if (width, height) == size:
         return image
-    canvas = image.new_full((size[1], size[0], 3), BEHIND)
+    canvas = image.new_full((size[1], size[0], 3), behind)
     top, left = (size[1] - height) // 2, (size[0] - width) // 2
     canvas[top : top + height, left : left + width] = image
     return canvas
 
 
-def beside(images: Sequence[Float[Tensor, "h _ 3"]]) -> Float[Tensor, "h w 3"]:
-    """Images of one height beside one another."""
-    gap = images[0].new_full((images[0].shape[0], GAP, 3), BEHIND)
+def beside(images: Sequence[Float[Tensor, "h _ 3"]], behind: float) -> Float[Tensor, "h w 3"]:
+    """Images of one height beside one another, with grey between them."""
+    gap = images[0].new_full((images[0].shape[0], GAP, 3), behind)
     parts = [images[0]]
     for image in images[1:]:
         parts += [gap, image]

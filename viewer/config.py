@@ -11,6 +11,9 @@ from gsfw.core.ranges import number
 if TYPE_CHECKING:
     from gsfw.core.callback import Callback
 
+PORT_KEY = "viewer.port"
+"""The key of the port, for messages."""
+
 
 @dataclass
 class ViewerConfig(CallbackConfig):
@@ -23,14 +26,20 @@ class ViewerConfig(CallbackConfig):
     share: float = number(0.2, above=0, below=1)
     """Largest part of the time that frames may take from training; none while paused."""
 
-    def build(self) -> Callback:
-        """Build the callback.
+    def check(self) -> None:
+        """Check that there can be a page.
 
         Raises:
             UnavailableError: viser is not installed.
+            ConfigError: the port is taken, or may not be used.
         """
-        from gsfw.viewer.server import check_installed
-        from gsfw.viewer.training import TrainingViewer
+        from gsfw.viewer.server import bound, check_installed
 
         check_installed()
+        bound(self.port, PORT_KEY).close()
+
+    def build(self) -> Callback:
+        """Build the callback."""
+        from gsfw.viewer.training import TrainingViewer
+
         return TrainingViewer(self.port, self.share)

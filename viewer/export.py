@@ -16,15 +16,6 @@ from gsfw.viewer.view_state import ViewState
 from gsfw.viewer.viewed_model import ViewedModel
 
 
-def export_path(folder: Path, step: int | None) -> Path:
-    """The next free name in the folder of exports; with the step of a run that trains."""
-    stem = "view" if step is None else f"step_{step:06d}"
-    places = (
-        folder / "exports" / f"{stem}{end}.ply" for end in ["", *map("_{}".format, range(2, 1000))]
-    )
-    return next(path for path in places if not path.exists())
-
-
 def export_splats(model: ViewedModel, state: ViewState, path: Path) -> int:
     """Write what the page shows at its time: cropped and scaled; the number of Gaussians.
 
@@ -42,6 +33,5 @@ def export_splats(model: ViewedModel, state: ViewState, path: Path) -> int:
     )
     content, _ = without_invisible(taken.content)
     exporter: Exporter = load("exporter", installed().find("exporter", "ply"))()
-    path.parent.mkdir(parents=True, exist_ok=True)
     exporter.write(path, content)
     return len(content.splats)

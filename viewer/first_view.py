@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
-from gsfw.core.maths.camera_path import look_at, up_direction, viewing_center
+from gsfw.core.maths.camera_path import up_direction, viewing_center
 from gsfw.core.maths.spherical_harmonics import degree_of
 from gsfw.core.splats import Sh, Splats
 from gsfw.viewer.view_state import Box, Pose, Vector
@@ -20,10 +19,6 @@ from gsfw.viewer.viewed_model import ViewedModel
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 OUTSIDE = 0.02
 """Part of the Gaussians that may lie outside the scene on each side: they float far away."""
-DISTANCE = 2.2
-"""Distance of the first camera of a file without cameras, in sizes of its scene."""
-FOV = 0.9
-"""Its vertical field of view, in radians."""
 
 
 @dataclass(frozen=True)
@@ -44,25 +39,13 @@ class FirstView:
 
 @torch.no_grad()
 def first_view(model: ViewedModel) -> FirstView:
-    """The first view of a model: its first camera; without cameras, from outside."""
+    """The first view of a model: that of its first camera."""
     moment = torch.tensor(0.0, device=model.device) if model.is_dynamic else None
     splats = model.model.splats(moment)
     bounds = _bounds(splats)
     degree = degree_of(splats.colors.width) if isinstance(splats.colors, Sh) else 0
-    low, high = torch.tensor(bounds.low), torch.tensor(bounds.high)
-    size = max(float((high - low).norm()) / 2, 1e-6)
-    cameras: Sequence[Cameras] = () if model.data is None else model.data.views(Split.TRAIN).cameras
+    cameras = model.data.views(Split.TRAIN).cameras
     up = _up(model, cameras)
-    if not cameras:
-        middle = ((low + high) / 2).double()
-        sideways = torch.linalg.cross(up, _across(up))
-        position = middle + DISTANCE * size * _unit(sideways + 0.3 * up)
-        pose = look_at(position[None], middle, up)
-        placed = Pose.of(_posed(pose)).position
-        wxyz = Pose.of(_posed(pose)).wxyz
-        return FirstView(
-            Pose(placed, wxyz, FOV), _vector(middle), _vector(up), bounds, size, degree
-        )
     first = cameras[0].to("cpu")
     seen = Pose.of(first)
     axis = first.world_to_camera[0, 2, :3].double()
@@ -88,8 +71,6 @@ def _up(model: ViewedModel, cameras: Sequence[Cameras]) -> Tensor:
         sign = -1.0 if stated.startswith("-") else 1.0
         world = sign * torch.tensor(AXES[stated.lstrip("+-")], dtype=torch.float64)
         return _unit(model.scene.world_from_scene.rotation.T @ world)
-    if not cameras:
-        return torch.tensor([0.0, -1.0, 0.0], dtype=torch.float64)
     return up_direction(_joined(cameras))
 
 
@@ -102,16 +83,6 @@ def _bounds(splats: Splats) -> Box:
     means = means[:: len(means) // 100_000 + 1]
     low, high = torch.quantile(means, torch.tensor([OUTSIDE, 1 - OUTSIDE]), dim=0)
     return Box(_vector(low), _vector(high))
-
-
-def _posed(world_to_camera: Float[Tensor, "1 4 4"]) -> Cameras:
-    return Cameras(world_to_camera, torch.eye(3)[None], 1, 1)
-
-
-def _across(axis: Tensor) -> Tensor:
-    """A direction across an axis."""
-    least = torch.eye(3, dtype=torch.float64)[axis.abs().argmin()]
-    return _unit(torch.linalg.cross(axis, least))
 
 
 def _unit(vector: Tensor) -> Tensor:

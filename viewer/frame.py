@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +17,18 @@ from gsfw.core.metrics import psnr
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.rendering.channels import CHANNELS, Channel, render_channels
 from gsfw.rendering.color_maps import colored, value_range
+from gsfw.rendering.pictures import PictureStyle
 from gsfw.rendering.shot import Shot
-from gsfw.viewer.arrangement import beside, centred, fitted, slots, wiped
+from gsfw.rendering.trails import Trails, make_trails
+from gsfw.viewer.arrangement import below, beside, best_columns, centred, fitted, slots, wiped
 from gsfw.viewer.shown_model import shown
 from gsfw.viewer.view_state import CapturedView, Comparison, ViewState
-from gsfw.viewer.viewed_model import ViewedModel
+from gsfw.viewer.viewed_model import ViewedModel, between
+
+TRACKS, TRACK_TIMES, TRACK_LENGTH = 150, 49, 8
+"""Number of paths, number of times at which they are known, and how many each reaches back."""
+TRACK_SIZE = (480, 270)
+"""Size of the images in which Gaussians on surfaces are found, to follow."""
 
 Size = tuple[int, int]
 MakeImage = Callable[[Size], Tensor]
@@ -36,6 +43,19 @@ class ValueScale:
     high: float
     unit: str
     colormap: str
+
+
+def has_values(state: ViewState) -> bool:
+    """True if the page shows values in colours, without a photo."""
+    channel = CHANNELS[state.channel]
+    return channel.kind == "scalar" and not channel.needs_image
+
+
+def value_scale(state: ViewState, samples: Sequence[Tensor]) -> ValueScale:
+    """One scale for all frames of a film, of the values of some of them."""
+    channel = CHANNELS[state.channel]
+    scales = PictureStyle((channel,)).scales([sample] for sample in samples)
+    return ValueScale(*scales[channel.name], channel.unit, channel.colormap)
 
 
 @dataclass(frozen=True)
@@ -78,15 +98,18 @@ class FrameMaker:
     def __init__(self, models: Sequence[ViewedModel]) -> None:
         """Show these models, one or two to compare."""
         self._models = tuple(models)
+        self.trails: dict[str, Trails] = {}
+        """Paths of Gaussians by model, over ``TRACK_TIMES`` times; none before a page wants any."""
         self._photo: tuple[CapturedView, Photo] | None = None
 
     @torch.no_grad()
-    def make(self, state: ViewState, scale: float = 1.0) -> Frame:
+    def make(self, state: ViewState, scale: float = 1.0, values: ValueScale | None = None) -> Frame:
         """The frame of a state.
 
         Args:
             state: content of the frame.
             scale: side of the frame, relative to that at rest.
+            values: meaning of the colours of its values; ``None``: found in the frame.
 
         Raises:
             UserError: the channel cannot be rendered, or a photo does not decode.
@@ -94,10 +117,25 @@ class FrameMaker:
         started = time.perf_counter()
         full = state.full_size()
         size = (max(round(full[0] * scale), 1), max(round(full[1] * scale), 1))
-        shot = _Shot(self._models, state, self._photo_of)
+        shot = _Shot(self._models, state, self._photo_of, self.trails, values)
         image = shot.image(size)
-        values = (image.clamp(0, 1) * 255).round().byte().cpu().numpy()
-        return Frame(values, time.perf_counter() - started, shot.scale, shot.psnr, shot.psnr_size)
+        pixels = (image.clamp(0, 1) * 255).round().byte().cpu().numpy()
+        return Frame(pixels, time.perf_counter() - started, shot.scale, shot.psnr, shot.psnr_size)
+
+    @torch.no_grad()
+    def values(self, state: ViewState) -> Float[Tensor, " n"]:
+        """The values of the channel of a state, of all models, as they are."""
+        shot = _Shot(self._models, state, self._photo_of, {}, None)
+        channel, size = CHANNELS[state.channel], state.full_size()
+        return torch.cat([shot.values(model, channel, size).flatten() for model in self._models])
+
+    @torch.no_grad()
+    def make_trails(self, state: ViewState) -> None:
+        """Follow some Gaussians of each moving model, of those that a page sees."""
+        for model in self._models:
+            if model.is_dynamic:
+                shot = _Shot(self._models, state, self._photo_of, {}, None)
+                self.trails[model.name] = shot.trails_of(model)
 
     def _photo_of(self, view: CapturedView) -> Photo:
         """The photo of a view, over the background; the last one is kept."""
@@ -119,22 +157,38 @@ class _Shot:
         models: Sequence[ViewedModel],
         state: ViewState,
         photo_of: Callable[[CapturedView], Photo],
+        trails: Mapping[str, Trails],
+        scale: ValueScale | None,
     ) -> None:
         self._models, self._state, self._photo_of = models, state, photo_of
-        self.scale: ValueScale | None = None
+        self._trails, self.scale = trails, scale
         self.psnr: float | None = None
         self.psnr_size = (0, 0)
 
     def image(self, size: Size) -> Float[Tensor, "h w 3"]:
         """The arranged images, of this size exactly."""
-        makers = self._makers()
+        makers, behind = self._makers(), self._state.behind
         if self._state.comparison is Comparison.WIPE and len(makers) > 1:
-            first, second = (centred(make(size), size) for make in makers[:2])
+            first, second = (centred(make(size), size, behind) for make in makers[:2])
             return wiped(first, second, self._state.wipe)
-        places = slots(*size, len(makers))
-        return beside(
-            [centred(make(slot), slot) for make, slot in zip(makers, places, strict=True)]
-        )
+        columns = self._columns(len(makers), size)
+        rows = [makers[first : first + columns] for first in range(0, len(makers), columns)]
+        heights = [height for height, _ in slots(size[1], 1, len(rows))]
+        images = []
+        for row, height in zip(rows, heights, strict=True):
+            places = slots(size[0], height, columns)[: len(row)]
+            parts = [
+                centred(make(slot), slot, behind) for make, slot in zip(row, places, strict=True)
+            ]
+            images.append(centred(beside(parts, behind), (size[0], height), behind))
+        return below(images, behind)
+
+    def _columns(self, count: int, size: Size) -> int:
+        """Images of one view have its shape; those of a free page take the shape of their place."""
+        if self._state.view is None:
+            return count
+        camera = self._models[0].camera(self._state.view)
+        return best_columns(count, size, camera.width / camera.height)
 
     def _makers(self) -> list[MakeImage]:
         """What makes the images of the comparison, from left to right."""
@@ -180,33 +234,70 @@ class _Shot:
     def _render(self, model: ViewedModel, channel: Channel, size: Size) -> Float[Tensor, "h w 3"]:
         """One channel of a model, in colours; of a view at the size of its photo at most."""
         state = self._state
+        trails = self._trails.get(model.name) if state.tracks and channel.name == "color" else None
+        wanted = (channel,) if trails is None else (channel, CHANNELS["depth"])
         camera = self._camera(model, size)
-        photo = None
-        if self._has_photo:
-            assert state.view is not None
-            photo = self._photo_of(state.view).fitted(size)
-        moment = torch.tensor(state.time, device=model.device) if model.is_dynamic else None
-        compared = photo if channel.needs_image else None
-        shot = Shot(
-            shown(model.model, state),
-            model.rasterizer,
-            camera,
-            self._settings(model),
-            moment,
-            None if compared is None else compared.color,
-            None if compared is None else compared.valid,
-        )
-        (values,) = render_channels([channel], shot)
-        if photo is not None and channel.name == "color" and self.psnr is None:
+        values, *depth = self._channels(model, wanted, camera, size)
+        if self._has_photo and channel.name == "color" and self.psnr is None:
+            photo = self._photo_fitted(size)
             self.psnr = psnr(values, photo.color, photo.valid)
             self.psnr_size = (camera.width, camera.height)
+        if trails is not None:
+            surface = depth[0].nan_to_num(0.0)[..., None]
+            moment = state.time * (TRACK_TIMES - 1)
+            values = trails.draw_on(values, surface, camera, moment).to(model.device)
         image = values if channel.kind == "color" else self._colored(channel, values)
         return image if state.view is None else resized(image, fitted(*_size(image), size))
 
+    def values(self, model: ViewedModel, channel: Channel, size: Size) -> Tensor:
+        """A channel of a model as it is, in the units of the first one."""
+        return self._channels(model, (channel,), self._camera(model, size), size)[0]
+
+    def _channels(
+        self, model: ViewedModel, channels: Sequence[Channel], camera: Cameras, size: Size
+    ) -> list[Tensor]:
+        state, first = self._state, self._models[0]
+        compared = self._has_photo and channels[0].needs_image
+        photo = self._photo_fitted(size) if compared else None
+        shot = Shot(
+            shown(model.model, state, None if model is first else between(model, first)),
+            model.rasterizer,
+            camera,
+            self._settings(model),
+            torch.tensor(state.time, device=model.device) if model.is_dynamic else None,
+            None if photo is None else photo.color,
+            None if photo is None else photo.valid,
+        )
+        rendered = render_channels(channels, shot)
+        # Each run has scene units of its own.
+        unit = 1.0 if model is first else between(model, first).scale
+        lengths = [channel.unit.startswith("scene units") for channel in channels]
+        return [
+            item * unit if length else item for item, length in zip(rendered, lengths, strict=True)
+        ]
+
+    def _photo_fitted(self, size: Size) -> Photo:
+        assert self._state.view is not None
+        return self._photo_of(self._state.view).fitted(size)
+
+    def trails_of(self, model: ViewedModel) -> Trails:
+        """The paths of Gaussians that the page sees, over all times."""
+        camera = self._camera(model, TRACK_SIZE)
+        times = torch.linspace(0, 1, TRACK_TIMES, device=model.device)
+        many = replace(
+            camera,
+            world_to_camera=camera.world_to_camera.expand(TRACK_TIMES, 4, 4),
+            intrinsics=camera.intrinsics.expand(TRACK_TIMES, 3, 3),
+            time=times,
+        )
+        settings = self._settings(model)
+        return make_trails(model.model, model.rasterizer, many, settings, TRACKS, TRACK_LENGTH)
+
     def _colored(self, channel: Channel, values: Tensor) -> Float[Tensor, "h w 3"]:
-        low, high = value_range(values, channel.low, channel.high)
         if self.scale is not None and channel.name == self._state.channel:
-            low, high = self.scale.low, self.scale.high  # Two runs share one scale.
+            low, high = self.scale.low, self.scale.high  # Two runs, or all frames, share one.
+        else:
+            low, high = value_range(values, channel.low, channel.high)
         self.scale = ValueScale(low, high, channel.unit, channel.colormap)
         return colored(values, low, high, channel.colormap)
 
@@ -222,8 +313,7 @@ class _Shot:
         else:
             camera = state.pose.cameras(*size, moment)
         if model is not first:  # Each run has a scene frame of its own.
-            world = first.scene.world_from_scene.camera(camera.world_to_camera)
-            placed = model.scene.world_from_scene.inverse().camera(world)
+            placed = between(first, model).camera(camera.world_to_camera)
             camera = replace(camera, world_to_camera=placed.float())
         return camera.to(model.device)
 

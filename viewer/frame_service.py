@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 
 from gsfw.core.errors import UserError
 from gsfw.viewer.frame import FrameMaker
@@ -20,7 +20,7 @@ MOVING_SECONDS = 1 / 20
 NAP_SECONDS = 0.05
 """Longest sleep of an idle service: then pages may have come to rest."""
 
-Task = Iterator[None]
+Task = Generator[None, None, None]
 """Longer work that a page has ordered, in parts that take as long as a frame."""
 
 
@@ -33,7 +33,7 @@ class FrameService:
     def __init__(self, models: Sequence[ViewedModel]) -> None:
         """Serve pages that show these models."""
         self.moving_seconds = MOVING_SECONDS
-        self._maker = FrameMaker(models)
+        self.maker = FrameMaker(models)
         self._viewports: list[Viewport] = []
         self._tasks: deque[Task] = deque()
         self._woken = threading.Event()
@@ -63,6 +63,16 @@ class FrameService:
             self._tasks.append(task)
         self.wake()
 
+    @property
+    def has_orders(self) -> bool:
+        """True if there is a task that is not done."""
+        return bool(self._tasks)
+
+    def close(self) -> None:
+        """Give up the tasks that are not done; they remove what they have begun."""
+        while self._tasks:
+            self._tasks.popleft().close()
+
     def wake(self) -> None:
         """Note that there may be work; any thread may call this."""
         self._woken.set()
@@ -82,23 +92,26 @@ class FrameService:
         if self._after_frame and self._advance_task():  # A page that plays starves no task.
             self._after_frame = False
             return True
-        self._after_frame = False
+        self._after_frame = self.serve_frame()
+        return self._after_frame or self._advance_task()
+
+    def serve_frame(self) -> bool:
+        """Render one frame; false if no page wants one."""
         viewports = tuple(self._viewports)
         now = time.monotonic()
         for place in range(len(viewports)):
             viewport = viewports[(self._turn + place) % len(viewports)]
             if self._serve(viewport, now):
                 self._turn += place + 1  # The next page has the next turn.
-                self._after_frame = True
                 return True
-        return self._advance_task()
+        return False
 
     def _serve(self, viewport: Viewport, now: float) -> bool:
         request = viewport.wanted(now, self.moving_seconds)
         if request is None:
             return False
         try:
-            frame = self._maker.make(request.state, request.scale)
+            frame = self.maker.make(request.state, request.scale)
         except UserError as error:
             viewport.fail(request, f"{error.message} {error.advice}".strip())
         except Exception as error:
@@ -112,13 +125,14 @@ class FrameService:
     def _advance_task(self) -> bool:
         if not self._tasks:
             return False
-        task = self._tasks.popleft()
+        task = self._tasks[0]
         try:
             next(task)
-        except StopIteration:
+            self._tasks.rotate(-1)
             return True
+        except StopIteration:
+            pass
         except Exception:
             logger.warning("an order from the viewer's page failed", exc_info=True)
-            return True
-        self._tasks.append(task)
+        self._tasks.remove(task)
         return True

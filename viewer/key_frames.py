@@ -6,6 +6,7 @@ The file is that of ``gsfw render camera=FILE.json``; see ``gsfw.rendering.key_f
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -37,6 +38,24 @@ def pose_of(camera_to_world: Float[Tensor, "4 4"], fov: float, scene: Scene) -> 
     quaternion = quaternions_of(camera_to_scene[None, :3, :3])[0].tolist()
     w, i, j, k = quaternion
     return Pose((x, y, z), (w, i, j, k), math.radians(fov))
+
+
+def with_key_frame(keys: Sequence[KeyFrame], new: KeyFrame) -> list[KeyFrame]:
+    """One key frame more, at the end.
+
+    Where the others have seconds, as those of a file may, it comes as long after the last one as
+    they come after one another.
+    """
+    moments = [key.seconds for key in keys if key.seconds is not None]
+    if not moments:
+        return [*keys, new]
+    step = (moments[-1] - moments[0]) / (len(moments) - 1) if len(moments) > 1 else 1.0
+    return [*keys, replace(new, seconds=moments[-1] + step)]
+
+
+def without_seconds(keys: Sequence[KeyFrame]) -> list[KeyFrame]:
+    """The same key frames; the length of the film alone says when they are passed."""
+    return [replace(key, seconds=None) for key in keys]
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gsfw.core.callback import RunInfo, StepReport
-from gsfw.core.loop.remaining_time import RemainingTime
+from gsfw.core.loop.countdown import Countdown
 
 MOST_POINTS = 400
 """Points of a curve: twice as many are halved, so that long runs send no more than short ones."""
@@ -29,8 +30,6 @@ class RunStatus:
     """Smoothed, of training views, in dB."""
     gaussians: int = 0
     steps_per_second: float = 0.0
-    seconds_left: float | None = None
-    """Without the time that frames take; ``None`` as long as it cannot be known."""
     memory_mb: float = 0.0
     held_out_psnr: float | None = None
     """PSNR of the last evaluation, in dB; ``None`` before one."""
@@ -83,8 +82,8 @@ class LiveRun:
         """Step of the last checkpoint; ``None`` before one."""
         self._wake = wake
         self._wishes = threading.Lock()
-        self._paused = self._stop = self._checkpoint = False
-        self._remaining = RemainingTime(info)
+        self._paused = self._stop = self._checkpoint = self._waiting = False
+        self._countdown = Countdown(info)
 
     # What pages ask for.
 
@@ -97,6 +96,20 @@ class LiveRun:
         """Let the run wait after its step, or go on."""
         self._paused = paused
         self._wake()
+
+    @property
+    def state(self) -> str:
+        """What the run does now, in a word or two."""
+        if self.finished:
+            return "finished"
+        if self._waiting:
+            return "paused" if self._paused else "waiting for an order"
+        return "pausing" if self._paused else "training"
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Time until the end of the run; ``None`` while it cannot be known, or the run waits."""
+        return None if self._waiting or self.finished else self._countdown.seconds()
 
     def stop(self) -> None:
         """End the run after its step, with a checkpoint."""
@@ -127,13 +140,7 @@ class LiveRun:
     def observe(self, report: StepReport) -> None:
         """Learn from a logged step."""
         before = self.status
-        self._remaining.observe(
-            report.step,
-            report.num_gaussians,
-            report.resolution,
-            report.step_ms / 1e3,
-            report.stage_ms.get("load", 0.0) / 1e3,
-        )
+        self._countdown.report(report)
         loss, psnr = _smoothed(before.loss, report.loss), _smoothed(before.psnr, report.psnr)
         self.loss.add(report.step, loss)
         self.psnr.add(report.step, psnr)
@@ -143,13 +150,31 @@ class LiveRun:
             psnr=psnr,
             gaussians=report.num_gaussians,
             steps_per_second=1e3 / max(report.step_ms, 1e-3),
-            seconds_left=self._remaining.seconds(),
             memory_mb=max(report.memory_mb.values(), default=0.0),
             held_out_psnr=before.held_out_psnr,
         )
 
-    def evaluated(self, step: int, psnr: float | None) -> None:
+    def ticked(self, step: int) -> None:
+        """Note a step."""
+        self.step = step
+        self._countdown.tick()
+
+    @contextmanager
+    def waits(self) -> Iterator[None]:
+        """The run makes no step inside: now it is paused, not before."""
+        self._waiting = True
+        try:
+            yield
+        finally:
+            self._waiting = False
+
+    def skip(self, seconds: int | float) -> None:
+        """Leave a wait out of the time that steps take."""
+        self._countdown.skip(seconds)
+
+    def evaluated(self, step: int, psnr: float | None, views: int) -> None:
         """Learn from an evaluation."""
+        self._countdown.evaluated(step, views)
         if psnr is not None:
             self.held_out.add(step, psnr)
             self.status = replace(self.status, held_out_psnr=psnr)

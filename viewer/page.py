@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from gsfw.viewer.delivery import wait_until_taken
 from gsfw.viewer.frame import Frame
 from gsfw.viewer.panels.cameras_panel import CamerasPanel
 from gsfw.viewer.panels.compare_panel import ComparePanel
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 BRAND = (64, 138, 214)
 """Colour of buttons and sliders."""
+DARK, LIGHT = 0.07, 0.93
+"""Grey of what no image covers, in a dark and in a light page."""
 MOVING_QUALITY, STILL_QUALITY = 70, 95
 """JPEG qualities; at rest, differences to the render are invisible."""
 
@@ -42,6 +45,7 @@ class Page:
         """How two runs are shown while the page moves freely."""
         self._cameras: CamerasPanel | None = None
         self._panels: tuple[Panel, ...] = ()
+        self._reported = session.first.pose
         state = ViewState(pose=session.first.pose, sh_degree=4)
         self.viewport = Viewport(state, self._send, session.service.wake)
         self.viewport.problem = self.tell
@@ -52,9 +56,7 @@ class Page:
 
     def _build(self) -> None:
         gui = self.client.gui
-        gui.configure_theme(
-            dark_mode=True, show_logo=False, show_share_button=False, brand_color=BRAND
-        )
+        self.set_theme(dark=True)
         gui.set_panel_label(self.session.title)
         gui.main_panel.dock_right()  # Beside the image, of which it covers nothing.
         tabs = gui.add_tab_group()
@@ -71,11 +73,22 @@ class Page:
             panels.append(RunPanel(self))
         self._panels = tuple(panels)
 
+    def set_theme(self, dark: bool) -> None:
+        """Dark or light: the panel, and what no image covers."""
+        self.client.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=BRAND
+        )
+        behind = DARK if dark else LIGHT
+        self.viewport.change(lambda state: replace(state, behind=behind))
+
     def _moved(self, camera: viser.CameraHandle) -> None:
         """Follow the camera of the page."""
         if not (camera.image_width > 0 and camera.image_height > 0 and math.isfinite(camera.fov)):
             return
         pose = _pose(camera)
+        if pose != self._reported:  # Whoever drags wants no flight any more.
+            self._reported = pose
+            self.viewport.land()
         width, height = camera.image_width, camera.image_height
         self.viewport.change(lambda state: replace(state, pose=pose, width=width, height=height))
         if self._cameras is not None:
@@ -83,6 +96,7 @@ class Page:
 
     def place(self, pose: Pose) -> Pose:
         """Move the page's camera, but for its roll, which orbits keep upright; the new pose."""
+        self.viewport.land()
         camera = self.client.camera
         to_scene = np.linalg.inv(pose.world_to_camera().numpy())
         position, axis = to_scene[:3, 3], to_scene[:3, 2]
@@ -102,6 +116,7 @@ class Page:
         )
         for panel in self._panels:
             panel.shown(frame)
+        wait_until_taken(self.client, lambda: self.closed)
 
     def tell(self, text: str, color: Literal["red", "yellow", "green"] = "red") -> None:
         """Show a message on the page for some seconds."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gsfw.viewer.key_frames import PathStates
 from gsfw.viewer.view_state import ViewState
@@ -44,11 +44,16 @@ class Flight:
 
     path: PathStates
     home: ViewState
-    """The state before the flight, and after it."""
+    """The state before the flight: its pose, time and view are those after it."""
+    ended: bool = False
     _began: float | None = None
 
-    def state(self, now: float) -> ViewState | None:
-        """The state at ``now`` (a clock in seconds); ``None`` after the last frame."""
+    def state(self, state: ViewState, now: float) -> ViewState:
+        """``state`` at its place at ``now`` (a clock in seconds); at home after the last frame."""
         self._began = now if self._began is None else self._began
         number = int((now - self._began) * self.path.fps)
-        return None if number >= len(self.path) else self.path.at(number, self.home)
+        self.ended = number >= len(self.path)
+        if not self.ended:
+            return self.path.at(number, state)
+        home = self.home
+        return replace(state, pose=home.pose, time=home.time, view=home.view)

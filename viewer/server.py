@@ -26,6 +26,9 @@ HOST = "127.0.0.1"
 """Nobody but this machine reaches it; from elsewhere, ssh forwards the port."""
 FIRST_PORT, TRIED_PORTS = 8080, 50
 """Without a given port, the first free one of these."""
+UNDERWAY = 1 << 17
+"""Bytes that may be on their way to a page, a few frames: the usual megabytes would be seconds of a
+slow connection, in which the page lags behind."""
 
 logger = logging.getLogger(__name__)
 
@@ -47,20 +50,18 @@ def check_installed() -> None:
 class ViewerServer:
     """Serves the page at an address that holds a secret."""
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, listening: socket.socket) -> None:
         """Start to listen.
 
         Args:
-            port: 0 for the first free one.
+            listening: the socket of ``bound``; it belongs to the server from now on.
 
         Raises:
-            ConfigError: the port is taken, or may not be used.
             UnavailableError: viser is not installed, or starts in an unknown way.
         """
         check_installed()
         import viser
 
-        listening = _bound(port)
         self.port: int = listening.getsockname()[1]
         self.secret = secrets.token_urlsafe(16)
         logging.getLogger("websockets").addHandler(logging.NullHandler())
@@ -99,14 +100,23 @@ class ViewerServer:
             self.viser.stop()
 
 
-def _bound(port: int) -> socket.socket:
-    """A socket that is bound to the port, or to the first free one."""
+def bound(port: int, key: str = "port") -> socket.socket:
+    """A socket that listens on the port, or on the first free one.
+
+    Args:
+        port: 0 for the first free one.
+        key: key of the port, for the message.
+
+    Raises:
+        ConfigError: the port is taken, or may not be used.
+    """
     last: OSError | None = None
     for candidate in [port] if port else [*range(FIRST_PORT, FIRST_PORT + TRIED_PORTS), 0]:
         listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
             if os.name == "posix":  # Elsewhere it would take the port from who has it.
                 listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNDERWAY)
             listening.bind((HOST, candidate))
             # Two sockets may be bound, but only one may listen.
             listening.listen(16)
@@ -115,8 +125,8 @@ def _bound(port: int) -> socket.socket:
             listening.close()
             last = error if isinstance(error, OSError) else None
     raise ConfigError(
-        f"port={port}: this port cannot be used ({last.strerror if last else 'out of range'}).",
-        "Choose another, or leave it out: then the first free one is taken.",
+        f"{key}={port}: this port cannot be used ({last.strerror if last else 'out of range'}).",
+        f"Choose another with {key}=N, or leave it out: then the first free one is taken.",
     )
 
 

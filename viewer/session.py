@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from gsfw.viewer.first_view import FirstView, first_view
@@ -23,10 +25,16 @@ class Session:
     """One model, or two to compare; the first one's cameras and times are those of the page."""
     folder: Path
     """Folder of the files that pages order."""
+    source: str
+    """The run or file as other commands take it."""
     live: LiveRun | None = None
     """The run that trains; ``None`` for a finished one and for files."""
     service: FrameService = field(init=False)
     first: FirstView = field(init=False)
+
+    _given: set[Path] = field(default_factory=set, init=False)
+    """Paths of files that are not written yet."""
+    _giving: threading.Lock = field(default_factory=threading.Lock, init=False)
 
     def __post_init__(self) -> None:
         self.service = FrameService(self.models)
@@ -40,7 +48,33 @@ class Session:
     @property
     def title(self) -> str:
         """Title of the page."""
-        return " | ".join(model.name for model in self.models)
+        return " | ".join(self.names)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the models: those of their files or folders, where that tells them apart."""
+        short = [PurePath(model.name).name or model.name for model in self.models]
+        return short if len(set(short)) == len(short) else [model.name for model in self.models]
+
+    def free_path(self, folder: str, name: str, *suffixes: str) -> Path:
+        """A path of a new file, without its suffix: no file of these suffixes has it.
+
+        Args:
+            folder: below the folder of the session; it is made.
+            name: wish of a page; it cannot lead elsewhere. Where it is taken, a number follows it.
+            suffixes: that the file may get.
+        """
+        stem = "".join(c if c.isalnum() or c in "-_" else "-" for c in name) or "file"
+        parent = self.folder / folder
+        parent.mkdir(parents=True, exist_ok=True)
+        with self._giving:
+            for end in itertools.chain([""], map("_{}".format, itertools.count(2))):
+                path = parent / f"{stem}{end}"
+                files = (parent / f"{path.name}{suffix}" for suffix in suffixes)
+                if path not in self._given and not any(file.exists() for file in files):
+                    self._given.add(path)
+                    return path
+        raise AssertionError("numbers do not end")
 
 
 def serve(session: Session, until: Callable[[], bool]) -> None:

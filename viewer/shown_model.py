@@ -11,6 +11,7 @@ from torch import Tensor
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column
+from gsfw.core.maths.similarity import Similarity
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Sh, Splats
@@ -20,10 +21,10 @@ from gsfw.viewer.view_state import Box, ViewState
 class ShownModel(PrimitiveModel):
     """Another model, whose splats are edited on their way to the rasterizer; it does not change."""
 
-    def __init__(self, given: PrimitiveModel, state: ViewState) -> None:
+    def __init__(self, given: PrimitiveModel, state: ViewState, to_crop: Similarity | None) -> None:
         """Show ``given`` with the crop, scale and degree of ``state``."""
         super().__init__()
-        self._given, self._state = given, state
+        self._given, self._state, self._to_crop = given, state, to_crop
 
     def columns(self) -> Mapping[str, Column]:
         """The columns of the model."""
@@ -42,23 +43,34 @@ class ShownModel(PrimitiveModel):
         self, time: Float[Tensor, ""] | None = None, cameras: Cameras | None = None
     ) -> Splats:
         """The edited splats of the model."""
-        return edited(self._given.splats(time, cameras), self._state)
+        return edited(self._given.splats(time, cameras), self._state, self._to_crop)
 
     def decode(self, output: RenderOutput, cameras: Cameras) -> RenderOutput:
         """Decode as the model does."""
         return self._given.decode(output, cameras)
 
 
-def shown(model: PrimitiveModel, state: ViewState) -> PrimitiveModel:
-    """The model itself where the page changes nothing about its splats."""
+def shown(
+    model: PrimitiveModel, state: ViewState, to_crop: Similarity | None = None
+) -> PrimitiveModel:
+    """The model as a page wants it; itself where the page changes nothing about its splats.
+
+    Args:
+        model: the model.
+        state: of the page.
+        to_crop: leads to the frame of the crop box; ``None``: that of the model.
+    """
     changes = state.crop is not None or state.splat_scale != 1.0 or state.sh_degree < 4
-    return ShownModel(model, state) if changes else model
+    return ShownModel(model, state, to_crop) if changes else model
 
 
-def edited(splats: Splats, state: ViewState) -> Splats:
-    """The splats with the crop, scale and degree of ``state``."""
+def edited(splats: Splats, state: ViewState, to_crop: Similarity | None = None) -> Splats:
+    """The splats with the crop, scale and degree of ``state``; see ``shown``."""
     if state.crop is not None:
-        kept = inside(splats.means, state.crop).nonzero()[:, 0]
+        means = splats.means
+        if to_crop is not None:
+            means = to_crop.apply(means.cpu()).to(means)
+        kept = inside(means, state.crop).nonzero()[:, 0]
         rows = kept if splats.rows is None else splats.rows[kept]
         splats = replace(replace(splats, rows=None).take(kept), rows=rows)
     if isinstance(splats.colors, Sh) and state.sh_degree < splats.colors.degree:

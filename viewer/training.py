@@ -15,10 +15,11 @@ from gsfw.core.callback import Callback, Control, EvaluatedView, RunInfo, StepRe
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.progress import stage
 from gsfw.plugins.registry import installed
+from gsfw.viewer.config import PORT_KEY
 from gsfw.viewer.frame_service import MOVING_SECONDS
 from gsfw.viewer.live_run import LiveRun
 from gsfw.viewer.page import Pages
-from gsfw.viewer.server import ViewerServer
+from gsfw.viewer.server import ViewerServer, bound
 from gsfw.viewer.session import Session
 from gsfw.viewer.time_share import TimeShare
 from gsfw.viewer.viewed_model import ViewedModel
@@ -66,8 +67,8 @@ class TrainingViewer(Callback):
             data=run.data,
             is_dynamic=run.data.scene.is_dynamic and "static" not in tags,
         )
-        server = self._server = ViewerServer(self._port)
-        session = Session((model,), run.folder)
+        server = self._server = ViewerServer(bound(self._port, PORT_KEY))
+        session = Session((model,), run.folder, str(run.folder))
         live = session.live = LiveRun(run, session.service.wake)
         session.service.moving_seconds = self._share * MOVING_PERIOD
         pages = Pages(session)
@@ -77,12 +78,11 @@ class TrainingViewer(Callback):
         self._time = TimeShare(self._share, time.monotonic())
 
     def on_tick(self, step: int, control: Control) -> None:
-        """Serve pages for as long as the share allows; while paused, until the run goes on."""
+        """Serve pages for as long as the share allows; while they hold the run, without limit."""
         assert self._live is not None
-        self._live.step = step
+        self._live.ticked(step)
         self._serve_within_share()
-        if self._live.paused and not self._live.has_wishes:
-            self._serve_paused(control)
+        self._hold(control)
         self._carry_out(control)
 
     def on_view(self, step: int, view: EvaluatedView) -> None:
@@ -97,15 +97,15 @@ class TrainingViewer(Callback):
     def on_evaluation(self, step: int, evaluation: Evaluation, control: Control) -> None:
         """Take the figures."""
         assert self._live is not None
-        self._live.evaluated(step, evaluation.means.get("psnr"))
+        self._live.evaluated(step, evaluation.means.get("psnr"), len(evaluation.views))
 
     def on_checkpoint(self, step: int, path: object) -> None:
-        """Tell the page; a run that is paused goes on waiting after the checkpoint."""
+        """Tell the page; a run that is held goes on waiting after the checkpoint."""
         if self._live is None or self._control is None:
             return
         self._live.checkpointed = step
-        while self._live.paused and self._control.stop_reason is None:
-            self._serve_paused(self._control)
+        while self._is_held and self._control.stop_reason is None:
+            self._hold(self._control)
             stop, _ = self._live.take_wishes()  # This step has its checkpoint.
             if stop:
                 self._control.request_stop(STOPPED)
@@ -117,7 +117,9 @@ class TrainingViewer(Callback):
             self._pages.update()
 
     def close(self) -> None:
-        """Close the pages and the server."""
+        """Close the pages and the server, and give up what pages have ordered."""
+        if self._session is not None:
+            self._session.service.close()
         if self._pages is not None:
             self._pages.close()
         if self._server is not None:
@@ -132,25 +134,39 @@ class TrainingViewer(Callback):
         if service.pages and now - self._refreshed > REFRESH_SECONDS:
             self._refreshed = now
             service.refresh()
-        while self._time.allowed and service.serve_one():
+        while self._time.allowed and service.serve_frame():
             self._time.rendered(time.monotonic())
         self._live.share = self._time.measured
 
-    def _serve_paused(self, control: Control) -> None:
-        """Serve pages without a limit until the run goes on, or ends."""
+    @property
+    def _is_held(self) -> bool:
+        """True while a page pauses the run, or waits for what it has ordered.
+
+        The model must not change in the middle of a film, and none is too long to wait for: whoever
+        orders it sees how far it is.
+        """
+        assert self._session is not None
+        assert self._live is not None
+        return self._live.paused or self._session.service.has_orders
+
+    def _hold(self, control: Control) -> None:
+        """Serve pages without a limit until the run may go on, or a page wants something of it."""
         assert self._session is not None
         assert self._live is not None
         service, live = self._session.service, self._live
+        if not self._is_held or live.has_wishes or control.stop_reason is not None:
+            return
         service.moving_seconds = MOVING_SECONDS
         service.refresh()
-        seen = time.monotonic()
-        with stage("paused on the viewer's page"):
-            while live.paused and not live.has_wishes and control.stop_reason is None:
+        began = seen = time.monotonic()
+        with stage("waiting for the viewer's page"), live.waits():
+            while self._is_held and not live.has_wishes and control.stop_reason is None:
                 if not service.serve_one():
                     service.wait()
                 seen = time.monotonic() if service.pages else seen
                 if time.monotonic() - seen > ABANDONED_SECONDS:
                     live.pause(False)
+        live.skip(time.monotonic() - began)
         service.moving_seconds = self._share * MOVING_PERIOD
         self._time.skip(time.monotonic())
 

@@ -111,6 +111,10 @@ class ViewState:
     sh_degree: int = 4
     """Bands of view-dependent colour above this are left out."""
     crop: Box | None = None
+    tracks: bool = False
+    """Draw the paths of some Gaussians over the last times."""
+    behind: float = 0.07
+    """Grey of what no image covers: that of the page."""
     full_height: int = 1080
     """Largest height of a frame, in pixels."""
 

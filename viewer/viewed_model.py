@@ -9,11 +9,15 @@ import torch
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.maths.similarity import Similarity
 from gsfw.core.model import PrimitiveModel
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_settings import RenderSettings
 from gsfw.core.scene import Scene
 from gsfw.viewer.view_state import CapturedView
+
+SAME_PLACE = 0.01
+"""Largest shift of a camera between two runs, relative to the scene: poses may be refined."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +32,16 @@ class ViewedModel:
     """Settings of the evaluation; with a background."""
     scene: Scene
     device: torch.device
-    data: DataManager | None = None
-    """Cameras and photos of the capture; ``None`` for a file that has none."""
+    data: DataManager
+    """Cameras and photos of the capture."""
     is_dynamic: bool = False
     """True if the model changes with time."""
+    has_cameras: bool = True
+    """False if nobody stood at the cameras of the data: they are only to look from."""
 
     def captured(self) -> list[CapturedView]:
         """All views of the capture, those to train on first."""
-        if self.data is None:
+        if not self.has_cameras:
             return []
         splits = (Split.TRAIN, Split.EVAL)
         return [
@@ -46,19 +52,17 @@ class ViewedModel:
 
     def camera(self, view: CapturedView) -> Cameras:
         """The camera of a captured view."""
-        assert self.data is not None
         return self.data.views(view.split).cameras[view.index]
 
     def view_name(self, view: CapturedView) -> str:
         """Name of a captured view, unique among all of them."""
-        assert self.data is not None
         name = self.data.views(view.split).names[view.index]
         return name if view.split is Split.TRAIN else f"{name} (held out)"
 
     @property
     def has_photos(self) -> bool:
         """True if the views have images to compare with."""
-        return self.data is not None and self.data.has_images
+        return self.data.has_images
 
     def batch(self, view: CapturedView) -> Batch:
         """The photo of a captured view, and its camera, on the device.
@@ -66,13 +70,43 @@ class ViewedModel:
         Raises:
             DataError: the image does not decode.
         """
-        assert self.data is not None
         (batch,) = self.data.load(view.split, [view.index], self.device)
         return batch
 
     def captured_times(self) -> tuple[float, ...]:
         """All times of the capture in [0, 1], ascending; none for a static one."""
-        if self.data is None:
-            return ()
         times = {time for split in Split for time in self.data.views(split).times or ()}
         return tuple(sorted(times))
+
+
+def between(source: ViewedModel, target: ViewedModel) -> Similarity:
+    """Leads from the scene frame of one model to that of another, by the world of the data."""
+    world, back = source.scene.world_from_scene, target.scene.world_from_scene.inverse()
+    return Similarity(
+        back.scale * world.scale,
+        back.rotation @ world.rotation,
+        back.apply(world.translation),
+    )
+
+
+def same_world(first: ViewedModel, second: ViewedModel) -> bool:
+    """True if two models have a view in common, at one place of one world."""
+    where = _centers(second)
+    for name, center in _centers(first).items():
+        if name in where:
+            apart = float((center - where[name]).norm())
+            return apart < SAME_PLACE * first.scene.extent * first.scene.world_from_scene.scale
+    return False
+
+
+def _centers(model: ViewedModel) -> dict[str, torch.Tensor]:
+    """Centres of the cameras by view, in the world of the data."""
+    world = model.scene.world_from_scene
+    return {
+        name: world.apply(camera.centers[0].detach().cpu())
+        for split in (Split.TRAIN, Split.EVAL)
+        if model.has_cameras
+        for name, camera in zip(
+            model.data.views(split).names, model.data.views(split).cameras, strict=True
+        )
+    }

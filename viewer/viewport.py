@@ -103,14 +103,17 @@ class Viewport:
         self._flight = Flight(path, self._state)
         self._wake()
 
+    def land(self) -> None:
+        """End a flight where it is, as the page moves by itself."""
+        self._flight = None
+
     def _advance(self, now: float) -> bool:
         """Move on with the playback or the flight; false if nothing plays."""
         if self._flight is not None:
             flight = self._flight
-            state = flight.state(now)
-            if state is None:
+            self.change(lambda state: flight.state(state, now))
+            if flight.ended:
                 self._flight = None
-            self.change(lambda _: flight.home if state is None else state)
             return True
         if self.playback.playing:
             moment = self.playback.advance(self._state.time, now)

@@ -81,8 +81,12 @@ class RemainingTime:
         """Learn the duration of an evaluation after ``step``; reported times begin anew there."""
         self._view_seconds, self._evaluated_at = seconds / max(views, 1), step
 
-    def seconds(self) -> float | None:
-        """Time until the end of the last evaluation; ``None`` as long as it cannot be known."""
+    def seconds(self, stretch: int | float = 1.0) -> float | None:
+        """Time until the end of the last evaluation; ``None`` as long as it cannot be known.
+
+        Args:
+            stretch: time from step to step, over that of a step: more than 1 if others take a part.
+        """
         if not self._seen:
             return None
         now = self._seen[-1].end
@@ -95,7 +99,8 @@ class RemainingTime:
             for item in recent
         )
         factor = sum(item.seconds for item in recent) / units
-        return factor * self._units_left(now) + self._waiting_left(now) + self._evaluations(now)
+        steps = factor * self._units_left(now) + self._waiting_left(now)
+        return stretch * steps + self._evaluations(now)
 
     def _recent(self, now: int) -> list[_Interval]:
         """The last intervals; of the present phase alone, and after the first pass, if they do."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from gsfw.core.model import PrimitiveModel
@@ -55,8 +55,16 @@ class TrackErrors:
 
 
 @torch.no_grad()
-def follow(model: PrimitiveModel, times: Sequence[float]) -> Tracks:
-    """The paths of all rows of a model, in its scene frame and on its device."""
+def follow(
+    model: PrimitiveModel, times: Sequence[float], followed: Int[Tensor, " r"] | None = None
+) -> Tracks:
+    """The paths of rows of a model, in its scene frame and on its device.
+
+    Args:
+        model: the model.
+        times: in [0, 1].
+        followed: the rows; ``None`` for all.
+    """
     positions: list[Tensor] = []
     opacities: list[Tensor] = []
     for time in times:
@@ -66,8 +74,10 @@ def follow(model: PrimitiveModel, times: Sequence[float]) -> Tracks:
         if rows is None:
             rows = torch.arange(len(means), device=device)
         absent = means.new_full((model.num_rows, 3), torch.nan)
-        positions.append(absent.index_copy(0, rows, means))
-        opacities.append(means.new_zeros(model.num_rows).index_copy(0, rows, splats.opacities))
+        places = absent.index_copy(0, rows, means)
+        opaque = means.new_zeros(model.num_rows).index_copy(0, rows, splats.opacities)
+        positions.append(places if followed is None else places[followed])
+        opacities.append(opaque if followed is None else opaque[followed])
     return Tracks(tuple(times), torch.stack(positions), torch.stack(opacities))
 
 

@@ -6,10 +6,10 @@ import pytest
 from rich.console import Console
 from support.watched_run import report_of, run_info
 
-from gsfw.callbacks.countdown import Countdown
 from gsfw.callbacks.live_line import Figures, LiveLine, fitted
 from gsfw.callbacks.progress import Progress
 from gsfw.core.callback import Control
+from gsfw.core.loop.countdown import Countdown
 from gsfw.core.loop.evaluation import Evaluation
 from gsfw.core.progress import stage
 

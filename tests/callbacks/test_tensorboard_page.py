@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,10 +39,14 @@ def address(finished_run: Path) -> Iterator[str]:
     assert process.stderr is not None
     try:
         found = next(filter(None, map(ADDRESS.search, process.stderr)))
+        # A pipe that nobody empties would stop the server.
+        drain = threading.Thread(target=process.stderr.read)
+        drain.start()
         yield found[1]
     finally:
         process.terminate()
         process.wait()
+        drain.join()
         process.stderr.close()
 
 

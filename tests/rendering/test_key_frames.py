@@ -7,7 +7,13 @@ import pytest
 import torch
 
 from gsfw.core.errors import DataError
-from gsfw.rendering.key_frames import CameraPath, KeyFrame, path_frames, write_camera_path
+from gsfw.rendering.key_frames import (
+    CameraPath,
+    KeyFrame,
+    camera_path_of,
+    path_frames,
+    write_camera_path,
+)
 from gsfw.rendering.path_files import read_path_file
 
 
@@ -133,6 +139,20 @@ BROKEN = {
             {"fov": 50, "time": at, "camera_to_world": torch.eye(4).tolist()} for at in (0, None)
         ],
     },
+    "frame 1: time is \"soon\": expected a number": {
+        "camera_angle_x": 1.0,
+        "frames": [
+            {"transform_matrix": torch.eye(4).tolist(), "time": at} for at in (0, "soon")
+        ],
+    },
+    "frame 0: h is \"tall\": expected a number": {
+        "fl_y": 50.0,
+        "frames": [{"transform_matrix": torch.eye(4).tolist(), "h": "tall"}],
+    },
+    "frame 0 has no field of view": {
+        "frames": [{"transform_matrix": torch.eye(4).tolist()}],
+    },
+    "is no camera path.": {"camera_path": [{"camera_to_world": torch.eye(4).tolist()}, 7]},
     "seconds of its key frames do not ascend": {
         "schema": 1,
         "key_frames": [
@@ -146,6 +166,15 @@ BROKEN = {
 def test_a_broken_file_says_what_is_wrong(tmp_path, message):
     with pytest.raises(DataError, match=message):
         read_path_file(written(tmp_path, BROKEN[message]))
+
+
+def test_a_list_at_the_top_is_no_camera_path(tmp_path):
+    with pytest.raises(DataError, match="no key frames") as caught:
+        camera_path_of([1, 2], "path.json")
+    assert "path.json" in caught.value.message
+    (tmp_path / "list.json").write_text("[1, 2]")
+    with pytest.raises(DataError, match="is no camera path"):
+        read_path_file(tmp_path / "list.json")
 
 
 def test_a_file_that_is_no_json_or_not_there_says_so(tmp_path):

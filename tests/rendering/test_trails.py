@@ -26,7 +26,7 @@ def path_of(*xs: float, opacities=None) -> Tracks:
 
 def drawn(tracks: Tracks, depth=None, length: int = 10, frame: int | None = None) -> torch.Tensor:
     """How much each pixel of a white image of 32 x 24 changes."""
-    trails = Trails(tracks, torch.tensor([0]), length, tracks.positions[0, :1])
+    trails = Trails(tracks, length, tracks.positions[0])
     white = torch.ones(24, 32, 3)
     frame = len(tracks.times) - 1 if frame is None else frame
     return (1 - trails.draw_on(white, depth, camera_at(None), frame)).amax(2)

@@ -29,20 +29,7 @@ class ViewerPage:
 
     def look(self, pose: Pose) -> None:
         """Report a pose of the page's camera."""
-        x, y, z = pose.position
-        message = {
-            "type": "ViewerCameraMessage",
-            "wxyz": pose.wxyz,
-            "position": pose.position,
-            "fov": pose.fov,
-            "near": 0.01,
-            "far": 100.0,
-            "image_height": self._size[1],
-            "image_width": self._size[0],
-            "look_at": (x, y, z + 1.0),
-            "up_direction": (0.0, -1.0, 0.0),
-        }
-        self._socket.send(msgspec.msgpack.encode(message))
+        self._socket.send(pose_message(pose, self._size))
 
     def send(self, content: bytes | str) -> None:
         """Send anything."""
@@ -71,6 +58,24 @@ class ViewerPage:
             content: Any = message.get("rgb_data")
             if message["type"] == "BackgroundImageMessage" and content is not None:
                 yield np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
+
+
+def pose_message(pose: Pose, size: tuple[int, int]) -> bytes:
+    """What a page of this size reports when its camera moves."""
+    x, y, z = pose.position
+    message = {
+        "type": "ViewerCameraMessage",
+        "wxyz": pose.wxyz,
+        "position": pose.position,
+        "fov": pose.fov,
+        "near": 0.01,
+        "far": 100.0,
+        "image_height": size[1],
+        "image_width": size[0],
+        "look_at": (x, y, z + 1.0),
+        "up_direction": (0.0, -1.0, 0.0),
+    }
+    return msgspec.msgpack.encode(message)
 
 
 @contextmanager

@@ -6,24 +6,23 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
-from support.viewing import OneView, moving_model, still_model
+from support.viewing import FixedSplats, OneView, captured_model, moving_model, still_model
 
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.evaluation import render_model
+from gsfw.core.maths.frame import transform_splats
+from gsfw.core.maths.rotations import rotation_matrices
+from gsfw.core.maths.similarity import Similarity
 from gsfw.viewer.arrangement import beside, fitted, slots, wiped
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.shown_model import edited, inside
 from gsfw.viewer.view_state import Box, CapturedView, Comparison, Pose, ViewState
+from gsfw.viewer.viewed_model import same_world
 
 FRONT = Pose((0.0, 0.0, -4.0), (1.0, 0.0, 0.0, 0.0), 0.8)
 STATE = ViewState(pose=FRONT, width=48, height=36)
 VIEW = CapturedView(Split.TRAIN, 0)
-
-
-def captured():
-    """A model whose one photo is grey."""
-    return replace(still_model(), data=OneView((0.5, 0.5, 0.5)))
 
 
 def test_a_frame_is_the_render_of_the_camera_of_the_page():
@@ -72,7 +71,7 @@ def test_channels_of_values_say_what_their_colours_mean(channel):
 
 def test_a_captured_view_beside_its_photo_and_its_error_has_a_figure():
     state = replace(STATE, width=240, height=60, view=VIEW, comparison=Comparison.SIDE_BY_SIDE)
-    frame = FrameMaker([captured()]).make(state)
+    frame = FrameMaker([captured_model()]).make(state)
     assert frame.image.shape == (60, 240, 3)
     assert frame.image[30, 40].tolist() == [128, 128, 128]  # The photo is the left third.
     assert frame.psnr is not None
@@ -81,14 +80,14 @@ def test_a_captured_view_beside_its_photo_and_its_error_has_a_figure():
 
 def test_the_photo_alone_fills_the_page_in_its_own_shape():
     state = replace(STATE, width=96, height=36, view=VIEW, comparison=Comparison.OTHER)
-    image = FrameMaker([captured()]).make(state).image
+    image = FrameMaker([captured_model()]).make(state).image
     assert (image[:, 24:72] == 128).all()
     assert (image[:, :20] < 30).all()
 
 
 def test_a_wipe_has_the_photo_at_the_left_and_the_render_at_the_right():
     state = replace(STATE, width=48, height=36, view=VIEW, comparison=Comparison.WIPE, wipe=0.5)
-    maker = FrameMaker([captured()])
+    maker = FrameMaker([captured_model()])
     image = maker.make(state).image
     render = maker.make(replace(state, comparison=Comparison.RENDER)).image
     assert (image[:, :22] == 128).all()
@@ -96,7 +95,7 @@ def test_a_wipe_has_the_photo_at_the_left_and_the_render_at_the_right():
 
 
 def test_the_error_of_a_free_view_is_its_colours_as_there_is_no_photo():
-    maker = FrameMaker([captured()])
+    maker = FrameMaker([captured_model()])
     free, plain = (maker.make(replace(STATE, channel=name)) for name in ("error", "color"))
     assert np.array_equal(free.image, plain.image)
 
@@ -108,6 +107,49 @@ def test_two_runs_stand_beside_one_another():
     for model, part in ((first, both[:, :48]), (second, both[:, -48:])):
         alone = FrameMaker([model]).make(STATE).image
         assert np.array_equal(part, alone)
+
+
+def two_runs_of_one_world():
+    """The same splats in two frames: the second one is turned, shifted, and twice as large."""
+    first = captured_model()
+    turn = rotation_matrices(torch.tensor([[0.9, 0.1, 0.3, 0.2]], dtype=torch.float64))[0]
+    placed = Similarity(0.5, turn, torch.tensor([0.3, -0.2, 0.1], dtype=torch.float64))
+    splats = transform_splats(first.model.splats(), placed.inverse()).map(torch.Tensor.float)
+    data = OneView((0.5, 0.5, 0.5), placed)
+    second = replace(first, name="second", model=FixedSplats(splats), scene=data.scene, data=data)
+    return first, second
+
+
+def test_two_runs_of_other_frames_are_cropped_by_one_box():
+    crop = Box((-0.4, -2.0, -2.0), (2.0, 2.0, 0.3))
+    state = replace(STATE, width=98, comparison=Comparison.SIDE_BY_SIDE, crop=crop)
+    image = FrameMaker(two_runs_of_one_world()).make(state).image.astype(int)
+    whole = FrameMaker(two_runs_of_one_world()).make(replace(state, crop=None)).image
+    assert np.abs(image[:, :48] - image[:, -48:]).max() <= 2
+    assert np.abs(image - whole).max() > 20  # The box does cut something off.
+
+
+@pytest.mark.parametrize("channel", ["depth", "count"])
+def test_two_runs_share_one_scale_of_values(channel):
+    state = replace(STATE, width=98, comparison=Comparison.SIDE_BY_SIDE, channel=channel)
+    image = FrameMaker(two_runs_of_one_world()).make(state).image.astype(int)
+    assert (np.abs(image[:, :48] - image[:, -48:]).max(2) > 4).mean() < 0.01
+
+
+def test_runs_show_one_world_if_a_view_of_both_was_taken_at_one_place():
+    first, _ = two_runs_of_one_world()
+    elsewhere = replace(first, data=OneView((0.0, 0.0, 0.0), name="other.png"))
+    shift = Similarity(translation=torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64))
+    shifted = OneView((0.0, 0.0, 0.0), shift)
+    assert same_world(first, first)
+    assert not same_world(first, elsewhere)
+    assert not same_world(first, replace(first, data=shifted, scene=shifted.scene))
+    assert not same_world(first, still_model())
+
+
+def test_a_light_page_has_light_margins():
+    state = replace(STATE, width=96, view=VIEW, comparison=Comparison.OTHER, behind=0.9)
+    assert (FrameMaker([captured_model()]).make(state).image[:, :20] > 220).all()
 
 
 def test_a_motion_channel_of_what_stands_still_is_refused_in_words():
@@ -136,7 +178,7 @@ def test_smaller_gaussians_and_fewer_bands_change_nothing_in_the_model():
 def test_images_of_any_width_have_slots_that_fill_it():
     for width, count in product((7, 96, 101), (1, 2, 3)):
         parts = [torch.zeros(4, size[0], 3) for size in slots(width, 4, count)]
-        assert beside(parts).shape == (4, width, 3)
+        assert beside(parts, 0.0).shape == (4, width, 3)
 
 
 def test_an_image_fits_inside_in_its_own_shape():

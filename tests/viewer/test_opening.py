@@ -1,6 +1,7 @@
 """Opening: runs, model files, and splats of other tools."""
 
 import json
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -17,13 +18,14 @@ from gsfw.core.datamanager import Split
 from gsfw.core.exchange import SplatFile
 from gsfw.formats.ply import PlyExporter
 from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer
 from gsfw.rendering.key_frames import camera_path_of
-from gsfw.viewer.export import export_path, export_splats
+from gsfw.viewer.export import export_splats
 from gsfw.viewer.film_task import FilmOrder, film_task
 from gsfw.viewer.first_view import first_view
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.key_frames import CameraPath, PathStates, key_frame, pose_of
-from gsfw.viewer.opening import of_restored, of_splat_file
+from gsfw.viewer.opening import of_restored
 from gsfw.viewer.session import Session
 from gsfw.viewer.view_state import CapturedView, Pose, ViewState
 
@@ -32,7 +34,9 @@ STATE = ViewState(pose=FRONT, width=48, height=36)
 
 
 def opened(path):
-    return of_restored(str(path), open_run(find_run(str(path), print), installed()))
+    found = find_run(str(path), print, splats=True)
+    restored = open_run(found, installed(), Layer("the test", {"device": "cpu"}))
+    return of_restored(found.name, restored, has_cameras=found.splat_file is None)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +78,14 @@ def test_splats_of_another_tool_show_as_what_they_are(tmp_path):
     path = tmp_path / "splats.ply"
     double = model.model.splats().map(torch.Tensor.double)
     PlyExporter().write(path, SplatFile(double))
-    file = of_splat_file(path, "cpu", installed())
-    first, second = (FrameMaker([item]).make(STATE).image for item in (model, file))
+    file = opened(path)
+    assert not file.captured()  # Nobody stood at the cameras that it is seen from.
+    world = file.scene.world_from_scene
+    camera = STATE.pose.cameras(48, 36)
+    placed = world.inverse().camera(camera.world_to_camera).float()
+    seen = Pose.of(replace(camera, world_to_camera=placed))
+    first = FrameMaker([model]).make(STATE).image
+    second = FrameMaker([file]).make(replace(STATE, pose=seen)).image
     assert np.abs(first.astype(int) - second).max() <= 1
     view = first_view(file)
     image = FrameMaker([file]).make(replace(STATE, pose=view.pose)).image
@@ -84,12 +94,19 @@ def test_splats_of_another_tool_show_as_what_they_are(tmp_path):
 
 def test_an_export_holds_what_the_page_shows(run, tmp_path):
     state = replace(STATE, splat_scale=0.5)
-    path = export_path(tmp_path, 7)
+    path = tmp_path / "view.ply"
     count = export_splats(run, state, path)
-    assert path.name == "step_000007.ply"
-    file = of_splat_file(path, "cpu", installed())
-    assert len(file.model.splats()) == count
-    assert export_path(tmp_path, 7).name == "step_000007_2.ply"
+    assert len(opened(path).model.splats()) == count
+
+
+def test_no_file_of_a_page_replaces_another(run, tmp_path):
+    session = Session((run,), tmp_path, "run")
+    first = session.free_path("films", "my film/../x", ".mp4", ".webp")
+    assert first == tmp_path / "films" / "my-film----x"
+    second = session.free_path("films", "my film/../x", ".mp4", ".webp")
+    assert second.name == "my-film----x_2"  # Though neither is written yet.
+    (tmp_path / "films" / "old.webp").touch()
+    assert session.free_path("films", "old", ".mp4", ".webp").name == "old_2"
 
 
 def test_a_key_frame_survives_the_world_of_the_data(run):
@@ -121,7 +138,7 @@ def test_a_film_is_rendered_part_by_part(run, tmp_path):
     states = PathStates.of(CameraPath(tuple(keys), fps=4.0, seconds=1.0), run.scene)
     told, counts = [], []
     order = FilmOrder(states, STATE, tmp_path / "film", counts.append, told.append)
-    parts = sum(1 for _ in film_task(order, Session((run,), tmp_path)))
+    parts = sum(1 for _ in film_task(order, Session((run,), tmp_path, "run")))
     import threading
 
     for thread in threading.enumerate():
@@ -133,18 +150,22 @@ def test_a_film_is_rendered_part_by_part(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_verb_serves_a_page_until_it_is_interrupted(finished_run):
-    import signal
-
+def test_the_verb_serves_a_page_until_it_is_interrupted(finished_run, tmp_path):
     command = [sys.executable, "-u", "-m", "gsfw", "view", str(finished_run), "json=true"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with (
+        (tmp_path / "told").open("w+") as told,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=told, text=True) as process,
+    ):
         assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        while lines[-1].strip() != b"}":
-            lines.append(process.stdout.readline())
-        document = json.loads(b"".join(lines))
+        lines = []
+        for line in process.stdout:  # It ends with the process, if that fails.
+            lines.append(line)
+            if line.strip() == "}":
+                break
+        document = json.loads("".join(lines))
         with open_page(document["address"]) as page:
             page.look(FRONT)
             page.wait_for_frame()
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
+        assert "closed" in (tmp_path / "told").read_text()

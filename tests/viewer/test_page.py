@@ -3,8 +3,10 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +18,7 @@ import pytest
 from support.chromium import Page, chromium, needs_chromium
 from support.fast_rasterizer import fast_rasterizer
 from support.small_scene import SMALL_SCENE
-from support.viewing import OneView, moving_model, served, still_model
+from support.viewing import OneView, captured_model, moving_model, served, still_model
 
 from gsfw.viewer.frame import FrameMaker
 from gsfw.viewer.panels import path_panel
@@ -48,7 +50,7 @@ def shown(browser, folder, *models) -> Iterator[tuple]:
     """The session of some models, with one page open, at rest."""
     with served(folder, *models) as session:
         page = browser.open(session.server.address)
-        page.wait_for("document.body.innerText.includes('Channel')")
+        page.wait_for("document.body.innerText.includes('Background')")
         try:
             yield session, page
         finally:
@@ -70,10 +72,17 @@ def settle(session, number=-1, seconds=60.0):
     while time.monotonic() < end:
         done = port._rendered == port._version and port._scale == 1.0 and not port._sending
         if done and time.monotonic() - port._changed > 0.5:
-            time.sleep(0.6)  # The browser decodes and draws.
             return
         time.sleep(0.02)
     raise AssertionError("the page never came to rest")
+
+
+def until(condition, seconds: float = 60.0) -> None:
+    """Wait until a condition of this process is true."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def seen(page: Page, name: str) -> np.ndarray:
@@ -119,9 +128,9 @@ def test_orbiting_changes_the_image(browser, tmp_path):
         before = seen(page, "orbit-before")
         pose = viewport(session).state.pose
         page.drag((400, 400), (520, 430))
+        until(lambda: viewport(session).state.pose != pose)
         settle(session)
-        assert viewport(session).state.pose != pose
-        assert differ(before, seen(page, "orbit-after"))
+        until(lambda: differ(before, seen(page, "orbit-after")))
 
 
 def test_the_time_slider_moves_the_scene_and_play_goes_on(browser, tmp_path):
@@ -136,42 +145,40 @@ def test_the_time_slider_moves_the_scene_and_play_goes_on(browser, tmp_path):
             })()"""
         )
         page.click((x, y))
+        until(lambda: viewport(session).state.time == pytest.approx(0.9, abs=0.05))
         settle(session)
-        assert viewport(session).state.time == pytest.approx(0.9, abs=0.05)
-        assert differ(before, seen(page, "time-1"))
+        until(lambda: differ(before, seen(page, "time-1")))
         page.click_text("Play")
         page.wait_for("[...document.querySelectorAll('button')].some(b => b.innerText === 'Pause')")
         first = viewport(session).state.time
-        time.sleep(1.0)
-        assert viewport(session).state.time != first
+        until(lambda: viewport(session).state.time != first)
 
 
 def test_a_click_on_a_frustum_shows_the_photo_of_its_view(browser, tmp_path):
-    model = replace(still_model(rasterizer=fast_rasterizer()), data=OneView((0.9, 0.2, 0.1)))
+    model = captured_model((0.9, 0.2, 0.1), rasterizer=fast_rasterizer())
     with shown(browser, tmp_path, model) as (session, page):
         settle(session)
         page.click_text("Cameras")
         page.wait_for("document.body.innerText.includes('Show cameras')")
         page.click_text("Show cameras")
+        home = viewport(session).state.pose
         page.wheel(500, 400, 600)  # Back, so that the camera is in front.
+        until(lambda: viewport(session).state.pose != home)
         settle(session)
+        seen(page, "cameras")  # The browser has drawn them.
         page.click(frustum_place(session))
         port = viewport(session)
-        end = time.monotonic() + 20
-        while port.state.view is None and time.monotonic() < end:
-            time.sleep(0.05)
-        assert port.state.view is not None
+        until(lambda: port.state.view is not None)
         assert port.state.comparison is Comparison.SIDE_BY_SIDE
         settle(session)
         red, end = np.array([230.0, 51.0, 26.0]), time.monotonic() + 20
         image = np.zeros((720, 1280, 3))
-        while np.abs(image[360, 160] - red).max() >= 8 and time.monotonic() < end:
+        while np.abs(image[330, 400] - red).max() >= 8 and time.monotonic() < end:
             image = page.screenshot(Path(SHOTS) / "frustum.png" if SHOTS else None).astype(float)
-        assert np.abs(image[360, 160] - red).max() < 8
+        assert np.abs(image[330, 400] - red).max() < 8
         assert "PSNR" in page.text()
         page.drag((400, 400), (500, 420))
-        time.sleep(0.5)
-        assert port.state.view is None  # Whoever moves looks from elsewhere.
+        until(lambda: port.state.view is None)  # Whoever moves looks from elsewhere.
 
 
 def frustum_place(session) -> tuple[float, float]:
@@ -203,23 +210,22 @@ def test_key_frames_become_a_file_and_a_film(browser, tmp_path, monkeypatch):
         page.click_text("Path")
         page.wait_for("document.body.innerText.includes('Add key frame')")
         page.click_text("Add key frame")
+        start = viewport(session).state.pose
         page.drag((400, 400), (520, 430))
+        until(lambda: viewport(session).state.pose != start)
         settle(session)
         page.click_text("Add key frame")
-        page.wait_for("document.body.innerText.includes('Save JSON')")
-        page.click_text("Save JSON")
-        wait_for_file(tmp_path / "paths" / "path.json")
-        document = json.loads((tmp_path / "paths" / "path.json").read_text())
+        page.wait_for("document.body.innerText.includes('Save path')")
+        page.click_text("Save path")
+        wait_for_file(tmp_path / "paths" / "flight.json")
+        document = json.loads((tmp_path / "paths" / "flight.json").read_text())
         assert len(document["key_frames"]) == 2
         home = viewport(session).state.pose
         page.click_text("Preview")
-        end = time.monotonic() + 20
-        while viewport(session).state.pose == home and time.monotonic() < end:
-            time.sleep(0.01)
-        assert viewport(session).state.pose != home
+        until(lambda: viewport(session).state.pose != home)
         page.click_text("Render film")
         page.screenshot(Path(SHOTS) / "path.png" if SHOTS else None)
-        films = wait_for_file(tmp_path / "films" / "path.mp4", tmp_path / "films" / "path.webp")
+        films = wait_for_file(tmp_path / "films" / "flight.mp4", tmp_path / "films" / "flight.webp")
         assert films.stat().st_size > 1000
 
 
@@ -237,10 +243,12 @@ def test_two_pages_have_their_own_cameras_and_one_that_dies_harms_no_other(brows
     with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
         settle(session)
         other = browser.open(session.server.address)
-        other.wait_for("document.body.innerText.includes('Channel')")
+        other.wait_for("document.body.innerText.includes('Background')")
         settle(session)
         page.to_front()
+        home = viewport(session, 0).state.pose
         page.drag((400, 400), (520, 430))
+        until(lambda: viewport(session, 0).state.pose != home)
         settle(session, 0)
         settle(session, 1)
         assert viewport(session, 0).state.pose != viewport(session, 1).state.pose
@@ -253,9 +261,7 @@ def test_two_pages_have_their_own_cameras_and_one_that_dies_harms_no_other(brows
         other.close()  # In mid-frame.
         page.to_front()
         page.drag((400, 400), (450, 430))
-        end = time.monotonic() + 20
-        while session.session.service.pages > 1 and time.monotonic() < end:
-            time.sleep(0.05)
+        until(lambda: session.session.service.pages == 1)
         settle(session, 0)
 
 
@@ -265,8 +271,7 @@ def test_two_runs_are_compared_in_one_page(browser, tmp_path):
     with shown(browser, tmp_path, *models) as (session, page):
         settle(session)
         assert viewport(session).state.comparison is Comparison.SIDE_BY_SIDE
-        image = seen(page, "compare")
-        assert differ(image[:, :290], image[:, 640:930])
+        until(lambda: differ(*np.split(seen(page, "compare")[:, 30:920], [445], axis=1)))
         assert "one | two" in page.text()
 
 
@@ -283,12 +288,13 @@ def training(tmp_path):
         text=True,
     ) as process:
         assert process.stderr is not None
-        found = None
-        while found is None and (line := process.stderr.readline()):
-            found = re.search(r"http://127\S+", line)
-        assert found is not None
+        found = next(filter(None, (re.search(r"http://127\S+", line) for line in process.stderr)))
+        # A pipe that nobody empties would stop the run.
+        drain = threading.Thread(target=process.stderr.read)
+        drain.start()
         yield process, found[0], tmp_path / "run"
         process.kill()
+        drain.join()
 
 
 def step_of(page: Page) -> int:
@@ -305,15 +311,13 @@ def test_pause_stops_the_counter_of_steps_and_resume_starts_it(browser, training
     page.wait_for(f"!document.body.innerText.includes('{first:,} of')")
     page.click_text("Pause")
     page.wait_for("document.body.innerText.includes('3dgs: paused')")
-    time.sleep(1.5)
     held = step_of(page)
-    time.sleep(1.5)
-    assert step_of(page) == held
     page.screenshot(Path(SHOTS) / "training.png" if SHOTS else None)
     page.click_text("Checkpoint")
     wait_for_file(run / "checkpoints" / f"step_{held:09d}.pt")
     page.wait_for("document.body.innerText.includes('last checkpoint')")  # It moves the button.
-    page.click_text("Export PLY")
+    assert step_of(page) == held
+    page.click_text("Export as PLY")
     wait_for_file(run / "exports" / f"step_{held:06d}.ply")
     page.click_text("Resume")
     page.wait_for(f"!document.body.innerText.includes('{held:,} of')")
@@ -324,3 +328,55 @@ def test_pause_stops_the_counter_of_steps_and_resume_starts_it(browser, training
     process.wait(60)
     assert process.returncode == 0
     page.close()
+
+
+def test_ctrl_c_ends_a_paused_run_with_a_checkpoint(browser, training):
+    process, address, run = training
+    page = browser.open(address)
+    page.wait_for("document.body.innerText.includes('Run')")
+    page.click_text("Run")
+    page.click_text("Pause")
+    page.wait_for("document.body.innerText.includes('3dgs: paused')")
+    held = step_of(page)
+    process.send_signal(signal.SIGINT)
+    process.wait(60)
+    assert (run / "checkpoints" / f"step_{held:09d}.pt").is_file()
+    page.close()
+
+
+def test_an_export_of_a_run_that_trains_holds_it_for_a_moment(browser, training):
+    _, address, run = training
+    page = browser.open(address)
+    page.wait_for("document.body.innerText.includes('Run')")
+    page.click_text("Run")
+    page.wait_for("/step\\s+[\\d,]+ of/.test(document.body.innerText)")
+    page.click_text("Export as PLY")
+    until(lambda: any((run / "exports").glob("step_*.ply")))
+    exported = int(next((run / "exports").glob("*.ply")).stem.removeprefix("step_"))
+    until(lambda: step_of(page) > exported)
+    page.close()
+
+
+def test_the_slider_follows_the_time_of_a_captured_view(browser, tmp_path):
+    balls = moving_model(fast_rasterizer())
+    model = replace(balls, data=OneView((0.9, 0.2, 0.1), time=0.75), has_cameras=True)
+    with shown(browser, tmp_path, model) as (session, page):
+        settle(session)
+        page.click_text("Cameras")
+        page.click_text("Next")
+        until(lambda: viewport(session).state.view is not None)
+        assert viewport(session).state.time == 0.75
+        page.click_text("View")
+        page.wait_for("[...document.querySelectorAll('input')].some(i => i.value === '0.75')")
+
+
+def test_a_light_page_is_light(browser, tmp_path):
+    with shown(browser, tmp_path, still_model(rasterizer=fast_rasterizer())) as (session, page):
+        settle(session)
+        page.click_text("Picture", selector="*")
+        # Not by its place: the folder still opens.
+        label = "[...document.querySelectorAll('label')].find(l => l.innerText === 'Light page')"
+        page.wait_for(f"!!{label}")
+        page.evaluate(f"{label}.click()")
+        until(lambda: page.screenshot()[600, 1200].min() > 200)
+        page.screenshot(Path(SHOTS) / "light.png" if SHOTS else None)

@@ -1,17 +1,29 @@
 """The server: who may see the page, and what the others cannot do."""
 
 import http.client
+import re
 import socket
+import stat
 import time
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from support.viewer_page import open_page
+import viser
+from support.viewer_page import open_page, pose_message
 from support.viewing import served, still_model
+from websockets.client import ClientProtocol
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.protocol import State
+from websockets.uri import parse_uri
 
+from gsfw.commands.main import main
 from gsfw.core.errors import ConfigError, UnavailableError
+from gsfw.viewer.browser import browser_on
+from gsfw.viewer.config import ViewerConfig
 from gsfw.viewer.guard import guarded, without_secret
-from gsfw.viewer.server import ViewerServer, _bound, check_installed
+from gsfw.viewer.server import ViewerServer, bound, check_installed
 from gsfw.viewer.view_state import Pose
 
 FRONT = Pose((0.0, 0.0, -4.0), (1.0, 0.0, 0.0, 0.0), 0.8)
@@ -114,16 +126,105 @@ def test_closed_pages_are_forgotten(small):
 
 
 def test_it_listens_on_this_machine_alone(small):
-    with _bound(0) as listening:
+    with bound(0) as listening:
         assert listening.getsockname()[0] == "127.0.0.1"
     assert small.server.address.startswith("http://127.0.0.1:")
-    assert f"-L {small.server.port}:127.0.0.1:{small.server.port}" in small.server.ssh_line
+    with pytest.raises(OSError, match=r"refused|unreachable"):
+        socket.create_connection((other_address(), small.server.port), timeout=2).close()
+
+
+def other_address() -> str:
+    """An address of this machine that is not 127.0.0.1; that of its network, if it has one."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # Nothing is sent.
+            found: str = probe.getsockname()[0]
+        except OSError:
+            return "127.0.0.2"
+    return found
+
+
+def test_the_ssh_line_forwards_the_port_and_names_user_and_machine(small):
+    line = re.fullmatch(r"ssh -L (\d+):127\.0\.0\.1:(\d+) (\S+)@(\S+)", small.server.ssh_line)
+    assert line is not None
+    assert line[1] == line[2] == str(small.server.port)
+    assert line[4] == socket.gethostname()
 
 
 def test_a_taken_port_is_a_sentence(small):
     with pytest.raises(ConfigError, match=f"port={small.server.port}") as caught:
-        ViewerServer(small.server.port)
-    assert "the first free one" in caught.value.advice
+        bound(small.server.port)
+    assert "port=N" in caught.value.advice
+    with pytest.raises(ConfigError, match=f"viewer.port={small.server.port}"):
+        ViewerConfig(enabled=True, port=small.server.port).check()
+
+
+def test_a_page_that_reads_nothing_gets_no_further_frame(small):
+    """The frames that fit into the buffers of the system are sent; then it is left alone."""
+    rendered, make = [], small.session.service.maker.make
+    small.session.service.maker.make = lambda *given: rendered.append(1) or make(*given)
+    try:
+        with mute_page(small.server, (640, 360)) as look:
+            before, stuck, end = -1, False, time.monotonic() + 60
+            while not stuck and time.monotonic() < end:
+                for turn in range(20):
+                    look(replace(FRONT, position=(0.01 * turn, 0.0, -4.0)))
+                    time.sleep(0.05)
+                before, stuck = len(rendered), len(rendered) == before
+            assert stuck
+            assert small.session.service.pages  # It is still open: nobody has cut it off.
+    finally:
+        small.session.service.maker.make = make
+    assert gets_a_frame(small).any()
+
+
+@contextmanager
+def mute_page(server, size):
+    """A page that reports its poses and reads nothing; gives the function that does so."""
+    with socket.socket() as raw:
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        raw.connect(("127.0.0.1", server.port))
+        protocol = ClientProtocol(
+            parse_uri(server.address.replace("http://", "ws://")),
+            subprotocols=[f"viser-v{viser.__version__}"],
+        )
+        protocol.send_request(protocol.connect())
+        raw.sendall(b"".join(protocol.data_to_send()))
+        while protocol.state is not State.OPEN:
+            protocol.receive_data(raw.recv(1))
+
+        def look(pose):
+            protocol.send_binary(pose_message(pose, size))
+            raw.sendall(b"".join(protocol.data_to_send()))
+
+        yield look
+
+
+def test_the_secret_is_in_a_file_of_the_user_and_not_on_a_command_line(monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    with browser_on("http://127.0.0.1:8080/secret/"):
+        (given,) = opened
+        assert "secret" not in given
+        file = Path(given.removeprefix("file://"))
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+        assert "url=http://127.0.0.1:8080/secret/" in file.read_text()
+    assert not file.exists()
+
+
+def test_a_taken_port_is_said_before_anything_is_loaded(small, capsys, monkeypatch):
+    monkeypatch.setattr("gsfw.commands.interface.runs.open_run", None)  # It is not called.
+    assert main(["view", "latest", f"port={small.server.port}"]) == 2
+    assert f"port={small.server.port}: this port cannot be used" in capsys.readouterr().err
+
+
+def test_training_with_a_taken_port_is_refused_before_data_is_read(small, capsys, tmp_path):
+    out, taken = tmp_path / "run", f"viewer.port={small.server.port}"
+    assert main(["train", "method=3dgs", "viewer=true", taken, f"out={out}"]) == 2
+    told = capsys.readouterr().err
+    assert f"{taken}: this port cannot be used" in told
+    assert "viewer.port=N" in told
+    assert not out.exists()
 
 
 def test_without_viser_the_remedy_is_said(monkeypatch):
@@ -151,7 +252,7 @@ def test_the_secret_is_the_whole_first_part_of_a_path():
 
 
 def test_secrets_differ():
-    first, second = ViewerServer(), ViewerServer()
+    first, second = ViewerServer(bound(0)), ViewerServer(bound(0))
     try:
         assert first.secret != second.secret
         assert len(first.secret) >= 20

@@ -13,6 +13,7 @@ from support.viewing import BLACK, OneView, still_model
 
 from gsfw.commands.main import main
 from gsfw.core.callback import Control, RunInfo, StepReport
+from gsfw.core.loop.countdown import Countdown
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.viewer import training
@@ -152,6 +153,77 @@ def test_a_pause_holds_the_run_and_serves_pages(viewer):
     steps.join(20)
 
 
+def test_it_says_pausing_until_the_run_waits(viewer):
+    live = viewer._live
+    assert live.state == "training"
+    live.pause(True)
+    assert live.state == "pausing"  # A step may still be in work.
+    steps = Steps(viewer)
+    steps.start()
+    soon(lambda: live.state == "paused")
+    held = steps.step
+    viewer.control.request_stop("the test is over")
+    steps.join(20)
+    assert steps.step == held
+
+
+def test_an_order_holds_the_run_until_it_is_done(viewer):
+    steps, seen = Steps(viewer), []
+
+    def order():
+        for _ in range(5):
+            seen.append(steps.step)
+            time.sleep(0.02)
+            yield
+
+    steps.start()
+    soon(lambda: steps.step > 3)
+    viewer._session.service.order(order())
+    soon(lambda: len(seen) == 5 and not viewer._session.service.has_orders)
+    held = seen[0]
+    assert seen == [held] * 5  # One model from the first frame to the last.
+    soon(lambda: steps.step > held)
+    viewer.control.request_stop("the test is over")
+    steps.join(20)
+
+
+def test_a_stop_gives_up_what_is_ordered(viewer):
+    steps, ended = Steps(viewer), []
+
+    def endless():
+        try:
+            while True:
+                yield
+        finally:
+            ended.append(True)
+
+    viewer._session.service.order(endless())
+    steps.start()
+    soon(lambda: viewer._live.state == "waiting for an order")
+    viewer._live.stop()
+    steps.join(20)
+    assert not steps.is_alive()
+    viewer.close()
+    assert ended
+
+
+def test_the_time_left_of_the_page_is_that_of_the_terminal(viewer, monkeypatch):
+    now = 1000.0
+    monkeypatch.setattr("gsfw.core.loop.countdown.time.monotonic", lambda: now)
+    live = viewer._live
+    live._countdown = Countdown(live.info)
+    terminal = Countdown(live.info)
+    for step in range(1, 41):
+        now += 0.25  # A fifth of it for the page.
+        live.ticked(step)
+        terminal.tick()
+        report = StepReport(step, 0.5, {}, 20.0, 40, {}, 200.0)
+        viewer.on_step(report, viewer.control)
+        terminal.report(report)
+    assert live.seconds_left == terminal.seconds()
+    assert live.seconds_left == pytest.approx(60 * 0.25, rel=0.1)
+
+
 def test_a_stop_from_elsewhere_ends_a_pause(viewer):
     steps = Steps(viewer)
     viewer._live.pause(True)
@@ -200,16 +272,26 @@ def test_a_paused_run_without_a_page_goes_on_after_a_while(viewer, monkeypatch):
     steps.join(20)
 
 
-def test_a_page_that_reads_nothing_does_not_stall_the_run(viewer):
+def test_a_page_that_takes_nothing_does_not_stall_the_run_and_gets_one_frame(viewer, monkeypatch):
+    taken, rendered = threading.Event(), []
+    monkeypatch.setattr(
+        "gsfw.viewer.page.wait_until_taken", lambda client, given_up: taken.wait(60)
+    )
+    make = viewer._session.service.maker.make
+    viewer._session.service.maker.make = lambda *given: rendered.append(1) or make(*given)
     steps = Steps(viewer)
-    with open_page(viewer._server.address, (640, 480)) as page:
+    steps.start()
+    with open_page(viewer._server.address) as page:
         page.look(FRONT)
-        steps.start()
-        before = steps.step
-        soon(lambda: steps.step > before + 200)
+        soon(lambda: rendered)
+        held = steps.step
+        page.look(replace(FRONT, position=(0.5, 0.0, -4.0)))
+        soon(lambda: steps.step > held + 100)
+        assert len(rendered) == 1
+        taken.set()
+        soon(lambda: len(rendered) > 1)
     viewer.control.request_stop("the test is over")
     steps.join(20)
-    assert viewer._live.share < 0.5
 
 
 def test_figures_of_steps_reach_the_page(viewer):

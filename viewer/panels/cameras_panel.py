@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
 
 NONE = "free view"
 """The choice of no captured view."""
-SETTLING_SECONDS = 1.0
-"""For so long after the page's camera is set, it may still report the pose of before."""
 MOVED = 1e-3
 """Change of a position, relative to the scene, or of a rotation's entries, that leaves a view."""
 
@@ -36,12 +33,14 @@ class CamerasPanel(Panel):
         self._frusta = CameraFrusta(
             page.client, page.session, tuple(self._views.values()), self.enter
         )
-        self._entered, self._anchor = 0.0, self._viewport.state.pose
+        self._anchor = self._left = self._viewport.state.pose
+        self._arrived = True
+        """True once the page has told that its camera is where it was put."""
         self._choice = gui.add_dropdown("View", (NONE, *self._views))
         steps = gui.add_button_group("Go to", ("Previous", "Next", "Nearest"))
         self._figures = gui.add_html("")
         self._comparison = gui.add_dropdown(
-            "Show",
+            "Compare",
             [item.value for item in Comparison] if model.has_photos else [Comparison.RENDER.value],
             initial_value=(
                 Comparison.SIDE_BY_SIDE if model.has_photos else Comparison.RENDER
@@ -50,7 +49,7 @@ class CamerasPanel(Panel):
         )
         self._wipe = gui.add_slider("Line", 0.0, 1.0, 0.01, 0.5, visible=False)
         self._shown = gui.add_checkbox("Show cameras", False, hint="click one to look through it")
-        size = gui.add_slider("Camera size", 0.2, 4.0, 0.1, 1.0)
+        size = self._size = gui.add_slider("Camera size", 0.2, 4.0, 0.1, 1.0, visible=False)
         self._choice.on_update(lambda _: self._choose())
         steps.on_click(lambda _: self._go(steps.value))
         self._comparison.on_update(lambda _: self._compare())
@@ -61,10 +60,12 @@ class CamerasPanel(Panel):
     def enter(self, view: CapturedView) -> None:
         """Look through the camera of a view."""
         name = next(name for name, other in self._views.items() if other == view)
-        self._entered = time.monotonic()
+        self._viewport.play(False)  # The photo has one time.
         camera = self._page.session.model.camera(view)
         moment = None if camera.time is None else float(camera.time[0])
         comparison = Comparison(self._comparison.value)
+        self._left, self._anchor = self._viewport.state.pose, Pose.of(camera)
+        self._arrived = False
         self._viewport.change(
             lambda state: replace(
                 state,
@@ -78,7 +79,7 @@ class CamerasPanel(Panel):
             self._choice.value = name  # type: ignore[misc]
         self._wipe.visible = comparison is Comparison.WIPE
         self._show_frusta()
-        self._anchor = self._page.place(Pose.of(camera))
+        self._anchor = self._page.place(self._anchor)
 
     def leave(self) -> None:
         """Move freely again."""
@@ -92,11 +93,15 @@ class CamerasPanel(Panel):
 
     def moved(self, pose: Pose) -> None:
         """Leave the view once the page's camera is moved away from it."""
+        self._frusta.seen_from(pose.position)
         if self._viewport.state.view is None:
             return
-        if time.monotonic() - self._entered < SETTLING_SECONDS:
-            return
-        if _apart(pose, self._anchor, self._page.session.first.size):
+        size = self._page.session.first.size
+        if not self._arrived:
+            # Poses that were reported before the page's camera was put there may come after it.
+            to_here = _distance(pose, self._anchor, size)
+            self._arrived = to_here <= _distance(pose, self._left, size)
+        if self._arrived and _distance(pose, self._anchor, size) > MOVED:
             self.leave()
 
     def shown(self, frame: Frame) -> None:
@@ -107,9 +112,11 @@ class CamerasPanel(Panel):
         camera = self._page.session.model.camera(view)
         rows = [
             ("PSNR", f"{frame.psnr:.2f} dB"),
-            ("measured at", f"{frame.psnr_size[0]} &times; {frame.psnr_size[1]}"),
-            ("photo", f"{camera.width} &times; {camera.height}"),
+            ("photo", f"{camera.width} &times; {camera.height} pixels"),
         ]
+        if frame.psnr_size != (camera.width, camera.height):
+            size = f"{frame.psnr_size[0]} &times; {frame.psnr_size[1]}"
+            rows.append(("compared at", f"{size}, as this page is smaller"))
         self._figures.content = figures_html(rows)
 
     def _choose(self) -> None:
@@ -148,13 +155,14 @@ class CamerasPanel(Panel):
         state = self._viewport.state
         single = state.view is None and state.comparison is not Comparison.SIDE_BY_SIDE
         self._frusta.show(bool(self._shown.value) and single)
+        self._size.visible = bool(self._shown.value)
 
 
-def _apart(pose: Pose, anchor: Pose, size: float) -> bool:
-    """True if the camera was moved by hand."""
-    shift = np.linalg.norm(np.subtract(pose.position, anchor.position)) / size
+def _distance(pose: Pose, other: Pose, size: float) -> float:
+    """The larger of the shift, relative to the scene, and of the change of a rotation's entries."""
+    shift = np.linalg.norm(np.subtract(pose.position, other.position)) / size
     turn = min(
-        np.abs(np.subtract(pose.wxyz, anchor.wxyz)).max(),
-        np.abs(np.add(pose.wxyz, anchor.wxyz)).max(),
+        np.abs(np.subtract(pose.wxyz, other.wxyz)).max(),
+        np.abs(np.add(pose.wxyz, other.wxyz)).max(),
     )
-    return bool(shift > MOVED or turn > MOVED)
+    return float(max(shift, turn))

@@ -9,7 +9,7 @@ from gsfw.core.words import clock
 from gsfw.viewer.live_run import LiveRun
 
 TABLE = (
-    '<div style="padding:4px 12px;font-size:13px;line-height:1.6">{note}'
+    '<div style="padding:4px 10px 4px 8px;font-size:13px;line-height:1.6">{note}'
     '<table style="width:100%;border-collapse:collapse">{rows}</table></div>'
 )
 ROW = (
@@ -30,7 +30,6 @@ def figures_html(rows: list[tuple[str, str]], note: str = "") -> str:
 def status_html(live: LiveRun) -> str:
     """The figures of a run that trains."""
     status, info = live.status, live.info
-    state = "finished" if live.finished else "paused" if live.paused else "training"
     rows = [("step", f"{live.step:,} of {info.steps:,}")]
     if math.isfinite(status.loss):
         rows += [("loss", f"{status.loss:.4f}"), ("PSNR, training views", f"{status.psnr:.2f} dB")]
@@ -39,12 +38,12 @@ def status_html(live: LiveRun) -> str:
     if status.gaussians:
         rows.append(("Gaussians", f"{status.gaussians:,}"))
         rows.append(("speed", f"{status.steps_per_second:.1f} steps/s"))
-    if status.seconds_left is not None and not live.finished:
-        # Frames take their share of the time on top of what steps take.
-        rows.append(("time left", clock(status.seconds_left / max(1 - live.share, 0.05))))
+    left = live.seconds_left
+    if left is not None:
+        rows.append(("time left", clock(left)))
     if status.memory_mb:
         rows.append(("memory", f"{status.memory_mb / 1e3:.1f} GB"))
     rows.append(("time for frames", f"{100 * live.share:.0f} %"))
     if live.checkpointed is not None:
         rows.append(("last checkpoint", f"step {live.checkpointed:,}"))
-    return figures_html(rows, f"{html.escape(info.method)}: {state}")
+    return figures_html(rows, f"{html.escape(info.method)}: {live.state}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +20,13 @@ from gsfw.rendering.key_frames import (
     write_camera_path,
 )
 from gsfw.viewer.film_task import FilmOrder, film_task
-from gsfw.viewer.key_frames import PathStates, key_frame, pose_of
+from gsfw.viewer.key_frames import (
+    PathStates,
+    key_frame,
+    pose_of,
+    with_key_frame,
+    without_seconds,
+)
 from gsfw.viewer.panels.panel import Panel
 
 if TYPE_CHECKING:
@@ -31,11 +36,14 @@ if TYPE_CHECKING:
 
 COLOR = (110, 200, 130)
 """Colour of the path and of its key frames."""
-SIZE = 0.04
-"""Length of a key frame's frustum, relative to the size of the scene."""
+SIZE = 0.02
+"""Size of a key frame's frustum, relative to that of the scene."""
 LINE = 2.0
 """Thickness of lines, in pixels."""
 NO_KEY = "none"
+NAME = "flight"
+"""Name of the files, unless the page gives one; not that of a path of gsfw render, whose frames
+would get the same folder."""
 HEIGHTS = ("360", "540", "720", "1080")
 """Choices of the height of a film, in pixels."""
 
@@ -56,8 +64,8 @@ class PathPanel(Panel):
         gui = self._page.client.gui
         add = gui.add_button("Add key frame", icon=Icon.PLUS, hint="of the page's own camera")
         self._chosen = gui.add_dropdown("Key frame", (NO_KEY,))
-        edit = gui.add_button_group("It", ("Go to", "Replace", "Remove"))
-        add.on_click(lambda _: self._set([*self._keys, self._here()]))
+        edit = self._edits = gui.add_button_group("This one", ("Go to", "Replace", "Remove"))
+        add.on_click(lambda _: self._set(with_key_frame(self._keys, self._here())))
         edit.on_click(lambda _: self._edit(edit.value))
         self._chosen.on_update(lambda _: self._edit("Go to"))
 
@@ -68,21 +76,34 @@ class PathPanel(Panel):
             self._fps = gui.add_slider("Frames/s", 10, 60, 5, round(FPS))
             self._closed = gui.add_checkbox("Closed loop", False)
             self._height = gui.add_dropdown("Height", HEIGHTS, initial_value="720")
-            preview = gui.add_button("Preview", icon=Icon.PLAYER_PLAY, color="gray")
-            render = gui.add_button("Render film", icon=Icon.MOVIE)
+            preview = self._preview_button = gui.add_button(
+                "Preview", icon=Icon.PLAYER_PLAY, color="gray"
+            )
+            render = self._render_button = gui.add_button("Render film", icon=Icon.MOVIE)
             self._progress = gui.add_progress_bar(0.0, visible=False)
         with gui.add_folder("File"):
-            self._name = gui.add_text("Name", "path")
-            save = gui.add_button("Save JSON", icon=Icon.DEVICE_FLOPPY, color="gray")
+            self._name = gui.add_text("Name", NAME, hint="where it is taken, a number follows it")
+            save = self._save_button = gui.add_button(
+                "Save path", icon=Icon.DEVICE_FLOPPY, color="gray"
+            )
             load = gui.add_upload_button(
-                "Open JSON", icon=Icon.UPLOAD, color="gray", mime_type="application/json"
+                "Open path", icon=Icon.UPLOAD, color="gray", mime_type="application/json"
             )
             self._command = gui.add_markdown("")
         self._closed.on_update(lambda _: self._draw())
+        self._seconds.on_update(self._retime)
         preview.on_click(lambda _: self._preview())
         render.on_click(lambda _: self._render())
         save.on_click(lambda _: self._save())
         load.on_upload(lambda _: self._load(load.value.content))
+        self._enable()
+
+    def _enable(self) -> None:
+        """Offer what the number of key frames allows."""
+        some = bool(self._keys)
+        self._chosen.visible = self._edits.visible = some
+        self._render_button.disabled = self._save_button.disabled = not some
+        self._preview_button.disabled = len(self._keys) < 2
 
     @property
     def _path(self) -> CameraPath:
@@ -110,6 +131,7 @@ class PathPanel(Panel):
         self._chosen.options = tuple(names)
         self._chosen.value = names[chosen]  # type: ignore[misc]
         self._quiet = False
+        self._enable()
         self._draw()
 
     def _edit(self, what: str) -> None:
@@ -120,7 +142,7 @@ class PathPanel(Panel):
             del self._keys[place]
             self._set(self._keys, min(place, len(self._keys) - 1))
         elif what == "Replace":
-            self._keys[place] = self._here()
+            self._keys[place] = replace(self._here(), seconds=self._keys[place].seconds)
             self._set(self._keys, place)
         else:
             key = self._keys[place]
@@ -129,6 +151,13 @@ class PathPanel(Panel):
                 moment = key.time
                 self._viewport.change(lambda state: replace(state, time=moment))
             self._page.place(pose)
+
+    def _retime(self, event: object) -> None:
+        """Pass the key frames evenly over the new length; seconds of a file are given up."""
+        timed = any(key.seconds is not None for key in self._keys)
+        if timed and getattr(event, "client", None) is not None:
+            self._keys = without_seconds(self._keys)
+            self._page.tell("The key frames share the new length evenly.", "yellow")
 
     def _draw(self) -> None:
         """Draw the key frames, and the path through them."""
@@ -182,8 +211,8 @@ class PathPanel(Panel):
         if not self._keys:
             page.tell("Add a key frame first.", "yellow")
             return
-        if live is not None and not (live.paused or live.finished):
-            page.tell("Pause the run first: a film takes training time.", "yellow")
+        if live is not None and live.finished:
+            page.tell("The run is over: open it with gsfw view to render a film.", "yellow")
             return
         path = self._path
         state = replace(
@@ -201,37 +230,41 @@ class PathPanel(Panel):
                 self._progress.visible = False
                 page.tell(text, "red" if text.startswith("There is no film") else "green")
 
-        order = FilmOrder(states, state, self._stem("films"), progress, done)
+        try:
+            stem = page.session.free_path("films", self._name.value, ".mp4", ".webp")
+        except OSError as error:
+            done(f"There is no film: {error}")
+            return
+        order = FilmOrder(states, state, stem, progress, done)
         page.session.service.order(film_task(order, page.session))
-
-    def _stem(self, folder: str) -> Path:
-        """Path of a file of this name, without its extension; names cannot lead elsewhere."""
-        name = "".join(c if c.isalnum() or c in "-_" else "-" for c in self._name.value) or "path"
-        return self._page.session.folder / folder / name
 
     def _save(self) -> None:
         """Write the key frames, and say how to render them."""
         if not self._keys:
             self._page.tell("Add a key frame first.", "yellow")
             return
-        file = self._stem("paths").with_suffix(".json")
+        session = self._page.session
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
+            file = session.free_path("paths", self._name.value, ".json").with_suffix(".json")
             write_camera_path(file, self._path)
         except (UserError, OSError) as error:
             self._page.tell(f"The path was not saved: {error}", "red")
             return
-        run = shlex.quote(str(self._page.session.folder))
-        self._command.content = f"`gsfw render {run} camera={shlex.quote(str(file))}`"
+        command = shlex.join(["gsfw", "render", session.source, f"camera={file}"])
+        self._command.content = f"`{command}`"
         self._page.tell(f"The path is in {file}", "green")
 
     def _load(self, content: bytes) -> None:
         """Take the key frames of a file."""
         try:
             path = camera_path_of(json.loads(content), "this file")
-        except (ValueError, KeyError, TypeError) as error:
-            self._page.tell(f"This is no camera path of gsfw: {error}", "red")
+        except UserError as error:
+            self._page.tell(f"{error.message} {error.advice}".strip(), "red")
+            return
+        except ValueError as error:
+            self._page.tell(f"This file is no JSON: {error}", "red")
             return
         self._seconds.value = min(max(path.seconds, 1.0), 60.0)  # type: ignore[misc]
+        self._fps.value = min(max(5 * round(path.fps / 5), 10), 60)  # type: ignore[misc]
         self._closed.value = path.closed  # type: ignore[misc]
         self._set(list(path.key_frames))

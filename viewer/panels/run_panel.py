@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import TYPE_CHECKING
 
 import numpy as np
 from viser import Icon
 
 from gsfw.core.words import clock
-from gsfw.viewer.export import export_path, export_splats
+from gsfw.viewer.export import export_splats
 from gsfw.viewer.live_run import LiveRun
 from gsfw.viewer.panels.figures import figures_html, status_html
 from gsfw.viewer.panels.panel import Panel
@@ -41,7 +41,9 @@ class RunPanel(Panel):
         else:
             self._figures.content = figures_html(_finished(page))
         self._export = self._gui.add_button(
-            "Export PLY", icon=Icon.FILE_EXPORT, hint="the Gaussians at this time, for other tools"
+            "Export as PLY",
+            icon=Icon.FILE_EXPORT,
+            hint="the Gaussians at this time, for other tools",
         )
         self._export.on_click(lambda _: self._order_export())
         self.update()
@@ -54,10 +56,10 @@ class RunPanel(Panel):
         self._pause.on_click(lambda _: live.pause(not live.paused))
         self._save.on_click(lambda _: live.checkpoint())
         self._stop.on_click(lambda _: self._confirm_stop(live))
-        self._loss = self._chart("Loss", [("loss", COLORS["loss"])])
         self._psnr = self._chart("PSNR of training views, dB", [("PSNR", COLORS["psnr"])])
         self._held_out = self._chart("PSNR of held-out views, dB", [("PSNR", COLORS["held out"])])
         self._held_out.visible = False
+        self._loss = self._chart("Loss", [("loss", COLORS["loss"])])
 
     def _chart(self, title: str, series: list[tuple[str, str]]) -> viser.GuiUplotHandle:
         """An empty chart."""
@@ -74,6 +76,7 @@ class RunPanel(Panel):
             axes=(axis, axis),
             scales={"x": uplot.Scale(time=False)},
             height=CHART_HEIGHT,
+            padding=(14, 8, 0, 0),  # The uppermost number is not cut off.
         )
 
     def _confirm_stop(self, live: LiveRun) -> None:
@@ -94,16 +97,17 @@ class RunPanel(Panel):
 
     def _order_export(self) -> None:
         """Order an export; the thread that owns the model writes it."""
-        page = self._page
-        live = self._live
-        if live is not None and not (live.paused or live.finished):
-            page.tell("Pause the run first: an export takes training time.", "yellow")
+        page, live = self._page, self._live
+        if live is not None and live.finished:
+            page.tell("The run is over: open it with gsfw view to export it.", "yellow")
             return
-        path = export_path(page.session.folder, None if live is None else live.step)
         state = page.viewport.state
 
-        def work() -> Iterator[None]:
+        def work() -> Generator[None, None, None]:
+            # Only now the run stands still: its step is that of what is written.
+            name = "view" if live is None else f"step_{live.step:06d}"
             try:
+                path = page.session.free_path("exports", name, ".ply").with_suffix(".ply")
                 count = export_splats(page.session.model, state, path)
             except Exception as error:  # The disk is full, for instance: the run goes on.
                 page.tell(f"Nothing was exported: {error}", "red")
@@ -123,7 +127,7 @@ class RunPanel(Panel):
         self._bar.value = 100.0 * live.step / max(live.info.steps, 1)  # type: ignore[misc]
         self._pause.label = "Resume" if live.paused else "Pause"
         self._pause.icon = Icon.PLAYER_PLAY if live.paused else Icon.PLAYER_PAUSE
-        for button in (self._pause, self._save, self._stop):
+        for button in (self._pause, self._save, self._stop, self._export):
             button.disabled = live.finished
         if status.step != self._points and len(live.loss.steps) > 1:
             self._points = status.step
@@ -138,16 +142,23 @@ class RunPanel(Panel):
 def _finished(page: Page) -> list[tuple[str, str]]:
     """Rows of figures of a finished run or a file, by what its folder has."""
     model = page.session.model
-    rows = [(item.name, f"{item.model.num_rows:,} Gaussians") for item in page.session.models]
+    models = page.session.models
+    names = (
+        ["Gaussians"]
+        if len(models) == 1
+        else [f"Gaussians of {name}" for name in page.session.names]
+    )
+    rows = [(name, f"{item.model.num_rows:,}") for name, item in zip(names, models, strict=True)]
     path = page.session.folder / "metrics.json"
-    if model.data is not None and model.data.has_images and path.is_file():
+    if model.data.has_images and path.is_file():
         try:
             summary = json.loads(path.read_text())
         except (OSError, ValueError):
             return rows
         for name, text in (("psnr", "{:.2f} dB"), ("ssim", "{:.4f}"), ("steps", "{:,}")):
             if isinstance(summary.get(name), (int, float)):
-                rows.append((name.upper() if name != "steps" else name, text.format(summary[name])))
+                label = name if name == "steps" else f"{name.upper()}, held-out views"
+                rows.append((label, text.format(summary[name])))
         if isinstance(summary.get("train_seconds"), (int, float)):
-            rows.append(("trained", clock(summary["train_seconds"])))
+            rows.append(("training took", clock(summary["train_seconds"])))
     return [(html.escape(name), html.escape(text)) for name, text in rows]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from viser import Icon
 
+from gsfw.core.errors import UserError
 from gsfw.rendering.channels import CHANNELS, available_channels
 from gsfw.rendering.color_maps import color_bar
 from gsfw.viewer.frame import Frame, ValueScale
@@ -51,11 +53,13 @@ class ViewPanel(Panel):
             if channel.name != PHOTO  # The panel of cameras shows it.
         ]
         descriptions = "; ".join(f"{channel.name}: {channel.description}" for channel in channels)
-        names = [channel.name for channel in channels]
-        chosen = self._gui.add_dropdown("Channel", names, initial_value="color", hint=descriptions)
+        names = {channel.name.replace("_", " "): channel.name for channel in channels}
+        chosen = self._gui.add_dropdown(
+            "Show", list(names), initial_value="color", hint=descriptions
+        )
 
         def choose(_: object) -> None:
-            name = chosen.value
+            name = names[chosen.value]
             self._viewport.change(lambda state: replace(state, channel=name))
             if CHANNELS[name].needs_image and self._viewport.state.view is None:
                 self._page.tell(
@@ -68,11 +72,16 @@ class ViewPanel(Panel):
     def _add_time(self) -> None:
         with self._gui.add_folder("Time"):
             self._time = self._gui.add_slider("Time", 0.0, 1.0, 0.001, 0.0)
+            self._moment = 0.0
             self._play = self._gui.add_button("Play", icon=Icon.PLAYER_PLAY)
             self._loop = self._gui.add_checkbox("Loop", True)
             self._speed = self._gui.add_slider(
                 "Speed", 0.05, 4.0, 0.05, 1.0, hint="1: from the first time to the last in 4 s"
             )
+            self._tracks = self._gui.add_checkbox(
+                "Show tracks", False, hint="paths of some Gaussians over the last sixth of the time"
+            )
+        self._tracks.on_update(lambda _: self._show_tracks())
         self._time.on_update(self._time_moved)
         self._play.on_click(lambda _: self._toggle())
         self._loop.on_update(lambda _: self._follow())
@@ -81,7 +90,26 @@ class ViewPanel(Panel):
     def _time_moved(self, event: object) -> None:
         # The page's own moves of the slider, while it plays, come back here without a client.
         if getattr(event, "client", None) is not None:
-            self._viewport.change(lambda state: replace(state, time=float(self._time.value)))
+            self._moment = float(self._time.value)
+            self._viewport.change(lambda state: replace(state, time=self._moment))
+
+    def _show_tracks(self) -> None:
+        """Draw tracks; they are followed anew, since a model that trains has moved on."""
+        wanted, page = bool(self._tracks.value), self._page
+        self._viewport.change(lambda state: replace(state, tracks=wanted))
+        if not wanted:
+            return
+        state = self._viewport.state
+
+        def follow() -> Generator[None, None, None]:
+            try:
+                page.session.service.maker.make_trails(state)
+            except UserError as error:
+                page.tell(f"There are no tracks: {error.message} {error.advice}".strip())
+            page.session.service.refresh()
+            yield
+
+        page.session.service.order(follow())
 
     def _toggle(self) -> None:
         self._viewport.play(not self._viewport.playback.playing)
@@ -100,15 +128,15 @@ class ViewPanel(Panel):
             )
             most = self._page.session.first.sh_degree
             degree = self._gui.add_slider(
-                "SH degree",
+                "Colour bands",
                 0,
                 max(most, 1),
                 1,
                 most,
-                hint="bands of view-dependent colour above are left out",
+                hint="degree of spherical harmonics; 0: one colour from all sides, without gloss",
                 visible=most > 0,
             )
-            behind = self._gui.add_dropdown("Background", ["of the run", "black", "white", "other"])
+            behind = self._gui.add_dropdown("Background", ["as trained", "black", "white", "other"])
             color = self._gui.add_rgb("Color", (30, 60, 90), visible=False)
         size.on_update(
             lambda _: self._viewport.change(
@@ -159,7 +187,9 @@ class ViewPanel(Panel):
             height = self._gui.add_dropdown(
                 "Largest height", HEIGHTS, initial_value="1080", hint="of frames at rest, in pixels"
             )
+            light = self._gui.add_checkbox("Light page", False)
             shot = self._gui.add_button("Screenshot", icon=Icon.CAMERA)
+        light.on_update(lambda _: self._page.set_theme(dark=not light.value))
         height.on_update(
             lambda _: self._viewport.change(
                 lambda state: replace(state, full_height=int(height.value))
@@ -200,10 +230,17 @@ class ViewPanel(Panel):
             speed = self._viewport.frames_per_second()
             moving = "at rest" if self._viewport.resting else f"{speed:.0f} frames/s"
             self._figures.content = (
-                f'<div style="font-size:12px;opacity:.7;padding:2px 12px">{width} &times; {height}'
-                f" &middot; {1e3 * frame.seconds:.0f} ms &middot; {moving}</div>"
+                f'<div style="font-size:12px;opacity:.7;padding:2px 9px">{width} &times; {height}'
+                f" pixels in {1e3 * frame.seconds:.0f} ms &middot; {moving}</div>"
             )
-        if self._page.session.model.is_dynamic and self._viewport.playback.playing:
-            self._time.value = round(self._viewport.state.time, 3)  # type: ignore[misc]
-        elif self._page.session.model.is_dynamic:
+        if self._page.session.model.is_dynamic:
+            self._follow_time()
+
+    def _follow_time(self) -> None:
+        """Move the slider where the time has moved: it plays, or a view of the capture has one."""
+        moment = self._viewport.state.time
+        if moment != self._moment:
+            self._moment = moment
+            self._time.value = round(moment, 3)  # type: ignore[misc]
+        if not self._viewport.playback.playing:
             self._follow()
