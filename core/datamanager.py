@@ -85,7 +85,7 @@ class DataRequest:
     eval_every_nth: int = 8
     """One image of n is held out, unless the data set has its own split; 0: none."""
     eval_by: HoldOutBy = HoldOutBy.AUTO
-    """How these are chosen."""
+    """The rule by which they are chosen."""
     eval_names: tuple[str, ...] = ()
     """Names of the images to hold out, instead of every n-th."""
     cache_megabytes: int = 2048

@@ -4,7 +4,7 @@ from enum import Enum
 
 
 class HoldOutBy(Enum):
-    """How the images that are held out are chosen; see ``datamanagers/holdout.py``."""
+    """The rule that chooses the held-out images; see ``datamanagers/holdout.py``."""
 
     AUTO = "auto"
     """By what kind of capture it is."""

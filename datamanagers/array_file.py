@@ -31,7 +31,7 @@ class ArrayHeader:
     shape: tuple[int, ...]
     dtype: np.dtype[np.generic]
     is_fortran: bool
-    """Whether the first axis varies fastest."""
+    """True if the first axis varies fastest."""
 
 
 def array_header(path: Path) -> ArrayHeader:

@@ -23,7 +23,7 @@ class BlenderConfig(CaptureConfig):
     """Settings of the ``blender`` format."""
 
     eval_split: str = "test"
-    """Which of the data set's splits is held out: test or val."""
+    """The held-out split of the data set: test or val."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:

@@ -189,7 +189,7 @@ def fit_to_video(lens: Lens, video: Video) -> tuple[Lens, Video, str]:
 
 
 def _has_bars(video: Video, box: Box) -> bool:
-    """Whether the first image is black outside ``box``, and not all black within."""
+    """True if the first image is black outside ``box``, and not all black within."""
     left, top, right, bottom = box
     brightness = video.image(0).mean(axis=2)
     within = float(brightness[top:bottom, left:right].mean())

@@ -213,7 +213,7 @@ class Capture(DataManager):
 
     @property
     def mask_rule(self) -> MaskRule:
-        """Which masks were looked for, and what they mean."""
+        """The masks that were looked for, and their meaning."""
         return self._masks
 
     def prefetch(self, split: Split, indices: Sequence[int]) -> None:

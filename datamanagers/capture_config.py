@@ -40,7 +40,7 @@ class CaptureConfig(DataManagerConfig, ABC):
     mask_mode: str = MaskMode.IGNORE.value
     """Pixels outside masks: ignore (they carry no loss), or empty (they show the background)."""
     invert_masks: bool = False
-    """Whether masks are dark where pixels count."""
+    """True if masks are dark where pixels count."""
     maps: tuple[str, ...] = ()
     """Per-view maps (features, labels, depth) for methods: NAME:FOLDER[:RULE[:UNIT]], several with
     commas. RULE: mean, nearest or depth. Files (.npy [h, w, d], images) are named like the images.
@@ -109,7 +109,7 @@ class CaptureConfig(DataManagerConfig, ABC):
         return LensRule(self.fisheye == "keep", self.blank_pixels, self.field_of_view)
 
     def mask_rule(self) -> MaskRule:
-        """Which masks there are, and what they mean.
+        """The masks of the data set, and their meaning.
 
         Raises:
             ConfigError: the mode is none of those.

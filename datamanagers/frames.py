@@ -56,7 +56,7 @@ class Frame:
     world_to_camera: Float64[Tensor, "4 4"]
     """Rigid, OpenCV axes, in the world of the data."""
     camera: int = 0
-    """Which physical camera, counted from 0."""
+    """Number of the physical camera, counted from 0."""
     time: float | None = None
     """In the data's own unit; ``None`` when it says nothing of time."""
     split: Split | None = None
@@ -66,7 +66,7 @@ class Frame:
     moving: Path | None = None
     """DecodedImage that is bright where something moves; ``None`` when nobody said."""
     shot: Shot | None = None
-    """Which image of the video at ``path``; ``None`` where the path is that of an image."""
+    """Number of the image in the video at ``path``; ``None`` if the path is that of an image."""
     maps: Mapping[str, MapFile] = field(default_factory=dict)
     """Files of per-view maps by name, such as "depth". The framework undistorts, shrinks, masks
     and caches them, and puts them into ``Batch.maps``. Every frame needs all maps that any frame
@@ -148,11 +148,11 @@ class Recording:
     notes: tuple[str, ...] = ()
     """Notes on the reading, and on the parts left out."""
     up: str = ""
-    """Which way is up in the world of the data ("z", "-y"), as far as the format says."""
+    """Upward direction in the world of the data ("z", "-y"), if the format states it."""
     unused_times: tuple[float, ...] = ()
     """Times of frames that are neither trained nor evaluated on."""
     point_times: Float64[Tensor, " p"] | None = None
-    """When each point was seen, in the unit of the frames' times; ``None`` when nobody said."""
+    """Time of each point, in the unit of the frames' times; ``None`` if unknown."""
     shrunk: int = 1
     """The factor that the images were shrunk by before; ``downscale`` counts from full size."""
     split_origin: str = "the data set's own split"
@@ -169,7 +169,7 @@ class Recording:
         return self.path if self.path.is_dir() else self.path.parent
 
     def read_sightings(self) -> Sightings:
-        """Which frames show which point; none where the format does not say.
+        """The frames that show each point; none if the format does not state them.
 
         Raises:
             DataError: what says so is cut off or damaged.

@@ -1,4 +1,4 @@
-"""Which frames are held out of training, to measure with."""
+"""Hold-out: the frames that are left out of training, for evaluation."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class Lens:
     width: int
     height: int
     source: str = field(compare=False)
-    """Who says so, for messages: "camera 1 of sparse/0/cameras.bin"."""
+    """Source of the figures, for messages: "camera 1 of sparse/0/cameras.bin"."""
     model: str = "PINHOLE"
     """As COLMAP calls it."""
     distortion: tuple[float, ...] = ()

@@ -50,7 +50,7 @@ class MapFile:
 
     @property
     def is_image(self) -> bool:
-        """Whether the file is an image, not an array."""
+        """True if the file is an image, not an array."""
         return self.path.suffix.lower() not in ARRAYS
 
     def header(self, image: Header | None = None) -> MapHeader:

@@ -11,7 +11,7 @@ from pathlib import Path
 from gsfw.datamanagers.images import MASK_EXTENSIONS
 
 AFFIX = re.compile(r"^masks?[-_. ]+|[-_. ]+(masks?|matte|seg|segmentation)$", re.IGNORECASE)
-"""What tools put before or behind the name of the image: mask_a, a_mask, a.mask, a-seg."""
+"""Prefixes and suffixes of the image's name: mask_a, a_mask, a.mask, a-seg."""
 
 
 @dataclass(frozen=True)

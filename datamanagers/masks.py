@@ -35,13 +35,13 @@ HALF = 127
 
 @dataclass(frozen=True)
 class MaskRule:
-    """Which masks there are, and what they mean."""
+    """The masks of a data set, and their meaning."""
 
     source: str = AUTO
     """auto (as the format's file names them, or in ``masks``), none, alpha, or a folder."""
     mode: MaskMode = MaskMode.IGNORE
     inverted: bool = False
-    """Whether masks are bright where pixels do not count."""
+    """True if masks are bright where pixels do not count."""
 
     def load(self, frame: Frame) -> Bool[np.ndarray, "h w"] | None:
         """True where an image's pixels count, by its file; ``None`` when it has none.
@@ -80,21 +80,21 @@ class MaskRule:
         return whole if image.mask is None else whole & image.mask
 
     def gives_alpha(self, frame: Frame) -> bool:
-        """Whether a loaded image has alpha."""
+        """True if a loaded image has alpha."""
         has_alpha, is_mask = frame.header.has_alpha, self.source == ALPHA
         if self.mode is MaskMode.EMPTY:
             return has_alpha or frame.mask is not None
         return has_alpha and not is_mask
 
     def gives_mask(self, frame: Frame) -> bool:
-        """Whether a loaded image has pixels that may carry no loss."""
+        """True if a loaded image has pixels that may carry no loss."""
         if self.mode is MaskMode.EMPTY:
             return False
         return frame.mask is not None or (self.source == ALPHA and frame.header.has_alpha)
 
 
 USUAL_MASKS = MaskRule()
-"""Which masks count unless something else is asked for."""
+"""The masks that are used by default."""
 
 
 def find_masks(

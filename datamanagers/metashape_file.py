@@ -83,7 +83,7 @@ class MetashapeFile:
 
 
 def is_metashape(file: Path) -> bool:
-    """Whether an XML file begins like Metashape's."""
+    """True if an XML file begins like Metashape's."""
     with file.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
     return b"<document" in head and b"<chunk" in head

@@ -61,7 +61,7 @@ class MultiCameraConfig(CaptureConfig, ABC):
         return chosen
 
     def times_note(self, chosen: range, count: int, rate: float, source: str) -> str:
-        """Which times are used, at which rate."""
+        """The times that are used, and their rate."""
         if len(chosen) == count:
             used = f"{count} times"
         else:

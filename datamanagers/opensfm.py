@@ -198,7 +198,7 @@ def _frames(
 
 
 def _same_shape(lens: Lens, width: int, height: int) -> bool:
-    """Whether an image is that of a lens at another size, rounded to whole pixels."""
+    """True if an image is that of a lens at another size, rounded to whole pixels."""
     scale = width / lens.width
     return abs(scale * lens.height - height) <= max(1.0, scale)
 

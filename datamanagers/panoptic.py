@@ -42,7 +42,7 @@ class PanopticConfig(MultiCameraConfig):
     own_maps: ClassVar[frozenset[str]] = frozenset({SEGMENTATION})
 
     segmentation: bool = True
-    """Whether seg/ also gives the per-view map "segmentation", for method dynamic3dgs; false saves
+    """True if seg/ also gives the per-view map "segmentation", for method dynamic3dgs; false saves
     its memory. It gives the moving region of metrics anyway."""
 
     @classmethod

@@ -39,7 +39,7 @@ class PolycamConfig(CaptureConfig):
     """Settings of the ``polycam`` format."""
 
     corrected: bool = True
-    """Whether the poses that Polycam optimised are preferred, with the images that go with them.
+    """True if the poses that Polycam optimised are preferred, with the images that go with them.
     """
     min_blur_score: float = 0.0
     """Images that Polycam scores lower are left out; sharp ones have high scores."""

@@ -21,7 +21,7 @@ MIRRORED = (
     "each world-to-camera rotation. If only the camera's axes are, negate the one that differs "
     "(expected is x right, y up, z back for OpenGL; x right, y down, z forward for OpenCV)."
 )
-"""What to do with poses of a left-handed frame."""
+"""Treatment of poses of a left-handed frame."""
 
 
 def from_opengl(camera_to_world: Float64[Tensor, "r 4"], where: str) -> Float64[Tensor, "4 4"]:

@@ -14,7 +14,7 @@ from gsfw.datamanagers.frames import Frame
 
 @dataclass(frozen=True)
 class Timeline:
-    """When a data set begins and ends."""
+    """Begin and end of a data set."""
 
     range: tuple[float, float] | None = None
     """First and last time in the data's own unit; ``None`` for a static capture."""

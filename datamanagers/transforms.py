@@ -27,7 +27,7 @@ class TransformsConfig(CaptureConfig):
     """Settings of the ``transforms`` format."""
 
     depth: bool = False
-    """Whether measured depths (depth_file_path) are loaded, for plugins that train on them."""
+    """True if measured depths (depth_file_path) are loaded, for plugins that train on them."""
 
     @classmethod
     def detect(cls, path: Path) -> Detection:

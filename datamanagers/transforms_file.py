@@ -29,7 +29,7 @@ SPLIT_FILES = {name: f"transforms_{name}.json" for name in ("train", "test", "va
 
 DEPTH_KEY = "depth_file_path"
 CAMERA_KEY = "camera_index"
-"""Which camera took a frame, counted from 0; ours."""
+"""Number of the camera that took a frame, counted from 0; a key of our own."""
 MOST_CAMERAS = 1_000_000
 """A number beyond is none of a camera."""
 
@@ -41,7 +41,7 @@ class TransformsFile:
     path: Path
     content: Mapping[str, Any]
     with_depth: bool = False
-    """Whether depth maps are looked at."""
+    """True if depth maps are looked at."""
 
     @staticmethod
     def read(path: Path) -> TransformsFile:
@@ -88,7 +88,7 @@ class TransformsFile:
 
     @property
     def numbers_cameras(self) -> bool:
-        """Whether every frame says which camera took it, as those that gsfw wrote do."""
+        """True if every frame says which camera took it, as those that gsfw wrote do."""
         return all(CAMERA_KEY in entry for entry in self.content["frames"])
 
     def times(self) -> tuple[float, ...]:
@@ -175,7 +175,7 @@ def plain_name(file_path: str) -> str:
 
 
 def _camera(entry: Mapping[str, Any], where: str) -> int:
-    """Which camera a frame says it is of; 0 where it does not say."""
+    """Number of the camera that a frame states; 0 if it states none."""
     index = entry.get(CAMERA_KEY, 0)
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < MOST_CAMERAS:
         raise DataError(

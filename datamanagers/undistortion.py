@@ -36,7 +36,7 @@ class LensRule:
     """Treatment of images of distorted lenses."""
 
     keep_fisheye: bool = False
-    """Whether images of fisheye lenses become those of an ideal fisheye, not of a pinhole."""
+    """True if images of fisheye lenses become those of an ideal fisheye, not of a pinhole."""
     blank_pixels: float = 0.0
     """0: no pixel that the lens did not see; 1: all that it saw. Between: sides move in between."""
     field_of_view: float = 120.0
@@ -51,7 +51,7 @@ class Undistortion:
     target: Lens
     """A PINHOLE, or the FISHEYE that rasterizers draw."""
     has_blanks: bool
-    """Whether some pixels of the undistorted image show what the lens did not see."""
+    """True if some pixels of the undistorted image show what the lens did not see."""
     lost: float
     """Part of the distorted image that the undistorted one does not show, in [0, 1]."""
 
@@ -157,7 +157,7 @@ def _border(lens: Lens) -> tuple[Float64[np.ndarray, "m 2"], ...]:
 
 
 def _within(pixels: Float64[np.ndarray, "m 2"], lens: Lens) -> Bool[np.ndarray, " m"]:
-    """Whether points lie in the image of a lens; false for nan."""
+    """True if points lie in the image of a lens; false for nan."""
     x, y = pixels[:, 0], pixels[:, 1]
     return (x >= 0) & (x <= lens.width) & (y >= 0) & (y <= lens.height)
 

@@ -40,7 +40,7 @@ class Video:
     header: Header
     """Header of the images as shown: rotated as the file requires, and cropped to ``box``."""
     stamps: tuple[int, ...]
-    """When each image is shown, ascending, in units of ``unit``."""
+    """Time of each image, ascending, in units of ``unit``."""
     unit: float
     """Seconds."""
     keys: tuple[int, ...]
@@ -240,7 +240,7 @@ ADVICE = "Copy the video again; if it was recorded so, write it anew with ffmpeg
 
 
 def is_video(path: Path) -> bool:
-    """Whether a file's name says that it is a video."""
+    """True if a file's name says that it is a video."""
     return path.suffix.lower() in VIDEOS and path.is_file()
 
 

@@ -215,7 +215,7 @@ def _sweep() -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether a process is at work, or may be: on Windows asking would end it."""
+    """True if a process is at work, or may be: on Windows asking would end it."""
     if os.name == "nt":
         return True
     try:

@@ -149,7 +149,7 @@ class ViewMaps:
         """Number of channels of each map, by name."""
 
     def notes(self) -> tuple[str, ...]:
-        """Which maps there are."""
+        """The maps of a data set."""
         return tuple(self._note(name) for name in self.channels)
 
     def bytes(self, index: int, fit: ImageFit) -> int:

@@ -40,7 +40,7 @@ class KernelSettings:
     far: float
     """Largest view depth of a rendered splat, in scene units."""
     antialias: bool
-    """Whether opacities are compensated for the dilation."""
+    """True if opacities are compensated for the dilation."""
     dilation: float
     """``NumericsProfile.dilation``, in pixels squared."""
     compensation_min: float
@@ -62,7 +62,7 @@ class KernelSettings:
     quaternion_min_norm: float
     """``QUATERNION_MIN_NORM``."""
     differentiated: bool
-    """Whether a backward pass may follow."""
+    """True if a backward pass may follow."""
     max_pairs: int
     """Most tile intersections, pairs of a splat and a tile, for which there is memory."""
 
@@ -136,7 +136,7 @@ class KernelGradients:
     """Gradient of alpha; ``None`` for zeros."""
     splats: SplatGradients
     accumulate: bool
-    """Whether gradients of splats are added to (further cameras) instead of replaced."""
+    """True if gradients of splats are added to (further cameras) instead of replaced."""
     pose: Float[Tensor, " p"] | None
     """p = POSE_FIELDS."""
     screen_gradient: Float[Tensor, " n"] | None

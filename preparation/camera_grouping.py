@@ -16,7 +16,7 @@ from gsfw.datamanagers.lens import COEFFICIENTS
 from gsfw.preparation.image_set import ImageSet, SourceImage
 
 ONE, PER_FOLDER, PER_IMAGE = "one", "per-folder", "per-image"
-"""Who shares a camera, besides ``auto``."""
+"""Ways to group the images that share a camera, besides ``auto``."""
 
 FEW = 20
 """Groups of fewer images get the simpler model. COLMAP's documentation advises OPENCV where
@@ -37,7 +37,7 @@ class CameraRule:
     """The user's choices about cameras."""
 
     cameras: str = AUTO
-    """Which images share one: auto (by EXIF and size), one, per-folder or per-image."""
+    """The images that share one: auto (by EXIF and size), one, per-folder or per-image."""
     model: str = AUTO
     """One of COLMAP's camera models, or auto: never one for fisheye lenses."""
     focal: float | None = None

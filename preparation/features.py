@@ -68,7 +68,7 @@ class FeatureReport:
     blur_ratio: float
     """Fine detail along it, in parts of that across; 1 where there is no direction."""
     failure: str = ""
-    """Why the image could not be decoded (it is not in the database); else empty."""
+    """The reason why the image could not be decoded (it is not in the database); else empty."""
 
     @staticmethod
     def of(document: Mapping[str, Any]) -> FeatureReport:

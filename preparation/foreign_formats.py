@@ -14,7 +14,7 @@ class ForeignFormat:
 
     @property
     def reason(self) -> str:
-        """Why a file of this kind is left out."""
+        """The reason why a file of this kind is left out."""
         return f"{self.name} files are not read"
 
 

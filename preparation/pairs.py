@@ -33,7 +33,7 @@ class PairPlan:
 
 @dataclass(frozen=True)
 class MatchingRule:
-    """Which images are compared with which."""
+    """The pairs of images that are compared."""
 
     matching: str = "auto"
     """auto, exhaustive (all pairs), sequential (neighbours in time, and look-alikes), or retrieval

@@ -57,7 +57,7 @@ class ImageFeatures:
     """x, y in pixels of the upright image at its full size, and the affine shape by rows."""
     descriptors: UInt8[np.ndarray, "n 128"]
     failure: str = ""
-    """Why the image could not be decoded, then all else is empty; or nothing."""
+    """The reason why the image could not be decoded, then all else is empty; or nothing."""
 
 
 def start_worker() -> None:

@@ -48,7 +48,7 @@ from about 95 on, and the file takes half the room of a PNG."""
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Which frames of a video to use."""
+    """The frames of a video to use."""
 
     numbers: tuple[int, ...]
     """Counted from 0, ascending; at least one."""

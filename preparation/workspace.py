@@ -48,7 +48,7 @@ class Workspace:
 
     @property
     def journal(self) -> Path:
-        """Which stages are finished."""
+        """The finished stages."""
         return self.work / "stages.json"
 
     @property

@@ -103,7 +103,7 @@ class FrameRenderer:
 
     @cached_property
     def _ring(self) -> tuple[Tensor, Tensor]:
-        """What the training cameras look at, and their upward direction; on the CPU."""
+        """The point that the training cameras look at, and their upward direction; on the CPU."""
         views = self.composition.parts.data.views(Split.TRAIN).cameras
         poses = torch.cat([camera.world_to_camera for camera in views]).cpu()
         cameras = replace(

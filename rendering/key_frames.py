@@ -40,8 +40,8 @@ class KeyFrame:
     time: float | None = None
     """Time of a moving scene, in [0, 1]. All of a path, or none: then it is that of the command."""
     seconds: float | None = None
-    """When the film passes it, from its start. All of a path, or none: then the camera has one
-    speed, or, where the times of key frames differ, every step takes equally long."""
+    """Time at which the film passes it, from its start. All of a path, or none: then the camera
+    has one speed, or, where the times of key frames differ, every step takes equally long."""
 
 
 @dataclass(frozen=True)

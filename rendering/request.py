@@ -31,7 +31,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class RenderRequest:
-    """What is rendered, and how."""
+    """The images to render, and their form."""
 
     what: str
     """views, all, or the name of a path."""

@@ -174,7 +174,7 @@ def _first_places(positions: Float[Tensor, "t n 3"]) -> Float[Tensor, "n 3"]:
 def _on_surface(
     points: Float[Tensor, "n 3"], camera: Cameras, depth: Float[Tensor, "h w 1"] | None
 ) -> Tensor:
-    """Which points a camera sees: within its image, and not behind what it shows there."""
+    """True for points that a camera sees: within its image, and not behind what it shows there."""
     pixels, depths = _project(points[None], camera)
     x, y = np.floor(np.nan_to_num(pixels[0], nan=-1.0, posinf=-1.0, neginf=-1.0)).T
     inside = np.isfinite(depths[0]) & (x >= 0) & (x < camera.width)

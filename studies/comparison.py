@@ -30,7 +30,7 @@ class Column:
         return f"{value:,.{self.digits}f}"
 
     def better(self, value: float, than: float) -> bool:
-        """Whether one value is more accurate than another."""
+        """True if one value is more accurate than another."""
         return value < than if self.best == "low" else value > than
 
 
@@ -81,7 +81,7 @@ class Figure:
     seeds: int
     is_best: bool = False
     is_tie: bool = False
-    """Whether its mean differs from the best by no more than both spreads."""
+    """True if its mean differs from the best by no more than both spreads."""
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,7 @@ def choose_all(
 
 
 def _why_not(able: Capabilities) -> str:
-    """Why a rasterizer takes part by name only; empty for all others."""
+    """The reason why a rasterizer takes part by name only; empty for all others."""
     # No run chooses a negative preference by itself: such a rasterizer makes another kind of image.
     return able.unavailable or (ANOTHER_RULE if able.preference < 0 else "")
 

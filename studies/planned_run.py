@@ -68,7 +68,7 @@ class PlannedRun:
         ]
 
     def is_finished(self) -> bool:
-        """Whether its folder holds a complete result."""
+        """True if its folder holds a complete result."""
         return self.folder.summary.is_file()
 
     def steps_done(self) -> int | None:
@@ -92,7 +92,7 @@ def data_path(cell: Cell, root: Path) -> Path | None:
 
 
 def is_missing(cell: Cell, root: Path) -> bool:
-    """Whether a cell's data is missing."""
+    """True if a cell's data is missing."""
     path = data_path(cell, root)
     return path is not None and not path.exists()
 

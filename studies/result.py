@@ -55,7 +55,7 @@ class Result(Keyed):
         return self.scene, self.row, self.seed
 
     def is_of(self, run: PlannedRun) -> bool:
-        """Whether the run has the settings of this result."""
+        """True if the run has the settings of this result."""
         return self.fingerprint == fingerprint(run.comparable(self.settings))
 
 
@@ -69,7 +69,7 @@ class Failure(Keyed):
     error: str
     advice: str = ""
     resumable: bool = False
-    """Whether the run was cut off and can go on from its checkpoint; else it starts anew."""
+    """True if the run was cut off and can go on from its checkpoint; else it starts anew."""
     date: str = ""
     """Year-month-day of the failure."""
 

@@ -39,13 +39,13 @@ class Outcome:
     seconds: float
     """Since the process was started."""
     resumed: bool
-    """Whether the run went on from a checkpoint, so that these are not all its seconds."""
+    """True if the run went on from a checkpoint, so that these are not all its seconds."""
     stopped: bool = False
-    """Whether it was asked to end; it goes on from its checkpoint another time."""
+    """True if it was asked to end; it goes on from its checkpoint another time."""
     error: str = ""
     advice: str = ""
     resumable: bool = False
-    """Whether it was cut off from outside and can go on."""
+    """True if it was cut off from outside and can go on."""
 
 
 class RunProcess:

@@ -59,7 +59,7 @@ class Estimate:
 
     @property
     def is_measured(self) -> bool:
-        """Whether any run is known."""
+        """True if any run is known."""
         return bool(self._measured)
 
 
@@ -135,7 +135,7 @@ class Runner:
         self._total = len(self.pending)
 
     def _is_kept(self, run: PlannedRun) -> bool:
-        """Whether a run has a result, in the store or in its folder; the store then has it."""
+        """True if a run has a result, in the store or in its folder; the store then has it."""
         known = self._store.results.get(run.cell.key)
         if known is not None and known.is_of(run):
             given = run.cell.relevant

@@ -43,7 +43,7 @@ class Rule:
     """Reason to leave these cells out; empty for none."""
 
     def covers(self, row: str, scene: str) -> bool:
-        """Whether the rule applies to a cell."""
+        """True if the rule applies to a cell."""
         return matches(row, self.rows) and matches(scene, self.scenes)
 
 
@@ -142,7 +142,7 @@ class Study:
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:
-    """Whether a name equals or fits any of the patterns; names may hold brackets."""
+    """True if a name equals or fits any of the patterns; names may hold brackets."""
     return any(pattern == name or fnmatchcase(name, pattern) for pattern in patterns)
 
 

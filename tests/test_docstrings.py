@@ -1,11 +1,11 @@
-"""Docstrings name things: none of these folders begins one with a clause in place of a noun."""
+"""Docstrings name things: none begins with a clause in place of a noun."""
 
 import ast
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 
-FOLDERS = ("callbacks", "charts", "commands", "reports")
+FOLDERS = sorted(path.parent.name for path in ROOT.glob("*/__init__.py"))
 
 CLAUSES = frozenset({"Of", "Where", "Whether", "What", "Why", "Who", "Which", "When", "How"})
 """First words of clauses that stand for nouns, as in "Where bars begin"."""

@@ -68,7 +68,7 @@ def beside(images: Sequence[Float[Tensor, "h _ 3"]], behind: float) -> Float[Ten
 def wiped(
     first: Float[Tensor, "h w 3"], second: Float[Tensor, "h w 3"], place: float
 ) -> Float[Tensor, "h w 3"]:
-    """What is left of ``place`` in [0, 1] from the first image, the rest from the second."""
+    """The first image left of ``place`` in [0, 1], the second one right of it."""
     width = first.shape[1]
     column = min(max(round(place * width), 0), width)
     image = torch.cat([first[:, :column], second[:, column:]], dim=1)

@@ -23,7 +23,7 @@ from gsfw.viewer.view_state import ViewState
 
 @dataclass(frozen=True)
 class FilmOrder:
-    """What a page orders."""
+    """A film that a page orders."""
 
     states: PathStates
     state: ViewState

@@ -191,7 +191,7 @@ class _Shot:
         return best_columns(count, size, camera.width / camera.height)
 
     def _makers(self) -> list[MakeImage]:
-        """What makes the images of the comparison, from left to right."""
+        """Makers of the images of the comparison, from left to right."""
         renders: list[MakeImage] = [self._render_of(model) for model in self._models]
         view, comparison = self._state.view, self._state.comparison
         photos: list[MakeImage] = (

@@ -62,7 +62,7 @@ class Curve:
 
 
 class LiveRun:
-    """What pages see of a run that trains, and what they may ask of it.
+    """A run that trains, as pages see it, and the orders that they may give it.
 
     The training thread writes the figures, and reads the wishes between steps; pages do the
     reverse, each field being replaced as a whole.
@@ -99,7 +99,7 @@ class LiveRun:
 
     @property
     def state(self) -> str:
-        """What the run does now, in a word or two."""
+        """The present state of the run, in a word or two."""
         if self.finished:
             return "finished"
         if self._waiting:

@@ -42,7 +42,7 @@ class Page:
         """Build the interface, and show the scene from its first view."""
         self.client, self.session = client, session
         self.free_comparison = Comparison.RENDER
-        """How two runs are shown while the page moves freely."""
+        """Arrangement of two runs while the page moves freely."""
         self._cameras: CamerasPanel | None = None
         self._panels: tuple[Panel, ...] = ()
         self._reported = session.first.pose

@@ -37,7 +37,7 @@ class Rule:
     """Name of the option that must suit them."""
     holds: Callable[[RenderOptions], bool]
     cause: str
-    """Why they do not go together: the end of a sentence."""
+    """The cause, as the end of a sentence."""
     remedy: str
     """Options to give, the beginning of "..., or leave OPTION out."."""
 
@@ -149,7 +149,7 @@ RULES = (
         "Render images=png",
     ),
 )  # fmt: skip
-"""What can be told before torch is loaded; of several broken rules the first one is told."""
+"""Rules that are checked before torch is loaded; of several broken ones the first is told."""
 
 CHANNEL_RULES = (
     Rule(
@@ -165,7 +165,7 @@ CHANNEL_RULES = (
         "Let channel have color",
     ),
 )  # fmt: skip
-"""What depends on the kinds of the channels."""
+"""Rules on the kinds of the channels."""
 
 
 def check_options(options: RenderOptions) -> None:

@@ -94,7 +94,7 @@ class _Ring:
     radius: float
     """Mean distance from the axis."""
     heights: Float[Tensor, " c"]
-    """Of the cameras, above the target."""
+    """Height of the cameras above the target."""
     start: float
     """Angle where the covered arc begins."""
     span: float

@@ -18,7 +18,7 @@ PACKAGE = "flip_evaluator"
 
 
 def unavailable() -> str:
-    """Why FLIP cannot be measured, and the remedy; empty where it can."""
+    """The reason why FLIP cannot be measured, and the remedy; empty if it can."""
     try:
         import_module(PACKAGE)
     except ModuleNotFoundError:

@@ -100,7 +100,7 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
 
 
 def read_tracks(file: Path) -> Tracks:
-    """Which images show each point, and the points' reprojection errors.
+    """The images that show each point, and the points' reprojection errors.
 
     Raises:
         DataError: the file is cut off or damaged.

@@ -89,7 +89,7 @@ def read_points(file: Path) -> tuple[Float64[np.ndarray, "p 3"], UInt8[np.ndarra
 
 
 def read_tracks(file: Path) -> Tracks:
-    """Which images show each point, and the points' reprojection errors.
+    """The images that show each point, and the points' reprojection errors.
 
     Raises:
         DataError: a line is not that of a point.

@@ -37,7 +37,7 @@ class SyntheticConfig(DataManagerConfig):
     points: int = 10_000
     """Surface points to start from, each seen by some training view."""
     moving: bool = False
-    """Whether solids translate, rotate, deform, appear and vanish, and views carry a time."""
+    """True if solids translate, rotate, deform, appear and vanish, and views carry a time."""
     times: int = 10
     """Distinct times of the moving scene, shared evenly among the training views."""
     seed: int = 0

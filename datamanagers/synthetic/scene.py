@@ -199,7 +199,7 @@ class SyntheticScene:
     def _in_shadow(
         self, own: int, points: Float[Tensor, "3 n"], facing: Float[Tensor, " n"]
     ) -> Bool[Tensor, " n"]:
-        """Whether something stands between points and the sun.
+        """True if something stands between points and the sun.
 
         A convex solid (all are) casts no shadow on its own sunny side, so ``own`` is not tried;
         nor are solids whose box, seen from the sun, does not overlap that of the points.

@@ -19,7 +19,7 @@ class Tracks:
     positions: Float64[Tensor, "t p 3"]
     """In the frame that the function giving them states."""
     present: Bool[Tensor, "t p"]
-    """Whether the solid a point belongs to is there at that time."""
+    """True if the solid a point belongs to is there at that time."""
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def required() -> Any:  # noqa: ANN401 - the module's stub is for its own users
 
 @lru_cache(maxsize=1)
 def unavailable() -> str:
-    """Why the module cannot be used; empty when it can."""
+    """The reason why the module cannot be used; empty if it can."""
     try:
         import gsfw.kernels.cpu._native  # noqa: F401 - whether it loads is the question.
     except ModuleNotFoundError:

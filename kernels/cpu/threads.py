@@ -13,7 +13,7 @@ import torch
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 """Mount point of control groups in Linux, which limit the CPU time of containers."""
 MEMBERSHIP = Path("/proc/self/cgroup")
-"""Which control groups this process is in."""
+"""The control groups of this process."""
 CHOSEN = "OMP_NUM_THREADS"
 """Environment variable by which a user chooses the number of threads; torch reads it too."""
 

@@ -63,7 +63,7 @@ def cuda_system() -> CudaSystem:
 
 @lru_cache(maxsize=1)
 def unavailable() -> str:
-    """Why CUDA kernels cannot be used here, and what to do; empty when they can."""
+    """The reason why CUDA kernels cannot be used here, and the remedy; empty if they can."""
     try:
         cuda_system()
     except ImportError as error:

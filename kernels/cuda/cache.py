@@ -79,7 +79,7 @@ class KernelCache:
                 )
 
     def problem(self) -> str:
-        """Why nothing can be written to the folder; empty when it can, as far as one can see."""
+        """The reason why nothing can be written to the folder; empty if none is known."""
         existing = self.folder
         while not existing.exists() and existing != existing.parent:
             existing = existing.parent

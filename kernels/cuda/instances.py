@@ -24,13 +24,13 @@ class Instances:
 
     dtype: torch.dtype
     covariances: bool
-    """Whether splats have covariances instead of quaternions and scales."""
+    """True if splats have covariances instead of quaternions and scales."""
     sh_degree: int
     """-1 for plain channels."""
     channels: int
     tile_key: torch.dtype
     ragged: bool = False
-    """Whether each splat has spherical harmonics of its own degree."""
+    """True if each splat has spherical harmonics of its own degree."""
 
     @property
     def width(self) -> int:

@@ -32,7 +32,7 @@ class Launcher(ABC):
     """
 
     def reaches(self, device: torch.device) -> bool:
-        """Whether kernels may be given memory of this device."""
+        """True if kernels may be given memory of this device."""
         return True
 
     def prepare(self, kernels: Sequence[Entry]) -> None:  # noqa: B027

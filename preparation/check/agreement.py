@@ -69,7 +69,7 @@ class Agreement:
 def _near(
     surface: Surface, viewpoints: Viewpoints, sample: ImageSample, seen: Bool[np.ndarray, "l p"]
 ) -> Bool[np.ndarray, "l p"]:
-    """Which images are among the nearest that show a point from about one side.
+    """True for images among the nearest that show a point from about one side.
 
     That side is the one of the nearest of them: fewest things stand in between.
     """

@@ -124,7 +124,7 @@ class Tile:
 
     name: str
     reason: str
-    """Why it is shown; empty for an example."""
+    """The reason to show it; empty for an example."""
     weight: Weight
     image: Image.Image | None
     """An image of any size; ``None`` where there is none to show."""

@@ -68,7 +68,7 @@ def _partners(matches: ViewMatches, view: int) -> tuple[int, ...]:
 def exchanged_pairs(
     matches: ViewMatches, rig: Rig, views: Int[np.ndarray, " k"]
 ) -> list[tuple[int, int]]:
-    """Which two of some views agree with all others once they exchange their poses."""
+    """The two views that agree with all others once they exchange their poses."""
     found: list[tuple[int, int]] = []
     left = [int(view) for view in views]
     while left:

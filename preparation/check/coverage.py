@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 ROUNDS = 20
-"""Of reweighting, after which the point hardly moves."""
+"""Rounds of reweighting, after which the point hardly moves."""
 AIMED = 20.0
 """Degrees from its axis within which a camera looks at a point."""
 MOST = 0.9

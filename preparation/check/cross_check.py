@@ -31,14 +31,14 @@ FEWEST_PAIRS = 10
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """What matches say; of several faults only the first is looked for, as it explains the rest."""
+    """Findings of matches; of several faults only the first is sought, as it explains the rest."""
 
     matches: ViewMatches
     rig: Rig
     turntable: float | None = None
     """Part of the matches that stays at its pixel, if the background turns with the cameras."""
     reading: Reading | None = None
-    """How poses have to be read, if otherwise than they are."""
+    """The right reading of the poses, if another one than theirs."""
     focal_factor: float | None = None
     """By which all focal lengths have to be multiplied, if that is sure."""
     contradictions: Contradictions | None = None

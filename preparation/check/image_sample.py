@@ -152,7 +152,7 @@ def _plain_border(shown: Float[np.ndarray, "h w 3"], counts: Bool[np.ndarray, "h
 
 
 def _background(shown: Float[np.ndarray, "h w 3"], border: str) -> Bool[np.ndarray, "h w"]:
-    """Which pixels are of the border's plain colour."""
+    """True for pixels of the border's plain colour."""
     if not border:
         return np.zeros(shown.shape[:2], bool)
     value = 1.0 if border == "white" else 0.0

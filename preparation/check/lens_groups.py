@@ -36,7 +36,7 @@ class LensGroup:
     side: float
     """Longer side of the first image, in pixels."""
     exif: Exif | None
-    """What all of them say of the camera; ``None`` where they say nothing."""
+    """The camera that all of them state; ``None`` if they state none."""
 
     @property
     def exif_focal(self) -> float | None:
@@ -78,7 +78,7 @@ def lens_groups(data: DataManager, viewpoints: Viewpoints) -> tuple[LensGroup, .
 
 
 def _exifs(data: DataManager) -> dict[str, Exif]:
-    """What image files say of their camera, by the names of the images."""
+    """The cameras that image files state, by the names of the images."""
     if not isinstance(data, Capture):
         return {}
     frames: list[Frame] = [frame for frame in data.recording.frames if frame.shot is None]

@@ -62,7 +62,7 @@ class Triangulation:
     slopes: Float[np.ndarray, "m 2 2"]
     """By how much that grows with the pixel (x, y) in the first image and in the second."""
     on_line: Bool[np.ndarray, " m"]
-    """Which lie on their epipolar lines."""
+    """True for those that lie on their epipolar lines."""
     depths: Float[np.ndarray, "m 2"]
     """Along the axes of both cameras, where the rays are nearest to each other; negative behind."""
     angles: Float[np.ndarray, " m"]
@@ -70,7 +70,7 @@ class Triangulation:
 
     @property
     def agrees(self) -> Bool[np.ndarray, " m"]:
-        """Which matches agree with the cameras."""
+        """True for matches that agree with the cameras."""
         return self.on_line & (self.depths > 0).all(1)
 
     @staticmethod

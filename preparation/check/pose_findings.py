@@ -12,7 +12,7 @@ from gsfw.preparation.finding import Finding, Weight, listed
 
 
 def pose_findings(survey: Survey) -> Iterator[Finding]:
-    """What matches say; nothing where there are too few.
+    """Findings of the matches; none if there are too few.
 
     Where focal lengths of one lens differ, images contradict their poses for that reason.
     """

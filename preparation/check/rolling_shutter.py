@@ -17,7 +17,7 @@ FEWEST_PAIRS = 15
 FAR = 0.02
 """Distances from the line beyond this part of the image are wrong matches."""
 ROUNDS = 5
-"""Of reweighting, by Huber's weights."""
+"""Rounds of reweighting, by Huber's weights."""
 SHEARED = 0.008
 """Shear from which on it is seen, between the first and the last row, in longer sides of an image:
 4 pixels of 480. Fox, plush and chair have 0.002 to 0.003."""

@@ -45,7 +45,7 @@ def separate_group(matches: ViewMatches, viewpoints: Viewpoints) -> tuple[int, .
 
 
 def _near(matches: ViewMatches, viewpoints: Viewpoints) -> Bool[np.ndarray, "v v"]:
-    """Which cameras stand and look as near to each other as most of those that match."""
+    """True for cameras that stand and look as near to each other as most of those that match."""
     centers, axes = viewpoints.centers, viewpoints.axes
     apart = np.linalg.norm(centers[:, None] - centers, axis=2)
     turned = np.arccos(np.clip(axes @ axes.T, -1, 1))

@@ -41,7 +41,7 @@ class TimeOrder:
 
     @staticmethod
     def of(data: DataManager, viewpoints: Viewpoints) -> TimeOrder | None:
-        """Of the camera with most images; ``None`` if none stands still, or images are damaged."""
+        """Order of the camera with most images; ``None`` if none stands still or one is damaged."""
         if viewpoints.times is None or not viewpoints.stand_still:
             return None
         counts = np.bincount(viewpoints.place_of)

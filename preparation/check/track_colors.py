@@ -189,7 +189,7 @@ class TrackPlaces:
 
 
 def often(rows: Int[np.ndarray, " o"], usable: Bool[np.ndarray, " o"]) -> Bool[np.ndarray, " o"]:
-    """Which usable observations are of points that have ``MIN_VIEWS`` of them or more."""
+    """True for usable observations of points that have ``MIN_VIEWS`` of them or more."""
     counts = np.bincount(rows[usable], minlength=rows.max(initial=0) + 1)
     return usable & (counts[rows] >= MIN_VIEWS)
 

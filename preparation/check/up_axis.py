@@ -18,7 +18,7 @@ a plane: 0.1 are 20 degrees to each side."""
 TILTED = 10.0
 """Degrees from what the data says beyond which cameras that are held level know better."""
 ROUNDS = 10
-"""Of reweighting, after which the axis hardly moves."""
+"""Rounds of reweighting, after which the axis hardly moves."""
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 

@@ -57,7 +57,7 @@ class ViewMatches:
     """Part of the matches of two images that lie at the same pixel in both; NaN for images of one
     pose, and where there are fewer than ``FEWEST``. Such matches are in no pair."""
     problem: str = ""
-    """Why images could not be matched, if COLMAP does not load."""
+    """The reason why images could not be matched, if COLMAP does not load."""
 
     @staticmethod
     def of(viewpoints: Viewpoints, sample: ImageSample) -> ViewMatches:
@@ -164,7 +164,7 @@ def _matched(
 def _explained(
     first: Float[np.ndarray, "n 2"], second: Float[np.ndarray, "n 2"]
 ) -> Bool[np.ndarray, " n"]:
-    """Which matches one fundamental matrix explains."""
+    """True for matches that one fundamental matrix explains."""
     import pycolmap
 
     if len(first) < FEWEST:

@@ -41,7 +41,7 @@ class Viewpoints:
     sizes: Int[np.ndarray, "v 2"]
     """Width and height in pixels."""
     physical: Int[np.ndarray, " v"]
-    """Which physical camera took it; all 0 where nobody said."""
+    """Number of the physical camera; all 0 if unknown."""
 
     @staticmethod
     def of(data: DataManager) -> Viewpoints:
@@ -66,7 +66,7 @@ class Viewpoints:
 
     @cached_property
     def trained(self) -> Bool[np.ndarray, " v"]:
-        """Which views are trained on."""
+        """True for views that are trained on."""
         return np.array([split is Split.TRAIN for split in self.splits])
 
     @cached_property
@@ -81,7 +81,7 @@ class Viewpoints:
 
     @cached_property
     def times(self) -> Float[np.ndarray, " v"] | None:
-        """When each was taken, in [0, 1]; ``None`` for a static capture."""
+        """Time of each, in [0, 1]; ``None`` for a static capture."""
         times = [None if camera.time is None else float(camera.time[0]) for camera in self.cameras]
         known = [time for time in times if time is not None]
         return np.array(known) if len(known) == len(times) else None
@@ -99,7 +99,7 @@ class Viewpoints:
 
     @cached_property
     def place_of(self) -> Int[np.ndarray, " v"]:
-        """Which of the different poses each view has, as an index into ``places``."""
+        """The pose of each view, as an index into ``places``."""
         rounded = np.round(self.poses / SAME_POSE).reshape(len(self), 16)
         _, first, inverse = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
         return np.argsort(np.argsort(first))[inverse.reshape(-1)]
@@ -149,7 +149,7 @@ class Surface:
     measured: bool
     """False: there are no points, and these stand in for them around where all cameras look."""
     seen: Bool[np.ndarray, "s p"]
-    """Which of them are in the image of each place."""
+    """True for those that are in the image of each place."""
 
     @staticmethod
     def of(scene: Scene, viewpoints: Viewpoints) -> Surface | None:

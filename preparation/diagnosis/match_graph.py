@@ -49,7 +49,7 @@ class Bridge:
 
     @property
     def advice(self) -> str:
-        """Which photos to take."""
+        """The photos to take."""
         return f"take photos between {self.first} and {self.second} ({self.why})"
 
     def document(self) -> dict[str, Any]:

@@ -77,7 +77,7 @@ def _unplaced(evidence: Evidence) -> Finding:
 
 
 def _reasons(evidence: Evidence) -> str:
-    """Which reasons how many images have, the most frequent first."""
+    """The reasons, each with its number of images, the most frequent first."""
     counts = Counter(item.reason for item in evidence.unregistered)
     return ", ".join(f"{reason} ({count})" for reason, count in counts.most_common())
 

@@ -51,7 +51,7 @@ Reason = Literal[
     "matched only within its group",
     "matched, but not placed",
 ]
-"""Why an image was not placed; causes before effects."""
+"""The reason why an image was not placed; causes before effects."""
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def merge_models(
 def bridge_pairs(
     database: Path, models: Sequence[Path], most: int = MOST_BRIDGES
 ) -> tuple[Pair, ...]:
-    """Which pairs to match again, more closely, so that the largest model may grow into others.
+    """Pairs to match again, more closely, so that the largest model may grow into others.
 
     Args:
         database: with what has been matched so far.

@@ -41,7 +41,7 @@ class ConversionRule:
     output: OutputRule = AS_GIVEN
     """Treatment of lenses and images."""
     masks: MaskRule = USUAL_MASKS
-    """Which masks there are; written masks are bright where pixels count."""
+    """The masks of the data; written masks are bright where pixels count."""
 
     def check(self) -> None:
         """Check the values.

@@ -16,7 +16,7 @@ SPLIT_LIST = f"{MODEL_FOLDER}/test.txt"
 LISTED = 5
 """Held-out images that are spelled out; more are left to a command that reads the list."""
 UP = {"colmap": "-y", "transforms": "z"}
-"""Which way readers of the layouts take to be up."""
+"""The direction that readers of the layouts take to be up."""
 
 
 def write_split_list(written: Recording, out: Path) -> int:

@@ -83,7 +83,7 @@ class Launching:
     clock: StageClock
     instances: Instances
     deterministic: bool
-    """Whether gradients are summed in a fixed order."""
+    """True if gradients are summed in a fixed order."""
 
 
 def instances_of(inputs: KernelInputs, settings: KernelSettings) -> Instances:

@@ -35,7 +35,7 @@ def profile(installed: str) -> NumericsProfile:
 
 
 def unavailable() -> str:
-    """Why gsplat cannot render here, and what to do; empty when nothing is known against it."""
+    """The reason why gsplat cannot render here, and the remedy; empty if none is known."""
     if torch.version.cuda is None:
         return "this torch is built without CUDA, which gsplat needs; see pytorch.org for another"
     if not torch.cuda.is_available():

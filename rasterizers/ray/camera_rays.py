@@ -27,7 +27,7 @@ class Rays:
     pixels: Float[Tensor, "r 2"]
     """Their centres."""
     central: bool
-    """Whether rays begin at a centre; those of an orthographic camera reach back without end."""
+    """True if rays begin at a centre; those of an orthographic camera reach back without end."""
     weights: Float[Tensor, "r 1"] | None = None
     """Weight of each ray in the contributions; ``None`` for ones."""
 

@@ -25,7 +25,7 @@ class RayConfig(RasterizerConfig):
     order: Order = "mean"
     """Order of peaks: by view depth of the means, as in splatting, or by t* on each ray."""
     dilation: Literal["matched", "none"] = "matched"
-    """Whether Gaussians grow across the ray by what splatting adds to their projection."""
+    """True if Gaussians grow across the ray by what splatting adds to their projection."""
     samples: int = number(64, at_least=1)
     """Number of samples of the volume along each ray."""
     sampling: Literal["uniform", "stratified"] = "uniform"

@@ -31,7 +31,7 @@ class Gaussians:
     """``m`` Gaussians; the covariance of each is extent^2 times axes times its transpose."""
 
     rows: Int[Tensor, " m"]
-    """Which splats they are."""
+    """Indices of their splats."""
     centres: Float[Tensor, "m 3"]
     """In camera axes."""
     axes: Float[Tensor, "m 3 k"]
@@ -121,7 +121,7 @@ def _renderable(
 def within_reach(
     gaussians: Gaussians, rays: Rays, reaches: Float[Tensor, " m"]
 ) -> Bool[Tensor, " m"]:
-    """Which Gaussians may come nearer to one of the rays than their reach; none is left out.
+    """Gaussians that may come nearer to one of the rays than their reach; none is left out.
 
     A ray that leaves a tile's middle by the angle b passes a point at the angle a from the middle,
     at distance v, by v sin(a - b) at least, or v sin(a + b) where that is behind.

@@ -32,7 +32,7 @@ class Blended:
     contributions: Float[Tensor, " m"]
     """Sum over rays of each Gaussian's weight times the ray's; without gradient."""
     touched: Bool[Tensor, "r m"]
-    """Which Gaussian gives which ray something to see, were it alone."""
+    """Pairs of a Gaussian and a ray that would show it, were it alone."""
 
 
 class Mode(ABC):

@@ -99,7 +99,7 @@ def _from_covariances(
 def visible_extents(
     ellipses: Ellipses, camera: Cameras, settings: RenderSettings
 ) -> tuple[Bool[Tensor, " m"], Float[Tensor, "m 2"]]:
-    """Which ellipses can reach a pixel, and half the sides of their exact bounding boxes.
+    """Ellipses that can reach a pixel, and half the sides of their exact bounding boxes.
 
     The box ends where opacity * exp(-q) falls to ``alpha_min``; with that set to 0 every splat in
     front reaches the whole image.

@@ -96,12 +96,12 @@ def _floats(values: Tensor) -> int:
 
 
 def is_drawn(column: Column, is_temporal: bool) -> bool:
-    """Whether rendering needs a column; others exist for training alone."""
+    """True if rendering needs a column; others exist for training alone."""
     return column.trained or is_temporal
 
 
 def is_bands(name: str, column: Column) -> bool:
-    """Whether a column holds the SH coefficients above the constant one."""
+    """True if a column holds the SH coefficients above the constant one."""
     return name == BANDS or column.bands
 
 

@@ -95,8 +95,8 @@ class StressCase:
     """Makes the input of the expected image in float64, where it differs from ``make``, for example
     before rounding. Images are compared with it, and no gradients."""
     conditioning: str = ""
-    """Why float32 cannot meet the ordinary tolerances; it must then be no worse than the reference
-    in float32. Empty: the ordinary tolerances hold."""
+    """The reason why float32 misses the ordinary tolerances; it must then be no worse than the
+    reference in float32. Empty: the ordinary tolerances hold."""
     at_a_cut_off: int = 0
     """Number of splats on a cut-off, where any rounding decides whether they show: pixels may
     differ by as many flips, and gradients are not compared."""

@@ -71,7 +71,7 @@ def distance(found: Tensor, expected: Tensor, name: str) -> float:
 
 
 def same_bits(first: Drawn, second: Drawn) -> bool:
-    """Whether two results have equal bits, with NaN in the same places."""
+    """True if two results have equal bits, with NaN in the same places."""
     return first.keys() == second.keys() and all(
         torch.equal(tensor.nan_to_num(nan=0.0), second[name].nan_to_num(nan=0.0))
         and torch.equal(tensor.isnan(), second[name].isnan())

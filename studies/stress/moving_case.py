@@ -48,10 +48,10 @@ class MovingCase:
     parameters: float = SPREAD
     """Standard deviation of trained parameters that are not one per splat."""
     needs_parameters: bool = False
-    """Whether these parameters are the extreme ones."""
+    """True if these parameters are the extreme ones."""
     conditioning: str = ""
-    """Why float32 cannot meet the ordinary tolerances; it must then be no worse than some roundings
-    of the parameters in float64. Empty: the ordinary tolerances hold."""
+    """The reason why float32 misses the ordinary tolerances; it must then be no worse than some
+    roundings of the parameters in float64. Empty: the ordinary tolerances hold."""
 
     @property
     def section(self) -> Section:

@@ -49,7 +49,7 @@ class CaseResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the outcome is the expected one; a case that was not run has not passed."""
+        """True if the outcome is the expected one; a case that was not run has not passed."""
         return not self.faults and not self.not_claimed
 
     @property

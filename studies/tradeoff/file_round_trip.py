@@ -38,7 +38,7 @@ class FileRoundTrip:
 
     @property
     def holds_the_model(self) -> bool:
-        """Whether it holds the model at all times, as it was trained."""
+        """True if it holds the model at all times, as it was trained."""
         return self.exporter.holds is Holds.MODEL
 
     def read_back(self, subject: Subject) -> Subject:
@@ -117,6 +117,6 @@ def round_trips(restored: Restored, registry: Registry, is_still: bool) -> list[
 
 
 def _has_sh(restored: Restored) -> bool:
-    """Whether files of splats can hold its colours."""
+    """True if files of splats can hold its colours."""
     with torch.no_grad():
         return isinstance(restored.composition.parts.model.splats().colors, Sh)

@@ -78,7 +78,7 @@ class FinishedModel:
 
     @cached_property
     def is_still(self) -> bool:
-        """Whether the model looks the same at every time."""
+        """True if the model looks the same at every time."""
         return not is_dynamic(self.restored.composition)
 
     @cached_property

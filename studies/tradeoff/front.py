@@ -33,7 +33,7 @@ class Point:
 
 
 def beats(first: Point, second: Point, same_cost: float = 0.0, same_quality: float = 0.0) -> bool:
-    """Whether ``first`` is better than ``second`` on one axis, and not worse on the other.
+    """True if ``first`` is better than ``second`` on one axis, and not worse on the other.
 
     Args:
         first: a point.

@@ -47,7 +47,7 @@ class Offer:
     """Seconds of training; ``None`` for a variant that needs none."""
 
     def meets(self, wish: Wish) -> bool:
-        """Whether it is good, small and fast enough; an unknown figure is not."""
+        """True if it is good, small and fast enough; an unknown figure is not."""
         return (
             (wish.psnr is None or self.psnr >= wish.psnr)
             and _within(self.megabytes, wish.megabytes)

@@ -40,7 +40,7 @@ class Record(Keyed):
     command: list[str] = field(default_factory=list)
     """Verb and settings that do the same to a run; empty where no verb does."""
     draws_alike: bool = False
-    """Whether rendering takes the same time and memory as rendering the unchanged model."""
+    """True if rendering takes the same time and memory as rendering the unchanged model."""
     readings: list[float] = field(default_factory=list)
     """Milliseconds to render a view, of each round."""
     flip: float | None = None
@@ -49,7 +49,7 @@ class Record(Keyed):
     """Peak memory of rendering a view in megabytes, beyond the memory held before; ``None`` where
     it is not known."""
     failure: str = ""
-    """Why the variant cannot be rendered; empty where it can."""
+    """The reason why the variant cannot be rendered; empty if it can."""
 
     @property
     def key(self) -> VariantKey:

@@ -46,7 +46,7 @@ def lost(record: Record, first: Record) -> tuple[float, float | None] | None:
 
 
 def is_tie(record: Record, first: Record) -> bool:
-    """Whether a loss is below its error or below the last digit shown."""
+    """True if a loss is below its error or below the last digit shown."""
     found = lost(record, first)
     return found is not None and abs(found[0]) <= max(found[1] or 0.0, SAME_PSNR / 2)
 

@@ -89,7 +89,7 @@ class Runner:
         return [v for v in self.variants if not (v.draws_alike or records[v.key].failure)]
 
     def _slow(self, variant: Variant) -> bool:
-        """Whether a slow variant has enough readings."""
+        """True if a slow variant has enough readings."""
         record = self.store.records[variant.key]
         return len(record.readings) >= SLOW_ROUNDS and (record.ms or 0.0) > SLOW_MS
 

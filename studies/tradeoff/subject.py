@@ -30,7 +30,7 @@ class Subject:
     rasterizer: Rasterizer
     settings: RenderSettings
     is_still: bool
-    """Whether it looks the same at every time."""
+    """True if it looks the same at every time."""
     read: Splats | None = None
     """Splats of a file, in the scene frame, in place of the model's; ``None`` for the model's."""
     edits: tuple[Edit, ...] = ()

@@ -31,7 +31,7 @@ class Variant:
     command: tuple[str, ...] = ()
     """Verb and settings that do the same to a run; empty where no verb does."""
     draws_alike: bool = False
-    """Whether rendering is as fast as that of the unchanged model: only the storage differs, and no
+    """True if rendering is as fast as that of the unchanged model: only the storage differs, and no
     time is measured."""
     file: str = ""
     """Format of the file that ``command`` writes; empty for none."""

@@ -64,7 +64,7 @@ class Capture:
     device: str
     """Device of the training: cpu or cuda."""
     has_points: bool
-    """Whether the data has points to start from."""
+    """True if the data has points to start from."""
 
 
 def find_capture(base: Base, registry: Registry) -> Capture:
@@ -108,7 +108,7 @@ def singles(
 
 
 def _problem(base: Base, choice: Choice, registry: Registry) -> str:
-    """Why a choice does not fit the base; empty where it does."""
+    """The reason why a choice does not fit the base; empty if it does."""
     try:
         given = {**base.given, **choice.settings}
         check(resolve(registry, [Layer(COMMAND_LINE, given)]), registry)

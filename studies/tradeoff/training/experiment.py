@@ -164,7 +164,7 @@ class Experiment:
 
     @property
     def is_drawn(self) -> bool:
-        """Whether rendering times of all variants are known."""
+        """True if rendering times of all variants are known."""
         return all(DRAW_MS in self.shop.store.results[run.cell.key].figures for run in self._made())
 
     def draw(self, rounds: int) -> Iterator[int]:
@@ -184,7 +184,7 @@ class Experiment:
         return self.judge.compare(self.without_flip, self.shop.store, self._is_over)
 
     def _is_over(self) -> bool:
-        """Whether the time for rendering is over too, or a stop is requested."""
+        """True if the time for rendering is over too, or a stop is requested."""
         reserved = RESERVED * (self._request.minutes or 0.0)
         return self._left() + reserved < 0 or self.shop.control.stop_reason is not None
 

@@ -37,7 +37,7 @@ def yardstick(found: Sequence[Trained]) -> Trained:
 
 
 def is_tie(item: Trained, found: Sequence[Trained]) -> bool:
-    """Whether a variant differs from the baseline by no more than seeds do."""
+    """True if a variant differs from the baseline by no more than seeds do."""
     return abs(yardstick(found).psnr - item.psnr) <= same_psnr(found)
 
 

@@ -67,7 +67,7 @@ class Trained:
 
     @property
     def is_baseline(self) -> bool:
-        """Whether it is the baseline, at any length."""
+        """True if it is the baseline, at any length."""
         return self.variant == BASELINE
 
     def cost(self, cost: str) -> float | None:
