@@ -339,6 +339,46 @@ void check_split_by_bit() {
 }
 
 template <typename T>
+void check_bit_ranges() {
+  Fenced<uint16_t> memory;
+  uint16_t* to = memory.end - LANES;
+  for (int first = 0; first <= LANES; ++first) {
+    int end = first;
+    const Numbers<T> ends([&] { return T(end++ % (LANES + 1 - first) + first); });
+    bit_ranges(Pack<T>(T(first)), ends.pack(), to);
+    for (int i = 0; i < LANES; ++i) {
+      int expected = 0;
+      for (int b = first; b < int(ends.lane[i]); ++b) expected |= 1 << b;
+      if (to[i] != expected) fail("bit_ranges", i, to[i], expected);
+    }
+  }
+}
+
+void check_keep_nonzero() {
+  Fenced<uint16_t> numbers, kept;
+  Fenced<uint32_t> labels, kept_labels;
+  uint16_t *from = numbers.end - LANES, *to = kept.end - LANES;
+  uint32_t *names = labels.end - LANES, *to_names = kept_labels.end - LANES;
+  for (int round = 0; round < ROUNDS; ++round) {
+    const uint32_t there = round ? random_bits() & random_bits() : 0xffffu;
+    for (int i = 0; i < LANES; ++i) {
+      from[i] = there >> i & 1 ? uint16_t(random_bits() | 1) : 0;
+      names[i] = random_bits();
+    }
+    const uint32_t base = random_bits();
+    const int count = keep_nonzero(from, names, base, to, to_names);
+    int next = 0;
+    for (int i = 0; i < LANES; ++i) {
+      if (from[i] == 0) continue;
+      if (to[next] != from[i]) fail("keep_nonzero", i, to[next], from[i]);
+      if (to_names[next] != names[i] + base) fail("label of keep_nonzero", i, next, i);
+      ++next;
+    }
+    if (count != next) fail("count of keep_nonzero", round, count, next);
+  }
+}
+
+template <typename T>
 void check_type() {
   check_arithmetic<T>();
   check_masks<T>();
@@ -348,6 +388,7 @@ void check_type() {
   check_rows<T, 3>();
   check_rows<T, 4>();
   check_transpose<T>();
+  check_bit_ranges<T>();
 }
 
 }  // namespace
@@ -357,6 +398,7 @@ int check_vocabulary() {
   check_type<double>();
   check_power_of_two();
   check_split_by_bit();
+  check_keep_nonzero();
   if (failures) std::printf("%d differences in all\n", failures);
   return failures ? 1 : 0;
 }
