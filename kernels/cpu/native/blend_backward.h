@@ -33,11 +33,38 @@ struct BackwardState {
   int rendered[BLOCKS];
 };
 
+/// Read the gradient of one block of a whole tile: four rows of four pixels of three channels.
+template <typename T>
+GSFW_FUNCTION void start_rgb_block(const BlendBackwardJob<T>& job, const TilePlace& place, int b,
+                                   const BackwardState<T>& state) {
+  T pixels[3 * LANES], alpha[LANES];
+  int64_t at = int64_t(place.y + b / TILE_BLOCKS * BLOCK) * job.forward.grid.width + place.x +
+               b % TILE_BLOCKS * BLOCK;
+  for (int y = 0; y < BLOCK; ++y, at += job.forward.grid.width) {
+    memcpy(pixels + y * BLOCK * 3, job.image_gradient + at * 3, BLOCK * 3 * sizeof(T));
+    if (job.alpha_gradient) {
+      memcpy(alpha + y * BLOCK, job.alpha_gradient + at, BLOCK * sizeof(T));
+    }
+  }
+  Pack<T> gradient[3];
+  load_rows<3>(pixels, LANES, gradient);
+  Pack<T> behind = job.alpha_gradient ? -load(alpha) : Pack<T>(T(0));
+  for (int c = 0; c < 3; ++c) {
+    store(state.image + (b * 3 + c) * LANES, gradient[c]);
+    behind = behind + Pack<T>(job.forward.background[c]) * gradient[c];
+  }
+  store(state.behind + b * LANES, behind);
+}
+
 template <typename T>
 GSFW_FUNCTION void start_tile_backward(const BlendBackwardJob<T>& job, const TilePlace& place,
                                        const BackwardState<T>& state) {
   const int channels = job.forward.channels;
   const T* background = job.forward.background;
+  if (channels == 3 && place.width == TILE && place.height == TILE) {
+    for (int b = 0; b < BLOCKS; ++b) start_rgb_block(job, place, b, state);
+    return;
+  }
   for (int i = 0; i < PIXELS * channels; ++i) state.image[i] = T(0);
   for (int i = 0; i < PIXELS; ++i) state.behind[i] = T(0);
   for (int y = 0; y < place.height; ++y) {
