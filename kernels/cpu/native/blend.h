@@ -68,16 +68,17 @@ GSFW_FUNCTION int block_position(int x, int y) {
   return (y / BLOCK * TILE_BLOCKS + x / BLOCK) * LANES + y % BLOCK * BLOCK + x % BLOCK;
 }
 
+/// Copy ``count`` entries; those from ``next`` on are likely to be wanted after them.
 template <typename T>
 GSFW_FUNCTION void load_chunk(const BlendJob<T>& job, const TilePlace& place, const Entry* entries,
-                              int count, Chunk<T>& chunk) {
+                              int count, const Entry* next, Chunk<T>& chunk) {
   const int stride = job.stride;
   const T middle_x = T(place.x + TILE / 2), middle_y = T(place.y + TILE / 2);
   constexpr int AHEAD = 24;
+  const Entry* all_end = job.entries + job.tile_starts[job.grid.columns * job.grid.rows];
   for (int i = 0; i < count; ++i) {
-    if (i + AHEAD < count) {
-      __builtin_prefetch(job.projected + int64_t(entries[i + AHEAD].row) * stride);
-    }
+    const Entry* ahead = i + AHEAD < count ? entries + i + AHEAD : next + (i + AHEAD - count);
+    if (ahead < all_end) __builtin_prefetch(job.projected + int64_t(ahead->row) * stride);
     const T* from = job.projected + int64_t(entries[i].row) * stride;
     T* to = chunk.projected + i * stride;
     for (int k = 0; k < stride; k += LANES) store(to + k, load(from + k));
@@ -96,24 +97,24 @@ GSFW_FUNCTION void load_chunk(const BlendJob<T>& job, const TilePlace& place, co
   }
 }
 
-/// Whitened coordinates of a block's pixels: 2 fma each, no cancellation beyond the tile's size.
-template <typename T>
+/// Whitened coordinates of pixels, a pack of them or a part: 2 fma each, no cancellation beyond the
+/// tile's size.
+template <typename N>
 struct Whitened {
-  Pack<T> u, v;
+  N u, v;
 };
 
-template <typename T>
-GSFW_FUNCTION Whitened<T> whitened(const T* splat, const Pack<T>& x, const Pack<T>& y) {
-  return {fma(Pack<T>(splat[SPLAT_R]), x, Pack<T>(splat[SPLAT_X])),
-          fma(Pack<T>(splat[SPLAT_W]), y,
-              fma(Pack<T>(splat[SPLAT_WK]), x, Pack<T>(splat[SPLAT_Y])))};
+template <typename N, typename T>
+GSFW_FUNCTION Whitened<N> whitened(const T* splat, const N& x, const N& y) {
+  return {fma(N(splat[SPLAT_R]), x, N(splat[SPLAT_X])),
+          fma(N(splat[SPLAT_W]), y, fma(N(splat[SPLAT_WK]), x, N(splat[SPLAT_Y])))};
 }
 
 /// Alpha of one splat at a block's pixels, 0 where it is skipped.
 template <typename T>
 GSFW_FUNCTION Pack<T> alpha_of(const T* splat, const Pack<T>& x, const Pack<T>& y,
                                const CutOffs<T>& cut) {
-  const Whitened<T> at = whitened(splat, x, y);
+  const Whitened<Pack<T>> at = whitened(splat, x, y);
   const Pack<T> level =
       fma_negated(at.v, at.v, fma_negated(at.u, at.u, Pack<T>(splat[SPLAT_LEVEL])));
   const LaneMask<T> rendered = level >= Pack<T>(cut.level_min);
@@ -210,10 +211,35 @@ GSFW_FUNCTION bool blend_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
   return open;
 }
 
+/// Add the background and write one block of a whole tile to the image: four rows of four pixels.
+template <typename T>
+GSFW_FUNCTION void finish_rgb_block(const BlendJob<T>& job, const TilePlace& place, int b,
+                                    const TileState<T>& state) {
+  const Pack<T> left = load(state.left + b * LANES);
+  const T* blended = state.blended + b * 3 * LANES;
+  Pack<T> color[3];
+  for (int c = 0; c < 3; ++c) {
+    color[c] = load(blended + c * LANES) + left * Pack<T>(job.background[c]);
+  }
+  T pixels[3 * LANES], alpha[LANES];
+  store_rows<3>(pixels, LANES, color);
+  store(alpha, Pack<T>(T(1)) - left);
+  int64_t at = int64_t(place.y + b / TILE_BLOCKS * BLOCK) * job.grid.width + place.x +
+               b % TILE_BLOCKS * BLOCK;
+  for (int y = 0; y < BLOCK; ++y, at += job.grid.width) {
+    memcpy(job.image + at * 3, pixels + y * BLOCK * 3, BLOCK * 3 * sizeof(T));
+    memcpy(job.alpha + at, alpha + y * BLOCK, BLOCK * sizeof(T));
+  }
+}
+
 template <typename T>
 GSFW_FUNCTION void finish_tile(const BlendJob<T>& job, const TilePlace& place,
                                const TileState<T>& state) {
   const int channels = job.channels;
+  if (channels == 3 && place.width == TILE && place.height == TILE) {
+    for (int b = 0; b < BLOCKS; ++b) finish_rgb_block(job, place, b, state);
+    return;
+  }
   for (int y = 0; y < place.height; ++y) {
     const int64_t row = int64_t(place.y + y) * job.grid.width + place.x;
     for (int x = 0; x < place.width; ++x) {
@@ -265,7 +291,8 @@ void blend_tile(const BlendJob<T>& job, int tile, T* scratch) {
     if (!open) continue;
     T* checkpoint = job.checkpoints + (job.chunk_starts[tile] + rendered) * PIXELS;
     memcpy(checkpoint, state.transmittance, PIXELS * sizeof(T));
-    load_chunk(job, place, job.entries + first, count, chunk);
+    const Entry* entries = job.entries + first;
+    load_chunk(job, place, entries, count, entries + count, chunk);
     for (int i = 0; MEASURE && i < count * LANES; ++i) sums[i] = T(0);
     open = false;
     for (int b = 0; b < BLOCKS; ++b) {

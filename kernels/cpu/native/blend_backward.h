@@ -15,6 +15,9 @@
 namespace gsfw {
 namespace GSFW_ISA {
 
+/// Entries before a slot is written that its memory is asked for.
+constexpr int SLOTS_AHEAD = 8;
+
 /// State of one tile in the backward pass.
 template <typename T>
 struct BackwardState {
@@ -30,11 +33,38 @@ struct BackwardState {
   int rendered[BLOCKS];
 };
 
+/// Read the gradient of one block of a whole tile: four rows of four pixels of three channels.
+template <typename T>
+GSFW_FUNCTION void start_rgb_block(const BlendBackwardJob<T>& job, const TilePlace& place, int b,
+                                   const BackwardState<T>& state) {
+  T pixels[3 * LANES], alpha[LANES];
+  int64_t at = int64_t(place.y + b / TILE_BLOCKS * BLOCK) * job.forward.grid.width + place.x +
+               b % TILE_BLOCKS * BLOCK;
+  for (int y = 0; y < BLOCK; ++y, at += job.forward.grid.width) {
+    memcpy(pixels + y * BLOCK * 3, job.image_gradient + at * 3, BLOCK * 3 * sizeof(T));
+    if (job.alpha_gradient) {
+      memcpy(alpha + y * BLOCK, job.alpha_gradient + at, BLOCK * sizeof(T));
+    }
+  }
+  Pack<T> gradient[3];
+  load_rows<3>(pixels, LANES, gradient);
+  Pack<T> behind = job.alpha_gradient ? -load(alpha) : Pack<T>(T(0));
+  for (int c = 0; c < 3; ++c) {
+    store(state.image + (b * 3 + c) * LANES, gradient[c]);
+    behind = behind + Pack<T>(job.forward.background[c]) * gradient[c];
+  }
+  store(state.behind + b * LANES, behind);
+}
+
 template <typename T>
 GSFW_FUNCTION void start_tile_backward(const BlendBackwardJob<T>& job, const TilePlace& place,
                                        const BackwardState<T>& state) {
   const int channels = job.forward.channels;
   const T* background = job.forward.background;
+  if (channels == 3 && place.width == TILE && place.height == TILE) {
+    for (int b = 0; b < BLOCKS; ++b) start_rgb_block(job, place, b, state);
+    return;
+  }
   for (int i = 0; i < PIXELS * channels; ++i) state.image[i] = T(0);
   for (int i = 0; i < PIXELS; ++i) state.behind[i] = T(0);
   for (int y = 0; y < place.height; ++y) {
@@ -85,36 +115,39 @@ GSFW_FUNCTION int replay_block(const BlendJob<T>& job, const Chunk<T>& chunk, in
 /// Sums over a splat's pixels, lane by lane: those of ``SlotField``, then two magnitudes.
 template <typename T, int CHANNELS>
 struct Sums {
-  Pack<T> shape[SLOT_CHANNELS];
-  Pack<T> channel[CHANNELS ? CHANNELS : 1];
-  Pack<T> magnitude[2];
+  Part<T> shape[SLOT_CHANNELS];
+  Part<T> channel[CHANNELS ? CHANNELS : 1];
+  Part<T> magnitude[2];
 };
 
-/// Take one splat at one block: adds to ``sums`` and moves ``behind`` in front of the splat.
+/// Take one splat at the pixels from ``pixel`` on of a tile that is stored block after block; the
+/// replay found ``alpha`` and ``weight``. Adds to ``sums`` and moves ``behind`` in front of it.
 template <typename T, int CHANNELS, bool ABSOLUTE>
-GSFW_FUNCTION void backward_block(const BlendBackwardJob<T>& job, const T* splat, int b,
-                                 const Pack<T>& alpha, const Pack<T>& weight,
+GSFW_FUNCTION void backward_part(const BlendBackwardJob<T>& job, const T* splat, int pixel,
+                                 const T* alphas, const T* weights,
                                  const BackwardState<T>& state, Sums<T, CHANNELS>& sums,
                                  T* channel_sums) {
+  using N = Part<T>;
   const int channels = CHANNELS ? CHANNELS : job.forward.channels;
-  const T* image = state.image + b * channels * LANES;
+  const T* image = state.image + pixel / LANES * channels * LANES + pixel % LANES;
   const T* color = splat + SPLAT_CHANNELS;
-  Pack<T> pull = Pack<T>(color[0]) * load(image);
-  for (int c = 1; c < channels; ++c) pull = fma(Pack<T>(color[c]), load(image + c * LANES), pull);
-  const Pack<T> behind = load(state.behind + b * LANES);
-  const Pack<T> lift = pull - behind;
-  store(state.behind + b * LANES, fma(alpha, lift, behind));
-  const Pack<T> g = keep(alpha <= Pack<T>(job.forward.cut_offs.alpha_limit), weight * lift);
+  const N alpha = load_part(alphas), weight = load_part(weights);
+  N pull = N(color[0]) * load_part(image);
+  for (int c = 1; c < channels; ++c) pull = fma(N(color[c]), load_part(image + c * LANES), pull);
+  const N behind = load_part(state.behind + pixel);
+  const N lift = pull - behind;
+  store(state.behind + pixel, fma(alpha, lift, behind));
+  const N g = keep(alpha <= N(job.forward.cut_offs.alpha_limit), weight * lift);
   for (int c = 0; c < CHANNELS; ++c) {
-    sums.channel[c] = fma(weight, load(image + c * LANES), sums.channel[c]);
+    sums.channel[c] = fma(weight, load_part(image + c * LANES), sums.channel[c]);
   }
   for (int c = 0; CHANNELS == 0 && c < channels; ++c) {
     T* at = channel_sums + c * LANES;
-    store(at, fma(weight, load(image + c * LANES), load(at)));
+    store(at, fma(weight, load_part(image + c * LANES), load_part(at)));
   }
-  const Whitened<T> at =
-      whitened(splat, load(PixelTables<T>::pixels.x[b]), load(PixelTables<T>::pixels.y[b]));
-  const Pack<T> gu = g * at.u, gv = g * at.v;
+  const Whitened<N> at = whitened(splat, load_part(PixelTables<T>::pixels.x[0] + pixel),
+                                  load_part(PixelTables<T>::pixels.y[0] + pixel));
+  const N gu = g * at.u, gv = g * at.v;
   sums.shape[SLOT_G] = sums.shape[SLOT_G] + g;
   sums.shape[SLOT_U] = sums.shape[SLOT_U] + gu;
   sums.shape[SLOT_V] = sums.shape[SLOT_V] + gv;
@@ -122,9 +155,9 @@ GSFW_FUNCTION void backward_block(const BlendBackwardJob<T>& job, const T* splat
   sums.shape[SLOT_UV] = fma(gu, at.v, sums.shape[SLOT_UV]);
   sums.shape[SLOT_VV] = fma(gv, at.v, sums.shape[SLOT_VV]);
   if (ABSOLUTE) {
-    const Pack<T> across = fma(Pack<T>(splat[SPLAT_R]), gu, Pack<T>(splat[SPLAT_WK]) * gv);
+    const N across = fma(N(splat[SPLAT_R]), gu, N(splat[SPLAT_WK]) * gv);
     sums.magnitude[0] = sums.magnitude[0] + absolute(across);
-    sums.magnitude[1] = sums.magnitude[1] + absolute(Pack<T>(splat[SPLAT_W]) * gv);
+    sums.magnitude[1] = sums.magnitude[1] + absolute(N(splat[SPLAT_W]) * gv);
   }
 }
 
@@ -132,7 +165,7 @@ template <typename T, int CHANNELS, bool ABSOLUTE>
 GSFW_FUNCTION void write_slot(const Sums<T, CHANNELS>& sums, const T* channel_sums, int channels,
                               T* slot) {
   if (CHANNELS == 3) {
-    Pack<T> eight[8];
+    Part<T> eight[8];
     for (int k = 0; k < SLOT_CHANNELS; ++k) eight[k] = sums.shape[k];
     eight[6] = sums.channel[0];
     eight[7] = sums.channel[1 % (CHANNELS ? CHANNELS : 1)];
@@ -141,7 +174,7 @@ GSFW_FUNCTION void write_slot(const Sums<T, CHANNELS>& sums, const T* channel_su
   } else {
     for (int k = 0; k < SLOT_CHANNELS; ++k) slot[k] = sum(sums.shape[k]);
     for (int c = 0; c < channels; ++c) {
-      slot[SLOT_CHANNELS + c] = sum(load(channel_sums + c * LANES));
+      slot[SLOT_CHANNELS + c] = sum(load_part(channel_sums + c * LANES));
     }
   }
   if (ABSOLUTE) {
@@ -170,10 +203,16 @@ template <typename T, int CHANNELS, bool ABSOLUTE>
 GSFW_FUNCTION void backward_chunk(const BlendBackwardJob<T>& job, const Chunk<T>& chunk,
                                  const Entry* entries, BackwardState<T>& state, T* channel_sums) {
   const int channels = CHANNELS ? CHANNELS : job.forward.channels;
-  const Pack<T> zero(T(0));
+  const Part<T> zero(T(0));
   int next[BLOCKS];
   for (int b = 0; b < BLOCKS; ++b) next[b] = state.starts[b] + state.rendered[b];
+  const auto slot_of = [&](int i) { return job.slots + int64_t(entries[i].slot) * job.slot_stride; };
   for (int i = chunk.count - 1; i >= 0; --i) {
+    if (i >= SLOTS_AHEAD) {
+      // Slots lie in the order of the model, which is none in the image.
+      __builtin_prefetch(slot_of(i - SLOTS_AHEAD), 1);
+      __builtin_prefetch(slot_of(i - SLOTS_AHEAD) + job.slot_stride - 1, 1);
+    }
     const T* splat = chunk.projected + i * job.forward.stride;
     Sums<T, CHANNELS> sums;
     for (int k = 0; k < SLOT_CHANNELS; ++k) sums.shape[k] = zero;
@@ -183,11 +222,12 @@ GSFW_FUNCTION void backward_chunk(const BlendBackwardJob<T>& job, const Chunk<T>
     for (uint32_t rest = chunk.blocks[i]; rest; rest &= rest - 1) {
       const int b = __builtin_ctz(rest);
       const int64_t at = int64_t(--next[b]) * LANES;
-      backward_block<T, CHANNELS, ABSOLUTE>(job, splat, b, load(state.alphas + at),
-                                           load(state.weights + at), state, sums, channel_sums);
+      for (int lane = 0; lane < LANES; lane += PART_LANES<T>) {
+        backward_part<T, CHANNELS, ABSOLUTE>(job, splat, b * LANES + lane, state.alphas + at + lane,
+                                             state.weights + at + lane, state, sums, channel_sums);
+      }
     }
-    write_slot<T, CHANNELS, ABSOLUTE>(sums, channel_sums, channels,
-                                      job.slots + int64_t(entries[i].slot) * job.slot_stride);
+    write_slot<T, CHANNELS, ABSOLUTE>(sums, channel_sums, channels, slot_of(i));
   }
 }
 
@@ -196,6 +236,14 @@ template <typename T>
 GSFW_FUNCTION int64_t blend_backward_scratch(int stride, int channels) {
   return blend_scratch<T>(stride, channels) + PIXELS * (1 + channels) +
          2 * int64_t(CHUNK + UNROLL) * BLOCKS * LANES + (channels + 2) * LANES;
+}
+
+/// The first entry of the chunk that a tile's backward pass begins with.
+template <typename T>
+GSFW_FUNCTION const Entry* first_taken(const BlendJob<T>& job, int tile) {
+  if (tile >= job.grid.columns * job.grid.rows) return job.entries + job.tile_starts[tile];
+  const int64_t last = job.chunks_blended[tile] > 0 ? job.chunks_blended[tile] - 1 : 0;
+  return job.entries + job.tile_starts[tile] + last * CHUNK;
 }
 
 template <typename T, int CHANNELS, bool ABSOLUTE>
@@ -214,14 +262,20 @@ void blend_tile_backward(const BlendBackwardJob<T>& job, int tile, T* scratch) {
   const int64_t start = forward.tile_starts[tile], end = forward.tile_starts[tile + 1];
   const int64_t rendered = forward.chunks_blended[tile];
   for (int64_t at = start + rendered * CHUNK; at < end; ++at) {
+    if (at + SLOTS_AHEAD < end) {
+      __builtin_prefetch(job.slots +
+                         int64_t(forward.entries[at + SLOTS_AHEAD].slot) * job.slot_stride, 1);
+    }
     T* slot = job.slots + int64_t(forward.entries[at].slot) * job.slot_stride;
     for (int k = 0; k < job.slot_stride; ++k) slot[k] = T(0);
   }
   if (rendered > 0) start_tile_backward(job, place, state);
+  const Entry* next_tile = first_taken(forward, tile + 1);
   for (int64_t c = rendered - 1; c >= 0; --c) {
     const int64_t first = start + c * CHUNK;
     const Entry* entries = forward.entries + first;
-    load_chunk(forward, place, entries, int(end - first < CHUNK ? end - first : CHUNK), chunk);
+    const int count = int(end - first < CHUNK ? end - first : CHUNK);
+    load_chunk(forward, place, entries, count, c > 0 ? entries - CHUNK : next_tile, chunk);
     const T* checkpoint = forward.checkpoints + (forward.chunk_starts[tile] + c) * PIXELS;
     replay_chunk(forward, chunk, checkpoint, state);
     backward_chunk<T, CHANNELS, ABSOLUTE>(job, chunk, entries, state, channel_sums);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <memory>
@@ -14,8 +15,23 @@
 #if defined(__GLIBC__)
 #include <malloc.h>
 #endif
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
 
 namespace gsfw {
+
+/// Have a large block in pages of 2 MB, where the system gives them on request. Blocks that are
+/// read or written out of order otherwise wait for their pages' addresses more than for memory.
+inline void prefer_large_pages([[maybe_unused]] void* block, [[maybe_unused]] size_t bytes) {
+#if defined(__linux__) && defined(MADV_HUGEPAGE)
+  constexpr uintptr_t PAGE = uintptr_t(2) << 20;
+  const uintptr_t begin = (reinterpret_cast<uintptr_t>(block) + PAGE - 1) / PAGE * PAGE;
+  const uintptr_t end = (reinterpret_cast<uintptr_t>(block) + bytes) / PAGE * PAGE;
+  // A hint: where it is refused, small pages do.
+  if (end > begin) madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+#endif
+}
 
 /// An array that only grows, without keeping its contents; aligned to a cache line.
 template <typename T>
@@ -33,6 +49,7 @@ class Buffer {
       const size_t wanted = size + size / 8;
       data_ = static_cast<T*>(::operator new(wanted * sizeof(T), std::align_val_t{64}));
       size_ = wanted;
+      prefer_large_pages(data_, wanted * sizeof(T));
     }
     return data_;
   }

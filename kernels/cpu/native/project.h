@@ -26,7 +26,6 @@ GSFW_FUNCTION void ellipse_fields(const Projection<Pack<T>>& splat, const Pack<T
   fields[SPLAT_NARROW] = square_root(reach * (splat.determinant / c.yy));
   fields[SPLAT_HEIGHT] = extent.half.y;
   fields[SPLAT_WIDTH] = extent.half.x;
-  fields[SPLAT_FIRST_SLOT] = fields[SPLAT_SLOTS] = N(0.0);
 }
 
 /// The channels of a group of rows, one after the other.

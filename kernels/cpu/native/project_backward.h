@@ -12,15 +12,12 @@ template <typename T>
 GSFW_FUNCTION void sum_slots(const ProjectBackwardJob<T>& job, const RowGroup& rows,
                              uint32_t visible, T* sums) {
   const int stride = job.slot_stride;
+  const uint32_t* starts = job.slot_starts + rows.first;
   const T* slots[LANES];
   uint32_t counts[LANES];
   for (int i = 0; i < LANES; ++i) {
-    counts[i] = 0;
-    if (!(visible >> i & 1)) continue;
-    const T* splat = job.forward.projected + (rows.first + i) * job.forward.stride;
-    counts[i] = whole_number(splat + SPLAT_SLOTS);
-    slots[i] = job.slots + int64_t(whole_number(splat + SPLAT_FIRST_SLOT)) * stride;
-    __builtin_prefetch(slots[i]);
+    counts[i] = visible >> i & 1 ? starts[i + 1] - starts[i] : 0;
+    slots[i] = counts[i] ? job.slots + int64_t(starts[i]) * stride : nullptr;
   }
   for (int k = 0; k < stride; k += LANES) {
     Pack<T> fields[LANES];

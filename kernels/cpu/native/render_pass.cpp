@@ -29,18 +29,6 @@ class Timed {
 
 int padded(int numbers) { return (numbers + 15) / 16 * 16; }
 
-template <typename T>
-void set_number(T* field, uint32_t number) {
-  std::memcpy(field, &number, sizeof(number));
-}
-
-template <typename T>
-uint32_t number_at(const T* field) {
-  uint32_t number;
-  std::memcpy(&number, field, sizeof(number));
-  return number;
-}
-
 Grid grid_of(int width, int height) {
   return {width, height, (width + TILE - 1) / TILE, (height + TILE - 1) / TILE};
 }
@@ -102,25 +90,29 @@ void RenderPass<T>::bin(Passing& memory, int64_t visible) {
   const int64_t most = int64_t(arguments_.threads) * PIECES_PER_THREAD;
   const int64_t grain = std::max<int64_t>((visible + most - 1) / most, 256);
   const int64_t pieces = (visible + grain - 1) / grain;
-  std::vector<int64_t> lengths(pieces);
-  pairs_ = find_intersections(memory, visible, pieces, grain, lengths.data());
+  pairs_ = find_intersections(memory, visible, pieces, grain);
   if (pairs_ > arguments_.most_pairs) throw TooManyPairs(pairs_);
-  place_entries(memory, pieces, lengths.data());
+  number_slots();
+  place_entries(memory, visible, pieces, grain);
   plan_tiles();
 }
 
-/// Meetings that a thread finds before it tells the others.
-constexpr int64_t UNTOLD = 4096;
+/// Splats that are binned at a time, and intersections that a thread finds before it tells the
+/// others.
+constexpr int64_t BATCH = 16, UNTOLD = 4096;
 
 /// Find what each splat intersects; counts on beyond the limit, but keeps nothing then.
 template <typename T>
 int64_t RenderPass<T>::find_intersections(Passing& memory, int64_t visible, int64_t pieces,
-                                          int64_t grain, int64_t* lengths) {
+                                          int64_t grain) {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
-  const BinJob<T> job = {grid_, arguments_.view.alpha_min > T(0), memory->order.get(),
-                         project_job_.projected, stride_};
+  const int64_t rows = arguments_.splats.count;
+  uint32_t* slot_counts = kept_->slot_starts.reserve(rows + 1);
+  std::fill(slot_counts, slot_counts + rows + 1, 0u);
+  const BinJob<T> job = {grid_, arguments_.view.alpha_min > T(0), memory->order.get(), visible,
+                         project_job_.projected, stride_, slot_counts};
   while (static_cast<int64_t>(memory->intersections.size()) < pieces) {
-    memory->intersections.push_back(std::make_unique<Buffer<Intersection>>());
+    memory->intersections.push_back(std::make_unique<IntersectionMemory>());
   }
   int64_t* tile_counts = memory->tile_counts.reserve(std::max<int64_t>(pieces, 1) * tiles);
   std::atomic<int64_t> total{0};
@@ -128,31 +120,31 @@ int64_t RenderPass<T>::find_intersections(Passing& memory, int64_t visible, int6
     const int64_t piece = begin / grain;
     int64_t* counts = tile_counts + piece * tiles;
     std::fill(counts, counts + tiles, 0);
-    Buffer<Intersection>& buffer = *memory->intersections[piece];
     int64_t length = 0, untold = 0;
-    for (int64_t rank = begin; rank < end; ++rank) {
-      if (rank + 12 < end) {
-        __builtin_prefetch(job.projected + int64_t(job.order[rank + 12]) * job.stride);
-      }
-      const uint32_t row = job.order[rank];
-      Intersection* to = buffer.grow(length, length + tiles + TILE);
-      const int64_t more = kernels_.intersect(job, row, to + length);
-      for (int64_t i = length; i < length + more; ++i) ++counts[to[i].tile];
-      set_number(splat_of(row) + SPLAT_SLOTS, static_cast<uint32_t>(more));
+    for (int64_t rank = begin; rank < end; rank += BATCH) {
+      const Intersections to = memory->intersections[piece]->grow(length, BATCH * (tiles + TILE));
+      const int64_t more = kernels_.intersect(job, rank, std::min(rank + BATCH, end), to);
+      for (int64_t i = 0; i < more; ++i) ++counts[to.tiles[i]];
       untold += more;
       if (total.load(std::memory_order_relaxed) + untold <= arguments_.most_pairs) length += more;
       if (untold >= UNTOLD) total.fetch_add(std::exchange(untold, 0));
     }
     total.fetch_add(untold);
-    lengths[piece] = length;
   });
   return total.load();
 }
 
-/// Sort intersections into tiles: those of a tile come from front to back, because pieces do and
-/// every piece keeps its order; and give each splat's entries neighbouring slots.
+/// Give the slots to rows in the order of the model, in which the backward pass reads them.
 template <typename T>
-void RenderPass<T>::place_entries(Passing& memory, int64_t pieces, const int64_t* lengths) {
+void RenderPass<T>::number_slots() {
+  uint32_t* starts = kept_->slot_starts.get();
+  std::exclusive_scan(starts, starts + arguments_.splats.count + 1, starts, 0u);
+}
+
+/// Sort intersections into tiles: those of a tile come from front to back, because pieces do and
+/// every piece keeps its order.
+template <typename T>
+void RenderPass<T>::place_entries(Passing& memory, int64_t visible, int64_t pieces, int64_t grain) {
   const int64_t tiles = int64_t(grid_.columns) * grid_.rows;
   int64_t* next = memory->tile_counts.get();
   int64_t* starts = kept_->tile_starts.reserve(tiles + 1);
@@ -162,19 +154,21 @@ void RenderPass<T>::place_entries(Passing& memory, int64_t pieces, const int64_t
     for (int64_t p = 0; p < pieces; ++p) total += std::exchange(next[p * tiles + tile], total);
   }
   starts[tiles] = total;
-  std::vector<int64_t> slots(pieces);
-  std::exclusive_scan(lengths, lengths + pieces, slots.begin(), int64_t(0));
+  const uint32_t* slot_starts = kept_->slot_starts.get();
+  const uint32_t* order = memory->order.get();
   Entry* entries = kept_->entries.reserve(total);
-  parallel(pieces, arguments_.threads, [&](int64_t piece, int) {
-    const Intersection* intersections = memory->intersections[piece]->get();
+  parallel_pieces(visible, grain, arguments_.threads, [&](int64_t begin, int64_t end, int) {
+    const int64_t piece = begin / grain;
     int64_t* places = next + piece * tiles;
-    for (int64_t i = 0; i < lengths[piece]; ++i) {
-      const Intersection& intersection = intersections[i];
-      const uint32_t slot = static_cast<uint32_t>(slots[piece] + i);
-      if (i == 0 || intersections[i - 1].row != intersection.row) {
-        set_number(splat_of(intersection.row) + SPLAT_FIRST_SLOT, slot);
+    Intersections from = memory->intersections[piece]->get();
+    for (int64_t rank = begin; rank < end; ++rank) {
+      const uint32_t row = order[rank];
+      for (uint32_t slot = slot_starts[row]; slot < slot_starts[row + 1]; ++slot) {
+        Entry* to = entries + places[*from.tiles++]++;
+        *to = {row, slot, *from.blocks++};
+        // Each tile's entries go to a place of their own: ask for what follows there.
+        __builtin_prefetch(to + 8, 1);
       }
-      entries[places[intersection.tile]++] = {intersection.row, slot, intersection.blocks};
     }
   });
 }
@@ -254,13 +248,11 @@ void RenderPass<T>::blend(Passing& memory, const RenderOutputs<T>& outputs) {
 template <typename T>
 void RenderPass<T>::sum_contributions(const T* slots, T* to) {
   const int64_t count = arguments_.splats.count;
+  const uint32_t* starts = kept_->slot_starts.get();
   parallel_pieces(count, ROWS_PER_TASK, arguments_.threads, [&](int64_t begin, int64_t end, int) {
     for (int64_t row = begin; row < end; ++row) {
       T sum = 0;
-      const bool seen = project_job_.visible[row];
-      const uint32_t count = seen ? number_at(splat_of(row) + SPLAT_SLOTS) : 0;
-      const uint32_t first = seen ? number_at(splat_of(row) + SPLAT_FIRST_SLOT) : 0;
-      for (uint32_t i = 0; i < count; ++i) sum += slots[int64_t(first) + i];
+      for (uint32_t slot = starts[row]; slot < starts[row + 1]; ++slot) sum += slots[slot];
       to[row] = sum;
     }
   });
@@ -287,6 +279,7 @@ void RenderPass<T>::backward(const RenderGradients<T>& gradients) {
   const int64_t tasks = (count + ROWS_PER_TASK - 1) / ROWS_PER_TASK;
   T* pose = gradients.pose ? memory->pose.reserve(tasks * POSE_FIELDS) : nullptr;
   const ProjectBackwardJob<T> job = {project_job_,
+                                     kept_->slot_starts.get(),
                                      slots,
                                      slot_stride,
                                      gradients.absgrad != nullptr,

@@ -25,8 +25,22 @@ struct TooManyPairs : std::runtime_error {
   int64_t count;
 };
 
+/// Intersections of a run of splats.
+class IntersectionMemory {
+ public:
+  /// Room for ``size`` of them behind the first ``used``, which are kept.
+  Intersections grow(size_t used, size_t size) {
+    return {tiles_.grow(used, used + size) + used, blocks_.grow(used, used + size) + used};
+  }
+  Intersections get() const { return {tiles_.get(), blocks_.get()}; }
+
+ private:
+  Buffer<uint32_t> tiles_;
+  Buffer<uint16_t> blocks_;
+};
+
 /// Memory per pair besides its slot.
-constexpr int64_t PAIR_BYTES = sizeof(Entry) + sizeof(Intersection);
+constexpr int64_t PAIR_BYTES = sizeof(Entry) + sizeof(uint32_t) + sizeof(uint16_t);
 
 /// The arguments of one image.
 template <typename T>
@@ -73,7 +87,7 @@ struct KeptMemory {
   Buffer<Entry> entries;
   Buffer<int64_t> tile_starts, chunk_starts;
   Buffer<int32_t> chunks_blended;
-  Buffer<uint32_t> runs;
+  Buffer<uint32_t> runs, slot_starts;
   Buffer<uint8_t> visible;
 };
 
@@ -84,7 +98,7 @@ struct PassingMemory {
   Buffer<uint32_t> order;
   SortMemory sort;
   Buffer<int64_t> tile_counts;
-  std::vector<std::unique_ptr<Buffer<Intersection>>> intersections;
+  std::vector<std::unique_ptr<IntersectionMemory>> intersections;
 };
 
 template <typename T>
@@ -106,16 +120,15 @@ class RenderPass {
   void project(Passing& memory, const RenderOutputs<T>& outputs);
   int64_t sort(Passing& memory);
   void bin(Passing& memory, int64_t visible);
-  int64_t find_intersections(Passing& memory, int64_t visible, int64_t pieces, int64_t grain,
-                             int64_t* lengths);
-  void place_entries(Passing& memory, int64_t pieces, const int64_t* lengths);
+  int64_t find_intersections(Passing& memory, int64_t visible, int64_t pieces, int64_t grain);
+  void number_slots();
+  void place_entries(Passing& memory, int64_t visible, int64_t pieces, int64_t grain);
   void plan_tiles();
   template <typename F>
   void for_each_tile(const F& f) const;
   void blend(Passing& memory, const RenderOutputs<T>& outputs);
   void sum_contributions(const T* slots, T* to);
   BlendJob<T> blend_job() const;
-  T* splat_of(int64_t row) const { return kept_->projected.get() + row * stride_; }
 
   const RenderKernels<T>& kernels_;
   RenderArguments<T> arguments_;

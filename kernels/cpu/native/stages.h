@@ -23,13 +23,10 @@ constexpr int ROWS_PER_TASK = 1024;
 /// the whitening u = r dx, v = w dy - w k dx, scaled so that alpha is 2^(level - u^2 -
 /// v^2); level, which is log2 of the opacity. Then the ellipse as binning needs it: how x leans
 /// with y; the height above the centre at which it reaches furthest right; half its width at the
-/// centre's height; half the height and half the width of its bounding box. Then two whole
-/// numbers of 32 bits, which binning adds: the row's first slot, and how many it has; here, threads
-/// never share their cache line. Then the channels.
+/// centre's height; half the height and half the width of its bounding box. Then the channels.
 enum SplatField {
   SPLAT_X, SPLAT_Y, SPLAT_R, SPLAT_WK, SPLAT_W, SPLAT_LEVEL,
-  SPLAT_TILT, SPLAT_TURN, SPLAT_NARROW, SPLAT_HEIGHT, SPLAT_WIDTH,
-  SPLAT_FIRST_SLOT, SPLAT_SLOTS, SPLAT_CHANNELS
+  SPLAT_TILT, SPLAT_TURN, SPLAT_NARROW, SPLAT_HEIGHT, SPLAT_WIDTH, SPLAT_CHANNELS
 };
 
 /// Sums of a slot over the pixels of one entry, with g = alpha dL/d alpha: g, g u, g v, g u^2, g
@@ -40,17 +37,17 @@ enum SlotField { SLOT_G, SLOT_U, SLOT_V, SLOT_UU, SLOT_UV, SLOT_VV, SLOT_CHANNEL
 /// One splat in one tile.
 struct Entry {
   uint32_t row;
-  /// Slot of its gradient: entries of one splat have neighbouring slots.
+  /// Slot of its gradient: the slots of a row follow one another, and those of the next row them.
   uint32_t slot;
   /// Bit b: the splat reaches block b of the tile.
   uint32_t blocks;
 };
 
-/// One splat in one tile before the tiles are sorted.
-struct Intersection {
-  uint32_t row;
-  uint32_t tile;
-  uint32_t blocks;
+/// Splats in tiles before the tiles are sorted, one splat after the other: the tile's number, and
+/// the blocks of it as ``Entry`` has them.
+struct Intersections {
+  uint32_t* tiles;
+  uint16_t* blocks;
 };
 
 struct Grid {
@@ -114,11 +111,14 @@ struct BinJob {
   Grid grid;
   /// False when every splat is to reach the whole image.
   bool bounded;
-  /// Rows of visible splats, from front to back.
+  /// [ranks]: rows of visible splats, from front to back.
   const uint32_t* order;
+  int64_t ranks;
   /// [n, stride]
   const T* projected;
   int stride;
+  /// [n]: how many tiles each visible row intersects.
+  uint32_t* counts;
 };
 
 /// One camera and the conventions of a render, as ``Camera`` and ``Settings`` of the shared maths.
@@ -203,6 +203,8 @@ constexpr int POSE_FIELDS = 15;
 template <typename T>
 struct ProjectBackwardJob {
   ProjectJob<T> forward;
+  /// [n + 1]: the first slot of each row, and one behind the last.
+  const uint32_t* slot_starts;
   /// [slots, slot_stride]
   const T* slots;
   int slot_stride;

@@ -43,14 +43,6 @@ GSFW_FUNCTION Settings<Pack<T>> settings_of(const ViewParameters<T>& view) {
           view.alpha_min > T(0)};
 }
 
-/// A whole number that is kept in a field of a projected splat.
-template <typename T>
-GSFW_FUNCTION uint32_t whole_number(const T* field) {
-  uint32_t number;
-  memcpy(&number, field, sizeof(number));
-  return number;
-}
-
 /// Sixteen rows of the model that follow one another, or as many as there are.
 struct RowGroup {
   int64_t first;

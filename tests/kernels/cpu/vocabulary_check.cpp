@@ -172,6 +172,47 @@ void check_sums() {
   }
 }
 
+/// What ``f`` gives for the parts of three packs, joined.
+template <typename T, typename F>
+Pack<T> by_parts(const Pack<T>& a, const Pack<T>& b, const Pack<T>& c, F f) {
+  const Numbers<T> first(a), second(b), third(c);
+  T joined[LANES];
+  for (int i = 0; i < LANES; i += PART_LANES<T>) {
+    store(joined + i, f(load_part(first.lane + i), load_part(second.lane + i),
+                        load_part(third.lane + i)));
+  }
+  return load(joined);
+}
+
+template <typename T>
+void check_parts() {
+  const auto compare = [](const char* what, auto f, auto of_numbers) {
+    check<T>(what, [f](auto a, auto b, auto c) { return by_parts<T>(a, b, c, f); }, of_numbers);
+  };
+  const auto alike = [compare](const char* what, auto f) { compare(what, f, f); };
+  alike("+ of parts", [](auto a, auto b, auto) { return a + b; });
+  alike("- of parts", [](auto a, auto b, auto) { return a - b; });
+  alike("* of parts", [](auto a, auto b, auto) { return a * b; });
+  alike("fma of parts", [](auto a, auto b, auto c) { return fma(a, b, c); });
+  alike("absolute of parts", [](auto a, auto, auto) { return absolute(a); });
+  compare("keep of parts", [](auto a, auto b, auto) { return keep(a <= b, a); },
+          [](T a, T b, T) { return a <= b ? a : T(0); });
+  Part<T> parts[8];
+  for (int p = 0; p < 8; ++p) {
+    int i = 0;
+    const Numbers<T> numbers([&] { return T(p + 3 * i++); });
+    parts[p] = load_part(numbers.lane);
+    T expected = 0;
+    for (int k = 0; k < PART_LANES<T>; ++k) expected += numbers.lane[k];
+    if (sum(parts[p]) != expected) fail("sum of a part", p, sum(parts[p]), expected);
+  }
+  T found[8];
+  sum_eight(parts, found);
+  for (int p = 0; p < 8; ++p) {
+    if (found[p] != sum(parts[p])) fail("sum_eight of parts", p, found[p], sum(parts[p]));
+  }
+}
+
 /// Relative error of a power of two: its polynomial's, and more where each product is rounded.
 constexpr double POWER_ERROR = GSFW_FUSES ? 2.2e-7 : 2.6e-7;
 
@@ -339,15 +380,57 @@ void check_split_by_bit() {
 }
 
 template <typename T>
+void check_bit_ranges() {
+  Fenced<uint16_t> memory;
+  uint16_t* to = memory.end - LANES;
+  for (int first = 0; first <= LANES; ++first) {
+    int end = first;
+    const Numbers<T> ends([&] { return T(end++ % (LANES + 1 - first) + first); });
+    bit_ranges(Pack<T>(T(first)), ends.pack(), to);
+    for (int i = 0; i < LANES; ++i) {
+      int expected = 0;
+      for (int b = first; b < int(ends.lane[i]); ++b) expected |= 1 << b;
+      if (to[i] != expected) fail("bit_ranges", i, to[i], expected);
+    }
+  }
+}
+
+void check_keep_nonzero() {
+  Fenced<uint16_t> numbers, kept;
+  Fenced<uint32_t> labels, kept_labels;
+  uint16_t *from = numbers.end - LANES, *to = kept.end - LANES;
+  uint32_t *names = labels.end - LANES, *to_names = kept_labels.end - LANES;
+  for (int round = 0; round < ROUNDS; ++round) {
+    const uint32_t there = round ? random_bits() & random_bits() : 0xffffu;
+    for (int i = 0; i < LANES; ++i) {
+      from[i] = there >> i & 1 ? uint16_t(random_bits() | 1) : 0;
+      names[i] = random_bits();
+    }
+    const uint32_t base = random_bits();
+    const int count = keep_nonzero(from, names, base, to, to_names);
+    int next = 0;
+    for (int i = 0; i < LANES; ++i) {
+      if (from[i] == 0) continue;
+      if (to[next] != from[i]) fail("keep_nonzero", i, to[next], from[i]);
+      if (to_names[next] != names[i] + base) fail("label of keep_nonzero", i, next, i);
+      ++next;
+    }
+    if (count != next) fail("count of keep_nonzero", round, count, next);
+  }
+}
+
+template <typename T>
 void check_type() {
   check_arithmetic<T>();
   check_masks<T>();
   check_sums<T>();
+  check_parts<T>();
   check_loads<T>();
   check_strided_stores<T>();
   check_rows<T, 3>();
   check_rows<T, 4>();
   check_transpose<T>();
+  check_bit_ranges<T>();
 }
 
 }  // namespace
@@ -357,6 +440,7 @@ int check_vocabulary() {
   check_type<double>();
   check_power_of_two();
   check_split_by_bit();
+  check_keep_nonzero();
   if (failures) std::printf("%d differences in all\n", failures);
   return failures ? 1 : 0;
 }

@@ -184,22 +184,60 @@ GSFW_FUNCTION Pack<float> fma_negated(Pack<float> a, Pack<float> b, Pack<float> 
   return {_mm256_fnmadd_ps(a.low, b.low, c.low), _mm256_fnmadd_ps(a.high, b.high, c.high)};
 }
 
-GSFW_FUNCTION float sum(Pack<float> a) {
-  const __m256 half = _mm256_add_ps(a.low, a.high);
-  const __m128 quarter = _mm_add_ps(_mm256_castps256_ps128(half), _mm256_extractf128_ps(half, 1));
+/// One register's lanes of a pack: sums of nine packs would need eighteen registers of sixteen.
+struct Eight {
+  __m256 v;
+
+  GSFW_FUNCTION Eight() {}
+  GSFW_FUNCTION Eight(double value) : v(_mm256_set1_ps(float(value))) {}
+  GSFW_FUNCTION Eight(__m256 value) : v(value) {}
+
+  GSFW_FUNCTION friend Eight operator+(Eight a, Eight b) { return _mm256_add_ps(a.v, b.v); }
+  GSFW_FUNCTION friend Eight operator-(Eight a, Eight b) { return _mm256_sub_ps(a.v, b.v); }
+  GSFW_FUNCTION friend Eight operator*(Eight a, Eight b) { return _mm256_mul_ps(a.v, b.v); }
+  GSFW_FUNCTION friend Eight operator<=(Eight a, Eight b) {
+    return _mm256_cmp_ps(a.v, b.v, _CMP_LE_OQ);
+  }
+};
+
+template <>
+struct PartOf<float> {
+  using Type = Eight;
+  static constexpr int WIDTH = 8;
+};
+
+GSFW_FUNCTION Eight load_part(const float* from) { return _mm256_loadu_ps(from); }
+
+GSFW_FUNCTION void store(float* to, Eight a) { _mm256_storeu_ps(to, a.v); }
+
+GSFW_FUNCTION Eight keep(Eight mask, Eight a) { return _mm256_and_ps(mask.v, a.v); }
+
+GSFW_FUNCTION Eight absolute(Eight a) { return _mm256_andnot_ps(_mm256_set1_ps(-0.0f), a.v); }
+
+GSFW_FUNCTION Eight fma(Eight a, Eight b, Eight c) { return _mm256_fmadd_ps(a.v, b.v, c.v); }
+
+GSFW_FUNCTION float sum(Eight a) {
+  const __m128 quarter =
+      _mm_add_ps(_mm256_castps256_ps128(a.v), _mm256_extractf128_ps(a.v, 1));
   const __m128 pair = _mm_add_ps(quarter, _mm_movehl_ps(quarter, quarter));
   return _mm_cvtss_f32(_mm_add_ss(pair, _mm_movehdup_ps(pair)));
 }
 
-GSFW_FUNCTION void sum_eight(const Pack<float>* packs, float* to) {
+GSFW_FUNCTION float sum(Pack<float> a) { return sum(Eight(_mm256_add_ps(a.low, a.high))); }
+
+GSFW_FUNCTION void sum_eight(const Eight* p, float* to) {
   // Each level adds the halves of two registers into one, until lane i holds the sum of pack i.
-  __m256 halves[8];
-  for (int i = 0; i < 8; ++i) halves[i] = _mm256_add_ps(packs[i].low, packs[i].high);
-  const __m256 a = _mm256_hadd_ps(halves[0], halves[1]), b = _mm256_hadd_ps(halves[2], halves[3]);
-  const __m256 c = _mm256_hadd_ps(halves[4], halves[5]), d = _mm256_hadd_ps(halves[6], halves[7]);
+  const __m256 a = _mm256_hadd_ps(p[0].v, p[1].v), b = _mm256_hadd_ps(p[2].v, p[3].v);
+  const __m256 c = _mm256_hadd_ps(p[4].v, p[5].v), d = _mm256_hadd_ps(p[6].v, p[7].v);
   const __m256 e = _mm256_hadd_ps(a, b), f = _mm256_hadd_ps(c, d);
   const __m256 low = _mm256_permute2f128_ps(e, f, 0x20), high = _mm256_permute2f128_ps(e, f, 0x31);
   _mm256_storeu_ps(to, _mm256_add_ps(low, high));
+}
+
+GSFW_FUNCTION void sum_eight(const Pack<float>* packs, float* to) {
+  Eight halves[8];
+  for (int i = 0; i < 8; ++i) halves[i] = _mm256_add_ps(packs[i].low, packs[i].high);
+  sum_eight(halves, to);
 }
 
 /// The eight by eight lanes of eight registers.
@@ -278,6 +316,39 @@ struct CompressTable {
 };
 
 alignas(64) constexpr CompressTable COMPRESS{};
+
+GSFW_FUNCTION __m256i bit_ranges(__m256 first, __m256 end) {
+  const __m256i one = _mm256_set1_epi32(1);
+  return _mm256_sub_epi32(_mm256_sllv_epi32(one, _mm256_cvttps_epi32(end)),
+                          _mm256_sllv_epi32(one, _mm256_cvttps_epi32(first)));
+}
+
+GSFW_FUNCTION void bit_ranges(Pack<float> first, Pack<float> end, uint16_t* to) {
+  // Packing works in halves of registers; the permutation puts their quarters in order.
+  const __m256i both = _mm256_packus_epi32(bit_ranges(first.low, end.low),
+                                           bit_ranges(first.high, end.high));
+  _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm256_permute4x64_epi64(both, 0xd8));
+}
+
+GSFW_FUNCTION int keep_nonzero(const uint16_t* numbers, const uint32_t* labels, uint32_t base,
+                               uint16_t* to, uint32_t* to_labels) {
+  int count = 0;
+  for (int i = 0; i < LANES; i += 8) {
+    const __m128i eight = _mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers + i));
+    const __m128i none = _mm_cmpeq_epi16(eight, _mm_setzero_si128());
+    const int there = ~_mm_movemask_epi8(_mm_packs_epi16(none, none)) & 255;
+    const __m128i order = _mm_load_si128(reinterpret_cast<const __m128i*>(COMPRESS.bytes[there]));
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(to + count), _mm_shuffle_epi8(eight, order));
+    // A pair of bytes 2 k, 2 k + 1 moves lane k, whose number is in bits 1 to 3.
+    const __m256i lanes = _mm256_srli_epi32(_mm256_cvtepu16_epi32(order), 1);
+    const __m256i label = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(labels + i));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(to_labels + count),
+                        _mm256_add_epi32(_mm256_permutevar8x32_epi32(label, lanes),
+                                         _mm256_set1_epi32(int(base))));
+    count += __builtin_popcount(uint32_t(there));
+  }
+  return count;
+}
 
 GSFW_FUNCTION void split_by_bit(const uint32_t* blocks, int count, uint16_t* lists, int capacity,
                                 int* lengths) {

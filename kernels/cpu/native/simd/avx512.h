@@ -243,6 +243,27 @@ GSFW_FUNCTION Pack<float> power_of_two(Pack<float> a) {
   return _mm512_scalef_ps(p, whole);
 }
 
+GSFW_FUNCTION void bit_ranges(Pack<float> first, Pack<float> end, uint16_t* to) {
+  const __m512i one = _mm512_set1_epi32(1);
+  const __m512i bits =
+      _mm512_sub_epi32(_mm512_sllv_epi32(one, _mm512_cvttps_epi32(end.v)),
+                       _mm512_sllv_epi32(one, _mm512_cvttps_epi32(first.v)));
+  _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm512_cvtepi32_epi16(bits));
+}
+
+GSFW_FUNCTION int keep_nonzero(const uint16_t* numbers, const uint32_t* labels, uint32_t base,
+                               uint16_t* to, uint32_t* to_labels) {
+  const __m512i all = _mm512_cvtepu16_epi32(
+      _mm256_loadu_si256(reinterpret_cast<const __m256i*>(numbers)));
+  const __mmask16 there = _mm512_test_epi32_mask(all, all);
+  const __m512i label =
+      _mm512_add_epi32(_mm512_loadu_si512(labels), _mm512_set1_epi32(int(base)));
+  const __m512i kept = _mm512_maskz_compress_epi32(there, all);
+  _mm256_storeu_si256(reinterpret_cast<__m256i*>(to), _mm512_cvtepi32_epi16(kept));
+  _mm512_storeu_si512(to_labels, _mm512_maskz_compress_epi32(there, label));
+  return __builtin_popcount(there);
+}
+
 GSFW_FUNCTION void split_by_bit(const uint32_t* blocks, int count, uint16_t* lists, int capacity,
                                 int* lengths) {
   for (int b = 0; b < LANES; ++b) {

@@ -246,6 +246,15 @@ GSFW_FUNCTION Pack<float> power_of_two(const Pack<float>& a) {
 
 #undef GSFW_QUADS
 
+GSFW_FUNCTION void bit_ranges(const Pack<float>& first, const Pack<float>& end, uint16_t* to) {
+  const uint32x4_t one = vdupq_n_u32(1);
+  for (int q = 0; q < QUADS; ++q) {
+    const uint32x4_t above = vshlq_u32(one, vcvtq_s32_f32(end.quad[q]));
+    const uint32x4_t below = vshlq_u32(one, vcvtq_s32_f32(first.quad[q]));
+    vst1_u16(to + q * QUAD, vmovn_u32(vsubq_u32(above, below)));
+  }
+}
+
 GSFW_FUNCTION void split_by_bit(const uint32_t* blocks, int count, uint16_t* lists, int capacity,
                                 int* lengths) {
   for (int b = 0; b < LANES; ++b) {

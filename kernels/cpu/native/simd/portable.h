@@ -74,6 +74,20 @@ struct Pack {
   }
 };
 
+/// Lanes of a pack that are taken at a time where many sums are kept, so that these fit into the
+/// registers: all of them, or what one register holds.
+template <typename T>
+struct PartOf {
+  using Type = Pack<T>;
+  static constexpr int WIDTH = LANES;
+};
+
+template <typename T>
+using Part = typename PartOf<T>::Type;
+
+template <typename T>
+constexpr int PART_LANES = PartOf<T>::WIDTH;
+
 template <typename T>
 GSFW_FUNCTION uint32_t bits_of(LaneMask<T> mask) {
   return mask.bits;
