@@ -25,6 +25,8 @@ constexpr int PATHS = 8;
 /// Where the sums of one image lie in memory. Rows along x have a number of room at both ends, and
 /// so have columns of planes.
 struct MatchingRows {
+  /// All of it.
+  int64_t bytes;
   /// Numbers of a row, and of a column of planes, with that room.
   int64_t across, deep;
   /// [height, planes, width]: sums over the paths.
@@ -43,12 +45,14 @@ struct MatchingRows {
   /// [3, width]: the least sum so far, its plane, and the sum over planes.
   uint32_t* winners;
 
+  /// In ``scratch``; null to learn the size.
   MatchingRows(const MatchingJob& job, uint8_t* scratch) {
     across = job.width + 2;
     deep = job.planes + 2;
-    auto take = [&](int64_t bytes) {
-      uint8_t* const from = scratch;
-      scratch += (bytes + 63) / 64 * 64;
+    bytes = 0;
+    auto take = [&](int64_t wanted) {
+      uint8_t* const from = scratch == nullptr ? nullptr : scratch + bytes;
+      bytes += (wanted + 63) / 64 * 64;
       return from;
     };
     const int64_t row = job.planes * job.width;
@@ -60,14 +64,11 @@ struct MatchingRows {
     turned_sums = reinterpret_cast<uint16_t*>(take(row * 2));
     column = take(2 * deep);
     winners = reinterpret_cast<uint32_t*>(take(3 * job.width * 4));
-    end = scratch;
   }
-
-  uint8_t* end;
 };
 
 inline int64_t matching_scratch(const MatchingJob& job) {
-  return MatchingRows(job, nullptr).end - static_cast<uint8_t*>(nullptr);
+  return MatchingRows(job, nullptr).bytes;
 }
 
 GSFW_FUNCTION uint8_t jump_penalty(float here, float before) {
