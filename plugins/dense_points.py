@@ -78,26 +78,33 @@ def dense_start(
     Args:
         data: the capture, at the size of ``dense_downscale``.
         background: colour of pixels that show no surface; ``None`` if that is not known.
-        most: largest number of points.
+        most: largest number of points; 0: all.
         operators: do the work.
     """
+    found = dense_surface(data, background, operators)
+    if isinstance(found, SurfacePoints):
+        return _started(data.scene, found, most)
+    return _as_it_was(data.scene, found)
+
+
+def dense_surface(
+    data: DataManager, background: Float[Tensor, " 3"] | None, operators: Operators
+) -> SurfacePoints | str:
+    """All points, or in a clause why there are too few; see ``dense_start``."""
     scene, views = data.scene, data.views(Split.TRAIN)
     chosen = chosen_views(views)
     if len(chosen) < 2:
-        return _as_it_was(
-            scene, f"{scene.name!r} has {len(chosen)} pinhole cameras at one time, not two"
-        )
+        return f"{scene.name!r} has {len(chosen)} pinhole cameras at one time, not two"
     together = _images(data, views, chosen, background)
     with stage("looking for surfaces in the images"):
         found = surface_points(together, scene.points, _bounds(scene), operators)
     shown = sum(int((~empty).sum()) for empty in together.empty)
-    if len(found) < max(LEAST_POINTS, LEAST_SHARE * shown):
-        return _as_it_was(
-            scene,
-            f"{len(chosen)} cameras agree on {len(found):,} of {shown:,} pixels (their poses are "
-            "wrong, they stand in one place, or surfaces have no texture)",
-        )
-    return _started(scene, found, most)
+    if len(found) >= max(LEAST_POINTS, LEAST_SHARE * shown):
+        return found
+    return (
+        f"{len(chosen)} cameras agree on {len(found):,} of {shown:,} pixels (their poses are "
+        "wrong, they stand in one place, or surfaces have no texture)"
+    )
 
 
 def _started(scene: Scene, found: SurfacePoints, most: int) -> DenseStart:
