@@ -38,7 +38,9 @@ class FusedImage:
     points: Float[Tensor, "h w 3"]
     """Mean of the places that the views which agree have found, in the scene frame."""
     kept: Bool[Tensor, "h w"]
-    """Pixels that are to represent their place; other points have no meaning."""
+    """Pixels that are to represent their place."""
+    confirmed: Bool[Tensor, "h w"]
+    """All pixels that enough views confirm; other points have no meaning."""
 
 
 def fuse_views(
@@ -86,11 +88,12 @@ def _fuse(
         total += torch.where(agree[:, None], found, 0.0)
         size_there = there * _pixel_size(views, other)
         closest &= ~agree | (size < size_there) | ((size == size_there) & (view < other))
-    kept = (own > 0) & closest & (agreeing >= rule.confirmations)
-    kept &= contradicting <= rule.contradictions
+    confirmed = (own > 0) & (agreeing >= rule.confirmations)
+    confirmed &= contradicting <= rule.contradictions
     shape = views.size(view)
     points = (total / (agreeing + 1)[:, None]).float()
-    return FusedImage(points.view(*shape, 3), kept.view(shape))
+    kept = (confirmed & closest).view(shape)
+    return FusedImage(points.view(*shape, 3), kept, confirmed.view(shape))
 
 
 def _pixel_size(views: StereoViews, view: int) -> float:

@@ -50,6 +50,8 @@ class SurfacePoints:
     """In [0, 1]."""
     contrasts: Float[Tensor, " p"]
     """Largest difference of grey across the point's pixel, in [0, 1]."""
+    confirmed: float
+    """Share of the pixels, less empty and unknown ones, that enough views confirm."""
 
     def __len__(self) -> int:
         return len(self.points)
@@ -61,7 +63,12 @@ class SurfacePoints:
         weights = (self.contrasts.double() + EVEN_SHARE).cumsum(0)
         steps = (torch.arange(most, dtype=torch.float64) + 0.5) * (weights[-1] / most)
         rows = torch.searchsorted(weights, steps).clamp_max(len(self) - 1).unique()
-        return SurfacePoints(self.points[rows], self.colors[rows], self.contrasts[rows])
+        return replace(
+            self,
+            points=self.points[rows],
+            colors=self.colors[rows],
+            contrasts=self.contrasts[rows],
+        )
 
 
 def surface_points(
@@ -115,10 +122,16 @@ def _trusted(views: StereoViews, view: int, found: DepthImage) -> Float[Tensor, 
 
 def _gathered(views: StereoViews, fused: Sequence[FusedImage]) -> SurfacePoints:
     rows = [image.kept for image in fused]
+    shown = sum(
+        int((~(empty | unknown)).sum())
+        for empty, unknown in zip(views.empty, views.unknown, strict=True)
+    )
+    confirmed = sum(int(image.confirmed.sum()) for image in fused)
     return SurfacePoints(
         torch.cat([image.points[kept] for image, kept in zip(fused, rows, strict=True)]),
         torch.cat([color[kept] for color, kept in zip(views.colors, rows, strict=True)]),
         torch.cat([_contrast(grey)[kept] for grey, kept in zip(views.grey, rows, strict=True)]),
+        confirmed / max(shown, 1),
     )
 
 

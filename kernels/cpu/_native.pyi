@@ -227,7 +227,7 @@ def fuse_views(
     confirmations: int,
     contradictions: int,
     points: list[Tensor],
-    kept: list[Tensor],
+    kinds: list[Tensor],
     threads: int,
 ) -> None:
-    """Write points [h, w, 3] that views agree on, and which pixels are to represent them."""
+    """Write points [h, w, 3] that views agree on; pixels are 1 if confirmed, 2 if kept."""

@@ -15,6 +15,9 @@ from gsfw.core.stereo.views import StereoViews
 from gsfw.kernels.cpu.native_module import required
 from gsfw.kernels.cpu.threads import num_threads
 
+REPRESENTS = 2
+"""Kind of a pixel that is to represent its place; other confirmed ones have 1."""
+
 
 def sweep_views(views: StereoViews, plans: Sequence[SweepPlan]) -> list[DepthImage]:
     """``Operators.sweep_views``."""
@@ -44,7 +47,7 @@ def fuse_views(
     rule: FusionRule,
 ) -> list[FusedImage]:
     """``Operators.fuse_views``."""
-    kept = [torch.empty(each.shape, dtype=torch.uint8) for each in depths]
+    kinds = [torch.empty(each.shape, dtype=torch.uint8) for each in depths]
     points = [torch.zeros(*each.shape, 3) for each in depths]
     required().fuse_views(
         [each.contiguous() for each in depths],
@@ -57,7 +60,9 @@ def fuse_views(
         confirmations=rule.confirmations,
         contradictions=rule.contradictions,
         points=points,
-        kept=kept,
+        kinds=kinds,
         threads=num_threads(),
     )
-    return [FusedImage(at, flags.bool()) for at, flags in zip(points, kept, strict=True)]
+    return [
+        FusedImage(at, kind == REPRESENTS, kind > 0) for at, kind in zip(points, kinds, strict=True)
+    ]

@@ -120,7 +120,7 @@ def test_cameras_in_one_place_start_from_what_the_data_brings(data):
     still = tuple(replace(camera, world_to_camera=pose) for camera in views.cameras)
     start = dense_start(Changed(data, replace(views, cameras=still)), None, 0, OPERATORS)
     assert start.scene is data.scene
-    assert "agree on 0 of" in start.notes[0]
+    assert "agree on 0% of" in start.notes[0]
 
 
 def test_wrong_poses_start_at_random_where_there_are_no_points(data):

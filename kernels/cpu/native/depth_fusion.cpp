@@ -71,14 +71,14 @@ struct Fusion {
     for (int64_t y = 0; y < view.height; ++y) {
       for (int64_t x = 0; x < view.width; ++x) {
         const int64_t at = y * view.width + x;
-        to.kept[at] = found[index].depths[at] > 0 && fuse_pixel(index, {x, y}, there, back, to);
+        const bool is_there = found[index].depths[at] > 0;
+        to.kinds[at] = is_there ? fuse_pixel(index, {x, y}, there, back, to) : UNCONFIRMED;
       }
     }
   }
 
-  /// Whether this camera's pixel is to represent its place.
-  bool fuse_pixel(int64_t index, Pixel pixel, const std::vector<Warp>& there,
-                  const std::vector<Warp>& back, const FusedView& to) const {
+  PixelKind fuse_pixel(int64_t index, Pixel pixel, const std::vector<Warp>& there,
+                       const std::vector<Warp>& back, const FusedView& to) const {
     const StereoView& view = views[index];
     const int64_t at = pixel.y * view.width + pixel.x;
     const double depth = found[index].depths[at], own_size = depth * pixel_size(view);
@@ -103,7 +103,9 @@ struct Fusion {
       is_closest = is_closest && (own_size < size || (own_size == size && index < other));
     }
     for (int k = 0; k < 3; ++k) to.points[3 * at + k] = float(total[k] / double(agreeing + 1));
-    return is_closest && agreeing >= rule.confirmations && contradicting <= rule.contradictions;
+    const bool is_confirmed =
+        agreeing >= rule.confirmations && contradicting <= rule.contradictions;
+    return !is_confirmed ? UNCONFIRMED : is_closest ? REPRESENTS : CONFIRMED;
   }
 
   bool agree(const Sighting& seen, double depth_there, const Warp& back, const StereoView& view,

@@ -54,11 +54,14 @@ struct FusionRule {
   int64_t confirmations, contradictions;
 };
 
-/// Of one camera's pixels [height, width]: the means of what cameras agree on, and whether this
-/// camera shows the place most closely among them.
+/// Values of ``FusedView::kinds``.
+enum PixelKind : uint8_t { UNCONFIRMED, CONFIRMED, REPRESENTS };
+
+/// Of one camera's pixels [height, width]: the means of what cameras agree on, and whether enough
+/// of them do. A pixel represents its place if this camera shows it most closely among them.
 struct FusedView {
   float* points;
-  uint8_t* kept;
+  uint8_t* kinds;
 };
 
 /// Fill ``fused``, one for each view.

@@ -95,21 +95,21 @@ void fuse(const std::vector<Image>& depths, const Matrices& poses, const Matrice
           const std::vector<Flags>& empty, const std::vector<Numbers>& neighbors,
           double depth_tolerance, double pixel_tolerance, int64_t confirmations,
           int64_t contradictions, const std::vector<Places>& points,
-          const std::vector<Flags>& kept, int threads) {
+          const std::vector<Flags>& kinds, int threads) {
   const std::vector<StereoView> views = views_of(depths, poses, intrinsics);
   const size_t count = views.size();
   require(empty.size() == count && neighbors.size() == count && points.size() == count &&
-              kept.size() == count,
+              kinds.size() == count,
           "there is not one of each for every view");
   std::vector<FusionView> found;
   std::vector<FusedView> fused;
   for (size_t i = 0; i < count; ++i) {
     check_neighbors(neighbors[i], count);
-    require(is_of(empty[i], views[i]) && is_of(kept[i], views[i]) && is_of(points[i], views[i]) &&
+    require(is_of(empty[i], views[i]) && is_of(kinds[i], views[i]) && is_of(points[i], views[i]) &&
                 points[i].shape(2) == 3,
             "an array does not fit its view");
     found.push_back({depths[i].data(), empty[i].data(), neighbors[i]});
-    fused.push_back({points[i].data(), kept[i].data()});
+    fused.push_back({points[i].data(), kinds[i].data()});
   }
   const FusionRule rule = {depth_tolerance, pixel_tolerance, confirmations, contradictions};
   nb::gil_scoped_release unlocked;
@@ -126,8 +126,8 @@ void bind_stereo(nb::module_& module) {
   module.def("fuse_views", &fuse, "depths"_a.noconvert(), "poses"_a.noconvert(),
              "intrinsics"_a.noconvert(), "empty"_a.noconvert(), "neighbors"_a,
              "depth_tolerance"_a, "pixel_tolerance"_a, "confirmations"_a, "contradictions"_a,
-             "points"_a.noconvert(), "kept"_a.noconvert(), "threads"_a,
-             "Write the points that cameras agree on, and which pixels are to represent them.");
+             "points"_a.noconvert(), "kinds"_a.noconvert(), "threads"_a,
+             "Write points that cameras agree on; pixels are 1 if confirmed, 2 if they represent one.");
 }
 
 }  // namespace gsfw

@@ -15,6 +15,7 @@ def test_points_lie_on_the_plane_and_have_its_colours():
     views = views_of_a_plane()
     found = surface_points(views, NONE, (2.0, 10.0), Operators())
     assert len(found) > 800
+    assert found.confirmed > 0.5
     assert ((found.points[:, 2] - DEPTH).abs() < 0.03 * DEPTH).float().mean() > 0.97
     pixels, _, inside = views.project(1, found.points.double())
     at = pixels[inside].long()
@@ -49,7 +50,7 @@ def test_masked_and_empty_pixels_give_no_points():
 
 def test_thinning_keeps_more_points_where_the_image_changes():
     contrasts = torch.cat([torch.zeros(500), torch.full((500,), 0.45)])
-    points = SurfacePoints(torch.rand(1000, 3), torch.rand(1000, 3), contrasts)
+    points = SurfacePoints(torch.rand(1000, 3), torch.rand(1000, 3), contrasts, 1.0)
     few = points.thinned(110)
     assert len(few) == 110
     assert (few.contrasts > 0).sum() == 100

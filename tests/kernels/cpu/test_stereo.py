@@ -58,6 +58,7 @@ def test_fusion_agrees_with_plain_torch():
     other = Operators().fuse_views(views, depths, others, rule)
     for a, b in zip(one, other, strict=True):
         assert (a.kept == b.kept).float().mean() > 0.998
+        assert (a.confirmed == b.confirmed).float().mean() > 0.998
         both = a.kept & b.kept
         assert torch.allclose(a.points[both], b.points[both], atol=1e-5)
     assert sum(int(image.kept.sum()) for image in one) > 100
