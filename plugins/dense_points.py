@@ -27,17 +27,19 @@ MOST_VIEWS = 150
 MOST_PIXELS = 1_500_000
 """Pixels of all images together; sweeps take 1 to 2 seconds of a core for them."""
 VIEW_PIXELS = 20_000
-"""Most pixels of an image. Larger ones take long and gain nothing: fox, trained at 359x640 for 300
-steps from 60,000 points without densification, comes to 24.76 dB with sweeps at 104x185, which take
-1 s, and to 24.52 with sweeps at 198x353, which take 9 s."""
+"""Most pixels of an image. Larger ones take longer than they gain: fox at 180x320 (300 steps, no
+densification, points thinned evenly) comes to 24.85 dB with sweeps at 104x185, which take 1 s, and
+to 25.34 with sweeps at 156x277, which take 4 s; at 359x640 to 24.76 dB, and to 24.52 with sweeps at
+198x353, which take 9 s."""
 PIXELS_PER_POINT = 2
 """Pixels of a training view for each point."""
 LEAST_POINTS = 100
 """With fewer points other starts are better."""
 LEAST_SHARE = 0.14
 """Least share of pixels that cameras confirm. At 5000 pixels an image fox, chair, plush and
-garden_robot_mv have 0.76, 0.86, 0.60 and 0.39, with cameras turned by 2 degrees 0.16, 0.13, 0.16 and 0.13,
-by 5 degrees 0.08, 0.03, 0.07 and 0.09, and with shuffled ones 0.06, 0.05, 0.04 and 0.11."""
+garden_robot_mv have 0.76, 0.86, 0.60 and 0.39; with cameras turned by 2 degrees 0.16, 0.13, 0.16
+and 0.13, by 5 degrees 0.08, 0.03, 0.07 and 0.09, and with shuffled ones 0.06, 0.05, 0.04 and
+0.11."""
 OBJECT_DEPTHS = (0.4, 2.4)
 """Nearest and farthest depth, in distances of the point that the cameras look at."""
 EXTENT_DEPTHS = (0.2, 20.0)

@@ -218,9 +218,9 @@ inline void sweep(const SweepJob& job, uint8_t* costs, float* scratch) {
       }
     }
     for (int64_t y = 0; y < job.height; ++y) {
-      uint8_t* const to = costs + (y * job.planes + plane) * job.width;
-      const float* const least = rows.least + y * rows.length;
-      const float* const second = rows.second + y * rows.length;
+      uint8_t* __restrict const to = costs + (y * job.planes + plane) * job.width;
+      const float* __restrict const least = rows.least + y * rows.length;
+      const float* __restrict const second = rows.second + y * rows.length;
       for (int64_t x = 0; x < job.width; ++x) {
         to[x] = uint8_t(int((least[x] + second[x]) * (0.5f * COST_SCALE) + 0.5f));
       }

@@ -174,10 +174,11 @@ inline void follow_row(const MatchingJob& job, const MatchingRows& rows, const f
 /// The two paths along row ``y``; sets its sums.
 inline void follow_both(const MatchingJob& job, const MatchingRows& rows, int64_t y) {
   const int64_t width = job.width, planes = job.planes;
-  const uint8_t* const costs = job.costs + y * planes * width;
-  uint16_t* const sums = rows.sums + y * planes * width;
-  for (int64_t p = 0; p < planes; ++p) {
-    for (int64_t x = 0; x < width; ++x) rows.turned[x * planes + p] = costs[p * width + x];
+  const uint8_t* __restrict const costs = job.costs + y * planes * width;
+  uint16_t* __restrict const sums = rows.sums + y * planes * width;
+  uint8_t* __restrict const turned = rows.turned;
+  for (int64_t x = 0; x < width; ++x) {
+    for (int64_t p = 0; p < planes; ++p) turned[x * planes + p] = costs[p * width + x];
   }
   memset(rows.turned_sums, 0, planes * width * sizeof(uint16_t));
   follow_row(job, rows, job.image + y * width, 1);
