@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 PREPARED = Path("prepared")
 """Default folder of results."""
+DENSE_FILE = "dense.ply"
+"""Surface points, in the folder of the data set."""
 ROWS_SHOWN = 20
 """Largest number of unused files that are listed."""
 STOPPING = "stopping, which may take some seconds; the same command will go on from here"
@@ -42,7 +44,7 @@ class PrepareOptions(Options):
         "gsfw prepare photos out=scene",
         "gsfw prepare walk.mp4 out=scene frames=200",
         "gsfw prepare left/ right/ out=scene camera_model=OPENCV_FISHEYE",
-        "gsfw prepare metashape.xml out=scene lens=keep",
+        "gsfw prepare metashape.xml out=scene lens=keep dense=true",
     )
 
     inputs: tuple[str, ...] = words("INPUT...")
@@ -83,6 +85,8 @@ class PrepareOptions(Options):
     """Quality of JPEG files that are encoded again."""
     layout: Literal["auto", "colmap", "transforms"] = "auto"
     """Layout of a converted data set: colmap, transforms, or auto (transforms with times)."""
+    dense: bool = False
+    """Also write dense.ply: points of all surfaces, found as init=dense does, for other tools."""
     jobs: int = 0
     """Cores to use; 0: all. With 1 the same images give the same bits, with more nearly so."""
     again: bool = False
@@ -103,6 +107,8 @@ def run(tokens: list[str]) -> int:
         _check_exists(path)
     with interrupted_once(STOPPING), place.claimed(inputs):
         document = _document(console, options, inputs, place, rule)
+        if options.dense and document["verdict"] != "will not train":
+            _write_dense(console, place.path)
     _show(console, document)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
@@ -302,6 +308,29 @@ def _convert(
         with shown_by(StageBars(console).stage):
             converted = convert(data.recording, place.path, rules, rule.jobs)
     return document_of_conversion(source.config.data, name, place, converted, _examine(place.path))
+
+
+def _write_dense(console: Console, data: Path) -> None:
+    """Write the surface points of the data set beside it, in its own world."""
+    import torch
+
+    from gsfw.commands.interface.progress import StageBars
+    from gsfw.core.files.atomic import write_atomically
+    from gsfw.core.progress import shown_by
+    from gsfw.datamanagers.point_file import ply_of
+    from gsfw.plugins.compose import choose_operators, open_data
+    from gsfw.plugins.dense_points import dense_surface
+    from gsfw.plugins.registry import installed
+
+    operators = choose_operators(installed(), torch.device("cpu"))
+    with shown_by(StageBars(console).stage), closing(open_data(_settings(data))) as opened:
+        found = dense_surface(opened, None, operators)
+        world = opened.scene.world_from_scene
+    if isinstance(found, str):
+        console.say(f"note: no {DENSE_FILE}: {found}.")
+        return
+    write_atomically(data / DENSE_FILE, ply_of(world.apply(found.points), found.colors))
+    console.say(f"{len(found):,} surface points: {data / DENSE_FILE}")
 
 
 def _examine(data: Path) -> Examination:

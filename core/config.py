@@ -253,8 +253,8 @@ class MethodConfig(ABC):
     ``sampler``) is chosen by name among the registered ones; ``None`` means ``auto``.
     """
 
-    renamed: ClassVar[Mapping[str, str]] = {}
-    """Renamed settings, as in ``SlotConfig``."""
+    renamed: ClassVar[Mapping[str, str]] = {"init=stereo": "init=dense"}
+    """Renamed settings, as in ``SlotConfig``; those of derived classes are added."""
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"default": {}}
     """Settings by dotted key, for ``preset=NAME``; each builds on the one named "default"."""
 
@@ -271,8 +271,9 @@ class MethodConfig(ABC):
     device: str = AUTO
     """Device of the training: auto, cpu, cuda or cuda:N."""
     init: str = AUTO
-    """Initial splats: points, random, stereo (surfaces found in the images), or a splat file. auto:
-    points if the data has any."""
+    """Initial splats: auto (points if any), points, random, dense (from the images), or a file."""
+    dense_points: int = number(0, at_least=0)
+    """Most points of init=dense; 0: half as many as a training view has pixels."""
     downscale: float = number(1.0, at_least=1, below=math.inf)
     """Shrink images by this factor (area filter); 2 halves the width and the height."""
     background: str = AUTO
@@ -303,8 +304,7 @@ class MethodConfig(ABC):
     resolution_steps: int = steps_field(9000)
     """Step from which images are full under resolution_schedule=auto; 60 % of adc's growth."""
     exposure: bool = False
-    """Learn the colour difference of each training image (gains and offsets); held-out ones do not.
-    """
+    """Learn the colour difference of each training image (gains, offsets), not of held-out ones."""
     refine_poses: bool = False
     """Learn small motions of the training cameras, for poses that are not quite right."""
     antialias: bool = False

@@ -17,6 +17,10 @@ from gsfw.core.maths.slices import Slices, slices
 from gsfw.core.maths.ssim import masked_mean, ssim
 from gsfw.core.maths.variation import mean_squared_difference
 from gsfw.core.progress import stage
+from gsfw.core.stereo.fusion import FusedImage, FusionRule, fuse_views
+from gsfw.core.stereo.plane_sweep import DepthImage, sweep_views
+from gsfw.core.stereo.plans import SweepPlan
+from gsfw.core.stereo.views import StereoViews
 
 GRADIENT_LIMIT = 1e18
 """Upper bound of gradients, whose square is still finite in float32."""
@@ -230,6 +234,20 @@ class Operators:
     ) -> Float[Tensor, ""]:
         """``weight`` times the mean of |value - center|; differentiable."""
         return weight * (values - center).abs().mean()
+
+    def sweep_views(self, views: StereoViews, plans: Sequence[SweepPlan]) -> list[DepthImage]:
+        """Depths of the views of ``plans``, on the CPU."""
+        return sweep_views(views, plans)
+
+    def fuse_views(
+        self,
+        views: StereoViews,
+        depths: Sequence[Float[Tensor, "_ _"]],
+        neighbors: Sequence[Sequence[int]],
+        rule: FusionRule,
+    ) -> list[FusedImage]:
+        """Points that ``neighbors`` confirm by their own ``depths``, on the CPU."""
+        return fuse_views(views, depths, neighbors, rule)
 
     def neighbor_distances(self, points: Float[Tensor, "p 3"], k: int) -> Float[Tensor, "p k"]:
         """Distances to the ``k`` nearest other points, nearest first; inf where there are fewer."""

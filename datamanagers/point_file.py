@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from torch import Tensor
 
 from gsfw.core.errors import DataError
 
+COLORS = ("red", "green", "blue")
 Points = tuple[Float64[Tensor, "p 3"], Float[Tensor, "p 3"]]
 
 
@@ -31,7 +33,7 @@ def read_ply(path: Path, setting: str) -> Points:
         points = _columns(vertices, "xyz").astype(np.float64)
         colors = np.full(points.shape, 0.5)
         if "red" in vertices.data.dtype.names:
-            colors = _columns(vertices, ("red", "green", "blue"))
+            colors = _columns(vertices, COLORS)
             colors = colors / 255 if colors.dtype == np.uint8 else colors.clip(0, 1)
     except Exception as error:  # plyfile raises whatever a broken file makes it.
         raise DataError(
@@ -39,6 +41,19 @@ def read_ply(path: Path, setting: str) -> Points:
             f"Expected a PLY with x, y, z; remove {setting} to train without points.",
         ) from error
     return check_points(torch.from_numpy(points), torch.from_numpy(colors).float(), path)
+
+
+def ply_of(points: Float64[Tensor, "p 3"], colors: Float[Tensor, "p 3"]) -> bytes:
+    """A file of positions in double precision, and colours in [0, 1] as 8 bits."""
+    layout = [(axis, "<f8") for axis in "xyz"] + [(name, "u1") for name in COLORS]
+    vertices = np.zeros(len(points), np.dtype(layout))
+    stored = (colors.clamp(0, 1) * 255).round().byte()
+    for number, (axis, name) in enumerate(zip("xyz", COLORS, strict=True)):
+        vertices[axis] = points[:, number].numpy()
+        vertices[name] = stored[:, number].numpy()
+    buffer = io.BytesIO()
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(buffer)
+    return buffer.getvalue()
 
 
 def check_points(

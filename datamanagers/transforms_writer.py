@@ -6,16 +6,13 @@ and depth_unit_scale_factor of frames are ours: gsfw reads them, and others pass
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from jaxtyping import Float64
-from plyfile import PlyData, PlyElement
 from torch import Tensor
 
 from gsfw.core.datamanager import Split
@@ -25,6 +22,7 @@ from gsfw.core.files.json_text import json_text
 from gsfw.datamanagers.frames import Frame, Recording
 from gsfw.datamanagers.lens import COEFFICIENTS, Lens
 from gsfw.datamanagers.map_file import DEPTH
+from gsfw.datamanagers.point_file import ply_of
 from gsfw.datamanagers.transforms_file import CAMERA_KEY, DEPTH_KEY
 
 FILE, POINTS_FILE = "transforms.json", "points.ply"
@@ -59,7 +57,7 @@ def write_transforms(recording: Recording, folder: Path) -> int:
     is_shared = all(lens == lenses[0] for lens in lenses)
     if is_shared:
         content |= lenses[0]
-    points = _ply(recording) if len(recording.points) else b""
+    points = ply_of(recording.points, recording.point_colors) if len(recording.points) else b""
     if points:
         content["ply_file_path"] = POINTS_FILE
     content |= _splits(recording.frames, folder)
@@ -144,16 +142,3 @@ def _inside(file: Path, folder: Path) -> str:
             "Copy the files there, or give a folder that holds all of them.",
         )
     return relative
-
-
-def _ply(recording: Recording) -> bytes:
-    """Positions in double precision, and colours of 8 bits."""
-    layout = [(axis, "<f8") for axis in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")]
-    vertices = np.zeros(len(recording.points), np.dtype(layout))
-    colors = (recording.point_colors.clamp(0, 1) * 255).round().byte()
-    for number, (axis, name) in enumerate(zip("xyz", ("red", "green", "blue"), strict=True)):
-        vertices[axis] = recording.points[:, number].numpy()
-        vertices[name] = colors[:, number].numpy()
-    buffer = io.BytesIO()
-    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(buffer)
-    return buffer.getvalue()

@@ -39,7 +39,7 @@ from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.numerics import PROFILES
 from gsfw.core.operators import Operators
 from gsfw.core.progress import stage
-from gsfw.core.refinement.budget import with_budget
+from gsfw.core.refinement.budget import BudgetSize, with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.scene import Scene
@@ -47,12 +47,12 @@ from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
+from gsfw.plugins.dense_points import DENSE, DenseStart, dense_count, dense_downscale, dense_start
 from gsfw.plugins.devices import unused_gpu
 from gsfw.plugins.initial_splats import INIT_WORDS, find_importer, read_initial
 from gsfw.plugins.loading import ask_all, check_built, make_metrics
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
-from gsfw.plugins.stereo_points import STEREO, stereo_downscale, with_stereo_points
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,9 @@ class Composition:
     settings: Settings
     parts: TrainingParts
     plan: TrainingPlan
-    missed: tuple[str, ...] = ()
-    """Preferred rasterizers that cannot run, and the causes; the cause of an unused GPU."""
+    remarks: tuple[str, ...] = ()
+    """Notes on the start; preferred rasterizers that cannot run, and the causes; the cause of an
+    unused GPU."""
 
     @property
     def scene(self) -> Scene:
@@ -109,7 +110,7 @@ class Composition:
             *self.settings.notes,
             *self.parts.data.notes(),
             *self.parts.method.notes(self.scene),
-            *self.missed,
+            *self.remarks,
         )
         if config.resolution_schedule == AUTO:
             notes += (self.resolution.note(config.resolution_steps),)
@@ -234,13 +235,14 @@ def compose(
     corrections = make_corrections(settings.config, data).to(device)
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
+    start = _start(settings, registry, data)
     with stage("building the model"):
-        parts = _parts(settings, registry, method, data, corrections, device)
+        parts = _parts(settings, registry, method, data, start.scene, corrections, device)
     _check_parts(settings, parts)
-    missed = _missed(settings, registry, device)
+    remarks = (*start.notes, *_missed(settings, registry, device))
     plan = training_plan(settings, data.scene, device)
     plan = replace(plan, settings=method.render_settings(plan.settings, None))
-    return Composition(settings, parts, plan, missed)
+    return Composition(settings, parts, plan, remarks)
 
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:
@@ -253,23 +255,28 @@ def _check_parts(settings: Settings, parts: TrainingParts) -> None:
         check_built("method", settings.method, refiner)
 
 
-def _start_scene(settings: Settings, data: DataManager) -> Scene:
-    """The scene that the model starts from, with points found in the images under init=stereo.
+def _start(settings: Settings, registry: Registry, data: DataManager) -> DenseStart:
+    """The scene that the model starts from, with points found in the images under init=dense.
 
     Stereo needs texture, so its images may be larger than those of the run.
     """
     config, scene = settings.config, data.scene
-    if config.init != STEREO:
-        return scene
-    downscale = stereo_downscale(data, config.downscale)
+    if config.init != DENSE:
+        return DenseStart(scene)
+    assert isinstance(config.strategy, StrategyConfig)
+    most = config.dense_points or dense_count(scene.view_pixels)
+    most = min(most, BudgetSize.parse(config.strategy).rows or most)
+    given = config.background != AUTO
+    background = torch.tensor(parse_background(config.background)) if given else None
+    downscale = dense_downscale(data, config.downscale)
     images = data if downscale == config.downscale else open_data(settings, downscale)
-    background = parse_background(config.background, scene.has_alpha)
+    operators = choose_operators(registry, torch.device("cpu"))
     try:
-        found = with_stereo_points(images, background, scene.view_pixels)
+        found = dense_start(images, background, most, operators)
     finally:
         if images is not data:
             images.close()
-    return replace(scene, points=found.points, point_colors=found.point_colors, point_times=None)
+    return replace(found, scene=replace(found.scene, view_pixels=scene.view_pixels))
 
 
 def _parts(
@@ -277,11 +284,12 @@ def _parts(
     registry: Registry,
     method: Method,
     data: DataManager,
+    scene: Scene,
     corrections: CaptureCorrections,
     device: torch.device,
 ) -> TrainingParts:
-    """Build the parts of a training loop."""
-    config, scene = settings.config, _start_scene(settings, data)
+    """Build the parts of a training loop that starts from ``scene``."""
+    config = settings.config
     operators = choose_operators(registry, device)
     initial = read_initial(config.init, registry, scene)
     seeded = torch.Generator().manual_seed(config.seed)

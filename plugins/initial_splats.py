@@ -12,12 +12,12 @@ from gsfw.core.exchange import Importer
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
+from gsfw.plugins.dense_points import DENSE
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry
-from gsfw.plugins.stereo_points import STEREO
 from gsfw.plugins.unread_splats import refuse_unread_splats
 
-INIT_WORDS = (AUTO, "points", "random", STEREO)
+INIT_WORDS = (AUTO, "points", "random", DENSE)
 """Values of ``init`` that are not a file."""
 
 

@@ -52,10 +52,12 @@ def keys(config: object, prefix: str = "") -> Iterator[Key]:
 def renamed_keys(config: object, prefix: str = "") -> dict[str, str]:
     """Old dotted names of settings, groups and values of a configuration, and their current ones.
 
-    Each configuration class declares them in ``renamed``; an empty name marks a removed
-    setting.
+    Configuration classes declare them in ``renamed``, besides those of their bases; an empty name
+    marks a removed setting.
     """
-    declared: Mapping[str, str] = getattr(config, "renamed", {})
+    declared: dict[str, str] = {}
+    for kind in reversed(type(config).__mro__):
+        declared |= vars(kind).get("renamed", {})
     found = {prefix + old: prefix + new if new else "" for old, new in declared.items()}
     for item in fields(config):  # type: ignore[arg-type]
         value = getattr(config, item.name)

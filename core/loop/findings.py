@@ -196,8 +196,8 @@ def _overfitting(evidence: Evidence) -> Finding | None:
     count = len(evidence.scene.camera_centers)
     if not evidence.settings.get("opacity_penalty", 1.0):
         remedies.append("opacity_penalty=0.03")
-    if not evidence.scene.is_dynamic and evidence.settings.get("init") != "stereo":
-        remedies.append("init=stereo")
+    if not evidence.scene.is_dynamic and evidence.settings.get("init") != "dense":
+        remedies.append("init=dense")
     if evidence.settings.get("refine_poses"):
         cause = "held-out cameras are not refined with the training ones (refine_poses=true)"
     elif count <= FEW_VIEWS:

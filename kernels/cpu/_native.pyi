@@ -199,3 +199,35 @@ def grid_distance(
     values: Tensor, center: float, weight: float, gradient: Tensor | None, threads: int
 ) -> float:
     """Sum of |value - center|; ``gradient`` receives ``weight`` times its sign."""
+
+def sweep_views(
+    images: list[Tensor],
+    poses: Tensor,
+    intrinsics: Tensor,
+    chosen: list[int],
+    neighbors: list[list[int]],
+    near: list[float],
+    far: list[float],
+    planes: list[int],
+    depths: list[Tensor],
+    scores: list[Tensor],
+    contrasts: list[Tensor],
+    threads: int,
+) -> None:
+    """Write depth, match and contrast [h, w] of the pixels of the ``chosen`` views."""
+
+def fuse_views(
+    depths: list[Tensor],
+    poses: Tensor,
+    intrinsics: Tensor,
+    empty: list[Tensor],
+    neighbors: list[list[int]],
+    depth_tolerance: float,
+    pixel_tolerance: float,
+    confirmations: int,
+    contradictions: int,
+    points: list[Tensor],
+    kinds: list[Tensor],
+    threads: int,
+) -> None:
+    """Write points [h, w, 3] that views agree on; pixels are 1 if confirmed, 2 if kept."""

@@ -13,7 +13,11 @@ from torch.autograd.graph import increment_version
 
 from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Gate, Layer, Operators
-from gsfw.kernels.cpu import field
+from gsfw.core.stereo.fusion import FusedImage, FusionRule
+from gsfw.core.stereo.plane_sweep import DepthImage
+from gsfw.core.stereo.plans import SweepPlan
+from gsfw.core.stereo.views import StereoViews
+from gsfw.kernels.cpu import field, stereo
 from gsfw.kernels.cpu.native_module import native, required
 from gsfw.kernels.cpu.threads import num_threads
 
@@ -157,6 +161,20 @@ class CpuOperators(Operators):
         if values.numel() == 0 or not _served([values]) or _tangents([values]):
             return super().mean_distance(values, center, weight)
         return field.mean_distance(values, center, weight)
+
+    def sweep_views(self, views: StereoViews, plans: Sequence[SweepPlan]) -> list[DepthImage]:
+        """Depths of the views of ``plans``."""
+        return stereo.sweep_views(views, plans)
+
+    def fuse_views(
+        self,
+        views: StereoViews,
+        depths: Sequence[Float[Tensor, "_ _"]],
+        neighbors: Sequence[Sequence[int]],
+        rule: FusionRule,
+    ) -> list[FusedImage]:
+        """Points that ``neighbors`` confirm by their own ``depths``."""
+        return stereo.fuse_views(views, depths, neighbors, rule)
 
 
 class _L1Dssim(torch.autograd.Function):

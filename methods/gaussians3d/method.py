@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 
 RANDOM_COST = (
     "This costs quality (built-in scene, 2000 steps and splats: 0.6 dB with strategy=adc, 3.7 dB "
-    "with mcmc) and leaves floaters where few views look; a COLMAP model with points is better."
+    "with mcmc) and leaves floaters where few views look; init=dense starts from surfaces that it "
+    "finds in the images."
 )
 """Measured on 12 views of 64 x 48 with points=400, against random_points=2000, seed 42."""
 
@@ -80,7 +81,7 @@ class StaticGaussiansMethod(Method):
             raise ConfigError(
                 f"init=points: {scene.name!r} brings {len(scene.points)} points, "
                 "and none that can be used.",
-                "Use init=random, or give a splat file: init=FILE.",
+                "Use init=dense, init=random, or give a splat file: init=FILE.",
             )
 
     def notes(self, scene: Scene) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from support import captured
 from support.matched_captures import pose_errors
-from support.small_captures import ring, write_images, write_transforms
+from support.small_captures import opengl, ring, write_images, write_transforms
 from support.small_videos import write_video
 
 from gsfw.commands.interface.console import Console
@@ -17,6 +17,7 @@ from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
+from gsfw.datamanagers.point_file import read_ply
 from gsfw.preparation import native
 from gsfw.preparation.report import unused_rows
 
@@ -172,6 +173,39 @@ def test_long_names_leave_room_in_the_table(capsys):
     document = {"left_out": [{"name": "y" * 99 + ".jpg", "reason": "it is empty"}]}
     Console().table(["not used", "reason", ""], unused_rows(document))
     assert f"\n...{'y' * 36}.jpg  left out  it is empty\n" in capsys.readouterr().out
+
+
+def write_arc(folder, places=6):
+    """Six photos of the built-in scene from places on an arc, with their cameras."""
+    cameras = captured.arc(6, step=8.0, width=96, height=72)
+    cameras = cameras.select([number % places for number in range(6)])
+    paths = captured.write(folder / "images", captured.photos(cameras))
+    focal = float(cameras.intrinsics[0, 0, 0])
+    frames = [
+        {"file_path": f"images/{path.name}", "transform_matrix": opengl(pose.numpy())}
+        for path, pose in zip(paths, cameras.world_to_camera, strict=True)
+    ]
+    lens = {"fl_x": focal, "fl_y": focal, "cx": 48, "cy": 36, "w": 96, "h": 72}
+    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+    return folder
+
+
+def test_points_of_all_surfaces_are_written_beside_the_data_set(tmp_path, capsys):
+    main(["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}", "dense=true"])
+    assert "surface points: " in capsys.readouterr().out
+    points, colors = read_ply(tmp_path / "out" / "dense.ply", "dense")
+    assert len(points) > 1000
+    table = points[:, 2].abs() < 0.05
+    assert table.float().mean() > 0.5, "most of an image shows the table, at z = 0"
+    assert colors.std() > 0.05
+
+
+def test_a_capture_from_one_place_has_no_dense_points(tmp_path, capsys):
+    source = write_arc(tmp_path / "a", places=1)
+    main(["prepare", str(source), f"out={tmp_path / 'out'}", "dense=true"])
+    said = capsys.readouterr().out
+    assert ("note: no dense.ply: " in said) != ("will not train" in said)
+    assert not (tmp_path / "out" / "dense.ply").exists()
 
 
 def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):

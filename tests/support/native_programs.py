@@ -22,6 +22,16 @@ CROSS_COMPILER, EMULATOR = "aarch64-linux-gnu-g++", "qemu-aarch64"
 """What builds and runs NEON elsewhere than on ARM (Debian: g++-aarch64-linux-gnu, qemu-user)."""
 
 
+KERNELS = ("render", "step", "field", "stereo")
+"""Parts of the engine that have kernels for every instruction set."""
+
+DRIVERS = (
+    *("depth_fusion", "field", "instruction_sets", "pool", "render_pass", "sort", "step"),
+    "stereo",
+)
+"""Sources of the rest."""
+
+
 def compiler() -> str:
     """The machine's own; skips the test where there is none, or the system is not like Unix."""
     if sys.platform == "win32":
@@ -99,11 +109,9 @@ def compile_engine(
         flags: besides those of each set.
         folder: where the objects go.
     """
-    jobs = [(f"{name}_kernels", one) for one in sets for name in ("render", "step", "field")]
+    jobs = [(f"{name}_kernels", one) for one in sets for name in KERNELS]
     jobs += [("render_kernels_float64", "scalar"), ("field_kernels_float64", "scalar")]
-    jobs += [
-        (name, "") for name in ("render_pass", "sort", "pool", "instruction_sets", "step", "field")
-    ]
+    jobs += [(name, "") for name in DRIVERS]
 
     def build(job: tuple[str, str]) -> Path:
         name, instruction_set = job

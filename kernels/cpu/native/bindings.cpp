@@ -42,4 +42,5 @@ NB_MODULE(_native, module) {
   gsfw::bind_render(module);
   gsfw::bind_step(module);
   gsfw::bind_field(module);
+  gsfw::bind_stereo(module);
 }

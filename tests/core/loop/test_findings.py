@@ -148,7 +148,7 @@ def test_few_views_are_named_as_the_cause_of_overfitting():
     few = replace(scene(num_times=0), camera_centers=torch.zeros(5, 3))
     (finding,) = judge(replace(evidence(training_psnr=42.0), scene=few))
     assert "Likely cause: there are only 5 training views." in finding.message
-    assert finding.message.endswith("opacity_penalty=0.03; init=stereo.")
+    assert finding.message.endswith("opacity_penalty=0.03; init=dense.")
 
 
 def test_figures_that_were_not_measured_are_not_judged():

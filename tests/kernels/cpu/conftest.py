@@ -10,7 +10,7 @@ def use_threads(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """Sets the number of threads of the operators, whatever this machine has."""
 
     def use(threads: int) -> None:
-        for module in ("operators", "field"):
+        for module in ("operators", "field", "stereo"):
             monkeypatch.setattr(f"gsfw.kernels.cpu.{module}.num_threads", lambda: threads)
 
     return use

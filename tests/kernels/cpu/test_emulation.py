@@ -24,7 +24,7 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.mark.native("kernels/cpu/native", "kernels/shared", "tests/kernels/cpu")
 @pytest.mark.slow
-@pytest.mark.parametrize("program", ["render_check", "step_check", "field_check"])
+@pytest.mark.parametrize("program", ["render_check", "step_check", "field_check", "stereo_check"])
 def test_arm_agrees_with_float64(engine: list[Path], program: str, tmp_path: Path) -> None:
     source, flags = HERE / f"{program}.cpp", ["-O1", "-static"]
     check = compile_source(cross_compiler(), source, tmp_path / program, flags, engine)

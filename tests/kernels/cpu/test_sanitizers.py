@@ -59,7 +59,9 @@ def _skip_without(name: str, flags: list[str], folder: Path) -> None:
 
 @pytest.mark.native("kernels/cpu/native", "kernels/shared", "tests/kernels/cpu")
 @pytest.mark.slow
-@pytest.mark.parametrize("program", ["render_check", "step_check", "field_check", "pool_check"])
+@pytest.mark.parametrize(
+    "program", ["render_check", "step_check", "field_check", "stereo_check", "pool_check"]
+)
 def test_sanitizers_find_nothing(build: Build, program: str) -> None:
     source, output = HERE / f"{program}.cpp", build.folder / program
     compile_source(compiler(), source, output, build.flags, build.objects)

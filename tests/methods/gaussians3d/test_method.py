@@ -88,7 +88,7 @@ def test_points_that_are_not_there_cannot_be_asked_for():
         StaticGaussiansConfig(init="points").build().check_scene(scene(0))
     assert str(caught.value) == (
         "init=points: 'toy' brings 0 points, and none that can be used.\n"
-        "Use init=random, or give a splat file: init=FILE."
+        "Use init=dense, init=random, or give a splat file: init=FILE."
     )
     StaticGaussiansConfig(init="points").build().check_scene(scene(3))
 
@@ -101,7 +101,7 @@ def test_a_random_start_says_what_it_costs(init, why):
     (note,) = method.notes(capture)
     assert note.startswith(f"Starting from 500 random splats ({why}")
     assert "0.6 dB with strategy=adc" in note
-    assert "a COLMAP model with points is better" in note
+    assert "init=dense starts from surfaces" in note
     assert model.num_rows == 500
 
 

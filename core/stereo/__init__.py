@@ -1,0 +1,1 @@
+"""Stereo: surface points from images of known cameras."""
