@@ -121,7 +121,7 @@ def run(arguments: list[str]) -> int:
 
 def _check(options: RenderOptions) -> None:
     """Refuse invalid settings before anything is loaded."""
-    from gsfw.core.config import parse_background
+    from gsfw.core.background import parse_background
     from gsfw.core.errors import ConfigError
 
     frames = 1 if options.frames is None else options.frames

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport, TrainingView
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
@@ -19,16 +20,20 @@ from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
 from gsfw.core.loop.forward import Forward, RenderedBatch
+from gsfw.core.loop.held_back import HeldBack
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
+from gsfw.core.loop.pace import Pace
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.schedule import checkpoint_due, evaluation_due
 from gsfw.core.loop.stopwatch import Stopwatch
+from gsfw.core.loop.timekeeper import Standing, Timekeeper, apart
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.loop.verdict import Verdict
 from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
 from gsfw.core.progress import stage
+from gsfw.core.refiner import GrowthLimits
 
 
 class Trainer:
@@ -41,18 +46,23 @@ class Trainer:
         folder: RunFolder,
         info: RunInfo,
         callbacks: Sequence[Callback] = (),
+        timekeeper: Timekeeper | None = None,
     ) -> None:
+        self.timekeeper = timekeeper
         self.parts, self.plan, self.folder, self.info = parts, plan, folder, info
         self.control = Control()
-        self.step = 0
+        self.step = self.updates = 0
         self.train_seconds = 0.0
         self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
-        self._checkpointed = -1
+        self._checkpointed, self._checkpoint_due = -1, False
+        self._drawn = 0
         self._refined: Counter[str] = Counter()
+        self.pace = Pace.parse(plan.pace)
         views = parts.data.views(Split.TRAIN)
+        self.held_back = HeldBack(views, plan.held_back)
         self._times = views.times
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
@@ -72,10 +82,12 @@ class Trainer:
         """
         with deterministic(self.parts.device):
             try:
-                if self._checkpointed != self.step:  # Also checks that the folder is writable.
+                if self._checkpointed != self.updates:  # Also checks that the folder is writable.
                     self._checkpoint()
                 self.callbacks.on_start(self._started(), self.control)
                 self._stopwatch.restart()
+                if self.timekeeper is not None:
+                    self.timekeeper.restart(self.updates)
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
                 summary = self._finish()
@@ -90,12 +102,44 @@ class Trainer:
         return replace(self.info, model=self._handle, data=self.parts.data)
 
     def _one_step(self) -> None:
-        """Run one optimizer step, then the refinement, reports and checkpoints."""
+        """Run one update, and what the steps of the schedule ask for that it stands for.
+
+        That is one step, unless the run walks at another pace (``core.loop.pace``).
+        """
+        rendered = self._update()
+        span = min(self.pace.span(self.updates), self.plan.steps - self.step)
+        limits = GrowthLimits(may_grow=not self.pace.hastens(self.updates))
+        self.updates += 1
+        for _ in range(span):
+            started = time.perf_counter()
+            self._refine(limits)
+            self._stopwatch.step_done()
+            self.step += 1
+            self.train_seconds += time.perf_counter() - started
+            self._follow_up(rendered)
+        # Only here: a checkpoint has no place between the steps of one update.
+        if self._checkpoint_due or self.control.checkpoint_requested:
+            self._checkpoint()
+        if self.timekeeper is not None:
+            self._keep_time(self.timekeeper, rendered[0].context.batch)
+
+    def _keep_time(self, timekeeper: Timekeeper, batch: Batch) -> None:
+        """Change the pace if the run would not end in its time."""
+        resolution = batch.cameras.width / self._widths[batch.views[0]]
+        thousandths, rows = self.pace.thousandths(self.updates - 1), len(self.parts.table)
+        decision = timekeeper.decide(
+            Standing(self.updates, self.step, self.plan.steps, rows, resolution, thousandths)
+        )
+        if decision is not None:
+            self.pace.decide(decision)
+
+    def _update(self) -> list[RenderedBatch]:
+        """Render the views of a step, and update all parameters."""
         started = time.perf_counter()
         parts, step, clock = self.parts, self.step, self._stopwatch
         forward = Forward(parts, self.plan)
         with clock.stage("load"):
-            views = parts.sampler.next()
+            views = self._next_views()
             batches = forward.load(views, step)
         parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
         num_views = sum(len(batch.views) for batch in batches)
@@ -114,14 +158,25 @@ class Trainer:
             for item in rendered:
                 self._observe(item, finite)
             parts.optimizer.zero_gradients()
+        self.train_seconds += time.perf_counter() - started
+        return rendered
+
+    def _next_views(self) -> tuple[int, ...]:
+        """The views of an update; the sampler is never behind the schedule."""
+        views: tuple[int, ...] = ()
+        while not views or self._drawn <= self.step:
+            views = self.parts.sampler.next()
+            self._drawn += 1
+        return views if self.pace.all_views(self.updates) else self.held_back.replace(views)
+
+    def _refine(self, limits: GrowthLimits) -> None:
+        """Let the refiners edit rows after a step of the schedule."""
+        parts = self.parts
+        with self._stopwatch.stage("refine"):
             edits = parts.refiners.refine(
-                step, self.plan.steps, parts.table, parts.model, parts.generator
+                self.step, self.plan.steps, parts.table, parts.model, parts.generator, limits
             )
             self._refined.update(edits)
-        clock.step_done()
-        self.step += 1
-        self.train_seconds += time.perf_counter() - started
-        self._follow_up(rendered)
 
     def _observe(self, item: RenderedBatch, finite: Tensor) -> None:
         """Pass a batch to refiners and sampler; zeros if it was not finite."""
@@ -177,9 +232,7 @@ class Trainer:
         if evaluation_due(step, plan.steps, plan.eval_every, self._resets_after):
             self._evaluate()
             self._stopwatch.restart()
-        due = checkpoint_due(step, plan.steps, plan.checkpoint_every)
-        if due or self.control.checkpoint_requested:
-            self._checkpoint()
+        self._checkpoint_due |= checkpoint_due(step, plan.steps, plan.checkpoint_every)
 
     def _resets_after(self, done: int) -> bool:
         """True if opacities are reset after ``done`` steps."""
@@ -231,6 +284,15 @@ class Trainer:
 
     def _evaluate(self) -> Evaluation:
         self._catch_up()
+        with apart(self.timekeeper):
+            evaluation = self._judged()
+        if self.timekeeper is not None:
+            self.timekeeper.evaluated(self.step, len(evaluation.views))
+        self.callbacks.on_evaluation(self.step, evaluation, self.control)
+        return evaluation
+
+    def _judged(self) -> Evaluation:
+        """The evaluation of the model as it is, with its findings."""
         parts = self.parts
         evaluation = evaluate(
             parts.model,
@@ -246,12 +308,11 @@ class Trainer:
         )
         evaluation = self._verdict.judge(self.step, evaluation)
         self._verdict.log(self.step, evaluation.findings or ())
-        self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
     def _finish(self) -> dict[str, Any]:
         completed = self.step >= self.plan.steps
-        if self._checkpointed != self.step:
+        if self._checkpointed != self.updates:
             self._checkpoint()
         summary: dict[str, Any] = {"completed": completed}
         if completed:
@@ -265,6 +326,7 @@ class Trainer:
             "num_gaussians": len(self.parts.table),
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
+            **({} if self.updates == self.step else {"updates": self.updates}),
             "skipped_steps": int(self._skipped),
             **self._sizes(),
             **self.parts.corrections.summary(),
@@ -285,9 +347,9 @@ class Trainer:
 
     def _checkpoint(self) -> None:
         self._catch_up()
-        with stage("writing a checkpoint"):
+        with stage("writing a checkpoint"), apart(self.timekeeper):
             path = self.folder.write_checkpoint(self.step, self.state_dict())
-        self._checkpointed = self.step
+        self._checkpointed, self._checkpoint_due = self.updates, False
         self.control.checkpoint_requested = False
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)
@@ -303,6 +365,12 @@ class Trainer:
             "sampler": parts.sampler.state_dict(),
             "method": parts.method.state_dict(),
             "generator": parts.generator.get_state(),
+            "walk": {
+                "updates": self.updates,
+                "drawn": self._drawn,
+                "pace": [*self.pace.texts],
+                "spent": 0.0 if self.timekeeper is None else self.timekeeper.spent(),
+            },
             "train_seconds": self.train_seconds,
             "skipped": self._skipped,
             "skipped_in_a_row": self._skipped_in_a_row,
@@ -325,4 +393,8 @@ class Trainer:
         self.train_seconds = state["train_seconds"]
         self._skipped = state["skipped"].to(parts.device)
         self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)
-        self.step = self._checkpointed = state["step"]
+        self.step = state["step"]
+        walk = state.get("walk")  # Runs of before there was a pace made one update in each step.
+        walk = walk or {"updates": self.step, "drawn": self.step, "pace": []}
+        self.updates = self._checkpointed = walk["updates"]
+        self._drawn, self.pace = walk["drawn"], Pace.parse(walk["pace"])
