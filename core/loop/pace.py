@@ -21,7 +21,7 @@ UNIT = 1000
 """Paces are whole thousandths: positions are then exact on every machine."""
 SLOWEST, FASTEST = 50, 1_000_000
 """Bounds of a pace, in thousandths."""
-HASTE = 2 * UNIT
+HASTE = 4 * UNIT
 """Above this pace no rows are added and no opacities are reset: too few updates would follow, in
 which new rows are fitted and opacities recover."""
 ALL_VIEWS = "all-views"
@@ -108,16 +108,20 @@ class Pace:
                 f"pace={self._decisions[-1]},{decision}: expected decisions in the order of their "
                 "updates, at most one for each."
             )
-        self._starts.append(self.step(decision.update))
+        self._starts.append(self._position(decision.update))
         self._decisions.append(decision)
 
     def step(self, updates: int) -> int:
         """Number of steps of the schedule that are finished after so many updates."""
+        return self._position(updates) // UNIT
+
+    def _position(self, updates: int) -> int:
+        """The place in the schedule, in thousandths of a step."""
         place = self._place(updates)
         if place < 0:
-            return updates
+            return updates * UNIT
         decision, start = self._decisions[place], self._starts[place]
-        return start + (updates - decision.update) * decision.thousandths // UNIT
+        return start + (updates - decision.update) * decision.thousandths
 
     def span(self, updates: int) -> int:
         """Number of steps of the schedule that the update after so many updates stands for."""

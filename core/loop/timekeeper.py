@@ -21,8 +21,10 @@ from gsfw.core.loop.remaining_time import RemainingTime
 
 INTERVAL, SHORTEST = 0.01, 0.1
 """Time between two looks at the clock: this part of the limit, and at least so many seconds."""
-TOLERANCE = 0.03
-"""The pace is left alone while it is right within this part: each change is recorded."""
+TOLERANCE = 0.02
+"""The pace is left alone while the run would end right within this part of its time."""
+SMOOTHING = 0.7
+"""Weight of earlier looks in the time of an update, and in how busy the machine is."""
 LARGEST_CHANGE = 4.0
 """Factor by which one decision changes the pace at most, as long as there is time: a pause of some
 seconds is no reason to end soon."""
@@ -84,7 +86,7 @@ class Timekeeper:
         self._since = 0
         self._apart = self._apart_own = self._latest_apart = 0.0
         self._update_seconds = 0.0
-        self._busy = 1.0
+        self._busy = 0.0
 
     @property
     def limit(self) -> float:
@@ -126,34 +128,37 @@ class Timekeeper:
             return None
         self._learn(standing, now, seconds)
         wanted = self._wanted(standing, now)
-        if wanted is None or abs(wanted / standing.thousandths - 1) < TOLERANCE:
-            return None
-        return Decision(standing.updates, wanted)
+        return None if wanted is None else Decision(standing.updates, wanted)
 
     def _learn(self, standing: Standing, now: Reading, seconds: float) -> None:
         """Learn from the updates since the last look."""
         assert self._last is not None
-        self._update_seconds = seconds / max(standing.updates - self._since, 1)
+        update_seconds = seconds / max(standing.updates - self._since, 1)
+        self._update_seconds = _smoothed(self._update_seconds, update_seconds)
         own = now.own_seconds - self._last.own_seconds - self._apart_own
         if self._threads and own > 0:
             # Of wall-clock time, this part would be enough if the machine did nothing else.
-            self._busy = max(1.0, seconds * self._threads / own)
+            self._busy = _smoothed(self._busy, max(1.0, seconds * self._threads / own))
         self._remaining.observe(
-            standing.step, standing.gaussians, standing.resolution, self._update_seconds
+            standing.step, standing.gaussians, standing.resolution, update_seconds
         )
         self._last, self._since = now, standing.updates
         self._apart = self._apart_own = 0.0
 
     def _wanted(self, standing: Standing, now: Reading) -> int | None:
-        """The pace, in thousandths, that ends the run in time; ``None`` if it is not known yet."""
+        """The pace, in thousandths, that ends the run in time; ``None`` to leave it alone."""
         steps_left = standing.steps - standing.step
         needed = self._remaining.steps_seconds()
         left = self._limit - self._spent - now.seconds - self.reserved(standing)
         if left <= LAST_UPDATES * self._update_seconds:
-            return _within(math.ceil(steps_left * UNIT / LAST_UPDATES))
+            rush = _within(math.ceil(steps_left * UNIT / LAST_UPDATES))
+            return rush if rush > standing.thousandths else None
         if needed is None:
             return None
-        change = needed / left * UNIT / standing.thousandths
+        needed *= UNIT / standing.thousandths
+        if abs(needed - left) < TOLERANCE * self._limit:
+            return None
+        change = needed / left
         if now.seconds + self._spent < self._limit / 2:
             change = min(max(change, 1 / LARGEST_CHANGE), LARGEST_CHANGE)
         return _within(math.ceil(change * standing.thousandths))
@@ -162,11 +167,19 @@ class Timekeeper:
         """Seconds that are kept for what comes after the last step."""
         full = self._update_seconds / max(standing.resolution, 1e-3)
         renders = self._ending.updates * full
-        return renders + self._ending.seconds * self._busy + self._remaining.evaluation_seconds()
+        return (
+            renders
+            + self._ending.seconds * max(self._busy, 1.0)
+            + self._remaining.evaluation_seconds()
+        )
 
 
 def _within(thousandths: int) -> int:
     return min(max(thousandths, SLOWEST), FASTEST)
+
+
+def _smoothed(before: float, now: float) -> float:
+    return SMOOTHING * before + (1 - SMOOTHING) * now if before else now
 
 
 def apart(timekeeper: Timekeeper | None) -> AbstractContextManager[None]:

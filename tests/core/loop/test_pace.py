@@ -51,8 +51,8 @@ def test_a_later_decision_leaves_earlier_steps_where_they_were():
     assert pace.hastens(15) is False
 
 
-def test_a_pace_above_two_steps_an_update_adds_no_rows():
-    pace = Pace.parse(["5:2.500", "9:1.000:all-views"])
+def test_a_pace_above_four_steps_an_update_adds_no_rows():
+    pace = Pace.parse(["5:4.500", "9:1.000:all-views"])
     assert [pace.hastens(updates) for updates in (4, 5, 8, 9)] == [False, True, True, False]
     assert [pace.all_views(updates) for updates in (8, 9, 50)] == [False, True, True]
 

@@ -63,6 +63,7 @@ def walk(
     spans = []
     timekeeper.restart(0)
     while step < steps:
+        assert clock.seconds < 100 * limit, "it never ends"
         clock.work(update_seconds(clock.seconds, gaussians(step)))
         spans.append(min(pace.span(updates), steps - step))
         standing = Standing(

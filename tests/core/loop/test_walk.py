@@ -93,7 +93,7 @@ def test_a_run_that_goes_on_at_its_pace_has_the_bits_of_one_that_never_stopped(t
 
 def test_hasty_steps_add_no_rows(tmp_path):
     told = Told()
-    trainer(tmp_path, told, pace=["10:3.000"]).fit()
+    trainer(tmp_path, told, pace=["10:4.500"]).fit()
     rows = {report.step: report.num_gaussians for report in told.reports}
     assert rows[10] > rows[5], "rows grow before"
     assert rows[60] <= rows[10]
