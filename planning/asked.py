@@ -68,9 +68,9 @@ def asked_of(settings: Settings, layers: Sequence[Layer]) -> Asked | None:
     """
     config = settings.config
     given = {key for layer in layers for key in layer.values if layer.gives(key)}
-    if "minutes" in given and config.minutes == 0:
+    if "minutes" in given and config.minutes <= 0:
         raise ConfigError(
-            "minutes=0: expected more than 0 minutes.",
+            f"minutes={config.minutes:g}: expected more than 0 minutes.",
             "Give the time that you want to wait, such as minutes=5; steps=N has no limit of time.",
         )
     if config.until:

@@ -18,6 +18,7 @@ import torch
 
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.held_back import LEAST_LEFT
 from gsfw.core.loop.machine_clock import MachineClock, Reading
 from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.timekeeper import Timekeeper
@@ -36,6 +37,8 @@ TRIAL_PIXELS = 500_000
 short time has no use for them."""
 EVALUATION_SHARE, MOST_EVALUATIONS = 0.02, 5
 """Part of the time that evaluations before the last one may take, and their number at most."""
+HELD_BACK_SHARE, MOST_HELD_BACK = 0.1, 8
+"""Part of the training views that a run with a goal holds back, and their number at most."""
 FEWEST_STEPS = 20
 """Steps of the shortest plan."""
 DECODERS = 4
@@ -90,7 +93,9 @@ def make_plan(
         sides = (round(width * size), round(height * size))
         size = downscale(sides, [speed.updates(limit, other) for other in DOWNSCALES])
     _check_time(asked, speed, size, is_free)
-    decided = _decisions(settings, speed, limit, size)
+    decided = _decisions(settings, speed, asked, size)
+    if asked.until:
+        decided |= _held_back(asked, len(data.views(Split.TRAIN)), settings)
     planned = resolve(registry, _with_decisions(layers, asked, decided))
     if size != speed.downscale:
         data.close()
@@ -201,14 +206,35 @@ def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
     )
 
 
-def _decisions(settings: Settings, speed: Speed, limit: float, size: float) -> dict[str, Any]:
-    """The settings of a run of ``limit`` seconds at a divisor of the images."""
+def _held_back(asked: Asked, training: int, settings: Settings) -> dict[str, int]:
+    """The number of training views that a run with a goal holds back.
+
+    Raises:
+        ConfigError: there are too few views.
+    """
+    if "held_back" in settings.given:
+        return {}
+    most = training // (1 + LEAST_LEFT)
+    if most < 1:
+        raise ConfigError(
+            f"until={asked.until} is judged on training views that the run holds back, and "
+            f"{training} are too few: expected at least {1 + LEAST_LEFT}.",
+            "Give minutes=M or steps=N instead.",
+        )
+    return {"held_back": min(max(round(HELD_BACK_SHARE * training), 2), MOST_HELD_BACK, most)}
+
+
+def _decisions(settings: Settings, speed: Speed, asked: Asked, size: float) -> dict[str, Any]:
+    """The settings of a run at a divisor of the images."""
+    limit = asked.minutes * 60
     updates = speed.updates(limit, size)
-    steps = _rounded(updates)
+    if asked.until:  # The time is a bound: a run that may end early needs no longer schedule.
+        updates = min(updates, settings.config.steps)
+    steps = settings.config.steps if "steps" in settings.given else _rounded(updates)
     evaluation = speed.evaluation(size)
     evaluations = min(int(EVALUATION_SHARE * limit / evaluation), MOST_EVALUATIONS)
     found = {
-        "steps": steps,
+        **({} if "steps" in settings.given else {"steps": steps}),
         **chosen(settings, updates),
         **limits(settings, speed.view_pixels(size), speed.gaussians),
     }

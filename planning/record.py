@@ -65,14 +65,17 @@ def recorded(
 def _write(
     trainer: Trainer, settings: Settings, command: Sequence[str], document: Mapping[str, Any]
 ) -> None:
-    assert trainer.timekeeper is not None
-    folder, pace = trainer.folder, trainer.pace.texts
-    walked = {
+    walk, folder = trainer.walk, trainer.folder
+    assert walk.timekeeper is not None
+    pace = walk.pace.texts
+    walked: dict[str, Any] = {
         "pace": [*pace],
         "steps": trainer.step,
-        "updates": trainer.updates,
-        "seconds": round(trainer.timekeeper.spent(), 3),
+        "updates": walk.updates,
+        "seconds": round(walk.timekeeper.spent(), 3),
     }
+    if walk.goal is not None:
+        walked |= walk.goal.state_dict()
     folder.write_json(folder.plan, {**document, **walked})
     given = tuple(dict.fromkeys([*settings.given, "pace"]))
     recorded = replace(settings, config=replace(settings.config, pace=pace), given=given)

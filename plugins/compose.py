@@ -27,6 +27,7 @@ from gsfw.core.errors import ConfigError
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.exposures import Exposures
+from gsfw.core.loop.goal import Goal
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.pose_refinement import PoseRefinement
 from gsfw.core.loop.refined_capture import RefinedCapture
@@ -125,10 +126,23 @@ class Composition:
         first_step: int = 0,
         timekeeper: Timekeeper | None = None,
     ) -> Trainer:
-        """Build the training loop of these parts, before its first step."""
+        """Build the training loop of these parts, before its first step.
+
+        Args:
+            folder: of the run.
+            callbacks: watch the run.
+            first_step: 0, or the step from which the run goes on.
+            timekeeper: keeps the run within its time; ``None`` for runs of a number of steps.
+        """
         plan = replace(self.plan, resolution=self.resolution)
         info = self.info(folder.path, first_step)
-        return Trainer(self.parts, plan, folder, info, callbacks, timekeeper)
+        goal = None if timekeeper is None else self._goal()
+        return Trainer(self.parts, plan, folder, info, callbacks, timekeeper, goal)
+
+    def _goal(self) -> Goal | None:
+        """The quality that ends the run; ``None`` if nothing but its time does."""
+        until = self.settings.config.until
+        return None if not until else Goal(None if until == AUTO else float(until))
 
     def info(self, folder: Path, first_step: int = 0) -> RunInfo:
         """The facts about the run in a folder; decodes some images."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from gsfw.core.loop.machine_clock import MachineClock, Reading
@@ -180,8 +180,3 @@ def _within(thousandths: int) -> int:
 
 def _smoothed(before: float, now: float) -> float:
     return SMOOTHING * before + (1 - SMOOTHING) * now if before else now
-
-
-def apart(timekeeper: Timekeeper | None) -> AbstractContextManager[None]:
-    """Leave out the time inside, if anyone keeps the time."""
-    return nullcontext() if timekeeper is None else timekeeper.apart()

@@ -12,7 +12,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport, TrainingView
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import TrainingError
@@ -20,20 +19,20 @@ from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
 from gsfw.core.loop.forward import Forward, RenderedBatch
-from gsfw.core.loop.held_back import HeldBack
+from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
-from gsfw.core.loop.pace import Pace
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.schedule import checkpoint_due, evaluation_due
 from gsfw.core.loop.stopwatch import Stopwatch
-from gsfw.core.loop.timekeeper import Standing, Timekeeper, apart
+from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.loop.verdict import Verdict
+from gsfw.core.loop.walk import Walk
 from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
 from gsfw.core.progress import stage
-from gsfw.core.refiner import GrowthLimits
+from gsfw.core.refiner import RESET, GrowthLimits, Refinement
 
 
 class Trainer:
@@ -47,22 +46,20 @@ class Trainer:
         info: RunInfo,
         callbacks: Sequence[Callback] = (),
         timekeeper: Timekeeper | None = None,
+        goal: Goal | None = None,
     ) -> None:
-        self.timekeeper = timekeeper
         self.parts, self.plan, self.folder, self.info = parts, plan, folder, info
         self.control = Control()
-        self.step = self.updates = 0
+        self.step = 0
         self.train_seconds = 0.0
         self.callbacks = Watchers(callbacks)
         self._stopwatch = Stopwatch()
         self._skipped = torch.zeros((), dtype=torch.int64, device=parts.device)
         self._skipped_in_a_row = torch.zeros_like(self._skipped)
-        self._checkpointed, self._checkpoint_due = -1, False
-        self._drawn = 0
+        self._checkpointed = -1
         self._refined: Counter[str] = Counter()
-        self.pace = Pace.parse(plan.pace)
         views = parts.data.views(Split.TRAIN)
-        self.held_back = HeldBack(views, plan.held_back)
+        self.walk = Walk(plan.pace, views, plan.held_back, timekeeper, goal)
         self._times = views.times
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
@@ -82,12 +79,13 @@ class Trainer:
         """
         with deterministic(self.parts.device):
             try:
-                if self._checkpointed != self.updates:  # Also checks that the folder is writable.
+                if (
+                    self._checkpointed != self.walk.updates
+                ):  # Also checks that the folder is writable.
                     self._checkpoint()
                 self.callbacks.on_start(self._started(), self.control)
                 self._stopwatch.restart()
-                if self.timekeeper is not None:
-                    self.timekeeper.restart(self.updates)
+                self.walk.begin()
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
                 summary = self._finish()
@@ -106,32 +104,22 @@ class Trainer:
 
         That is one step, unless the run walks at another pace (``core.loop.pace``).
         """
-        rendered = self._update()
-        span = min(self.pace.span(self.updates), self.plan.steps - self.step)
-        limits = GrowthLimits(may_grow=not self.pace.hastens(self.updates))
-        self.updates += 1
+        rendered, first = self._update(), self.step
+        span, limits = self.walk.advance(self.plan.steps - self.step)
+        is_reset = False
         for _ in range(span):
             started = time.perf_counter()
-            self._refine(limits)
+            is_reset |= RESET in self._refine(limits)
             self._stopwatch.step_done()
             self.step += 1
             self.train_seconds += time.perf_counter() - started
-            self._follow_up(rendered)
-        # Only here: a checkpoint has no place between the steps of one update.
-        if self._checkpoint_due or self.control.checkpoint_requested:
-            self._checkpoint()
-        if self.timekeeper is not None:
-            self._keep_time(self.timekeeper, rendered[0].context.batch)
-
-    def _keep_time(self, timekeeper: Timekeeper, batch: Batch) -> None:
-        """Change the pace if the run would not end in its time."""
+        # In haste many steps pass in little time: what is due in them waits for the end.
+        is_calm = limits.may_grow and not (is_reset and span > 1)
+        self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
+        batch = rendered[0].context.batch
         resolution = batch.cameras.width / self._widths[batch.views[0]]
-        thousandths, rows = self.pace.thousandths(self.updates - 1), len(self.parts.table)
-        decision = timekeeper.decide(
-            Standing(self.updates, self.step, self.plan.steps, rows, resolution, thousandths)
-        )
-        if decision is not None:
-            self.pace.decide(decision)
+        look = partial(mean_psnr, self.parts, self.plan)
+        self.walk.decide(self.step, self.plan.steps, len(self.parts.table), resolution, look)
 
     def _update(self) -> list[RenderedBatch]:
         """Render the views of a step, and update all parameters."""
@@ -139,7 +127,7 @@ class Trainer:
         parts, step, clock = self.parts, self.step, self._stopwatch
         forward = Forward(parts, self.plan)
         with clock.stage("load"):
-            views = self._next_views()
+            views = self.walk.next_views(parts.sampler, step)
             batches = forward.load(views, step)
         parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
         num_views = sum(len(batch.views) for batch in batches)
@@ -161,22 +149,15 @@ class Trainer:
         self.train_seconds += time.perf_counter() - started
         return rendered
 
-    def _next_views(self) -> tuple[int, ...]:
-        """The views of an update; the sampler is never behind the schedule."""
-        views: tuple[int, ...] = ()
-        while not views or self._drawn <= self.step:
-            views = self.parts.sampler.next()
-            self._drawn += 1
-        return views if self.pace.all_views(self.updates) else self.held_back.replace(views)
-
-    def _refine(self, limits: GrowthLimits) -> None:
-        """Let the refiners edit rows after a step of the schedule."""
+    def _refine(self, limits: GrowthLimits) -> Refinement:
+        """Let the refiners edit rows after a step of the schedule; returns their edits."""
         parts = self.parts
         with self._stopwatch.stage("refine"):
             edits = parts.refiners.refine(
                 self.step, self.plan.steps, parts.table, parts.model, parts.generator, limits
             )
             self._refined.update(edits)
+        return edits
 
     def _observe(self, item: RenderedBatch, finite: Tensor) -> None:
         """Pass a batch to refiners and sampler; zeros if it was not finite."""
@@ -221,18 +202,31 @@ class Trainer:
         wait_for(self.parts.device)
         self.train_seconds += time.perf_counter() - started
 
-    def _follow_up(self, rendered: list[RenderedBatch]) -> None:
+    def _follow_up(self, rendered: list[RenderedBatch], passed: range, is_calm: bool) -> None:
+        """Report, evaluate and write a checkpoint, if that is due.
+
+        Args:
+            rendered: batches of the latest update.
+            passed: numbers of finished steps that the update has reached.
+            is_calm: true if evaluations and checkpoints on the way are wanted.
+        """
         plan, step = self.plan, self.step
-        with self._stopwatch.paused():
-            self.callbacks.on_tick(step, self.control)
-        if step % plan.log_every == 0 or step in (1, plan.steps):
+        if passed:
+            with self._stopwatch.paused():
+                self.callbacks.on_tick(step, self.control)
+        if any(done % plan.log_every == 0 or done in (1, plan.steps) for done in passed):
             self._report(rendered)
-        if step % min(plan.log_every, plan.max_skipped) == 0:
+        if any(done % min(plan.log_every, plan.max_skipped) == 0 for done in passed):
             self._check_skipped()
-        if evaluation_due(step, plan.steps, plan.eval_every, self._resets_after):
+        is_evaluated = any(
+            evaluation_due(done, plan.steps, plan.eval_every, self._resets_after) for done in passed
+        )
+        if is_evaluated and is_calm:
             self._evaluate()
             self._stopwatch.restart()
-        self._checkpoint_due |= checkpoint_due(step, plan.steps, plan.checkpoint_every)
+        due = any(checkpoint_due(done, plan.steps, plan.checkpoint_every) for done in passed)
+        if (due and is_calm) or self.control.checkpoint_requested:
+            self._checkpoint()
 
     def _resets_after(self, done: int) -> bool:
         """True if opacities are reset after ``done`` steps."""
@@ -284,10 +278,9 @@ class Trainer:
 
     def _evaluate(self) -> Evaluation:
         self._catch_up()
-        with apart(self.timekeeper):
+        with self.walk.apart():
             evaluation = self._judged()
-        if self.timekeeper is not None:
-            self.timekeeper.evaluated(self.step, len(evaluation.views))
+        self.walk.evaluated(self.step, len(evaluation.views))
         self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
@@ -312,7 +305,7 @@ class Trainer:
 
     def _finish(self) -> dict[str, Any]:
         completed = self.step >= self.plan.steps
-        if self._checkpointed != self.updates:
+        if self._checkpointed != self.walk.updates:
             self._checkpoint()
         summary: dict[str, Any] = {"completed": completed}
         if completed:
@@ -326,7 +319,7 @@ class Trainer:
             "num_gaussians": len(self.parts.table),
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
-            **({} if self.updates == self.step else {"updates": self.updates}),
+            **({} if self.walk.updates == self.step else {"updates": self.walk.updates}),
             "skipped_steps": int(self._skipped),
             **self._sizes(),
             **self.parts.corrections.summary(),
@@ -347,9 +340,9 @@ class Trainer:
 
     def _checkpoint(self) -> None:
         self._catch_up()
-        with stage("writing a checkpoint"), apart(self.timekeeper):
+        with stage("writing a checkpoint"), self.walk.apart():
             path = self.folder.write_checkpoint(self.step, self.state_dict())
-        self._checkpointed, self._checkpoint_due = self.updates, False
+        self._checkpointed = self.walk.updates
         self.control.checkpoint_requested = False
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)
@@ -365,12 +358,7 @@ class Trainer:
             "sampler": parts.sampler.state_dict(),
             "method": parts.method.state_dict(),
             "generator": parts.generator.get_state(),
-            "walk": {
-                "updates": self.updates,
-                "drawn": self._drawn,
-                "pace": [*self.pace.texts],
-                "spent": 0.0 if self.timekeeper is None else self.timekeeper.spent(),
-            },
+            "walk": self.walk.state_dict(),
             "train_seconds": self.train_seconds,
             "skipped": self._skipped,
             "skipped_in_a_row": self._skipped_in_a_row,
@@ -394,7 +382,5 @@ class Trainer:
         self._skipped = state["skipped"].to(parts.device)
         self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)
         self.step = state["step"]
-        walk = state.get("walk")  # Runs of before there was a pace made one update in each step.
-        walk = walk or {"updates": self.step, "drawn": self.step, "pace": []}
-        self.updates = self._checkpointed = walk["updates"]
-        self._drawn, self.pace = walk["drawn"], Pace.parse(walk["pace"])
+        self.walk.load_state_dict(state.get("walk"), self.step)
+        self._checkpointed = self.walk.updates
