@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,7 +51,7 @@ def run(tokens: list[str]) -> int:
     if plan is not None:
         console.say(announcement(plan))
     if arguments.flag("dry_run"):
-        return _tell_dry_run(composition, path, time.perf_counter() - began, console)
+        return _tell_dry_run(composition, plan, path, time.perf_counter() - began, console)
     with new_run_folder(path, is_chosen=bool(out)) as new:
         write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
         remember_run(new.folder.path)
@@ -77,11 +78,14 @@ def _plan(
     return None if asked is None else make_plan(asked, given, registry, MachineClock(began))
 
 
-def _tell_dry_run(composition: Composition, path: Path, seconds: float, console: Console) -> int:
+def _tell_dry_run(
+    composition: Composition, plan: Plan | None, path: Path, seconds: float, console: Console
+) -> int:
     """Print whether a run would train, and its cost; return the exit code, as ``gsfw check``.
 
     Args:
         composition: composition of the run.
+        plan: plan of a run that ends in a time; ``None`` for other runs.
         path: path of its folder.
         seconds: time since the start of the process.
         console: console to print on.
@@ -94,6 +98,8 @@ def _tell_dry_run(composition: Composition, path: Path, seconds: float, console:
         console.say(f"note: {note}")
     findings = hopeless(composition.parts.data)
     expected = expect(composition, installed(), seconds)
+    if plan is not None:
+        expected = replace(expected, seconds=60 * plan.asked.minutes)
     composition.parts.data.close()
     console.say(str(expected))
     document = {"fits": not findings, "run": str(path), "settings": composition.settings.flat()}

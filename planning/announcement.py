@@ -20,13 +20,14 @@ def announcement(plan: Plan) -> str:
     size = f"images of {camera.width} x {camera.height} pixels"
     if "downscale" in plan.decided:
         size += f", 1/{config.downscale:g} of their size (downscale=1 has full ones)"
+    usual = "" if plan.is_asked else " (the usual time; preset=paper has the steps of the paper)"
     step = 1e3 * speed.step * speed.cost(config.downscale)
     memory, disk = needed_mb(plan)
     goal = {"": "", "auto": ", or when more steps stop paying"}.get(
         config.until, f", or at {config.until} dB on {config.held_back} training views held back"
     )
     return (
-        f"ends in {duration(60 * plan.asked.minutes)}{goal}: about {config.steps:,} steps, "
+        f"ends in {duration(60 * plan.asked.minutes)}{goal}{usual}: about {config.steps:,} steps, "
         f"{step:.0f} ms each now; {size}\n"
         f"needs about {memory / 1e3:.1f} GB of memory and {disk:.0f} MB of disk"
     )

@@ -39,6 +39,8 @@ EVALUATION_SHARE, MOST_EVALUATIONS = 0.02, 5
 """Part of the time that evaluations before the last one may take, and their number at most."""
 HELD_BACK_SHARE, MOST_HELD_BACK = 0.1, 8
 """Part of the training views that a run with a goal holds back, and their number at most."""
+MOST_HOPE = 2.0
+"""Factor at most by which a machine that was busy in the trial is expected to be faster later."""
 FEWEST_STEPS = 20
 """Steps of the shortest plan."""
 DECODERS = 4
@@ -58,6 +60,9 @@ class Plan:
     speed: Speed
     decided: Mapping[str, Any]
     """The settings that were decided, by dotted key."""
+
+    is_asked: bool
+    """True if the user asked for it; false for the usual time of data of the user's own."""
 
     @property
     def settings(self) -> Settings:
@@ -81,18 +86,18 @@ def make_plan(
     """
     settings = resolve(registry, layers)
     is_free = "downscale" not in settings.given
+    is_asked = any(key in layer.values for layer in layers for key in ASKED)
     data = open_data(settings)
     if is_free and (pixels := data.views(Split.TRAIN).pixels) > TRIAL_PIXELS:
         settings = _shrunk(settings, math.ceil((pixels / TRIAL_PIXELS) ** 0.5))
         data.close()
         data = open_data(settings)
     speed = _measure(settings, registry, data, clock)
-    limit, size = asked.minutes * 60, speed.downscale
-    if is_free:
-        width, height = _sides(data)
-        sides = (round(width * size), round(height * size))
-        size = downscale(sides, [speed.updates(limit, other) for other in DOWNSCALES])
-    _check_time(asked, speed, size, is_free)
+    size = _image_size(asked, speed, data) if is_free else speed.downscale
+    if is_asked:
+        _check_time(asked, speed, size, is_free)
+    else:
+        asked = replace(asked, minutes=max(asked.minutes, speed.least_minutes(size)))
     decided = _decisions(settings, speed, asked, size)
     if asked.until:
         decided |= _held_back(asked, len(data.views(Split.TRAIN)), settings)
@@ -100,9 +105,34 @@ def make_plan(
     if size != speed.downscale:
         data.close()
         data = open_data(planned)
-    composition = compose(planned, registry, data=data)
-    keeper = timekeeper(composition, limit, clock, speed.view * speed.cost(size))
-    return Plan(asked, composition, keeper, speed, decided)
+    composition = _composed(asked, planned, registry, data)
+    keeper = timekeeper(composition, asked.minutes * 60, clock, speed.view * speed.cost(size))
+    return Plan(asked, composition, keeper, speed, decided, is_asked)
+
+
+def _image_size(asked: Asked, speed: Speed, data: DataManager) -> float:
+    """The divisor of the images that leaves enough updates."""
+    cameras = data.views(Split.TRAIN).cameras
+    smallest = min(cameras, key=lambda camera: camera.width * camera.height)
+    sides = (round(smallest.width * speed.downscale), round(smallest.height * speed.downscale))
+    return downscale(sides, [speed.updates(asked.minutes * 60, other) for other in DOWNSCALES])
+
+
+def _composed(
+    asked: Asked, planned: Settings, registry: Registry, data: DataManager
+) -> Composition:
+    """Compose the planned run.
+
+    Raises:
+        ConfigError: the parts do not fit the number of steps: they fitted another one.
+    """
+    try:
+        return compose(planned, registry, data=data)
+    except ConfigError as error:
+        raise ConfigError(
+            f"{asked} leaves {planned.config.steps} steps: {error.message}",
+            "Give more minutes, smaller images (downscale=2), or steps=N without a time.",
+        ) from None
 
 
 def timekeeper(
@@ -183,12 +213,6 @@ def _shrunk(settings: Settings, divisor: float) -> Settings:
     return replace(settings, config=config)
 
 
-def _sides(data: DataManager) -> tuple[int, int]:
-    """Width and height of the smallest training image."""
-    cameras = data.views(Split.TRAIN).cameras
-    return min(((item.width, item.height) for item in cameras), key=lambda size: size[0] * size[1])
-
-
 def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
     """Refuse a time in which nothing would be trained.
 
@@ -198,10 +222,12 @@ def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
     if speed.updates(asked.minutes * 60, size) >= FEWEST_STEPS:
         return
     least = speed.seconds(FEWEST_STEPS, size)
+    busy = f", which does other work too ({speed.busy:.0f} times slower)" if speed.busy > 2 else ""
     advice = "" if is_free else ", or smaller images: leave out downscale, and the plan chooses it"
     raise ConfigError(
         f"minutes={asked.minutes:g}: that is {asked.minutes * 60:.0f} s, and loading, measuring "
-        f"and what follows the last step take about {speed.around(size):.0f} s here.",
+        f"and what follows the last step take about {speed.around(size):.0f} s on this machine"
+        f"{busy}.",
         f"Give minutes={math.ceil(least * 1.2 / 6) / 10:g} or more{advice}.",
     )
 
@@ -227,7 +253,9 @@ def _held_back(asked: Asked, training: int, settings: Settings) -> dict[str, int
 def _decisions(settings: Settings, speed: Speed, asked: Asked, size: float) -> dict[str, Any]:
     """The settings of a run at a divisor of the images."""
     limit = asked.minutes * 60
-    updates = speed.updates(limit, size)
+    # A busy machine may get idle, and a schedule with steps to spare is walked through faster; one
+    # with too few would have no room to grow.
+    updates = speed.updates(limit, size) * min(speed.busy, MOST_HOPE)
     if asked.until:  # The time is a bound: a run that may end early needs no longer schedule.
         updates = min(updates, settings.config.steps)
     steps = settings.config.steps if "steps" in settings.given else _rounded(updates)

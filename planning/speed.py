@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 
 from gsfw.core.loop.timekeeper import Ending
@@ -71,6 +72,10 @@ class Speed:
     def seconds(self, updates: float, downscale: float) -> float:
         """Seconds of a run of so many updates."""
         return self.around(downscale) + updates * MEAN_COST * self.step * self.cost(downscale)
+
+    def least_minutes(self, downscale: float) -> float:
+        """Minutes of which half are training."""
+        return math.ceil(2 * self.around(downscale) / 60)
 
     def document(self) -> dict[str, float]:
         """Plain data for the record of a plan."""
