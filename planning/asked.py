@@ -17,6 +17,11 @@ DECIDED = ("steps", "pace", "held_back", "eval_every", "checkpoint_every")
 """Keys that a plan decides; of a recorded plan they are left out when the run is planned anew."""
 BOUND = 30.0
 """Minutes after which a run with until= ends if it does not get there, unless minutes= is given."""
+LENGTHS = ("steps", "preset", "pace", "rescale")
+"""Keys that say how long a run is: the user, and not gsfw, then chooses the length."""
+USUAL = 5.0
+"""Minutes of a run on a data set of the user's own, if nothing says how long it is. Two cores come
+to 31 dB of 31.5 on fox at 180 x 320 pixels in one minute, and at 359 x 640 in three."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,8 @@ def asked_of(settings: Settings, layers: Sequence[Layer]) -> Asked | None:
 
     Raises:
         ConfigError: a time or a PSNR makes no sense, or schedules may not follow the plan.
+
+    A run on data of the user's own has a usual time, unless something says how long it is.
     """
     config = settings.config
     given = {key for layer in layers for key in layer.values if layer.gives(key)}
@@ -75,6 +82,8 @@ def asked_of(settings: Settings, layers: Sequence[Layer]) -> Asked | None:
         )
     if config.until:
         _check_until(config.until)
+    if not given.intersection(ASKED) and config.data and not given.intersection(LENGTHS):
+        return Asked(USUAL)
     if not given.intersection(ASKED) or config.pace or ("steps" in given and not config.until):
         return None
     if not config.rescale:
