@@ -28,6 +28,9 @@ SMOOTHING = 0.7
 LARGEST_CHANGE = 4.0
 """Factor by which one decision changes the pace at most, as long as there is time: a pause of some
 seconds is no reason to end soon."""
+GRACE = 0.03
+"""Part of the time that the last steps may take beyond it: what is reserved for the end is an
+estimate, and a moment in which the machine is busy is no reason to drop what is left."""
 LAST_UPDATES = 3
 """Updates in which a run ends whose time is over."""
 
@@ -150,15 +153,16 @@ class Timekeeper:
         steps_left = standing.steps - standing.step
         needed = self._remaining.steps_seconds()
         left = self._limit - self._spent - now.seconds - self.reserved(standing)
-        if left <= LAST_UPDATES * self._update_seconds:
+        grace = GRACE * self._limit
+        if left < -grace:
             rush = _within(math.ceil(steps_left * UNIT / LAST_UPDATES))
             return rush if rush > standing.thousandths else None
         if needed is None:
             return None
         needed *= UNIT / standing.thousandths
-        if abs(needed - left) < TOLERANCE * self._limit:
+        if abs(needed - left) < TOLERANCE * self._limit or (left < grace and needed < grace):
             return None
-        change = needed / left
+        change = needed / max(left, grace)
         if now.seconds + self._spent < self._limit / 2:
             change = min(max(change, 1 / LARGEST_CHANGE), LARGEST_CHANGE)
         return _within(math.ceil(change * standing.thousandths))

@@ -84,8 +84,8 @@ def test_a_plan_that_was_right_is_left_alone():
 
 @settings(max_examples=60, deadline=None)
 @given(
-    before=st.floats(0.004, 0.12),
-    after=st.floats(0.004, 0.12),
+    before=st.floats(0.004, 0.2),
+    after=st.floats(0.004, 0.2),
     change_at=st.floats(0.0, 0.9),
     ending=st.floats(0.0, 6.0),
     growth=st.floats(1.0, 10.0),
