@@ -60,7 +60,6 @@ class Plan:
     speed: Speed
     decided: Mapping[str, Any]
     """The settings that were decided, by dotted key."""
-
     is_asked: bool
     """True if the user asked for it; false for the usual time of data of the user's own."""
 

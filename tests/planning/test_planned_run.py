@@ -18,7 +18,8 @@ from gsfw.planning import trial
 # Whole trainings; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
 
-RUN = ("train", "method=3dgs", "device=cpu", *SMALL_SCENE, "report=false")
+SMALL = ("device=cpu", *SMALL_SCENE, "report=false")
+RUN = ("train", "method=3dgs", *SMALL)
 ENDING = Ending(updates=5.0, seconds=1.0)
 """Less is reserved than for real runs, so that few steps are enough for a test."""
 
@@ -177,3 +178,27 @@ def test_a_time_cannot_change_when_a_run_goes_on(machine, tmp_path, capsys):
     assert main([*RUN, "steps=4", f"out={tmp_path}"]) == 0
     assert main(["resume", str(tmp_path), "minutes=3"]) == 2
     assert "minutes cannot change when a run goes on" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "choice",
+    [
+        "method=3dgs strategy=mcmc",
+        "method=4dgs",
+        "method=4d-rotor",
+        "method=spacetime",
+        "method=dynamic3dgs",
+    ],
+)
+def test_every_method_walks_through_its_whole_schedule(machine, tmp_path, choice):
+    machine.slow_from = 30.0
+    words = choice.split()
+    if words[0] != "method=3dgs":
+        words += ["datamanager.moving=true", "datamanager.views=12", "datamanager.times=4"]
+    assert main(["train", *SMALL, *words, "minutes=1", f"out={tmp_path}"]) == 0
+    record = planned(tmp_path)
+    summary = json.loads(RunFolder(tmp_path).summary.read_text())
+    assert summary["steps"] == record["decided"]["steps"]
+    assert summary["skipped_steps"] == 0
+    assert record["seconds"] <= 66
