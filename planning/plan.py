@@ -35,11 +35,14 @@ from gsfw.plugins.settings import Layer, Settings, resolve
 TRIAL_PIXELS = 500_000
 """Pixels of the images of the trial at most: larger ones take seconds a step, and a plan for a
 short time has no use for them."""
+TRIAL_SHARE, LONGEST_TRIAL = 0.02, 10.0
+"""Part of the time that the trial takes, and its seconds at most: other work on the machine comes
+and goes, and a longer look is a better plan."""
 EVALUATION_SHARE, MOST_EVALUATIONS = 0.02, 5
 """Part of the time that evaluations before the last one may take, and their number at most."""
 HELD_BACK_SHARE, MOST_HELD_BACK = 0.1, 8
 """Part of the training views that a run with a goal holds back, and their number at most."""
-MOST_HOPE = 2.0
+MOST_HOPE = 1.5
 """Factor at most by which a machine that was busy in the trial is expected to be faster later."""
 FEWEST_STEPS = 20
 """Steps of the shortest plan."""
@@ -91,7 +94,7 @@ def make_plan(
         settings = _shrunk(settings, math.ceil((pixels / TRIAL_PIXELS) ** 0.5))
         data.close()
         data = open_data(settings)
-    speed = _measure(settings, registry, data, clock)
+    speed = _measure(settings, registry, data, clock, TRIAL_SHARE * 60 * asked.minutes)
     size = _image_size(asked, speed, data) if is_free else speed.downscale
     if is_asked:
         _check_time(asked, speed, size, is_free)
@@ -174,15 +177,19 @@ def resumed_timekeeper(restored: Restored, clock: MachineClock) -> Timekeeper | 
 
 
 def _measure(
-    settings: Settings, registry: Registry, data: DataManager, clock: MachineClock
+    settings: Settings,
+    registry: Registry,
+    data: DataManager,
+    clock: MachineClock,
+    seconds: float,
 ) -> Speed:
-    """The speed of a run, from a composition that is dropped."""
+    """The speed of a run, from a composition that is dropped, and steps of so many seconds."""
     began = clock.read()
     composition = compose(settings, registry, data=data)
     built = clock.read()
     with stage("measuring how long steps take here"):
         load = seconds_to_load(composition) / min(DECODERS, os.cpu_count() or 1)
-        trial = try_steps(composition)
+        trial = try_steps(composition, min(seconds, LONGEST_TRIAL))
     now = clock.read()
     held_out, training = (len(data.views(split)) for split in (Split.EVAL, Split.TRAIN))
     return Speed(

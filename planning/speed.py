@@ -10,9 +10,9 @@ from gsfw.core.loop.timekeeper import Ending
 PIXELS_EXPONENT = 0.8
 """Exponent of the time of a step in the number of pixels, about: between images of 30,000 and
 230,000 pixels with the Gaussians that they need."""
-MEAN_COST = 1.5
-"""Mean time of a step of a run over that of its first ones: models grow, and images start small.
-The pace makes up for the difference."""
+MEAN_COST = 2.0
+"""Mean time of a step of a run over that of its first ones, as models grow: 1.3 to 2.7 in runs of
+fox and plush of one and two minutes. The pace makes up for the difference."""
 ENDING = Ending(updates=80.0, seconds=1.6)
 """Work after the last step: requirements and report; matplotlib, files, the end of the process.
 Measured: fox at 180 x 320, 400 steps."""

@@ -43,22 +43,27 @@ class Trial:
     """Peak of the allocations on the GPU, in 1e6 bytes; ``None`` on the CPU."""
 
 
-def try_steps(composition: Composition) -> Trial:
-    """Train a few steps at full size, on a few views that are loaded before."""
+def try_steps(composition: Composition, seconds: float = 0.0) -> Trial:
+    """Train a few steps at full size, on a few views that are loaded before.
+
+    Args:
+        composition: of the run.
+        seconds: the trial takes so long, and no less than ``SECONDS``.
+    """
     parts, device = composition.parts, composition.parts.device
     views = [parts.sampler.next() for _ in range(VIEWS)]
     for group in views:
         parts.data.load(Split.TRAIN, group, device)
-    clock, folder = _Clock(), _NoFolder(Path(os.devnull))
+    clock, folder = _Clock(max(seconds, SECONDS)), _NoFolder(Path(os.devnull))
     parts = replace(parts, sampler=_Repeating(views))
     trainer = replace(composition, parts=parts).trainer(folder, [clock])
     trainer.plan = replace(trainer.plan, resolution=FULL_SIZE, checkpoint_every=0, eval_every=0)
     rows = len(parts.table)
     added = added_memory_mb(trainer.fit, device)
     step = median(clock.durations[1:] or clock.durations)
-    seconds = _seconds_to_evaluate(composition)
+    view = _seconds_to_evaluate(composition)
     gpu = added if device.type == "cuda" else None
-    return Trial(rows, step, seconds, folder.state_bytes, gpu)
+    return Trial(rows, step, view, folder.state_bytes, gpu)
 
 
 def seconds_to_load(composition: Composition) -> float:
@@ -85,7 +90,8 @@ def _seconds_to_evaluate(composition: Composition) -> float:
 class _Clock(Callback):
     """Times steps, and ends a trial."""
 
-    def __init__(self) -> None:
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
         self.durations: list[float] = []
         self._began = self._last = 0.0
 
@@ -98,7 +104,7 @@ class _Clock(Callback):
         now = time.perf_counter()
         self.durations.append(now - self._last)
         self._last = now
-        if step >= STEPS and now - self._began > SECONDS:
+        if step >= STEPS and now - self._began > self._seconds:
             control.request_stop("measured")
 
 

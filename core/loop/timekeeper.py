@@ -20,14 +20,17 @@ from gsfw.core.loop.pace import FASTEST, SLOWEST, UNIT, Decision
 from gsfw.core.loop.remaining_time import RemainingTime
 
 INTERVAL, SHORTEST = 0.01, 0.1
-"""Time between two looks at the clock: this part of the limit, and at least so many seconds."""
+"""Time between two looks at the clock: this part of the limit, and at least so many seconds; or
+this part of the schedule: a machine that gets fast walks far in little time."""
 TOLERANCE = 0.02
 """The pace is left alone while the run would end right within this part of its time."""
 SMOOTHING = 0.7
 """Weight of earlier looks in the time of an update, and in how busy the machine is."""
-LARGEST_CHANGE = 4.0
-"""Factor by which one decision changes the pace at most, as long as there is time: a pause of some
-seconds is no reason to end soon."""
+LARGEST_CHANGE = 1.5
+"""Factor by which one decision changes the pace at most in the first half of the time: first steps
+decode images and warm up, and a pause of some seconds is no reason to end soon."""
+FEWEST = 5
+"""Steps between two looks at least."""
 GRACE = 0.03
 """Part of the time that the last steps may take beyond it: what is reserved for the end is an
 estimate, and a moment in which the machine is busy is no reason to drop what is left."""
@@ -86,7 +89,7 @@ class Timekeeper:
         self._remaining, self._limit, self._ending = remaining, limit, ending
         self._clock, self._spent, self._threads = clock, spent, threads
         self._last: Reading | None = None
-        self._since = 0
+        self._since = self._last_step = 0
         self._apart = self._apart_own = self._latest_apart = 0.0
         self._update_seconds = 0.0
         self._busy = 0.0
@@ -127,7 +130,9 @@ class Timekeeper:
             self.restart(standing.updates)
             return None
         seconds = now.seconds - self._last.seconds - self._apart
-        if seconds < max(INTERVAL * self._limit, SHORTEST) or standing.step >= standing.steps:
+        is_far = standing.step - self._last_step >= max(INTERVAL * standing.steps, FEWEST)
+        is_long = seconds >= max(INTERVAL * self._limit, SHORTEST)
+        if not (is_far or is_long) or standing.step >= standing.steps:
             return None
         self._learn(standing, now, seconds)
         wanted = self._wanted(standing, now)
@@ -145,7 +150,7 @@ class Timekeeper:
         self._remaining.observe(
             standing.step, standing.gaussians, standing.resolution, update_seconds
         )
-        self._last, self._since = now, standing.updates
+        self._last, self._since, self._last_step = now, standing.updates, standing.step
         self._apart = self._apart_own = 0.0
 
     def _wanted(self, standing: Standing, now: Reading) -> int | None:

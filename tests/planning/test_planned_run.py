@@ -54,7 +54,8 @@ def machine(monkeypatch) -> Machine:
         monkeypatch.setattr(f"gsfw.planning.{module}.ENDING", ENDING)
     usual_trial = trial.try_steps
 
-    def measured(composition):
+    def measured(composition, seconds):
+        assert seconds > 0
         before = made.seconds
         found = usual_trial(composition)
         made.seconds = before + 2.0

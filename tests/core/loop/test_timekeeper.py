@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gsfw.core.callback import RunInfo
@@ -83,6 +83,7 @@ def test_a_plan_that_was_right_is_left_alone():
 
 
 @settings(max_examples=60, deadline=None)
+@example(before=0.125, after=0.006, change_at=0.75, ending=0.0, growth=1.0)
 @given(
     before=st.floats(0.004, 0.2),
     after=st.floats(0.004, 0.2),
