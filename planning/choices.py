@@ -29,10 +29,13 @@ class Choice:
     """Updates at the chosen image size from which on the choice is made."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """Settings by dotted key."""
+    per_pixel: float = 2.0
+    """Most Gaussians for each pixel of a view: models that grow freely end with 0.4 to 2, and those
+    of short runs would cost more time than they have to be fitted."""
 
 
 CHOICES = (
-    Choice(0, {"optim.sh_rest_lr": HIGH_SH_RATE}),
+    Choice(0, {"optim.sh_rest_lr": HIGH_SH_RATE}, per_pixel=0.5),
     Choice(
         1000,
         {
@@ -40,6 +43,7 @@ CHOICES = (
             "resolution_schedule": AUTO,
             "strategy.budget": AUTO,
         },
+        per_pixel=1.0,
     ),
     Choice(10_000, {"resolution_schedule": AUTO, "strategy.budget": AUTO}),
 )
@@ -54,16 +58,13 @@ only where the user gives none."""
 SHORTEST_SIDE = 120
 """Pixels of the short side of an image that no choice goes below."""
 
-MOST_PER_PIXEL = 2.0
-"""Most Gaussians for each pixel of a view: models that grow freely end with 0.4 to 1.9."""
 LIMITS = ("strategy.max_gaussians", "strategy.cap_max")
 """Keys of the largest number of Gaussians."""
 
 
 def chosen(settings: Settings, updates: float) -> dict[str, Any]:
     """The settings to turn on in a run of so many updates."""
-    row = max((row for row in CHOICES if row.updates <= updates), key=lambda row: row.updates)
-    found = {key: value for key, value in row.values.items() if _is_free(settings, key)}
+    found = {key: value for key, value in _row(updates).values.items() if _is_free(settings, key)}
     rasterizer = settings.config.rasterizer
     assert isinstance(rasterizer, RasterizerConfig)
     if Feature.CONTRIBUTION not in rasterizer.capabilities().features:
@@ -71,10 +72,22 @@ def chosen(settings: Settings, updates: float) -> dict[str, Any]:
     return found
 
 
-def limits(settings: Settings, view_pixels: int, start: int) -> dict[str, int]:
-    """Limits of the number of Gaussians, where the usual ones are larger."""
-    most, flat = max(int(MOST_PER_PIXEL * view_pixels), start), settings.flat()
+def limits(settings: Settings, updates: float, view_pixels: int, start: int) -> dict[str, int]:
+    """Limits of the number of Gaussians, where the usual ones are larger.
+
+    Args:
+        settings: of the run.
+        updates: that it has.
+        view_pixels: pixels of an image.
+        start: number of Gaussians to start with.
+    """
+    most, flat = max(int(_row(updates).per_pixel * view_pixels), start), settings.flat()
     return {key: most for key in LIMITS if _is_free(settings, key) and flat[key] > most}
+
+
+def _row(updates: float) -> Choice:
+    """The row of the table for so many updates."""
+    return max((row for row in CHOICES if row.updates <= updates), key=lambda row: row.updates)
 
 
 def downscale(sides: tuple[int, int], updates: Sequence[float]) -> float:

@@ -42,7 +42,7 @@ EVALUATION_SHARE, MOST_EVALUATIONS = 0.02, 5
 """Part of the time that evaluations before the last one may take, and their number at most."""
 HELD_BACK_SHARE, MOST_HELD_BACK = 0.1, 8
 """Part of the training views that a run with a goal holds back, and their number at most."""
-MOST_HOPE = 1.5
+MOST_HOPE = 1.25
 """Factor at most by which a machine that was busy in the trial is expected to be faster later."""
 FEWEST_STEPS = 20
 """Steps of the shortest plan."""
@@ -270,7 +270,7 @@ def _decisions(settings: Settings, speed: Speed, asked: Asked, size: float) -> d
     found = {
         **({} if "steps" in settings.given else {"steps": steps}),
         **chosen(settings, updates),
-        **limits(settings, speed.view_pixels(size), speed.gaussians),
+        **limits(settings, updates, speed.view_pixels(size), speed.gaussians),
     }
     if size != 1 and "downscale" not in settings.given:
         found["downscale"] = size

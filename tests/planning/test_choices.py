@@ -30,7 +30,7 @@ def test_choices_are_keys_of_every_method_and_strategy(method, strategy):
     known = {key.name for key in keys(run.config)}
     for choice in CHOICES:
         assert chosen(run, float(choice.updates)).keys() <= known
-    assert limits(run, 1000, 500).keys() <= known
+    assert limits(run, float(choice.updates), 1000, 500).keys() <= known
 
 
 def test_rows_follow_the_number_of_updates():
@@ -42,10 +42,11 @@ def test_rows_follow_the_number_of_updates():
 
 def test_a_limit_of_gaussians_follows_the_pixels_and_never_lies_below_the_start():
     run = settings(method="3dgs", strategy="mcmc")
-    assert limits(run, 50_000, 12_000) == {"strategy.cap_max": 100_000}
-    assert limits(run, 1000, 12_000) == {"strategy.cap_max": 12_000}
+    assert limits(run, 300.0, 50_000, 12_000) == {"strategy.cap_max": 25_000}
+    assert limits(run, 20_000.0, 50_000, 12_000) == {"strategy.cap_max": 100_000}
+    assert limits(run, 300.0, 1000, 12_000) == {"strategy.cap_max": 12_000}
     given = settings(method="3dgs", strategy="mcmc", **{"strategy.cap_max": "900000"})
-    assert limits(given, 1000, 100) == {}
+    assert limits(given, 300.0, 1000, 100) == {}
 
 
 def test_images_are_as_large_as_the_time_allows():
