@@ -154,7 +154,7 @@ def _check(
         return {**head, **document, "next": "", "sheet": ""}
     sheet, problem = _draw(examined, options.out) if options.out != "none" else ("", "")
     plan = examined.plan(given.get("method", ""))
-    following = {"next": plan.command(given), "next_steps": _steps(plan.settings(given))}
+    following = {"next": plan.command(given), **_length(plan.settings(given))}
     document = {**head, **report(examined, plan), **following, "sheet": sheet}
     return {**document, "sheet_problem": problem} if problem else document
 
@@ -174,13 +174,19 @@ def _draw(examined: Examination, out: str) -> tuple[str, str]:
         )
 
 
-def _steps(values: Mapping[str, str]) -> int:
-    """Training steps of a command with these settings."""
+def _length(values: Mapping[str, str]) -> dict[str, float | None]:
+    """Training steps of a command with these settings, or the minutes that it takes."""
     from gsfw.commands.interface.arguments import Arguments, layers
+    from gsfw.planning.asked import asked_of, spelled_out
     from gsfw.plugins.registry import installed
     from gsfw.plugins.settings import resolve
 
-    return resolve(installed(), layers(Arguments((), tuple(values.items())))).config.steps
+    given = spelled_out(layers(Arguments((), tuple(values.items()))))
+    settings = resolve(installed(), given)
+    asked = asked_of(settings, given)
+    if asked is None:
+        return {"next_steps": settings.config.steps, "next_minutes": None}
+    return {"next_steps": None, "next_minutes": asked.minutes}
 
 
 def _streaming(settings: Settings) -> Settings:
@@ -208,5 +214,8 @@ def _show(console: Console, document: Mapping[str, Any]) -> None:
         console.warn(document["sheet_problem"])
     if document["next"] and document["verdict"] != "will not train":
         console.say(f"next: {document['next']}")
-        steps = f"{document['next_steps']:,} steps"
-        console.say(f"({steps}; with --dry-run it measures how long they take here)")
+        steps, minutes = document["next_steps"], document["next_minutes"]
+        if steps is None:
+            console.say(f"({minutes:g} minutes; with --dry-run it says what it would do in them)")
+        else:
+            console.say(f"({steps:,} steps; with --dry-run it measures how long they take here)")

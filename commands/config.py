@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gsfw.commands.interface.arguments import HelpRequested, parse
+from gsfw.commands.interface.arguments import HelpRequested, layers, parse
 from gsfw.commands.interface.console import Console
 from gsfw.commands.train import read_settings
 from gsfw.core.errors import ConfigError
@@ -31,6 +31,7 @@ def run(tokens: list[str]) -> int:
         )
     arguments = replace(arguments, words=arguments.words[1:])
     settings = read_settings("train", arguments, installed())
+    from gsfw.planning.asked import asked_of, spelled_out
     from gsfw.plugins.values import as_text
 
     console, values = Console(arguments.flag("json")), settings.flat()
@@ -40,6 +41,9 @@ def run(tokens: list[str]) -> int:
     )
     for note in settings.notes:
         console.say(f"note: {note}")
+    given = spelled_out(layers(arguments))
+    if (asked := asked_of(settings, given)) is not None:
+        console.say(f"note: {asked}: steps, and what follows from them, are planned at the start.")
     console.result(
         {key: {"value": value, "source": settings.sources[key]} for key, value in values.items()}
     )

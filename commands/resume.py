@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -48,6 +49,7 @@ examples:
 
 def run(tokens: list[str]) -> int:
     """Continue a run; it is held from the reading of its checkpoint on."""
+    began = time.perf_counter()
     arguments = parse(tokens)
     if arguments.flag("help"):
         raise HelpRequested(HELP)
@@ -68,16 +70,23 @@ def run(tokens: list[str]) -> int:
             "Give the folder of the run that it was exported from.",
         )
     with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
-        return _go_on(found, changed, ["resume", *tokens], console)
+        return _go_on(found, changed, ["resume", *tokens], console, began)
 
 
 def _go_on(
-    found: RunArgument, changed: Mapping[str, str], command: list[str], console: Console
+    found: RunArgument,
+    changed: Mapping[str, str],
+    command: list[str],
+    console: Console,
+    began: float,
 ) -> int:
     """Restore a run and train on; return the exit code."""
     from gsfw.commands.interface.run_history import remember_run
     from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
+    from gsfw.core.loop.machine_clock import MachineClock
+    from gsfw.planning.plan import resumed_timekeeper
+    from gsfw.planning.record import read_plan, recorded
     from gsfw.plugins.config_file import write_config
     from gsfw.plugins.loading import check_callbacks, make_callbacks
     from gsfw.plugins.restore import restore
@@ -93,14 +102,18 @@ def _go_on(
     composition, folder = restored.composition, restored.folder
     check_callbacks(composition.settings.config.callbacks, installed())
     callbacks = make_callbacks(composition.settings.config.callbacks, installed())
-    trainer = composition.trainer(folder, callbacks, restored.step)
+    keeper = None if "steps" in changed else resumed_timekeeper(restored, MachineClock(began))
+    trainer = composition.trainer(folder, callbacks, restored.step, keeper)
     trainer.load_state_dict(restored.state)
     if changed:
         text = write_config(composition.settings, command)
         write_atomically(folder.config, text.encode())
     remember_run(folder.path)
     console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
-    return run_training(trainer, console)
+    if keeper is None:
+        return run_training(trainer, console)
+    with recorded(trainer, composition.settings, command, read_plan(folder)):
+        return run_training(trainer, console)
 
 
 def _changed(arguments: Arguments) -> Mapping[str, str]:

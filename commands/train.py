@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from gsfw.core.progress import stage
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
+    from gsfw.planning.plan import Plan
     from gsfw.plugins.compose import Composition
     from gsfw.plugins.settings import Layer, Settings
 
@@ -32,6 +34,8 @@ def run(tokens: list[str]) -> int:
     from gsfw.commands.interface.run_history import remember_run
     from gsfw.commands.interface.training import describe, run_training
     from gsfw.core.files.atomic import write_atomically
+    from gsfw.planning.announcement import announcement
+    from gsfw.planning.record import plan_document, recorded
     from gsfw.plugins.compose import check, compose
     from gsfw.plugins.config_file import write_config
     from gsfw.plugins.loading import check_callbacks, make_callbacks
@@ -40,25 +44,49 @@ def run(tokens: list[str]) -> int:
     check_callbacks(settings.config.callbacks, registry)
     out = settings.config.out
     check_free(out)
-    composition = compose(settings, registry)
+    plan = _plan(settings, arguments, registry, began)
+    composition = compose(settings, registry) if plan is None else plan.composition
+    settings = composition.settings
     path = Path(out) if out else default_folder(composition.scene.name, settings.method.name)
     console.say(describe(composition))
+    if plan is not None:
+        console.say(announcement(plan))
     if arguments.flag("dry_run"):
-        return _tell_dry_run(composition, path, time.perf_counter() - began, console)
+        return _tell_dry_run(composition, plan, path, time.perf_counter() - began, console)
     with new_run_folder(path, is_chosen=bool(out)) as new:
         write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
         remember_run(new.folder.path)
         callbacks = make_callbacks(settings.config.callbacks, registry)
-        trainer = composition.trainer(new.folder, callbacks)
+        keeper = None if plan is None else plan.timekeeper
+        trainer = composition.trainer(new.folder, callbacks, timekeeper=keeper)
         new.steps_done = lambda: trainer.step
-        return run_training(trainer, console)
+        if plan is None:
+            return run_training(trainer, console)
+        with recorded(trainer, settings, ["train", *tokens], plan_document(plan)):
+            return run_training(trainer, console)
 
 
-def _tell_dry_run(composition: Composition, path: Path, seconds: float, console: Console) -> int:
+def _plan(
+    settings: Settings, arguments: Arguments, registry: Registry, began: float
+) -> Plan | None:
+    """The plan of a run that has to end in a time, or at a quality; ``None`` for other runs."""
+    from gsfw.core.loop.machine_clock import MachineClock
+    from gsfw.planning.asked import asked_of, spelled_out
+    from gsfw.planning.plan import make_plan
+
+    given = spelled_out(layers(arguments))
+    asked = asked_of(settings, given)
+    return None if asked is None else make_plan(asked, given, registry, MachineClock(began))
+
+
+def _tell_dry_run(
+    composition: Composition, plan: Plan | None, path: Path, seconds: float, console: Console
+) -> int:
     """Print whether a run would train, and its cost; return the exit code, as ``gsfw check``.
 
     Args:
         composition: composition of the run.
+        plan: plan of a run that ends in a time; ``None`` for other runs.
         path: path of its folder.
         seconds: time since the start of the process.
         console: console to print on.
@@ -71,6 +99,8 @@ def _tell_dry_run(composition: Composition, path: Path, seconds: float, console:
         console.say(f"note: {note}")
     findings = hopeless(composition.parts.data)
     expected = expect(composition, installed(), seconds)
+    if plan is not None:
+        expected = replace(expected, seconds=60 * plan.asked.minutes)
     composition.parts.data.close()
     console.say(str(expected))
     document = {"fits": not findings, "run": str(path), "settings": composition.settings.flat()}
@@ -101,10 +131,11 @@ def read_settings(verb: str, arguments: Arguments, registry: Registry) -> Settin
         HelpRequested: ``--help`` was given.
         ConfigError: no method was chosen, or a setting is wrong.
     """
+    from gsfw.planning.asked import spelled_out
     from gsfw.plugins.settings import resolve
 
     wanted = arguments.flag("help")
-    given = layers(arguments)
+    given = spelled_out(layers(arguments))
     _check_words(verb, arguments.words, registry)
     if not any("method" in layer.values for layer in given):
         if wanted:

@@ -57,6 +57,8 @@ class RunInfo:
     """The images and cameras of the run; ``None`` as for ``model``."""
     step_costs: tuple[tuple[int, float], ...] = ((0, 1.0),)
     """First step, counted from 0, and relative time of a step of each phase of the method."""
+    image_stages: tuple[tuple[int, float], ...] = ()
+    """First step, counted from 0, and divisor of the sides of the images from there on."""
 
 
 @dataclass(frozen=True)

@@ -264,6 +264,16 @@ class MethodConfig(ABC):
     """Folder of the run. Empty: runs/SCENE/METHOD/TIME."""
     steps: int = number(30_000, at_least=1)
     """Training steps. Schedules follow in proportion, unless rescale=false."""
+    minutes: float = number(0.0, at_least=0, below=math.inf)
+    """Minutes from the start of gsfw train to its end: the run plans its steps, and the rest, so
+    that it ends in time. 0: no limit; steps= decides."""
+    until: str = ""
+    """PSNR in dB that ends the run, on training views that it holds back; auto: when more steps
+    stop paying (as steps=auto)."""
+    held_back: int = number(0, at_least=0)
+    """Training views that are not trained on until the last part of a run with until=."""
+    pace: tuple[str, ...] = ()
+    """Recorded decisions of a run with minutes= or until=, as UPDATE:PACE; it repeats by them."""
     rescale: bool = True
     """Rescale every schedule without a value of its own by steps=N."""
     seed: int = number(42, at_least=0, at_most=MAX_SEED)
@@ -352,6 +362,7 @@ class MethodConfig(ABC):
         Raises:
             ConfigError: a value is wrong; names the key, the expected and the given value.
         """
+        from gsfw.core.background import parse_background
         from gsfw.core.numerics import PROFILES
 
         check_ranges(self)
@@ -374,27 +385,3 @@ class MethodConfig(ABC):
                 "so that training ends on full-size images.",
                 "Leave it out to have it follow from steps (not with rescale=false), or give less.",
             )
-
-
-NAMED_BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
-
-
-def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, float]:
-    """Parse a ``background`` setting: the colour in [0, 1] per channel.
-
-    Raises:
-        ConfigError: it is neither a name nor three numbers.
-    """
-    if text == AUTO:
-        return NAMED_BACKGROUNDS["white" if has_alpha else "black"]
-    if text in NAMED_BACKGROUNDS:
-        return NAMED_BACKGROUNDS[text]
-    try:
-        red, green, blue = (float(part) for part in text.strip("[]() ").split(","))
-    except ValueError:
-        raise ConfigError(
-            f"background={text}: expected white, black, auto, or three numbers such as 0.5,0.5,0.5."
-        ) from None
-    if not all(math.isfinite(value) for value in (red, green, blue)):
-        raise ConfigError(f"background={text}: expected three finite numbers.")
-    return red, green, blue

@@ -92,6 +92,8 @@ class Refiner(ABC):
     All batches of a step are rendered before any is observed. The order of calls in a step is
     ``statistics``, ``depth`` and ``needs_view_gradients``; for each batch ``regularizers`` and
     ``before_backward``; after the optimizer step, for each batch, ``observe``; then ``refine``.
+    In a run that has to end in a time an update may stand for several steps of the schedule, or for
+    none (``core.loop.pace``): ``refine`` then is called for each of these steps, in order.
     """
 
     name: ClassVar[str]
@@ -148,7 +150,7 @@ class Refiner(ABC):
 
     @abstractmethod
     def refine(self, context: RefineContext) -> Refinement:
-        """Edit rows if the schedule says so. Called after every optimizer step."""
+        """Edit rows if the schedule says so. Called after every step of the schedule."""
 
     def rows_edited(self) -> None:  # noqa: B027
         """Drop statistics by row: a refiner has added, removed or replaced rows."""

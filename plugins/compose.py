@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 
+from gsfw.core.background import parse_background
 from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import (
@@ -20,18 +21,19 @@ from gsfw.core.config import (
     RasterizerConfig,
     SamplerConfig,
     StrategyConfig,
-    parse_background,
 )
 from gsfw.core.datamanager import DataManager, DataRequest, Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.exposures import Exposures
+from gsfw.core.loop.goal import Goal
 from gsfw.core.loop.optimizer import Optimizer
 from gsfw.core.loop.pose_refinement import PoseRefinement
 from gsfw.core.loop.refined_capture import RefinedCapture
 from gsfw.core.loop.resolution import FULL_SIZE, ResolutionSchedule, measured
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.method import Method
@@ -119,11 +121,34 @@ class Composition:
         return notes
 
     def trainer(
-        self, folder: RunFolder, callbacks: Sequence[Callback] = (), first_step: int = 0
+        self,
+        folder: RunFolder,
+        callbacks: Sequence[Callback] = (),
+        first_step: int = 0,
+        timekeeper: Timekeeper | None = None,
     ) -> Trainer:
-        """Build the training loop of these parts, before its first step."""
-        info = RunInfo(
-            folder=folder.path,
+        """Build the training loop of these parts, before its first step.
+
+        Args:
+            folder: of the run.
+            callbacks: watch the run.
+            first_step: 0, or the step from which the run goes on.
+            timekeeper: keeps the run within its time; ``None`` for runs of a number of steps.
+        """
+        plan = replace(self.plan, resolution=self.resolution)
+        info = self.info(folder.path, first_step)
+        goal = None if timekeeper is None else self._goal()
+        return Trainer(self.parts, plan, folder, info, callbacks, timekeeper, goal)
+
+    def _goal(self) -> Goal | None:
+        """The quality that ends the run; ``None`` if nothing but its time does."""
+        until = self.settings.config.until
+        return None if not until else Goal(None if until == AUTO else float(until))
+
+    def info(self, folder: Path, first_step: int = 0) -> RunInfo:
+        """The facts about the run in a folder; decodes some images."""
+        return RunInfo(
+            folder=folder,
             method=self.settings.method.name,
             scene=self.scene.name,
             steps=self.plan.steps,
@@ -133,9 +158,8 @@ class Composition:
             notes=self.notes(),
             views=len(self.parts.data.views(Split.TRAIN)),
             step_costs=self.settings.config.step_costs(),
+            image_stages=self.resolution.stages,
         )
-        plan = replace(self.plan, resolution=self.resolution)
-        return Trainer(self.parts, plan, folder, info, callbacks)
 
 
 def check(settings: Settings, registry: Registry) -> None:
@@ -362,6 +386,8 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
         ),
         random_background=config.random_background and scene.has_alpha,
         max_skipped=config.max_skipped,
+        pace=config.pace,
+        held_back=config.held_back,
     )
 
 

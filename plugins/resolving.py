@@ -41,6 +41,9 @@ from gsfw.plugins.values import as_text, describe, parse
 
 DEFAULT_CHOICES = {"strategy": "adc", "sampler": "uniform"}
 """Values of ``auto`` that need no inspection."""
+PAPER = "paper"
+"""Preset of every method: its own settings and number of steps, whatever the data. Data of the
+user's own is trained on for a time without it (``planning.asked``)."""
 
 
 class Resolving:
@@ -267,11 +270,13 @@ class Resolving:
 def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:
     """The preset named "default", if there is one, and the chosen one."""
     name, source = last(layers, "preset")
+    if name == PAPER and name not in config.presets:
+        name = None
     if name is not None and name not in config.presets:
         raise ConfigError(
             f"{where(source)}method {method.name!r} has no preset {name!r}."
-            f"{did_you_mean(name, config.presets)}",
-            f"Presets: {', '.join(config.presets) or 'none'}.",
+            f"{did_you_mean(name, [*config.presets, PAPER])}",
+            f"Presets: {', '.join(dict.fromkeys([*config.presets, PAPER]))}.",
         )
     return [
         Layer(f"preset {key}", config.presets.get(key, {}), rank=rank)

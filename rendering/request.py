@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from gsfw.core.config import parse_background
+from gsfw.core.background import parse_background
 from gsfw.core.datamanager import Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.determinism import deterministic

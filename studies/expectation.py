@@ -8,53 +8,25 @@ grow depends on the scene: the number is a guess (see ``expected_gaussians``), a
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from statistics import median
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from gsfw.core.batch import Batch
-from gsfw.core.callback import Callback, Control
 from gsfw.core.datamanager import DataManager, Split, Views
-from gsfw.core.loop.evaluation import render_model
-from gsfw.core.loop.memory import added_memory_mb, peak_memory_mb
-from gsfw.core.loop.resolution import FULL_SIZE
-from gsfw.core.loop.run_folder import RunFolder
+from gsfw.core.loop.memory import peak_memory_mb
 from gsfw.core.progress import stage
-from gsfw.core.sampler import Sampler
 from gsfw.core.scene import Scene
 from gsfw.core.words import duration
+from gsfw.planning.costs import END_MB, cache_mb, disk_mb, expected_gaussians
+from gsfw.planning.trial import Trial, seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.registry import Registry
 
-GAUSSIANS_PER_PIXEL = 0.45
-"""Gaussians of a finished model per pixel of one view: 0.45 on fox at 359x640 and 0.41 on garden at
-648x420, with the default settings of method 3dgs."""
-GROWTH = 1.05
-"""Factor by which a model grows in one refinement, about; MCMC grows by just this."""
 MOST_TRIED = 200_000
 """Gaussians of the second trial at most; costs of more are extrapolated in proportion."""
-VIEWS, STEPS, SECONDS = 2, 3, 1.2
-"""Views that a trial steps through, its steps at least, and the seconds that it takes at least."""
-PLY_BYTES = 4
-"""Bytes of a number in splats.ply, which holds three zeros as normals besides the model's."""
-LOG_BYTES = 1000
-"""Bytes of a logged step, in metrics.jsonl and TensorBoard; measured."""
-IMAGE_BYTES = 2.0
-"""Bytes of a pixel in TensorBoard; measured: 1.6 on the built-in scene, 2.1 on fox."""
-IMAGES_OF_VIEW = 3
-"""Images of a view in TensorBoard: the photo, the render and their difference."""
-END_MB = 100.0
-"""Memory that evaluation, TensorBoard and plots take besides training; measured on two scenes."""
-IMAGES_SHOWN = 4
-"""Views that TensorBoard shows of one evaluation."""
-CHECKPOINTS_KEPT = 2
-"""Checkpoints that a run folder keeps."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +74,8 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
     start = len(parts.table)
     end = expected_gaussians(composition)
     with stage("measuring how long steps take here", 2) as advance:
-        loading = _seconds_to_load(composition)
-        first = _try(composition)
+        loading = seconds_to_load(composition)
+        first = try_steps(composition)
         advance(1)
         before = peak_memory_mb(parts.device)
         last = first
@@ -136,94 +108,15 @@ def expect(composition: Composition, registry: Registry, so_far: float) -> Expec
         seconds=seconds,
         step_seconds=first.step,
         last_step_seconds=last_step,
-        memory_mb=memory + _cache_mb(composition) + END_MB,
+        memory_mb=memory + cache_mb(composition) + END_MB,
         gpu_memory_mb=None if last.gpu_mb is None else at_end(first.gpu_mb or 0.0, last.gpu_mb),
-        disk_mb=_disk_mb(composition, state, end, evaluations),
+        disk_mb=disk_mb(composition, state, end, evaluations),
     )
 
 
-def expected_gaussians(composition: Composition) -> int:
-    """About how many Gaussians a run ends with.
-
-    A strategy that refines lets them grow by ``GROWTH`` a refinement, up to its own limit and to
-    ``GAUSSIANS_PER_PIXEL``; others leave them as they are.
-    """
-    start, flat = len(composition.parts.table), composition.settings.flat()
-    every = int(flat.get("strategy.refine_every", 0))
-    if not every:
-        return start
-    stop = min(int(flat.get("strategy.refine_stop", 0)), composition.plan.steps)
-    rounds = max(0, (stop - 1 - int(flat.get("strategy.refine_start", 0))) // every)
-    grown = int(start * GROWTH ** min(rounds, 300))
-    budget = str(flat.get("strategy.budget", ""))
-    limits = [
-        int(flat.get("strategy.max_gaussians") or 0),
-        int(flat.get("strategy.cap_max") or 0),
-        int(budget) if budget.isdigit() else 0,
-    ]
-    if not flat.get("strategy.cap_max"):
-        cameras = composition.parts.data.views(Split.TRAIN).cameras
-        pixels = median(camera.width * camera.height for camera in cameras)
-        limits.append(max(start, int(GAUSSIANS_PER_PIXEL * pixels)))
-    return min([grown, *(limit for limit in limits if limit)])
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """Costs of a few steps."""
-
-    rows: int
-    step: float
-    """Seconds of a step."""
-    view: float
-    """Seconds to render one view and to compare it."""
-    state_bytes: float
-    """Bytes of a checkpoint."""
-    gpu_mb: float | None
-
-
-def _try_denser(composition: Composition, registry: Registry, count: int) -> _Trial:
+def _try_denser(composition: Composition, registry: Registry, count: int) -> Trial:
     data = _Denser(composition.parts.data, count)
-    return _try(compose(composition.settings, registry, data=data))
-
-
-def _try(composition: Composition) -> _Trial:
-    """Train a few steps at full size, on a few views that are loaded before."""
-    parts, device = composition.parts, composition.parts.device
-    views = [parts.sampler.next() for _ in range(VIEWS)]
-    for group in views:
-        parts.data.load(Split.TRAIN, group, device)
-    clock, folder = _Clock(), _NoFolder(Path(os.devnull))
-    parts = replace(parts, sampler=_Repeating(views))
-    trainer = replace(composition, parts=parts).trainer(folder, [clock])
-    trainer.plan = replace(trainer.plan, resolution=FULL_SIZE, checkpoint_every=0, eval_every=0)
-    rows = len(parts.table)
-    added = added_memory_mb(trainer.fit, device)
-    step = median(clock.durations[1:] or clock.durations)
-    seconds = _seconds_to_evaluate(composition)
-    gpu = added if device.type == "cuda" else None
-    return _Trial(rows, step, seconds, folder.state_bytes, gpu)
-
-
-def _seconds_to_load(composition: Composition) -> float:
-    """Seconds that decoding one view takes."""
-    data = composition.parts.data
-    started = time.perf_counter()
-    data.load(Split.TRAIN, [len(data.views(Split.TRAIN)) - 1], composition.parts.device)
-    return time.perf_counter() - started
-
-
-def _seconds_to_evaluate(composition: Composition) -> float:
-    parts, settings = composition.parts, composition.plan.settings
-    (batch,) = parts.data.load(Split.TRAIN, [len(parts.data.views(Split.TRAIN)) - 1], parts.device)
-    assert settings.background is not None
-    started = time.perf_counter()
-    image = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time).color[
-        0
-    ]
-    for metric in parts.metrics.values():
-        metric(image, batch.target(settings.background)[0], None)
-    return time.perf_counter() - started
+    return try_steps(compose(composition.settings, registry, data=data))
 
 
 def _steps_seconds(composition: Composition, first: float, last: float) -> float:
@@ -241,78 +134,6 @@ def _saved_steps(composition: Composition) -> float:
     following = [first for first, _ in stages[1:]]
     pairs = zip(stages, following, strict=False)
     return sum(((end - first) * (1 - factor**-2) for (first, factor), end in pairs), start=0.0)
-
-
-def _cache_mb(composition: Composition) -> float:
-    """Megabytes of all decoded images, as far as the cache holds them."""
-    data, channels = composition.parts.data, 4 if composition.scene.has_alpha else 3
-    cameras = [camera for split in Split for camera in data.views(split).cameras]
-    decoded = sum(camera.width * camera.height for camera in cameras) * channels / 1e6
-    return min(decoded, float(composition.settings.config.cache_mb))
-
-
-def _disk_mb(composition: Composition, state: float, gaussians: int, evaluations: int) -> float:
-    model = sum(tensor.numel() for tensor in _tensors(dict(composition.parts.model.state_dict())))
-    numbers = gaussians * (model / max(len(composition.parts.table), 1) + 3)
-    cameras = composition.parts.data.views(Split.EVAL).cameras[:IMAGES_SHOWN]
-    images = sum(camera.width * camera.height for camera in cameras) * IMAGES_OF_VIEW * IMAGE_BYTES
-    logged = LOG_BYTES * composition.plan.steps / composition.plan.log_every
-    total = CHECKPOINTS_KEPT * state + numbers * PLY_BYTES + images * evaluations + logged
-    return total / 1e6
-
-
-class _Clock(Callback):
-    """Times steps, and ends a trial."""
-
-    def __init__(self) -> None:
-        self.durations: list[float] = []
-        self._began = self._last = 0.0
-
-    def on_start(self, run: object, control: Control) -> None:
-        """Start the clock."""
-        self._began = self._last = time.perf_counter()
-
-    def on_tick(self, step: int, control: Control) -> None:
-        """Note a step."""
-        now = time.perf_counter()
-        self.durations.append(now - self._last)
-        self._last = now
-        if step >= STEPS and now - self._began > SECONDS:
-            control.request_stop("measured")
-
-
-class _NoFolder(RunFolder):
-    """Measures checkpoints and writes none."""
-
-    state_bytes = 0.0
-
-    def write_checkpoint(self, step: int, state: Mapping[str, Any], keep: int = 2) -> Path:
-        """Note the size."""
-        self.state_bytes = float(sum(tensor.nbytes for tensor in _tensors(state)))
-        return self.path
-
-
-class _Repeating(Sampler):
-    """The same few views again and again."""
-
-    def __init__(self, views: list[tuple[int, ...]]) -> None:
-        self._views, self._place = views, -1
-
-    def next(self) -> tuple[int, ...]:
-        """The next of them."""
-        self._place += 1
-        return self._views[self._place % len(self._views)]
-
-    def peek(self, count: int) -> tuple[int, ...]:
-        """Nothing: all are loaded."""
-        return ()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing that is kept."""
-        return {}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Nothing."""
 
 
 class _Denser(DataManager):
@@ -347,14 +168,3 @@ class _Denser(DataManager):
     def load(self, split: Split, indices: Sequence[int], device: torch.device) -> list[Batch]:
         """The same images."""
         return self._given.load(split, indices, device)
-
-
-def _tensors(state: object) -> list[Tensor]:
-    """All tensors of a nested state."""
-    if isinstance(state, Tensor):
-        return [state]
-    if isinstance(state, Mapping):
-        state = list(state.values())
-    if isinstance(state, list | tuple):
-        return [tensor for item in state for tensor in _tensors(item)]
-    return []

@@ -11,6 +11,7 @@ from typing import Any
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.files.json_text import json_text
 from gsfw.core.loop.run_folder import RunFolder
+from gsfw.planning.asked import LENGTHS
 from gsfw.plugins.compose import check
 from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import Registry
@@ -62,6 +63,8 @@ class PlannedRun:
         given = dict(self.cell.settings)
         if self.data is not None:
             given["data"] = self.data
+        if not given.keys() & {"minutes", "until", *LENGTHS}:  # A study compares equal lengths.
+            given["steps"] = self.steps
         return [
             *(f"{key}={as_text(value)}" for key, value in given.items()),
             f"out={self.folder.path}",

@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "callbacks": {"gsfw.core", "gsfw.callbacks", "gsfw.charts", SPECS},
     "charts": {"gsfw.core", "gsfw.charts"},
     "formats": {"gsfw.core", "gsfw.formats", SPECS},
+    "planning": {"gsfw.core", "gsfw.planning", "gsfw.plugins"},
     "preparation": {"gsfw.core", "gsfw.datamanagers", "gsfw.preparation"},
     "rendering": {"gsfw.core", "gsfw.plugins", "gsfw.rasterizers", "gsfw.rendering"},
     "reports": {
@@ -32,7 +33,7 @@ MAY_IMPORT = {
     "viewer": {"gsfw.core", "gsfw.formats", "gsfw.plugins", "gsfw.rendering", "gsfw.viewer"},
     "studies": {
         *("gsfw.charts", "gsfw.core", "gsfw.formats", "gsfw.kernels", "gsfw.methods"),
-        *("gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),
+        *("gsfw.planning", "gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),
     },
     "commands": {"gsfw"},
 }

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
-from gsfw.core.config import parse_background
+from gsfw.core.background import parse_background
 from gsfw.core.errors import ConfigError
 
 if TYPE_CHECKING:

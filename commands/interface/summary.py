@@ -88,7 +88,10 @@ def run_rows(
     remark = f"{invisible:,} are too faint to be seen, and not in splats.ply" if invisible else ""
     rows.append(Row("Gaussians", f"{summary['num_gaussians']:,}", remark))
     skipped = summary.get("skipped_steps", 0)
-    remark = f"{summary['steps']:,} steps, without loading and measuring"
+    steps = f"{summary['steps']:,} steps"
+    if "updates" in summary:
+        steps += f" in {summary['updates']:,} updates"
+    remark = f"{steps}, without loading and measuring"
     remark += f"; {skipped} steps were not finite, and skipped" if skipped else ""
     rows.append(Row("training", duration(summary["train_seconds"]), remark))
     if summary["views"]:

@@ -52,8 +52,14 @@ class _Interval:
 class RemainingTime:
     """Learns from reports of steps and evaluations, and predicts the rest of the run."""
 
-    def __init__(self, run: RunInfo) -> None:
-        """Know nothing but the run: its length, its settings and its phases."""
+    def __init__(self, run: RunInfo, recent: float = RECENT) -> None:
+        """Know nothing but the run: its length, its settings and its phases.
+
+        Args:
+            run: the run.
+            recent: the last part of the finished steps over which the speed is measured.
+        """
+        self._recent_part = recent
         self._run, self._steps, self._first = run, run.steps, run.first_step
         self._settings, self._phases, self._views = run.settings, run.step_costs, run.views
         self._seen: list[_Interval] = []
@@ -87,6 +93,11 @@ class RemainingTime:
         Args:
             stretch: time from step to step, over that of a step: more than 1 if others take a part.
         """
+        steps = self.steps_seconds()
+        return None if steps is None else stretch * steps + self.evaluation_seconds()
+
+    def steps_seconds(self) -> float | None:
+        """Time of the remaining steps; ``None`` as long as it cannot be known."""
         if not self._seen:
             return None
         now = self._seen[-1].end
@@ -99,12 +110,11 @@ class RemainingTime:
             for item in recent
         )
         factor = sum(item.seconds for item in recent) / units
-        steps = factor * self._units_left(now) + self._waiting_left(now)
-        return stretch * steps + self._evaluations(now)
+        return factor * self._units_left(now) + self._waiting_left(now)
 
     def _recent(self, now: int) -> list[_Interval]:
         """The last intervals; of the present phase alone, and after the first pass, if they do."""
-        start = now - max(RECENT * (now - self._first), LEAST_STEPS)
+        start = now - max(self._recent_part * (now - self._first), LEAST_STEPS)
         recent = [item for item in self._seen if item.end > start]
         began = max(first for first, _ in self._phases if first <= now)
         # Up to the end of the first pass steps share the processor with decoding.
@@ -133,9 +143,13 @@ class RemainingTime:
             step = now + left * (part + 0.5) / PARTS
             grown = slope * max(0.0, min(step, stop) - max(now, start))
             count = min(max(int(last.gaussians + grown), 1), most)
-            # Images reach their full size at some step soon after the start.
-            total += self._unit(int(step), count, 1.0) * left / PARTS
+            total += self._unit(int(step), count, self._resolution(step)) * left / PARTS
         return total
+
+    def _resolution(self, step: float) -> float:
+        """Width of the images of a later step over their full width."""
+        stages = self._run.image_stages
+        return next((1 / divisor for first, divisor in reversed(stages) if step >= first), 1.0)
 
     def _refinement(self) -> tuple[int, int]:
         """First and last step of refinements; equal where there are none."""
@@ -170,8 +184,9 @@ class RemainingTime:
         steps = sum(item.steps for item in after)
         return sum(item.waiting for item in after) / steps * (self._steps - now) if steps else 0.0
 
-    def _evaluations(self, now: int) -> float:
+    def evaluation_seconds(self) -> float:
         """Time of the remaining evaluations: of samples, and of all views at the end."""
+        now = self._seen[-1].end if self._seen else self._first
         every = int(self._settings.get("eval_every", 0) or 0)
         held_out = int(self._run.protocol.get("views", 0))
         sample = int(self._settings.get("eval_views", 0) or 0) or held_out

@@ -78,6 +78,11 @@ class RunFolder:
         return self.path / "report.html"
 
     @property
+    def plan(self) -> Path:
+        """Measurements and decisions of a run with minutes= or until=."""
+        return self.path / "plan.json"
+
+    @property
     def log(self) -> Path:
         """Log messages and tracebacks."""
         return self.path / "log.txt"

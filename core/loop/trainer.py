@@ -19,16 +19,20 @@ from gsfw.core.loop.determinism import deterministic, environment
 from gsfw.core.loop.device import moved, wait_for
 from gsfw.core.loop.evaluation import Evaluation, evaluate
 from gsfw.core.loop.forward import Forward, RenderedBatch
+from gsfw.core.loop.goal import Goal, mean_psnr
 from gsfw.core.loop.memory import memory_summary, peak_memory_mb
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.schedule import checkpoint_due, evaluation_due
 from gsfw.core.loop.stopwatch import Stopwatch
+from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.loop.verdict import Verdict
+from gsfw.core.loop.walk import Walk
 from gsfw.core.loop.watchers import Watchers
 from gsfw.core.metrics import psnr
 from gsfw.core.progress import stage
+from gsfw.core.refiner import RESET, GrowthLimits, Refinement
 
 
 class Trainer:
@@ -41,6 +45,8 @@ class Trainer:
         folder: RunFolder,
         info: RunInfo,
         callbacks: Sequence[Callback] = (),
+        timekeeper: Timekeeper | None = None,
+        goal: Goal | None = None,
     ) -> None:
         self.parts, self.plan, self.folder, self.info = parts, plan, folder, info
         self.control = Control()
@@ -53,6 +59,7 @@ class Trainer:
         self._checkpointed = -1
         self._refined: Counter[str] = Counter()
         views = parts.data.views(Split.TRAIN)
+        self.walk = Walk(plan.pace, views, plan.held_back, timekeeper, goal)
         self._times = views.times
         self._names = views.names
         self._widths = [camera.width for camera in views.cameras]
@@ -72,10 +79,13 @@ class Trainer:
         """
         with deterministic(self.parts.device):
             try:
-                if self._checkpointed != self.step:  # Also checks that the folder is writable.
+                if (
+                    self._checkpointed != self.walk.updates
+                ):  # Also checks that the folder is writable.
                     self._checkpoint()
                 self.callbacks.on_start(self._started(), self.control)
                 self._stopwatch.restart()
+                self.walk.begin()
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
                 summary = self._finish()
@@ -90,12 +100,34 @@ class Trainer:
         return replace(self.info, model=self._handle, data=self.parts.data)
 
     def _one_step(self) -> None:
-        """Run one optimizer step, then the refinement, reports and checkpoints."""
+        """Run one update, and what the steps of the schedule ask for that it stands for.
+
+        That is one step, unless the run walks at another pace (``core.loop.pace``).
+        """
+        rendered, first = self._update(), self.step
+        span, limits = self.walk.advance(self.plan.steps - self.step)
+        is_reset = False
+        for _ in range(span):
+            started = time.perf_counter()
+            is_reset |= RESET in self._refine(limits)
+            self._stopwatch.step_done()
+            self.step += 1
+            self.train_seconds += time.perf_counter() - started
+        # In haste many steps pass in little time: what is due in them waits for the end.
+        is_calm = limits.may_grow and not (is_reset and span > 1)
+        self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
+        batch = rendered[0].context.batch
+        resolution = batch.cameras.width / self._widths[batch.views[0]]
+        look = partial(mean_psnr, self.parts, self.plan)
+        self.walk.decide(self.step, self.plan.steps, len(self.parts.table), resolution, look)
+
+    def _update(self) -> list[RenderedBatch]:
+        """Render the views of a step, and update all parameters."""
         started = time.perf_counter()
         parts, step, clock = self.parts, self.step, self._stopwatch
         forward = Forward(parts, self.plan)
         with clock.stage("load"):
-            views = parts.sampler.next()
+            views = self.walk.next_views(parts.sampler, step)
             batches = forward.load(views, step)
         parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
         num_views = sum(len(batch.views) for batch in batches)
@@ -114,14 +146,18 @@ class Trainer:
             for item in rendered:
                 self._observe(item, finite)
             parts.optimizer.zero_gradients()
+        self.train_seconds += time.perf_counter() - started
+        return rendered
+
+    def _refine(self, limits: GrowthLimits) -> Refinement:
+        """Let the refiners edit rows after a step of the schedule; returns their edits."""
+        parts = self.parts
+        with self._stopwatch.stage("refine"):
             edits = parts.refiners.refine(
-                step, self.plan.steps, parts.table, parts.model, parts.generator
+                self.step, self.plan.steps, parts.table, parts.model, parts.generator, limits
             )
             self._refined.update(edits)
-        clock.step_done()
-        self.step += 1
-        self.train_seconds += time.perf_counter() - started
-        self._follow_up(rendered)
+        return edits
 
     def _observe(self, item: RenderedBatch, finite: Tensor) -> None:
         """Pass a batch to refiners and sampler; zeros if it was not finite."""
@@ -166,19 +202,30 @@ class Trainer:
         wait_for(self.parts.device)
         self.train_seconds += time.perf_counter() - started
 
-    def _follow_up(self, rendered: list[RenderedBatch]) -> None:
+    def _follow_up(self, rendered: list[RenderedBatch], passed: range, is_calm: bool) -> None:
+        """Report, evaluate and write a checkpoint, if that is due.
+
+        Args:
+            rendered: batches of the latest update.
+            passed: numbers of finished steps that the update has reached.
+            is_calm: true if evaluations and checkpoints on the way are wanted.
+        """
         plan, step = self.plan, self.step
-        with self._stopwatch.paused():
-            self.callbacks.on_tick(step, self.control)
-        if step % plan.log_every == 0 or step in (1, plan.steps):
+        if passed:
+            with self._stopwatch.paused():
+                self.callbacks.on_tick(step, self.control)
+        if any(done % plan.log_every == 0 or done in (1, plan.steps) for done in passed):
             self._report(rendered)
-        if step % min(plan.log_every, plan.max_skipped) == 0:
+        if any(done % min(plan.log_every, plan.max_skipped) == 0 for done in passed):
             self._check_skipped()
-        if evaluation_due(step, plan.steps, plan.eval_every, self._resets_after):
+        is_evaluated = any(
+            evaluation_due(done, plan.steps, plan.eval_every, self._resets_after) for done in passed
+        )
+        if is_evaluated and is_calm:
             self._evaluate()
             self._stopwatch.restart()
-        due = checkpoint_due(step, plan.steps, plan.checkpoint_every)
-        if due or self.control.checkpoint_requested:
+        due = any(checkpoint_due(done, plan.steps, plan.checkpoint_every) for done in passed)
+        if (due and is_calm) or self.control.checkpoint_requested:
             self._checkpoint()
 
     def _resets_after(self, done: int) -> bool:
@@ -231,6 +278,14 @@ class Trainer:
 
     def _evaluate(self) -> Evaluation:
         self._catch_up()
+        with self.walk.apart():
+            evaluation = self._judged()
+        self.walk.evaluated(self.step, len(evaluation.views))
+        self.callbacks.on_evaluation(self.step, evaluation, self.control)
+        return evaluation
+
+    def _judged(self) -> Evaluation:
+        """The evaluation of the model as it is, with its findings."""
         parts = self.parts
         evaluation = evaluate(
             parts.model,
@@ -246,12 +301,11 @@ class Trainer:
         )
         evaluation = self._verdict.judge(self.step, evaluation)
         self._verdict.log(self.step, evaluation.findings or ())
-        self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
     def _finish(self) -> dict[str, Any]:
         completed = self.step >= self.plan.steps
-        if self._checkpointed != self.step:
+        if self._checkpointed != self.walk.updates:
             self._checkpoint()
         summary: dict[str, Any] = {"completed": completed}
         if completed:
@@ -265,6 +319,7 @@ class Trainer:
             "num_gaussians": len(self.parts.table),
             "train_seconds": round(self.train_seconds, 3),
             "steps": self.step,
+            **({} if self.walk.updates == self.step else {"updates": self.walk.updates}),
             "skipped_steps": int(self._skipped),
             **self._sizes(),
             **self.parts.corrections.summary(),
@@ -285,9 +340,9 @@ class Trainer:
 
     def _checkpoint(self) -> None:
         self._catch_up()
-        with stage("writing a checkpoint"):
+        with stage("writing a checkpoint"), self.walk.apart():
             path = self.folder.write_checkpoint(self.step, self.state_dict())
-        self._checkpointed = self.step
+        self._checkpointed = self.walk.updates
         self.control.checkpoint_requested = False
         with self._stopwatch.paused():
             self.callbacks.on_checkpoint(self.step, path)
@@ -303,6 +358,7 @@ class Trainer:
             "sampler": parts.sampler.state_dict(),
             "method": parts.method.state_dict(),
             "generator": parts.generator.get_state(),
+            "walk": self.walk.state_dict(),
             "train_seconds": self.train_seconds,
             "skipped": self._skipped,
             "skipped_in_a_row": self._skipped_in_a_row,
@@ -325,4 +381,6 @@ class Trainer:
         self.train_seconds = state["train_seconds"]
         self._skipped = state["skipped"].to(parts.device)
         self._skipped_in_a_row = state["skipped_in_a_row"].to(parts.device)
-        self.step = self._checkpointed = state["step"]
+        self.step = state["step"]
+        self.walk.load_state_dict(state.get("walk"), self.step)
+        self._checkpointed = self.walk.updates

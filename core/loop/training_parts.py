@@ -40,6 +40,10 @@ class TrainingPlan:
     prefetch_views: int = 4
     resolution: ResolutionSchedule = FULL_SIZE
     """Size of training images; evaluation has full images."""
+    pace: tuple[str, ...] = ()
+    """Recorded decisions on the pace (``core.loop.pace``); empty: one step per update."""
+    held_back: int = 0
+    """Training views that are held back until a decision gives them back."""
 
 
 @dataclass(frozen=True)

@@ -83,15 +83,17 @@ class Refiners:
         table: SplatTable,
         model: PrimitiveModel,
         generator: torch.Generator,
+        limits_of_run: GrowthLimits = GrowthLimits(),  # noqa: B008 - frozen
     ) -> Refinement:
         """Let every refiner edit rows, in order; the sum of their edits, by verb.
 
         Limits are read again before each refiner, since the previous one may have changed them.
+        Those of the run itself hold for all of them.
         """
         edits: Counter[str] = Counter()
         growth_due = any(refiner.growth_due(step) for refiner in self)
         for refiner in self:
-            before, limits = table.row_edits, self._limits(step, model)
+            before, limits = table.row_edits, limits_of_run & self._limits(step, model)
             context = RefineContext(
                 step, steps, table, model, generator, limits, growth_due, dict(edits)
             )

@@ -19,7 +19,7 @@ from gsfw.core.stereo.views import StereoViews
 
 @dataclass(frozen=True)
 class FusionRule:
-    """When views agree."""
+    """Thresholds of the agreement of views."""
 
     depth_tolerance: float = 0.02
     """Largest relative difference of two depths of a place."""
@@ -33,7 +33,7 @@ class FusionRule:
 
 @dataclass(frozen=True)
 class FusedImage:
-    """What the pixels of one view show."""
+    """Depths and colours of the pixels of one view."""
 
     points: Float[Tensor, "h w 3"]
     """Mean of the places that the views which agree have found, in the scene frame."""

@@ -42,7 +42,7 @@ class DepthImage:
     scores: Float[Tensor, "h w"]
     """Match with the neighbours, up to 1 (perfect)."""
     contrasts: Float[Tensor, "h w"]
-    """How much worse the mean plane is; near 0 where every plane fits."""
+    """Excess cost of the mean plane; near 0 where every plane fits."""
 
 
 @dataclass(frozen=True)

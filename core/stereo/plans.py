@@ -63,7 +63,7 @@ class SeenPlaces:
 
 
 def seen_places(views: StereoViews, places: Float64[Tensor, "p 3"]) -> list[SeenPlaces]:
-    """Which of the places each view sees, as if there were nothing in front of them."""
+    """True for places that each view sees, as if there were nothing in front of them."""
     found = []
     for view in range(len(views)):
         _, depths, inside = views.project(view, places)

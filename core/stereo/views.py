@@ -85,7 +85,7 @@ class StereoViews:
         return pixels, depths, (depths > 0) & ((pixels >= 0) & (pixels < limits)).all(1)
 
     def visible(self, places: Float64[Tensor, "p 3"]) -> Bool[Tensor, "v p"]:
-        """Whether each image has each place, as if there were nothing in front of it."""
+        """True if an image has a place, as if there were nothing in front of it."""
         local = places @ self.world_to_camera[:, :3, :3].mT + self.world_to_camera[:, None, :3, 3]
         pixels = local @ self.intrinsics.mT
         at = pixels[..., :2] / pixels[..., 2:].clamp_min(LEAST_DEPTH)

@@ -37,7 +37,8 @@ def test_a_good_capture_is_called_good(good, capsys, tmp_path):
     assert (found["images_decoded"], found["images"]) == (24, 24)
     assert (found["gaussians"], found["gaussians_mb"]) == (1500, 1.4)
     assert found["next"] == f"gsfw train method=3dgs data={good}"
-    assert found["next_steps"] == 30_000
+    assert found["next_minutes"] == 5.0
+    assert found["next_steps"] is None
     assert found["sheet"] == str(sheet)
     assert sheet.read_bytes().startswith(b"\x89PNG")
 
@@ -77,7 +78,7 @@ def test_people_get_a_table_sentences_and_the_next_command(good, capsys, monkeyp
     assert "5 of 24 images were decoded, evenly spread" in out
     assert "verdict: good: nothing was found that speaks against it\n" in out
     assert "cameras, points and images: check.png" in out
-    assert out.endswith("(30,000 steps; with --dry-run it measures how long they take here)\n")
+    assert out.endswith("(5 minutes; with --dry-run it says what it would do in them)\n")
     assert (tmp_path / "check.png").is_file()
 
 

@@ -197,7 +197,7 @@ def test_an_unknown_strategy_and_preset_suggest_the_nearest():
         "no strategy 'mcmcm'. Did you mean 'mcmc'?\nInstalled: adc, mcmc."
     )
     assert refusal(preset="fats") == (
-        "method 'demo' has no preset 'fats'. Did you mean 'fast'?\nPresets: default, fast."
+        "method 'demo' has no preset 'fats'. Did you mean 'fast'?\nPresets: default, fast, paper."
     )
 
 

@@ -26,7 +26,7 @@ SCENE = {
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     """Trials end after their least steps."""
-    monkeypatch.setattr(expectation, "SECONDS", 0.0)
+    monkeypatch.setattr("gsfw.planning.trial.SECONDS", 0.0)
 
 
 def composed(**changes):

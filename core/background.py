@@ -1,0 +1,33 @@
+"""Background: the colour behind everything, as a setting."""
+
+from __future__ import annotations
+
+import math
+
+from gsfw.core.errors import ConfigError
+
+AUTO = "auto"
+"""White where images have alpha, else black."""
+
+NAMED_BACKGROUNDS = {"white": (1.0, 1.0, 1.0), "black": (0.0, 0.0, 0.0)}
+
+
+def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, float]:
+    """Parse a ``background`` setting: the colour in [0, 1] per channel.
+
+    Raises:
+        ConfigError: it is neither a name nor three numbers.
+    """
+    if text == AUTO:
+        return NAMED_BACKGROUNDS["white" if has_alpha else "black"]
+    if text in NAMED_BACKGROUNDS:
+        return NAMED_BACKGROUNDS[text]
+    try:
+        red, green, blue = (float(part) for part in text.strip("[]() ").split(","))
+    except ValueError:
+        raise ConfigError(
+            f"background={text}: expected white, black, auto, or three numbers such as 0.5,0.5,0.5."
+        ) from None
+    if not all(math.isfinite(value) for value in (red, green, blue)):
+        raise ConfigError(f"background={text}: expected three finite numbers.")
+    return red, green, blue

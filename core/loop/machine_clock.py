@@ -1,0 +1,32 @@
+"""MachineClock: the time of a run since its start, and how busy the machine is with other work."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A moment of a run."""
+
+    seconds: float
+    """Wall-clock time since the start of the run."""
+    own_seconds: float
+    """Processor time of this process, over all its threads."""
+
+
+class MachineClock:
+    """Reads the clocks of the machine; tests have one of their own."""
+
+    def __init__(self, began: float) -> None:
+        """Count from a moment.
+
+        Args:
+            began: ``time.perf_counter()`` at the start of the command.
+        """
+        self._began = began
+
+    def read(self) -> Reading:
+        """The time now."""
+        return Reading(time.perf_counter() - self._began, time.process_time())

@@ -1,0 +1,1 @@
+"""Planning: what a run does with the time that it was given."""

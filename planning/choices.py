@@ -1,0 +1,111 @@
+"""Choices: what a planned run turns on, by the number of updates that its time allows.
+
+The rows are for studies to tune (issue 20, part 4). They replace plain defaults alone: what the
+user, a preset or a method's own recommendation says stays, and a key that the chosen parts do not
+have is left out. So they hold for every method and strategy, those of plugins included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from gsfw.core.capabilities import Feature
+from gsfw.core.config import AUTO, RasterizerConfig
+from gsfw.plugins.keys import keys
+from gsfw.plugins.settings import METHOD_DEFAULT, Settings
+
+HIGH_SH_RATE = 5e-4
+"""Rate of view dependence in short runs: 4 times the paper's gained 0.24 to 0.47 dB in 1,000 to
+3,000 steps."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Settings for runs of some length."""
+
+    updates: int
+    """Updates at the chosen image size from which on the choice is made."""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """Settings by dotted key."""
+    per_pixel: float = 2.0
+    """Most Gaussians for each pixel of a view: models that grow freely end with 0.4 to 2, and those
+    of short runs would cost more time than they have to be fitted."""
+
+
+CHOICES = (
+    Choice(0, {"optim.sh_rest_lr": HIGH_SH_RATE}, per_pixel=0.5),
+    Choice(
+        1000,
+        {
+            "optim.sh_rest_lr": HIGH_SH_RATE,
+            "resolution_schedule": AUTO,
+            "strategy.budget": AUTO,
+        },
+        per_pixel=1.0,
+    ),
+    Choice(10_000, {"resolution_schedule": AUTO, "strategy.budget": AUTO}),
+)
+"""By length. Below 1000 updates a schedule of sizes has no effect, and rounds of pruning would have
+too few updates to be made up for."""
+
+ENOUGH_UPDATES = 1000
+"""Updates below which smaller images help more than larger ones with fewer updates."""
+DOWNSCALES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
+"""Divisors of the sides of all images, of which the smallest is chosen that leaves enough updates;
+only where the user gives none."""
+SHORTEST_SIDE = 120
+"""Pixels of the short side of an image that no choice goes below."""
+
+LIMITS = ("strategy.max_gaussians", "strategy.cap_max")
+"""Keys of the largest number of Gaussians."""
+
+
+def chosen(settings: Settings, updates: float) -> dict[str, Any]:
+    """The settings to turn on in a run of so many updates."""
+    found = {key: value for key, value in _row(updates).values.items() if _is_free(settings, key)}
+    rasterizer = settings.config.rasterizer
+    assert isinstance(rasterizer, RasterizerConfig)
+    if Feature.CONTRIBUTION not in rasterizer.capabilities().features:
+        found.pop("strategy.budget", None)
+    return found
+
+
+def limits(settings: Settings, updates: float, view_pixels: int, start: int) -> dict[str, int]:
+    """Limits of the number of Gaussians, where the usual ones are larger.
+
+    Args:
+        settings: of the run.
+        updates: that it has.
+        view_pixels: pixels of an image.
+        start: number of Gaussians to start with.
+    """
+    most, flat = max(int(_row(updates).per_pixel * view_pixels), start), settings.flat()
+    return {key: most for key in LIMITS if _is_free(settings, key) and flat[key] > most}
+
+
+def _row(updates: float) -> Choice:
+    """The row of the table for so many updates."""
+    return max((row for row in CHOICES if row.updates <= updates), key=lambda row: row.updates)
+
+
+def downscale(sides: tuple[int, int], updates: Sequence[float]) -> float:
+    """The smallest of ``DOWNSCALES`` that leaves enough updates.
+
+    Args:
+        sides: width and height of the images.
+        updates: that the time allows at each of ``DOWNSCALES``.
+    """
+    usable = [
+        (divisor, count)
+        for divisor, count in zip(DOWNSCALES, updates, strict=True)
+        if divisor == 1 or min(sides) / divisor >= SHORTEST_SIDE
+    ]
+    return next((divisor for divisor, count in usable if count >= ENOUGH_UPDATES), usable[-1][0])
+
+
+def _is_free(settings: Settings, key: str) -> bool:
+    """True if a setting is there and has its plain default."""
+    known = {item.name for item in keys(settings.config)}
+    return key in known and settings.sources.get(key) == METHOD_DEFAULT

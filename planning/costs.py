@@ -1,0 +1,81 @@
+"""Costs: the number of Gaussians, the memory and the disk that a run will need, about."""
+
+from __future__ import annotations
+
+from statistics import median
+
+from gsfw.core.datamanager import Split
+from gsfw.planning.trial import tensors_of
+from gsfw.plugins.compose import Composition
+
+GAUSSIANS_PER_PIXEL = 0.45
+"""Gaussians of a finished model per pixel of one view: 0.45 on fox at 359x640 and 0.41 on garden at
+648x420, with the default settings of method 3dgs."""
+GROWTH = 1.05
+"""Factor by which a model grows in one refinement, about; MCMC grows by just this."""
+PLY_BYTES = 4
+"""Bytes of a number in splats.ply, which holds three zeros as normals besides the model's."""
+LOG_BYTES = 1000
+"""Bytes of a logged step, in metrics.jsonl and TensorBoard; measured."""
+IMAGE_BYTES = 2.0
+"""Bytes of a pixel in TensorBoard; measured: 1.6 on the built-in scene, 2.1 on fox."""
+IMAGES_OF_VIEW = 3
+"""Images of a view in TensorBoard: the photo, the render and their difference."""
+END_MB = 100.0
+"""Memory that evaluation, TensorBoard and plots take besides training; measured on two scenes."""
+IMAGES_SHOWN = 4
+"""Views that TensorBoard shows of one evaluation."""
+CHECKPOINTS_KEPT = 2
+"""Checkpoints that a run folder keeps."""
+
+
+def expected_gaussians(composition: Composition) -> int:
+    """About how many Gaussians a run ends with.
+
+    A strategy that refines lets them grow by ``GROWTH`` a refinement, up to its own limit and to
+    ``GAUSSIANS_PER_PIXEL``; others leave them as they are.
+    """
+    start, flat = len(composition.parts.table), composition.settings.flat()
+    every = int(flat.get("strategy.refine_every", 0))
+    if not every:
+        return start
+    stop = min(int(flat.get("strategy.refine_stop", 0)), composition.plan.steps)
+    rounds = max(0, (stop - 1 - int(flat.get("strategy.refine_start", 0))) // every)
+    grown = int(start * GROWTH ** min(rounds, 300))
+    budget = str(flat.get("strategy.budget", ""))
+    limits = [
+        int(flat.get("strategy.max_gaussians") or 0),
+        int(flat.get("strategy.cap_max") or 0),
+        int(budget) if budget.isdigit() else 0,
+    ]
+    if not flat.get("strategy.cap_max"):
+        cameras = composition.parts.data.views(Split.TRAIN).cameras
+        pixels = median(camera.width * camera.height for camera in cameras)
+        limits.append(max(start, int(GAUSSIANS_PER_PIXEL * pixels)))
+    return min([grown, *(limit for limit in limits if limit)])
+
+
+def cache_mb(composition: Composition) -> float:
+    """Megabytes of all decoded images, as far as the cache holds them."""
+    data, channels = composition.parts.data, 4 if composition.scene.has_alpha else 3
+    cameras = [camera for split in Split for camera in data.views(split).cameras]
+    decoded = sum(camera.width * camera.height for camera in cameras) * channels / 1e6
+    return min(decoded, float(composition.settings.config.cache_mb))
+
+
+def disk_mb(composition: Composition, state: float, gaussians: int, evaluations: int) -> float:
+    """Megabytes of the folder of a run.
+
+    Args:
+        composition: of the run.
+        state: bytes of a checkpoint at the end.
+        gaussians: number at the end.
+        evaluations: number of evaluations.
+    """
+    model = sum(tensor.numel() for tensor in tensors_of(dict(composition.parts.model.state_dict())))
+    numbers = gaussians * (model / max(len(composition.parts.table), 1) + 3)
+    cameras = composition.parts.data.views(Split.EVAL).cameras[:IMAGES_SHOWN]
+    images = sum(camera.width * camera.height for camera in cameras) * IMAGES_OF_VIEW * IMAGE_BYTES
+    logged = LOG_BYTES * composition.plan.steps / composition.plan.log_every
+    total = CHECKPOINTS_KEPT * state + numbers * PLY_BYTES + images * evaluations + logged
+    return total / 1e6

@@ -1,0 +1,298 @@
+"""Plan: turns the time that a run may take into its settings, by the speed of its own first steps.
+
+The run is composed, takes a few steps that leave no trace (``trial``), and is composed anew with
+the settings that were decided. Its schedules then have a length, and the timekeeper of the trainer
+sees to it that the run walks through them in time, whatever becomes of the machine.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.errors import ConfigError
+from gsfw.core.loop.held_back import LEAST_LEFT
+from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.remaining_time import RemainingTime
+from gsfw.core.loop.timekeeper import Timekeeper
+from gsfw.core.progress import stage
+from gsfw.planning.asked import ASKED, Asked, without
+from gsfw.planning.choices import DOWNSCALES, chosen, downscale, limits
+from gsfw.planning.speed import ENDING, Speed
+from gsfw.planning.trial import seconds_to_load, try_steps
+from gsfw.plugins.compose import Composition, compose, open_data
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.restore import Restored
+from gsfw.plugins.settings import Layer, Settings, resolve
+
+TRIAL_PIXELS = 500_000
+"""Pixels of the images of the trial at most: larger ones take seconds a step, and a plan for a
+short time has no use for them."""
+TRIAL_SHARE, LONGEST_TRIAL = 0.02, 10.0
+"""Part of the time that the trial takes, and its seconds at most: other work on the machine comes
+and goes, and a longer look is a better plan."""
+EVALUATION_SHARE, MOST_EVALUATIONS = 0.02, 5
+"""Part of the time that evaluations before the last one may take, and their number at most."""
+HELD_BACK_SHARE, MOST_HELD_BACK = 0.1, 8
+"""Part of the training views that a run with a goal holds back, and their number at most."""
+MOST_HOPE = 1.25
+"""Factor at most by which a machine that was busy in the trial is expected to be faster later."""
+FEWEST_STEPS = 20
+"""Steps of the shortest plan."""
+DECODERS = 4
+"""Images that are decoded at the same time, at most."""
+RECENT = 0.1
+"""Last part of the finished steps over which the timekeeper measures the speed."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run that was planned, ready to start."""
+
+    asked: Asked
+    composition: Composition
+    """The run with the settings that were decided."""
+    timekeeper: Timekeeper
+    speed: Speed
+    decided: Mapping[str, Any]
+    """The settings that were decided, by dotted key."""
+    is_asked: bool
+    """True if the user asked for it; false for the usual time of data of the user's own."""
+
+    @property
+    def settings(self) -> Settings:
+        """All settings of the run."""
+        return self.composition.settings
+
+
+def make_plan(
+    asked: Asked, layers: Sequence[Layer], registry: Registry, clock: MachineClock
+) -> Plan:
+    """Measure this machine on this data, and decide.
+
+    Args:
+        asked: what the run has to keep.
+        layers: values that the user gave.
+        registry: the installed parts.
+        clock: counts from the start of the command.
+
+    Raises:
+        ConfigError: the time is too short for any training; names one that is not.
+    """
+    settings = resolve(registry, layers)
+    is_free = "downscale" not in settings.given
+    is_asked = any(key in layer.values for layer in layers for key in ASKED)
+    data = open_data(settings)
+    if is_free and (pixels := data.views(Split.TRAIN).pixels) > TRIAL_PIXELS:
+        settings = _shrunk(settings, math.ceil((pixels / TRIAL_PIXELS) ** 0.5))
+        data.close()
+        data = open_data(settings)
+    speed = _measure(settings, registry, data, clock, TRIAL_SHARE * 60 * asked.minutes)
+    size = _image_size(asked, speed, data) if is_free else speed.downscale
+    if is_asked:
+        _check_time(asked, speed, size, is_free)
+    else:
+        asked = replace(asked, minutes=max(asked.minutes, speed.least_minutes(size)))
+    decided = _decisions(settings, speed, asked, size)
+    if asked.until:
+        decided |= _held_back(asked, len(data.views(Split.TRAIN)), settings)
+    planned = resolve(registry, _with_decisions(layers, asked, decided))
+    if size != speed.downscale:
+        data.close()
+        data = open_data(planned)
+    composition = _composed(asked, planned, registry, data)
+    keeper = timekeeper(composition, asked.minutes * 60, clock, speed.view * speed.cost(size))
+    return Plan(asked, composition, keeper, speed, decided, is_asked)
+
+
+def _image_size(asked: Asked, speed: Speed, data: DataManager) -> float:
+    """The divisor of the images that leaves enough updates."""
+    cameras = data.views(Split.TRAIN).cameras
+    smallest = min(cameras, key=lambda camera: camera.width * camera.height)
+    sides = (round(smallest.width * speed.downscale), round(smallest.height * speed.downscale))
+    return downscale(sides, [speed.updates(asked.minutes * 60, other) for other in DOWNSCALES])
+
+
+def _composed(
+    asked: Asked, planned: Settings, registry: Registry, data: DataManager
+) -> Composition:
+    """Compose the planned run.
+
+    Raises:
+        ConfigError: the parts do not fit the number of steps: they fitted another one.
+    """
+    try:
+        return compose(planned, registry, data=data)
+    except ConfigError as error:
+        raise ConfigError(
+            f"{asked} leaves {planned.config.steps} steps: {error.message}",
+            "Give more minutes, smaller images (downscale=2), or steps=N without a time.",
+        ) from None
+
+
+def timekeeper(
+    composition: Composition,
+    limit: float,
+    clock: MachineClock,
+    view_seconds: float = 0.0,
+    spent: float = 0.0,
+    first_step: int = 0,
+) -> Timekeeper:
+    """The timekeeper of a run.
+
+    Args:
+        composition: of the run.
+        limit: seconds from the start of the run to its end.
+        clock: counts from the start of this process.
+        view_seconds: seconds to render one view and to compare it, until that is measured.
+        spent: seconds that earlier processes of this run took.
+        first_step: 0, or the step from which the run goes on.
+    """
+    remaining = RemainingTime(composition.info(Path(), first_step), RECENT)
+    remaining.evaluated(first_step, view_seconds, 1)
+    on_cpu = composition.parts.device.type == "cpu"
+    threads = torch.get_num_threads() if on_cpu else 0
+    return Timekeeper(remaining, limit, ENDING, clock, spent, threads)
+
+
+def resumed_timekeeper(restored: Restored, clock: MachineClock) -> Timekeeper | None:
+    """The timekeeper of a run that goes on; ``None`` for runs that are not to end in a time.
+
+    The time between the checkpoint and the end of the earlier process does not count.
+    """
+    minutes = restored.composition.settings.config.minutes
+    if not minutes:
+        return None
+    spent = restored.state.get("walk", {}).get("spent", 0.0)
+    return timekeeper(
+        restored.composition, minutes * 60, clock, spent=spent, first_step=restored.step
+    )
+
+
+def _measure(
+    settings: Settings,
+    registry: Registry,
+    data: DataManager,
+    clock: MachineClock,
+    seconds: float,
+) -> Speed:
+    """The speed of a run, from a composition that is dropped, and steps of so many seconds."""
+    began = clock.read()
+    composition = compose(settings, registry, data=data)
+    built = clock.read()
+    with stage("measuring how long steps take here"):
+        load = seconds_to_load(composition) / min(DECODERS, os.cpu_count() or 1)
+        trial = try_steps(composition, min(seconds, LONGEST_TRIAL))
+    now = clock.read()
+    held_out, training = (len(data.views(split)) for split in (Split.EVAL, Split.TRAIN))
+    return Speed(
+        downscale=settings.config.downscale,
+        pixels=data.views(Split.TRAIN).pixels,
+        gaussians=trial.rows,
+        state_bytes=trial.state_bytes,
+        before=now.seconds + built.seconds - began.seconds,
+        step=trial.step,
+        view=trial.view,
+        load=load,
+        views=held_out + training,
+        held_out=held_out,
+        busy=_busy(built, now) if composition.parts.device.type == "cpu" else 1.0,
+    )
+
+
+def _busy(began: Reading, now: Reading) -> float:
+    """Wall-clock time over the time that the machine would need if it did nothing else."""
+    own = (now.own_seconds - began.own_seconds) / torch.get_num_threads()
+    return max(1.0, (now.seconds - began.seconds) / own) if own > 0 else 1.0
+
+
+def _shrunk(settings: Settings, divisor: float) -> Settings:
+    """The settings with smaller images."""
+    config = replace(settings.config, downscale=settings.config.downscale * divisor)
+    return replace(settings, config=config)
+
+
+def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
+    """Refuse a time in which nothing would be trained.
+
+    Raises:
+        ConfigError: names the time that is needed.
+    """
+    if speed.updates(asked.minutes * 60, size) >= FEWEST_STEPS:
+        return
+    least = speed.seconds(FEWEST_STEPS, size)
+    busy = f", which does other work too ({speed.busy:.0f} times slower)" if speed.busy > 2 else ""
+    advice = "" if is_free else ", or smaller images: leave out downscale, and the plan chooses it"
+    raise ConfigError(
+        f"minutes={asked.minutes:g}: that is {asked.minutes * 60:.0f} s, and loading, measuring "
+        f"and what follows the last step take about {speed.around(size):.0f} s on this machine"
+        f"{busy}.",
+        f"Give minutes={math.ceil(least * 1.2 / 6) / 10:g} or more{advice}.",
+    )
+
+
+def _held_back(asked: Asked, training: int, settings: Settings) -> dict[str, int]:
+    """The number of training views that a run with a goal holds back.
+
+    Raises:
+        ConfigError: there are too few views.
+    """
+    if "held_back" in settings.given:
+        return {}
+    most = training // (1 + LEAST_LEFT)
+    if most < 1:
+        raise ConfigError(
+            f"until={asked.until} is judged on training views that the run holds back, and "
+            f"{training} are too few: expected at least {1 + LEAST_LEFT}.",
+            "Give minutes=M or steps=N instead.",
+        )
+    return {"held_back": min(max(round(HELD_BACK_SHARE * training), 2), MOST_HELD_BACK, most)}
+
+
+def _decisions(settings: Settings, speed: Speed, asked: Asked, size: float) -> dict[str, Any]:
+    """The settings of a run at a divisor of the images."""
+    limit = asked.minutes * 60
+    # A busy machine may get idle, and a schedule with steps to spare is walked through faster; one
+    # with too few would have no room to grow.
+    updates = speed.updates(limit, size) * min(speed.busy, MOST_HOPE)
+    if asked.until:  # The time is a bound: a run that may end early needs no longer schedule.
+        updates = min(updates, settings.config.steps)
+    steps = settings.config.steps if "steps" in settings.given else _rounded(updates)
+    evaluation = speed.evaluation(size)
+    evaluations = min(int(EVALUATION_SHARE * limit / evaluation), MOST_EVALUATIONS)
+    found = {
+        **({} if "steps" in settings.given else {"steps": steps}),
+        **chosen(settings, updates),
+        **limits(settings, updates, speed.view_pixels(size), speed.gaussians),
+    }
+    if size != 1 and "downscale" not in settings.given:
+        found["downscale"] = size
+    if "eval_every" not in settings.given:
+        found["eval_every"] = math.ceil(steps / (evaluations + 1)) if evaluations else 0
+    return found
+
+
+def _rounded(updates: float) -> int:
+    """A number of steps with two digits, which people can compare."""
+    digits = 10 ** max(math.floor(math.log10(updates)) - 1, 0)
+    return int(updates // digits * digits)
+
+
+def _with_decisions(
+    layers: Sequence[Layer], asked: Asked, decided: Mapping[str, Any]
+) -> list[Layer]:
+    """The values of the user and the decisions.
+
+    A file of this run repeats the decisions: what was asked for is written there, and not given.
+    """
+    wish = {"minutes": asked.minutes, "until": asked.until}
+    source = f"planned for {asked}"
+    plan = Layer(source, {**decided, **wish}, given=frozenset(decided))
+    return [*(without(layer, ASKED) for layer in layers), plan]

@@ -1,0 +1,166 @@
+"""A run ends in its time on every machine: slow, growing, pausing, suddenly busy or idle."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from gsfw.core.callback import RunInfo
+from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.pace import Pace
+from gsfw.core.loop.remaining_time import RemainingTime
+from gsfw.core.loop.timekeeper import Ending, Standing, Timekeeper
+
+# Functions of numbers alone; the checks of shapes draw random numbers, which hypothesis refuses.
+pytestmark = pytest.mark.unchecked
+
+LIMIT = 60.0
+GROWING = {
+    "strategy.refine_every": 50, "strategy.refine_start": 100, "strategy.refine_stop": 1000,
+}  # fmt: skip
+
+
+class FakeClock(MachineClock):
+    """A clock that goes on when it is told to."""
+
+    def __init__(self) -> None:
+        super().__init__(0.0)
+        self.seconds = self.own_seconds = 0.0
+
+    def read(self) -> Reading:
+        return Reading(self.seconds, self.own_seconds)
+
+    def work(self, seconds: float, share: float = 1.0) -> None:
+        """Pass time, of which the process gets a share of a processor."""
+        self.seconds += seconds
+        self.own_seconds += share * seconds
+
+
+@dataclass
+class Walk:
+    """How a run went."""
+
+    seconds: float
+    pace: Pace
+    updates: int
+    spans: list[int]
+
+
+def walk(
+    update_seconds: Callable[[float, int], float], steps: int = 2000, limit: float = LIMIT,
+    ending: float = 0.0, gaussians: Callable[[int], int] = lambda step: 10_000,
+    run_settings: dict | None = None,
+) -> Walk:  # fmt: skip
+    """Walk through a schedule on a machine that takes some time for the update at a moment."""
+    info = RunInfo(Path(), "3dgs", "toy", steps, 0, run_settings or {}, {})
+    clock, pace = FakeClock(), Pace()
+    remaining = RemainingTime(info, recent=0.1)
+    timekeeper = Timekeeper(remaining, limit, Ending(seconds=ending), clock, threads=1)
+    step = updates = 0
+    spans = []
+    timekeeper.restart(0)
+    while step < steps:
+        assert clock.seconds < 100 * limit, "it never ends"
+        clock.work(update_seconds(clock.seconds, gaussians(step)))
+        spans.append(min(pace.span(updates), steps - step))
+        standing = Standing(
+            updates + 1, step + spans[-1], steps, gaussians(step), 1.0, pace.thousandths(updates)
+        )
+        updates, step = updates + 1, standing.step
+        decision = timekeeper.decide(standing)
+        if decision is not None:
+            pace.decide(decision)
+    return Walk(clock.seconds + ending, pace, updates, spans)
+
+
+def test_a_plan_that_was_right_is_left_alone():
+    found = walk(lambda now, rows: 0.03)
+    assert found.pace.decisions == ()
+    assert found.updates == 2000
+
+
+@settings(max_examples=60, deadline=None)
+@example(before=0.125, after=0.006, change_at=0.75, ending=0.0, growth=1.0)
+@given(
+    before=st.floats(0.004, 0.2),
+    after=st.floats(0.004, 0.2),
+    change_at=st.floats(0.0, 0.9),
+    ending=st.floats(0.0, 6.0),
+    growth=st.floats(1.0, 10.0),
+)
+def test_a_run_ends_within_ten_percent_whatever_becomes_of_the_machine(
+    before, after, change_at, ending, growth
+):
+    def gaussians(step: int) -> int:
+        return int(10_000 * (1 + (growth - 1) * min(max(step - 100, 0), 900) / 900))
+
+    def seconds(now: float, rows: int) -> float:
+        return (before if now < change_at * LIMIT else after) * (rows / 10_000) ** 0.5
+
+    found = walk(seconds, gaussians=gaussians, ending=ending, run_settings=GROWING)
+    assert found.seconds == pytest.approx(LIMIT, rel=0.1)
+
+
+@settings(max_examples=30, deadline=None)
+@given(pause_at=st.floats(0.05, 0.85), pause=st.floats(0.0, 8.0))
+def test_a_pause_costs_steps_and_not_the_end(pause_at, pause):
+    paused = []
+
+    def seconds(now: float, rows: int) -> float:
+        if now >= pause_at * LIMIT and not paused:
+            paused.append(True)
+            return 0.03 + pause
+        return 0.03
+
+    assert walk(seconds).seconds == pytest.approx(LIMIT, rel=0.1)
+
+
+def test_a_run_whose_time_was_over_in_a_long_pause_ends_at_once_with_a_whole_schedule():
+    asleep = iter([600.0])
+    found = walk(lambda now, rows: next(asleep, 0.03) if now > 30 else 0.03)
+    assert found.seconds < 631
+    assert sum(found.spans) == 2000
+
+
+def test_steps_of_uneven_time_do_not_make_a_restless_pace():
+    found = walk(lambda now, rows: 0.02 if int(now * 1000) % 2 else 0.04)
+    assert found.seconds == pytest.approx(LIMIT, rel=0.1)
+    assert all(abs(item.thousandths - 1000) < 400 for item in found.pace.decisions)
+
+
+def test_fixed_work_at_the_end_takes_longer_on_a_busy_machine():
+    clock = FakeClock()
+    info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {})
+    timekeeper = Timekeeper(RemainingTime(info), 100.0, Ending(seconds=2.0), clock, threads=2)
+    timekeeper.restart(0)
+    standing = Standing(50, 50, 1000, 100, 1.0, 1000)
+    assert timekeeper.reserved(standing) == pytest.approx(2.0)
+    clock.work(5.0, share=0.5)
+    timekeeper.decide(standing)
+    assert timekeeper.reserved(standing) == pytest.approx(8.0)
+
+
+def test_time_that_a_run_took_before_it_was_resumed_counts():
+    clock = FakeClock()
+    info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {})
+    timekeeper = Timekeeper(RemainingTime(info), 60.0, Ending(), clock, spent=40.0)
+    timekeeper.restart(0)
+    clock.work(3.0)
+    assert timekeeper.spent() == 43.0
+    decision = timekeeper.decide(Standing(100, 100, 1000, 100, 1.0, 1000))
+    assert decision.thousandths == pytest.approx(1000 * 900 * 0.03 / 17, rel=0.05)
+
+
+def test_evaluations_are_no_part_of_the_speed_of_steps():
+    clock = FakeClock()
+    info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {})
+    timekeeper = Timekeeper(RemainingTime(info), 60.0, Ending(), clock)
+    timekeeper.restart(0)
+    with timekeeper.apart():
+        clock.work(20.0)
+    clock.work(3.0)
+    decision = timekeeper.decide(Standing(100, 100, 1000, 100, 1.0, 1000))
+    assert decision.thousandths == pytest.approx(1000 * 900 * 0.03 / 37, rel=0.05)

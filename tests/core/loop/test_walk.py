@@ -1,0 +1,118 @@
+"""A run at its own pace: schedules end where they were meant to, and it repeats exactly."""
+
+from pathlib import Path
+
+import pytest
+from support.small_scene import SMALL_SCENE
+from support.states import assert_same_bits
+
+from gsfw.core.callback import Callback
+from gsfw.core.context import StepContext
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.trainer import Trainer
+from gsfw.plugins.compose import compose
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer, resolve
+
+# Whole trainings; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
+SCENE = {
+    **dict(item.split("=") for item in SMALL_SCENE), "method": "3dgs", "device": "cpu",
+    "steps": "60", "rescale": "false", "eval_every": "0", "checkpoint_every": "0", "log_every": "1",
+    "strategy.refine_start": "5", "strategy.refine_stop": "40", "strategy.refine_every": "5",
+}  # fmt: skip
+STRATEGIES = {
+    "adc": {"strategy.grow_gradient": "1e-5", "strategy.reset_every": "25"},
+    "mcmc": {"strategy.cap_max": "200"},
+}
+PACE = ["4:1.500", "9:0.500", "13:3.000", "20:2.000:all-views"]
+
+
+class Told(Callback):
+    """Remembers the steps of the schedule, and stops where it is told to."""
+
+    def __init__(self, stop_at: int | None = None) -> None:
+        self.stop_at, self.ticks, self.reports = stop_at, [], []
+
+    def on_tick(self, step, control) -> None:
+        self.ticks.append(step)
+        if self.stop_at is not None and step >= self.stop_at:
+            control.request_stop("the test says so")
+
+    def on_step(self, report, control) -> None:
+        self.reports.append(report)
+
+
+def trainer(folder: Path, *callbacks: Callback, strategy: str = "adc", **values) -> Trainer:
+    values = {**SCENE, "strategy": strategy, **STRATEGIES[strategy], **values}
+    settings = resolve(installed(), [Layer("the test", values)])
+    return compose(settings, installed()).trainer(RunFolder(folder), callbacks)
+
+
+def bits(run: Trainer) -> dict:
+    return {key: value for key, value in run.state_dict().items() if key != "train_seconds"}
+
+
+def test_a_walk_reaches_the_last_step_once_and_rates_end_where_they_should(tmp_path):
+    usual, walking = Told(), Told()
+    trainer(tmp_path / "usual", usual).fit()
+    summary = trainer(tmp_path / "walking", walking, pace=PACE).fit()
+    assert usual.ticks == list(range(1, 61))
+    assert walking.ticks == sorted(set(walking.ticks))
+    assert walking.ticks[-1] == 60
+    assert summary["steps"] == 60
+    # Of 60 steps 4 at pace 1, 7 at 1.5, 2 at 0.5, 21 at 3, and 26 at 2.
+    assert summary["updates"] == 4 + 5 + 4 + 7 + 13
+    assert usual.reports[-1].learning_rates == pytest.approx(
+        walking.reports[-1].learning_rates, rel=0.05
+    )
+
+
+@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+def test_a_recorded_pace_repeats_with_the_same_bits(tmp_path, strategy):
+    runs = [
+        trainer(tmp_path / name, strategy=strategy, pace=PACE, held_back="1")
+        for name in ("first", "second")
+    ]
+    for run in runs:
+        run.fit()
+    assert_same_bits(*map(bits, runs))
+
+
+@pytest.mark.parametrize("stop_at", [3, 9, 14, 40])
+def test_a_run_that_goes_on_at_its_pace_has_the_bits_of_one_that_never_stopped(tmp_path, stop_at):
+    whole = trainer(tmp_path / "whole", pace=PACE, held_back="1")
+    whole.fit()
+    cut = trainer(tmp_path / "cut", Told(stop_at), pace=PACE, held_back="1")
+    assert cut.fit()["completed"] is False
+    going_on = trainer(tmp_path / "cut", pace=PACE, held_back="1")
+    going_on.load_state_dict(read_checkpoint(RunFolder(tmp_path / "cut").latest_checkpoint()))
+    assert going_on.walk.updates == cut.walk.updates
+    going_on.fit()
+    assert_same_bits(bits(whole), bits(going_on))
+
+
+def test_hasty_steps_add_no_rows(tmp_path):
+    told = Told()
+    trainer(tmp_path, told, pace=["10:4.500"]).fit()
+    rows = {report.step: report.num_gaussians for report in told.reports}
+    assert rows[10] > rows[5], "rows grow before"
+    assert rows[60] <= rows[10]
+    assert not any("reset" in report.refined for report in told.reports if report.step > 10)
+
+
+def test_views_that_are_held_back_are_trained_on_in_the_last_part_alone(tmp_path):
+    run = trainer(tmp_path, pace=["40:1.000:all-views"], held_back="1")
+    (held,) = run.walk.held_back.views
+    seen: dict[int, set[int]] = {}
+    losses = run.parts.method.losses
+
+    def watched(context: StepContext):
+        seen.setdefault(context.step, set()).update(context.batch.views)
+        return losses(context)
+
+    run.parts.method.losses = watched
+    run.fit()
+    assert all(held not in views for step, views in seen.items() if step < 40)
+    assert any(held in views for step, views in seen.items() if step >= 40)

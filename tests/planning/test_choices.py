@@ -1,0 +1,59 @@
+"""What a planned run turns on: defaults alone, and only what its parts have."""
+
+import pytest
+from support.small_scene import SMALL_SCENE
+
+from gsfw.planning.choices import CHOICES, DOWNSCALES, chosen, downscale, limits
+from gsfw.plugins.keys import keys
+from gsfw.plugins.registry import installed
+from gsfw.plugins.settings import Layer, Settings, resolve
+
+METHODS = ("3dgs", "4dgs", "4d-rotor", "spacetime", "dynamic3dgs")
+
+
+def settings(**values) -> Settings:
+    scene = dict(item.split("=") for item in SMALL_SCENE)
+    return resolve(installed(), [Layer("the test", {**scene, "device": "cpu", **values})])
+
+
+def test_choices_replace_defaults_and_nothing_that_was_given():
+    assert chosen(settings(method="3dgs"), 2000.0)["strategy.budget"] == "auto"
+    given = settings(method="3dgs", **{"strategy.budget": "none", "optim.sh_rest_lr": "1e-4"})
+    assert chosen(given, 2000.0) == {"resolution_schedule": "auto"}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+def test_choices_are_keys_of_every_method_and_strategy(method, strategy):
+    moving = {"datamanager.moving": "true", "datamanager.times": "4"}
+    run = settings(method=method, strategy=strategy, **(moving if method != "3dgs" else {}))
+    known = {key.name for key in keys(run.config)}
+    for choice in CHOICES:
+        assert chosen(run, float(choice.updates)).keys() <= known
+    assert limits(run, float(choice.updates), 1000, 500).keys() <= known
+
+
+def test_rows_follow_the_number_of_updates():
+    run = settings(method="3dgs")
+    assert "resolution_schedule" not in chosen(run, 300.0)
+    assert "optim.sh_rest_lr" in chosen(run, 3000.0)
+    assert "optim.sh_rest_lr" not in chosen(run, 20_000.0)
+
+
+def test_a_limit_of_gaussians_follows_the_pixels_and_never_lies_below_the_start():
+    run = settings(method="3dgs", strategy="mcmc")
+    assert limits(run, 300.0, 50_000, 12_000) == {"strategy.cap_max": 25_000}
+    assert limits(run, 20_000.0, 50_000, 12_000) == {"strategy.cap_max": 100_000}
+    assert limits(run, 300.0, 1000, 12_000) == {"strategy.cap_max": 12_000}
+    given = settings(method="3dgs", strategy="mcmc", **{"strategy.cap_max": "900000"})
+    assert limits(given, 300.0, 1000, 100) == {}
+
+
+def test_images_are_as_large_as_the_time_allows():
+    def at(updates_at_full_size: float) -> float:
+        return downscale((4000, 3000), [updates_at_full_size * d**1.6 for d in DOWNSCALES])
+
+    assert at(5000.0) == 1.0
+    assert at(100.0) == 6.0
+    assert at(0.001) == 16.0
+    assert downscale((300, 200), [1.0 for _ in DOWNSCALES]) == 1.5, "no image gets too small"

@@ -1,0 +1,205 @@
+"""A planned run from the command line, on a machine whose clock is made up: no test waits."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from support.small_scene import SMALL_SCENE
+from support.states import assert_same_bits
+
+from gsfw.commands.main import main
+from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
+from gsfw.core.loop.timekeeper import Ending
+from gsfw.core.loop.walk import Walk
+from gsfw.planning import trial
+
+# Whole trainings; the tests of their parts check shapes.
+pytestmark = pytest.mark.unchecked
+
+SMALL = ("device=cpu", *SMALL_SCENE, "report=false")
+RUN = ("train", "method=3dgs", *SMALL)
+ENDING = Ending(updates=5.0, seconds=1.0)
+"""Less is reserved than for real runs, so that few steps are enough for a test."""
+
+
+class Machine:
+    """A machine on which only updates, and what a test adds, take time."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self.update_seconds = 0.4
+        self.slow_from: float | None = None
+
+    def update(self) -> None:
+        """Pass the time of an update; twice as long once the machine is busy."""
+        slow = self.slow_from is not None and self.seconds >= self.slow_from
+        self.seconds += self.update_seconds * (2 if slow else 1)
+
+
+@pytest.fixture
+def machine(monkeypatch) -> Machine:
+    made = Machine()
+
+    def advance(self, steps_left):
+        made.update()
+        return usual(self, steps_left)
+
+    usual = Walk.advance
+    monkeypatch.setattr(Walk, "advance", advance)
+    monkeypatch.setattr(MachineClock, "read", lambda self: Reading(made.seconds, made.seconds))
+    monkeypatch.setattr("gsfw.planning.trial.SECONDS", 0.0)
+    for module in ("plan", "speed"):
+        monkeypatch.setattr(f"gsfw.planning.{module}.ENDING", ENDING)
+    usual_trial = trial.try_steps
+
+    def measured(composition, seconds):
+        assert seconds > 0
+        before = made.seconds
+        found = usual_trial(composition)
+        made.seconds = before + 2.0
+        return replaced(found, step=made.update_seconds, view=0.05)
+
+    monkeypatch.setattr("gsfw.planning.plan.try_steps", measured)
+    monkeypatch.setattr("gsfw.planning.plan.seconds_to_load", lambda composition: 0.01)
+    return made
+
+
+def replaced(found: trial.Trial, **values) -> trial.Trial:
+    return trial.Trial(**{**vars(found), **values})
+
+
+def planned(folder: Path) -> dict:
+    return json.loads(RunFolder(folder).plan.read_text())
+
+
+def last_state(folder: Path) -> dict:
+    """The last checkpoint, without what the clock says."""
+    state = read_checkpoint(RunFolder(folder).latest_checkpoint())
+    del state["train_seconds"]
+    state["walk"] = {**state["walk"], "spent": 0.0, "goal": None}
+    return state
+
+
+def test_a_run_ends_in_its_time_and_repeats_from_its_file(machine, tmp_path, capsys):
+    machine.slow_from = 30.0
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert main([*RUN, "minutes=1", f"out={first}"]) == 0
+    said = capsys.readouterr().out
+    assert "ends in 1 min 0 s: about" in said
+    assert "of memory and" in said
+    record = planned(first)
+    # What follows the last step is reserved, and takes no time on this machine.
+    reserved = ENDING.updates * 2 * machine.update_seconds + ENDING.seconds
+    assert record["seconds"] + reserved == pytest.approx(60.0, rel=0.1)
+    assert record["pace"], "the machine got busy"
+
+    config = yaml.safe_load((first / "config.yaml").read_text())
+    assert config["pace"] == record["pace"]
+    assert config["minutes"] == 1.0
+    assert "minutes" not in config["given"]
+    assert {"steps", "pace"} <= set(config["given"])
+    machine.slow_from, machine.update_seconds = None, 0.01
+    assert main(["train", f"config={first / 'config.yaml'}", f"out={second}"]) == 0
+    assert not RunFolder(second).plan.exists()
+    assert_same_bits(last_state(first), last_state(second))
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_with_its_decisions_and_the_time_that_is_left(machine, tmp_path):
+    cut, again = tmp_path / "cut", tmp_path / "again"
+    machine.slow_from = 20.0
+    with pytest.MonkeyPatch.context() as patch:
+        usual = Walk.advance
+
+        def killed(self, steps_left):
+            if machine.seconds > 40:
+                raise RuntimeError("the power is gone")
+            return usual(self, steps_left)
+
+        patch.setattr(Walk, "advance", killed)
+        assert main([*RUN, "minutes=1.5", "checkpoint_every=10", f"out={cut}"]) == 1
+    before = read_checkpoint(RunFolder(cut).latest_checkpoint())["walk"]
+    assert before["pace"]
+    machine.seconds = 0.0  # Another process, with a clock of its own.
+    assert main(["resume", str(cut)]) == 0
+    record = planned(cut)
+    assert record["pace"][: len(before["pace"])] == before["pace"]
+    assert before["spent"] < record["seconds"] <= 1.1 * 90
+    assert main(["train", f"config={cut / 'config.yaml'}", f"out={again}"]) == 0
+    assert_same_bits(last_state(cut), last_state(again))
+
+
+@pytest.mark.slow
+def test_a_quality_ends_a_run_and_the_last_part_has_all_views(machine, tmp_path, monkeypatch):
+    monkeypatch.setattr("gsfw.core.loop.goal.EVERY", 10)
+    first, second = tmp_path / "first", tmp_path / "second"
+    scene = ("datamanager.views=8", "until=5")
+    assert main([*RUN, *scene, f"out={first}"]) == 0
+    record = planned(first)
+    assert record["reached"] == 10
+    assert record["decided"]["held_back"] == 2
+    assert record["pace"][0].startswith("10:")
+    assert record["pace"][0].endswith(":all-views")
+    assert record["updates"] == 10 + 50
+    assert main(["train", f"config={first / 'config.yaml'}", f"out={second}"]) == 0
+    assert_same_bits(last_state(first), last_state(second))
+
+
+@pytest.mark.slow
+def test_a_quality_that_is_never_reached_ends_in_the_bound(machine, tmp_path):
+    assert main([*RUN, "until=90", "minutes=1", "datamanager.views=8", f"out={tmp_path}"]) == 0
+    record = planned(tmp_path)
+    assert record["reached"] is None
+    assert record["seconds"] <= 66
+
+
+def test_a_time_that_loading_takes_is_refused_with_one_that_is_enough(machine, tmp_path, capsys):
+    assert main([*RUN, "minutes=0.05", f"out={tmp_path / 'run'}"]) == 2
+    said = capsys.readouterr().err
+    assert "minutes=0.05: that is 3 s, and loading, measuring and what follows" in said
+    assert "Give minutes=" in said
+    assert not (tmp_path / "run").exists()
+
+
+def test_too_few_views_to_hold_back_are_refused(machine, tmp_path, capsys):
+    few = ("until=30", "datamanager.views=3")
+    assert main([*RUN, *few, f"out={tmp_path / 'run'}"]) == 2
+    assert "3 are too few: expected at least 4" in capsys.readouterr().err
+
+
+def test_a_dry_run_says_the_plan_and_leaves_nothing(machine, tmp_path, capsys):
+    assert main([*RUN, "minutes=2", "--dry-run", f"out={tmp_path / 'run'}"]) in (0, 1)
+    assert "ends in 2 min 0 s: about" in capsys.readouterr().out
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_time_cannot_change_when_a_run_goes_on(machine, tmp_path, capsys):
+    assert main([*RUN, "steps=4", f"out={tmp_path}"]) == 0
+    assert main(["resume", str(tmp_path), "minutes=3"]) == 2
+    assert "minutes cannot change when a run goes on" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "choice",
+    [
+        "method=3dgs strategy=mcmc",
+        "method=4dgs",
+        "method=4d-rotor",
+        "method=spacetime",
+        "method=dynamic3dgs",
+    ],
+)
+def test_every_method_walks_through_its_whole_schedule(machine, tmp_path, choice):
+    machine.slow_from = 30.0
+    words = choice.split()
+    if words[0] != "method=3dgs":
+        words += ["datamanager.moving=true", "datamanager.views=12", "datamanager.times=4"]
+    assert main(["train", *SMALL, *words, "minutes=1", f"out={tmp_path}"]) == 0
+    record = planned(tmp_path)
+    summary = json.loads(RunFolder(tmp_path).summary.read_text())
+    assert summary["steps"] == record["decided"]["steps"]
+    assert summary["skipped_steps"] == 0
+    assert record["seconds"] <= 66
