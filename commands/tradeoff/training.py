@@ -139,12 +139,20 @@ def _base(given: Mapping[str, Any], registry: Registry) -> Base:
     """Resolve the base settings; a key similar to one of this verb's gets that suggestion.
 
     Raises:
-        ConfigError: a setting is unknown or wrong.
+        ConfigError: a setting is unknown or wrong, or plans the length of a run by time.
     """
     from gsfw.core.errors import ConfigError
+    from gsfw.planning.asked import ASKED
     from gsfw.plugins.keys import keys, suggest_key
     from gsfw.studies.tradeoff.training.base import find_base
 
+    for key in ASKED:
+        if key in given:
+            raise ConfigError(
+                f"gsfw tradeoff: {key}={given[key]}: variants are compared after equal numbers of "
+                "steps, which steps=N gives.",
+                "The time for all variants together is budget.minutes=N.",
+            )
     data = given.get("data")
     absolute = {**given, "data": str(Path(str(data)).absolute())} if data else given
     try:

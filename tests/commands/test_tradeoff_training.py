@@ -56,7 +56,7 @@ def test_without_anything_both_forms_are_told(capsys):
     ("words", "said"),
     [
         (["stpes=5"], "unknown key 'stpes'. Did you mean 'steps'?"),
-        (["minutes=5"], "gsfw tradeoff: unknown key 'minutes'. Did you mean 'budget.minutes'?"),
+        (["minutes=5"], "The time for all variants together is budget.minutes=N."),
         (["target.pnsr=5"], "gsfw tradeoff: unknown key 'target.pnsr'. Did you mean 'target.psnr'"),
         (["method=3dsg"], "Did you mean '3dgs'?"),
         (["axes=size"], "axes=size: there is no such axis."),

@@ -67,7 +67,8 @@ def test_help_shows_the_values_that_the_run_has_on_the_given_data(capsys, tmp_pa
     assert main(["train", *words, "--help"]) == 0
     text = capsys.readouterr().out
     assert f"Values of a run on data={data} with the given settings" in text
-    helped = dict(line.split()[0].partition("=")[::2] for line in text.splitlines() if "=" in line)
+    keys = [line.split()[0] for line in text.splitlines() if "=" in line and line[0] != " "]
+    helped = dict(key.partition("=")[::2] for key in keys)
     for key in ("steps", "strategy.reset_every", "strategy.refine_stop", "eval_every", "sh_degree"):
         assert helped[key] == str(shown[key]["value"]), key
     assert helped["steps"] == "7000"
