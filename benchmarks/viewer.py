@@ -44,8 +44,6 @@ from gsfw.viewer.view_state import Pose
 
 SIZE = (640, 360)
 POSES_PER_SECOND = 60
-WARM_UP = 100
-"""Steps of a run that are not measured."""
 MODES = ("none", "at rest", "moving")
 
 
@@ -159,17 +157,17 @@ def view(file: Path, seconds: float) -> Shown:
 
 
 def step_ms(mode: str, folder: Path, settings: list[str], steps: int) -> tuple[float, float]:
-    """Wall time of a step, and the frames per second that the page got."""
+    """Wall time of a step in the second half, and the frames per second that the page got."""
     rate = [0.0]
-    arguments = ["train", "method=3dgs", *settings, f"steps={WARM_UP + steps}", f"out={folder}"]
-    arguments += ["device=cpu", "rescale=false", f"checkpoint_every={WARM_UP}", "eval_every=0"]
+    arguments = ["train", "method=3dgs", *settings, f"steps={2 * steps}", f"out={folder}"]
+    arguments += ["device=cpu", "rescale=false", f"checkpoint_every={steps}", "eval_every=0"]
     if mode == "none":
         command = [sys.executable, "-m", "gsfw", *arguments]
         subprocess.run(command, check=True, capture_output=True)
     else:
         with gsfw(*arguments, "viewer=true") as (address, _), open_page(address, SIZE) as page:
             page.look(pose(0.0))
-            last = folder / "checkpoints" / f"step_{WARM_UP + steps:09d}.pt"
+            last = folder / "checkpoints" / f"step_{2 * steps:09d}.pt"
             ended, began, frames = threading.Event(), time.monotonic(), 0
             while not last.is_file():
                 if mode == "moving":
@@ -179,7 +177,7 @@ def step_ms(mode: str, folder: Path, settings: list[str], steps: int) -> tuple[f
             rate[0] = frames / (time.monotonic() - began)
     moments = [
         (folder / "checkpoints" / f"step_{step:09d}.pt").stat().st_mtime_ns / 1e6
-        for step in (WARM_UP, WARM_UP + steps)
+        for step in (steps, 2 * steps)
     ]
     return (moments[1] - moments[0]) / steps, rate[0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 from jaxtyping import Float
 from torch import Tensor
@@ -15,6 +15,10 @@ class Sampler(ABC):
 
     Its state is the *consumed* position: ``peek`` (for prefetching) never changes it.
     """
+
+    is_schedule: ClassVar[bool] = False
+    """True if the order depends on the step of the run, as of times that follow each other. A run
+    that takes several updates for one step then has the views of that step in all of them."""
 
     @abstractmethod
     def next(self) -> tuple[int, ...]:

@@ -54,7 +54,7 @@ def spelled_out(layers: Sequence[Layer]) -> list[Layer]:
                 "of steps.",
                 f"Leave out steps={steps}: it is planned so that the time is kept.",
             )
-    last_time = _last(found, "minutes")
+    last_time = max(_last(found, key) for key in ASKED)
     if last_time > _last(found, "steps"):  # The user plans a recorded run anew.
         found[:last_time] = [without(layer, DECIDED) for layer in found[:last_time]]
     return found

@@ -18,7 +18,7 @@ import torch
 
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
-from gsfw.core.loop.held_back import LEAST_LEFT
+from gsfw.core.loop.held_back import LEAST_LEFT, HeldBack
 from gsfw.core.loop.machine_clock import MachineClock, Reading
 from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.timekeeper import Timekeeper
@@ -104,6 +104,12 @@ def make_plan(
     if asked.until:
         decided |= _held_back(asked, len(data.views(Split.TRAIN)), settings)
     planned = resolve(registry, _with_decisions(layers, asked, decided))
+    if asked.until and not HeldBack(data.views(Split.TRAIN), planned.config.held_back).views:
+        raise ConfigError(
+            f"until={asked.until}: no training view can be held back to measure it: each needs "
+            "others of its time and size, and held_back above 0.",
+            "Give a time instead: minutes=5.",
+        )
     if size != speed.downscale:
         data.close()
         data = open_data(planned)

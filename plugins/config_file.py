@@ -119,6 +119,8 @@ def read_config(path: Path, everything: bool = False) -> Layer:
     given = _given(where, document[GIVEN], values)
     if everything:
         return Layer(where, values, given, packages=packages)
+    if "minutes" not in values:  # Before gsfw planned runs by time, all had a number of steps.
+        given |= {"steps"}
     values = {key: value for key, value in values.items() if key in given}
     return Layer(where, values, packages=packages)
 

@@ -63,6 +63,8 @@ def window_sizes(times: int, window: float, growth: float) -> list[int]:
 class ProgressiveSampler(StepwiseSampler):
     """Within a stage, every view of the window once per epoch in random order."""
 
+    is_schedule = True
+
     def __init__(
         self,
         stages: Sequence[Sequence[int]],

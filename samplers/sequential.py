@@ -63,6 +63,8 @@ def time_starts(times: int, first_steps: int, steps: int) -> tuple[int, ...]:
 class SequentialSampler(StepwiseSampler):
     """Within a time, every view once per epoch in random order; the last time has no end."""
 
+    is_schedule = True
+
     def __init__(
         self,
         times: Sequence[Sequence[int]],

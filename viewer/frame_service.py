@@ -57,6 +57,11 @@ class FrameService:
         """Number of open pages."""
         return len(self._viewports)
 
+    def take_sending_seconds(self) -> float:
+        """Processor time that sending to all pages has taken since the last call."""
+        viewports = tuple(self._viewports)
+        return sum((viewport.take_sending_seconds() for viewport in viewports), 0.0)
+
     def order(self, task: Task) -> None:
         """Work off a task between frames; it is advanced to its end, part by part."""
         with self._lock:

@@ -32,6 +32,11 @@ class TimeShare:
         self._credit -= seconds
         self._note(now, 0.0, seconds)
 
+    def charge(self, seconds: float) -> None:
+        """Other threads have sent frames meanwhile, on processors that training would use."""
+        self._credit -= seconds
+        self._note(self._since, -seconds, seconds)
+
     def skip(self, now: float) -> None:
         """Nobody needed the time since the last call: the run was paused."""
         self._since = now

@@ -131,6 +131,7 @@ class TrainingViewer(Callback):
         assert self._live is not None
         service, now = self._session.service, time.monotonic()
         self._time.trained(now)
+        self._time.charge(service.take_sending_seconds())
         if service.pages and now - self._refreshed > REFRESH_SECONDS:
             self._refreshed = now
             service.refresh()

@@ -25,8 +25,14 @@ class MachineClock:
         Args:
             began: ``time.perf_counter()`` at the start of the command.
         """
-        self._began = began
+        self._began = began + _now() - time.perf_counter()
 
     def read(self) -> Reading:
         """The time now."""
-        return Reading(time.perf_counter() - self._began, time.process_time())
+        return Reading(_now() - self._began, time.process_time())
+
+
+def _now() -> float:
+    """Seconds that go on while the machine sleeps, where the system has such a clock."""
+    clock = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic() if clock is None else time.clock_gettime(clock)

@@ -280,8 +280,8 @@ class Trainer:
         self._catch_up()
         with self.walk.apart():
             evaluation = self._judged()
+            self.callbacks.on_evaluation(self.step, evaluation, self.control)
         self.walk.evaluated(self.step, len(evaluation.views))
-        self.callbacks.on_evaluation(self.step, evaluation, self.control)
         return evaluation
 
     def _judged(self) -> Evaluation:

@@ -11,10 +11,14 @@ from typing import Any
 from gsfw.core.datamanager import Views
 from gsfw.core.loop.goal import Goal
 from gsfw.core.loop.held_back import HeldBack
-from gsfw.core.loop.pace import UNIT, Decision, Pace
+from gsfw.core.loop.pace import FASTEST, UNIT, Decision, Pace
 from gsfw.core.loop.timekeeper import Standing, Timekeeper
 from gsfw.core.refiner import GrowthLimits
 from gsfw.core.sampler import Sampler
+
+GIVEN_BACK = 0.9
+"""Part of the schedule after which held-back views are trained on, whether or not the goal is
+reached: the final model has seen all training views."""
 
 
 class Walk:
@@ -45,6 +49,7 @@ class Walk:
         self.held_back = HeldBack(views, held_back)
         self.timekeeper, self.goal = timekeeper, goal
         self._drawn = 0
+        self._views: tuple[int, ...] = ()
 
     def begin(self) -> None:
         """Start the clock: training begins, or goes on."""
@@ -52,11 +57,15 @@ class Walk:
             self.timekeeper.restart(self.updates)
 
     def next_views(self, sampler: Sampler, step: int) -> tuple[int, ...]:
-        """The views of an update at a step; the sampler is never behind the schedule."""
-        views: tuple[int, ...] = ()
+        """The views of an update at a step.
+
+        The sampler is never behind the schedule, and one that is a schedule never ahead of it.
+        """
+        views = self._views if sampler.is_schedule else ()
         while not views or self._drawn <= step:
             views = sampler.next()
             self._drawn += 1
+        self._views = views
         return views if self.pace.all_views(self.updates) else self.held_back.replace(views)
 
     def advance(self, steps_left: int) -> tuple[int, GrowthLimits]:
@@ -86,7 +95,7 @@ class Walk:
         if step >= steps:
             return
         now = self.pace.thousandths(self.updates - 1)
-        decision = self._by_goal(steps - step, look)
+        decision = self._by_goal(steps - step, look) or self._by_schedule(step / steps, now)
         if decision is None and self.timekeeper is not None:
             standing = Standing(self.updates, step, steps, gaussians, resolution, now)
             decision = self._bounded(self.timekeeper.decide(standing), now)
@@ -104,10 +113,18 @@ class Walk:
         thousandths = max(decision.thousandths, least)
         return None if thousandths == now else replace(decision, thousandths=thousandths)
 
+    def _by_schedule(self, finished: float, now: int) -> Decision | None:
+        """The decision that gives held-back views back near the end."""
+        if not self.held_back.views or self.pace.all_views(self.updates) or finished < GIVEN_BACK:
+            return None
+        return Decision(self.updates, now, all_views=True)
+
     def _by_goal(self, steps_left: int, look: Callable[[Sequence[int]], float]) -> Decision | None:
         """The decision of the last part, if it begins now."""
         goal, views = self.goal, self.held_back.views
         if goal is None or not views or not goal.due(self.updates):
+            return None
+        if self.pace.all_views(self.updates):  # They are trained on, and judge nothing any more.
             return None
         with self.apart():
             found = look(views)
@@ -116,7 +133,7 @@ class Walk:
         # Time that is left can only make the last part shorter.
         usual = self.pace.thousandths(self.updates)
         thousandths = max(math.ceil(steps_left * UNIT / goal.last_updates()), usual)
-        return Decision(self.updates, thousandths, all_views=True)
+        return Decision(self.updates, min(thousandths, FASTEST), all_views=True)
 
     def apart(self) -> AbstractContextManager[None]:
         """Leave out the time inside, which is no part of an update."""
@@ -132,6 +149,7 @@ class Walk:
         return {
             "updates": self.updates,
             "drawn": self._drawn,
+            "views": list(self._views),
             "pace": [*self.pace.texts],
             "spent": 0.0 if self.timekeeper is None else self.timekeeper.spent(),
             "goal": None if self.goal is None else self.goal.state_dict(),
@@ -141,6 +159,7 @@ class Walk:
         """Continue from ``state``; without one each finished step was one update."""
         state = state or {"updates": step, "drawn": step, "pace": []}
         self.updates, self._drawn = state["updates"], state["drawn"]
+        self._views = tuple(state.get("views", ()))
         self.pace = Pace.parse(state["pace"])
         if self.goal is not None and state.get("goal"):
             self.goal.load_state_dict(state["goal"])

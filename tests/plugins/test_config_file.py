@@ -94,9 +94,16 @@ def test_a_file_names_as_given_only_keys_that_it_has(tmp_path):
     )
     path.write_text("given: seed\nseed: 1\n")
     assert refusal(path) == f"config file {path}: given: expected a list of keys, found 'seed'."
-    path.write_text("given: [seed]\nseed: 1\nsteps: 2\n")
+    path.write_text("given: [seed]\nseed: 1\nsteps: 2\nminutes: 0.0\n")
     assert read_config(path).values == {"seed": 1}
-    assert read_config(path, everything=True).values == {"seed": 1, "steps": 2}
+    everything = {"seed": 1, "steps": 2, "minutes": 0.0}
+    assert read_config(path, everything=True).values == everything
+
+
+def test_a_run_of_before_minutes_existed_repeats_with_its_steps(tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("given: [seed]\nseed: 1\nsteps: 30000\nsh_degree: 2\n")
+    assert read_config(path).values == {"seed": 1, "steps": 30000}
 
 
 def test_the_file_is_plain_data_and_says_where_it_comes_from(tmp_path):

@@ -85,3 +85,14 @@ def test_a_pause_counts_for_nobody():
     account.skip(500.0)
     account.trained(501.0)
     assert account.measured == 0.0
+
+
+def test_frames_that_others_send_are_paid_for_too():
+    account = TimeShare(0.5, 0.0)
+    account.trained(0.2)
+    assert account.allowed
+    account.charge(0.2)  # Encoding and sending, in a thread beside training.
+    assert not account.allowed
+    assert account.measured == 1.0
+    account.trained(0.4)
+    assert account.measured == 0.5

@@ -8,8 +8,11 @@ from support.states import assert_same_bits
 
 from gsfw.core.callback import Callback
 from gsfw.core.context import StepContext
+from gsfw.core.datamanager import Split
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
+from gsfw.core.loop.walk import Walk
+from gsfw.core.sampler import Sampler
 from gsfw.plugins.compose import compose
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
@@ -116,3 +119,46 @@ def test_views_that_are_held_back_are_trained_on_in_the_last_part_alone(tmp_path
     run.fit()
     assert all(held not in views for step, views in seen.items() if step < 40)
     assert any(held in views for step, views in seen.items() if step >= 40)
+
+
+class FourTimes(Sampler):
+    """A schedule: one view for each step."""
+
+    is_schedule = True
+
+    def __init__(self) -> None:
+        self.position = 0
+
+    def next(self) -> tuple[int, ...]:
+        self.position += 1
+        return (self.position - 1,)
+
+    def peek(self, count: int) -> tuple[int, ...]:
+        return tuple(range(self.position, self.position + count))
+
+    def state_dict(self) -> dict:
+        return {"position": self.position}
+
+    def load_state_dict(self, state) -> None:
+        self.position = state["position"]
+
+
+def test_a_sampler_that_is_a_schedule_is_never_ahead_of_it(tmp_path):
+    run = trainer(tmp_path)
+    walk, sampler, seen = Walk(["0:0.500"], run.parts.data.views(Split.TRAIN)), FourTimes(), []
+    step = 0
+    while step < 4:
+        seen.append(walk.next_views(sampler, step)[0])
+        span, _ = walk.advance(4 - step)
+        step += span
+    assert seen == [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def test_views_that_are_held_back_are_given_back_before_the_end_without_a_goal(tmp_path):
+    views = trainer(tmp_path).parts.data.views(Split.TRAIN)
+    walk = Walk([], views, held_back=2)
+    assert walk.held_back.views
+    for step in range(20):
+        walk.advance(1)
+        walk.decide(step + 1, 20, 100, 1.0, lambda chosen: 0.0)
+    assert walk.pace.texts == ("18:1.000:all-views",)
