@@ -57,10 +57,10 @@ class FrameService:
         """Number of open pages."""
         return len(self._viewports)
 
-    def take_sending_seconds(self) -> float:
-        """Processor time that sending to all pages has taken since the last call."""
-        viewports = tuple(self._viewports)
-        return sum((viewport.take_sending_seconds() for viewport in viewports), 0.0)
+    @property
+    def sending(self) -> bool:
+        """True while a frame is on its way to a page, in a thread beside this one."""
+        return any(viewport.sending for viewport in tuple(self._viewports))
 
     def order(self, task: Task) -> None:
         """Work off a task between frames; it is advanced to its end, part by part."""

@@ -1,13 +1,21 @@
-"""TimeShare: how long frames may be rendered now, so that training keeps its part of the time."""
+"""TimeShare: how long frames may be rendered now, so that training keeps its part of the time.
+
+Frames cost more than the time in which they are rendered: threads that encode and send them, and a
+browser on the same machine, slow down the steps beside them. So a step during which a frame is on
+its way is charged with the time that it takes longer than usual.
+"""
 
 from __future__ import annotations
 
+import statistics
 from collections import deque
 
 MOST_CREDIT = 0.25
 """Most seconds that are saved up: after a pause of the page, training does not stop for longer."""
 MEASURED_SECONDS = 10.0
 """Time over which the share is measured."""
+USUAL_STEPS, LEAST_STEPS = 31, 5
+"""Undisturbed steps whose median is the usual time of one: at most, and at least."""
 
 
 class TimeShare:
@@ -19,23 +27,31 @@ class TimeShare:
         self._credit = 0.0
         self._since = now
         self._spans: deque[tuple[float, float, float]] = deque()
+        self._undisturbed: deque[float] = deque(maxlen=USUAL_STEPS)
 
-    def trained(self, now: float) -> None:
-        """Training had the time since the last call."""
-        seconds = now - self._since
-        self._credit = min(self._credit + seconds * self._per_second, MOST_CREDIT)
-        self._note(now, seconds, 0.0)
+    def trained(self, now: float, disturbed: bool = False) -> None:
+        """Training had the time since the last call.
+
+        Args:
+            now: by the clock, in seconds.
+            disturbed: true if a frame was on its way meanwhile.
+        """
+        seconds, lost = now - self._since, 0.0
+        if not disturbed:
+            self._undisturbed.append(seconds)
+        elif len(self._undisturbed) >= LEAST_STEPS:
+            usual = statistics.median(self._undisturbed)
+            # An evaluation or a refinement takes long for other reasons.
+            lost = min(max(seconds - usual, 0.0), usual)
+        trained = seconds - lost
+        self._credit = min(self._credit + trained * self._per_second, MOST_CREDIT) - lost
+        self._note(now, trained, lost)
 
     def rendered(self, now: float) -> None:
         """Frames had the time since the last call."""
         seconds = now - self._since
         self._credit -= seconds
         self._note(now, 0.0, seconds)
-
-    def charge(self, seconds: float) -> None:
-        """Other threads have sent frames meanwhile, on processors that training would use."""
-        self._credit -= seconds
-        self._note(self._since, -seconds, seconds)
 
     def skip(self, now: float) -> None:
         """Nobody needed the time since the last call: the run was paused."""

@@ -47,6 +47,7 @@ class TrainingViewer(Callback):
         self._session: Session | None = None
         self._time = TimeShare(share, time.monotonic())
         self._refreshed = 0.0
+        self._sending = False
 
     def on_start(self, run: RunInfo, control: Control) -> None:
         """Open the server, and print its address."""
@@ -130,13 +131,13 @@ class TrainingViewer(Callback):
         assert self._session is not None
         assert self._live is not None
         service, now = self._session.service, time.monotonic()
-        self._time.trained(now)
-        self._time.charge(service.take_sending_seconds())
+        self._time.trained(now, self._sending)
         if service.pages and now - self._refreshed > REFRESH_SECONDS:
             self._refreshed = now
             service.refresh()
         while self._time.allowed and service.serve_frame():
             self._time.rendered(time.monotonic())
+        self._sending = service.sending
         self._live.share = self._time.measured
 
     @property

@@ -65,7 +65,7 @@ class Viewport:
         self._send, self._wake = send, wake
         self._lock = threading.Lock()
         self._sender = ThreadPoolExecutor(1, "viewer-send")
-        self._sending, self._sending_seconds = False, 0.0
+        self._sending = False
         self._sent: deque[float] = deque(maxlen=200)
         self._failed: tuple[ViewState, str] | None = None
         self.last_frame: Frame | None = None
@@ -164,14 +164,12 @@ class Viewport:
         if not known:  # A model that trains makes the page render its state again and again.
             self.problem(text)
 
-    def take_sending_seconds(self) -> float:
-        """Processor time that sending has taken since the last call."""
-        with self._lock:
-            seconds, self._sending_seconds = self._sending_seconds, 0.0
-        return seconds
+    @property
+    def sending(self) -> bool:
+        """True while a frame is on its way."""
+        return self._sending
 
     def _send_now(self, frame: Frame, still: bool) -> None:
-        began = time.thread_time()
         try:
             if not self.closed:
                 self._send(frame, still)
@@ -180,8 +178,6 @@ class Viewport:
         except Exception as error:  # The page was closed in mid-frame; there is nobody to tell.
             logger.debug("a frame was not sent: %s", error)
         finally:
-            with self._lock:
-                self._sending_seconds += time.thread_time() - began
             self._sending = False
             self._wake()
 

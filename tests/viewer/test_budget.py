@@ -87,12 +87,25 @@ def test_a_pause_counts_for_nobody():
     assert account.measured == 0.0
 
 
-def test_frames_that_others_send_are_paid_for_too():
-    account = TimeShare(0.5, 0.0)
-    account.trained(0.2)
+def test_steps_that_take_longer_beside_a_frame_are_paid_for():
+    account, now = TimeShare(0.2, 0.0), 0.0
+    for _ in range(10):
+        now += 0.01
+        account.trained(now)
     assert account.allowed
-    account.charge(0.2)  # Encoding and sending, in a thread beside training.
+    assert account.measured == 0.0
+    for _ in range(20):
+        now += 0.018  # A browser and the threads of the page take processors from training.
+        account.trained(now, disturbed=True)
+    assert account.measured == pytest.approx(20 * 0.008 / (0.1 + 20 * 0.018))
     assert not account.allowed
-    assert account.measured == 1.0
-    account.trained(0.4)
-    assert account.measured == 0.5
+
+
+def test_a_long_evaluation_beside_a_frame_is_not_charged_as_a_whole():
+    account, now = TimeShare(0.5, 0.0), 0.0
+    for _ in range(10):
+        now += 0.01
+        account.trained(now)
+    account.trained(now + 30.0, disturbed=True)
+    assert account.allowed
+    assert account.measured < 0.01
