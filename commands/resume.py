@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, full_key, parse
@@ -105,8 +106,13 @@ def _go_on(
     keeper = None if "steps" in changed else resumed_timekeeper(restored, MachineClock(began))
     trainer = composition.trainer(folder, callbacks, restored.step, keeper)
     trainer.load_state_dict(restored.state)
+    if "steps" in changed:
+        trainer.walk.unhurried()
     if changed:
-        text = write_config(composition.settings, command)
+        pace = trainer.walk.pace.texts
+        settings = composition.settings
+        settings = replace(settings, config=replace(settings.config, pace=pace))
+        text = write_config(settings, command)
         write_atomically(folder.config, text.encode())
     remember_run(folder.path)
     console.say(f"{describe(composition)}\ngoing on after step {restored.step}")

@@ -18,6 +18,9 @@ from gsfw.plugins.config_file import read_config
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Layer, Settings, resolve
 
+TIMED = ("minutes", "until")
+"""Keys by which a run was planned, besides a number of steps."""
+
 
 @dataclass(frozen=True)
 class Restored:
@@ -73,8 +76,9 @@ def restore(
     # Runs of before there was this setting held out every n-th image by name.
     saved = replace(saved, values={"holdout_by": HoldOutBy.NAME.value, **saved.values})
     if changed is not None and "steps" in changed.values:
-        # The schedules do not change with the new length.
-        saved = replace(saved, given=None)
+        # The schedules do not change with the new length, which takes the place of a time.
+        kept = {key: value for key, value in saved.values.items() if key not in TIMED}
+        saved = replace(saved, values=kept, given=None)
     layers = [saved] if changed is None else [saved, _with_rasterizer(changed, saved, registry)]
     settings = resolve(registry, layers)
     _check_data(settings, folder, changed)

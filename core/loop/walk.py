@@ -135,6 +135,12 @@ class Walk:
         thousandths = max(math.ceil(steps_left * UNIT / goal.last_updates()), usual)
         return Decision(self.updates, min(thousandths, FASTEST), all_views=True)
 
+    def unhurried(self) -> None:
+        """Take one step of the schedule per update from now on: the run has another length."""
+        if self.pace.thousandths(self.updates) != UNIT:
+            # The next update may have a decision already.
+            self.pace.decide(Decision(self.updates + 1, UNIT, self.pace.all_views(self.updates)))
+
     def apart(self) -> AbstractContextManager[None]:
         """Leave out the time inside, which is no part of an update."""
         return nullcontext() if self.timekeeper is None else self.timekeeper.apart()

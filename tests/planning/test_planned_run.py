@@ -132,6 +132,23 @@ def test_a_killed_run_goes_on_with_its_decisions_and_the_time_that_is_left(machi
 
 
 @pytest.mark.slow
+def test_a_planned_run_goes_on_for_more_steps_at_the_usual_pace(machine, tmp_path, capsys):
+    assert main([*RUN, "minutes=1", f"out={tmp_path}"]) == 0
+    before = planned(tmp_path)
+    updates, steps = before["updates"], before["steps"]
+    assert updates != steps
+    assert main(["resume", str(tmp_path), f"steps={steps + 20}"]) == 0
+    walk = read_checkpoint(RunFolder(tmp_path).latest_checkpoint())["walk"]
+    assert walk["updates"] == pytest.approx(updates + 20, abs=2)
+    config = yaml.safe_load((tmp_path / "config.yaml").read_text())
+    assert (config["minutes"], config["steps"]) == (0.0, steps + 20)
+    assert config["pace"] == walk["pace"]
+    capsys.readouterr()
+    assert main(["resume", str(tmp_path), f"steps={steps + 30}"]) == 0
+    assert main(["train", f"config={tmp_path / 'config.yaml'}", "--dry-run"]) == 0
+
+
+@pytest.mark.slow
 def test_a_quality_ends_a_run_and_the_last_part_has_all_views(machine, tmp_path, monkeypatch):
     monkeypatch.setattr("gsfw.core.loop.goal.EVERY", 10)
     first, second = tmp_path / "first", tmp_path / "second"
