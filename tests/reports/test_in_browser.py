@@ -61,7 +61,7 @@ def is_alone(page, path):
 
 @pytest.fixture(scope="module")
 def moving_run(trained):
-    return trained("method=spacetime", *MOVING, "steps=20")
+    return trained("method=spacetime", *MOVING, "steps=20", "report=true")
 
 
 @pytest.fixture(scope="module")
