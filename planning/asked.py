@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.settings import Layer, Settings
+from gsfw.plugins.settings import PLANNED_BY, Layer, Settings
 from gsfw.plugins.values import as_text
 
-ASKED = ("minutes", "until")
-"""Keys by which a run is planned."""
 DECIDED = ("steps", "pace", "held_back", "eval_every", "checkpoint_every")
 """Keys that a plan decides; of a recorded plan they are left out when the run is planned anew."""
 BOUND = 30.0
@@ -54,7 +52,7 @@ def spelled_out(layers: Sequence[Layer]) -> list[Layer]:
                 "of steps.",
                 f"Leave out steps={steps}: it is planned so that the time is kept.",
             )
-    last_time = max(_last(found, key) for key in ASKED)
+    last_time = max(_last(found, key) for key in PLANNED_BY)
     if last_time > _last(found, "steps"):  # The user plans a recorded run anew.
         found[:last_time] = [without(layer, DECIDED) for layer in found[:last_time]]
     return found
@@ -77,9 +75,9 @@ def asked_of(settings: Settings, layers: Sequence[Layer]) -> Asked | None:
         )
     if config.until:
         _check_until(config.until)
-    if not given.intersection(ASKED) and config.data and not given.intersection(LENGTHS):
+    if not given.intersection(PLANNED_BY) and config.data and not given.intersection(LENGTHS):
         return Asked(USUAL)
-    if not given.intersection(ASKED) or config.pace or ("steps" in given and not config.until):
+    if not given.intersection(PLANNED_BY) or config.pace or ("steps" in given and not config.until):
         return None
     if not config.rescale:
         raise ConfigError(

@@ -1,6 +1,6 @@
 """Choices: what a planned run turns on, by the number of updates that its time allows.
 
-The rows are for studies to tune (issue 20, part 4). They replace plain defaults alone: what the
+The rows are for studies to tune. They replace plain defaults alone: what the
 user, a preset or a method's own recommendation says stays, and a key that the chosen parts do not
 have is left out. So they hold for every method and strategy, those of plugins included.
 """

@@ -23,14 +23,14 @@ from gsfw.core.loop.machine_clock import MachineClock, Reading
 from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.core.progress import stage
-from gsfw.planning.asked import ASKED, Asked, without
+from gsfw.planning.asked import Asked, without
 from gsfw.planning.choices import DOWNSCALES, chosen, downscale, limits
 from gsfw.planning.speed import ENDING, Speed
 from gsfw.planning.trial import seconds_to_load, try_steps
 from gsfw.plugins.compose import Composition, compose, open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
-from gsfw.plugins.settings import Layer, Settings, resolve
+from gsfw.plugins.settings import PLANNED_BY, Layer, Settings, resolve
 
 TRIAL_PIXELS = 500_000
 """Pixels of the images of the trial at most: larger ones take seconds a step, and a plan for a
@@ -88,7 +88,7 @@ def make_plan(
     """
     settings = resolve(registry, layers)
     is_free = "downscale" not in settings.given
-    is_asked = any(key in layer.values for layer in layers for key in ASKED)
+    is_asked = any(key in layer.values for layer in layers for key in PLANNED_BY)
     data = open_data(settings)
     if is_free and (pixels := data.views(Split.TRAIN).pixels) > TRIAL_PIXELS:
         settings = _shrunk(settings, math.ceil((pixels / TRIAL_PIXELS) ** 0.5))
@@ -301,4 +301,4 @@ def _with_decisions(
     wish = {"minutes": asked.minutes, "until": asked.until}
     source = f"planned for {asked}"
     plan = Layer(source, {**decided, **wish}, given=frozenset(decided))
-    return [*(without(layer, ASKED) for layer in layers), plan]
+    return [*(without(layer, PLANNED_BY) for layer in layers), plan]

@@ -16,10 +16,7 @@ from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import read_config
 from gsfw.plugins.registry import Registry
-from gsfw.plugins.settings import Layer, Settings, resolve
-
-TIMED = ("minutes", "until")
-"""Keys by which a run was planned, besides a number of steps."""
+from gsfw.plugins.settings import PLANNED_BY, Layer, Settings, resolve
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ def restore(
     saved = replace(saved, values={"holdout_by": HoldOutBy.NAME.value, **saved.values})
     if changed is not None and "steps" in changed.values:
         # The schedules do not change with the new length, which takes the place of a time.
-        kept = {key: value for key, value in saved.values.items() if key not in TIMED}
+        kept = {key: value for key, value in saved.values.items() if key not in PLANNED_BY}
         saved = replace(saved, values=kept, given=None)
     layers = [saved] if changed is None else [saved, _with_rasterizer(changed, saved, registry)]
     settings = resolve(registry, layers)

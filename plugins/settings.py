@@ -21,6 +21,9 @@ METHOD_DEFAULT = "method default"
 CHOICE_KEYS = ("method", "preset", *SLOT_KEYS)
 """Keys of choices by name; all others are fields of a configuration."""
 
+PLANNED_BY = ("minutes", "until")
+"""Keys by which a run is planned, in place of a number of steps."""
+
 
 class Rank(IntEnum):
     """Precedence of layers: later ones win."""

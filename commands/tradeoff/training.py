@@ -142,11 +142,11 @@ def _base(given: Mapping[str, Any], registry: Registry) -> Base:
         ConfigError: a setting is unknown or wrong, or plans the length of a run by time.
     """
     from gsfw.core.errors import ConfigError
-    from gsfw.planning.asked import ASKED
     from gsfw.plugins.keys import keys, suggest_key
+    from gsfw.plugins.settings import PLANNED_BY
     from gsfw.studies.tradeoff.training.base import find_base
 
-    for key in ASKED:
+    for key in PLANNED_BY:
         if key in given:
             raise ConfigError(
                 f"gsfw tradeoff: {key}={given[key]}: variants are compared after equal numbers of "

@@ -136,10 +136,13 @@ class Walk:
         return Decision(self.updates, min(thousandths, FASTEST), all_views=True)
 
     def unhurried(self) -> None:
-        """Take one step of the schedule per update from now on: the run has another length."""
+        """Take one step of the schedule per update from now on: the run has another length.
+
+        It has no goal any more, so that no view is held back for one.
+        """
         if self.pace.thousandths(self.updates) != UNIT:
-            # The next update may have a decision already.
-            self.pace.decide(Decision(self.updates + 1, UNIT, self.pace.all_views(self.updates)))
+            # This update may have a decision already.
+            self.pace.decide(Decision(self.updates + 1, UNIT, all_views=True))
 
     def apart(self) -> AbstractContextManager[None]:
         """Leave out the time inside, which is no part of an update."""

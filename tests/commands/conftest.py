@@ -2,11 +2,8 @@
 
 import pytest
 import torch
-from support.moving_scene import SMALL_MOVING_SCENE, DriftingPlugin
-
-from gsfw.commands.main import main
-from gsfw.plugins.discovery import PluginSource
-from gsfw.plugins.registry import installed
+from support.drifting_run import drifting_run
+from support.moving_scene import SMALL_MOVING_SCENE
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -21,9 +18,5 @@ def _one_thread():
 @pytest.fixture(scope="module")
 def moving_run(tmp_path_factory):
     """A run of a method whose splats drift, on the built-in scene that moves."""
-    discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), PluginSource("drifting", "tests", "1.0"))
-    out = tmp_path_factory.mktemp("runs") / "moving"
-    assert main(["train", "method=drifting", *SMALL_MOVING_SCENE, f"out={out}"]) == 0
-    yield out
-    discovery.remove("drifting")
+    with drifting_run(tmp_path_factory.mktemp("runs") / "moving", *SMALL_MOVING_SCENE) as out:
+        yield out

@@ -4,12 +4,10 @@ import json
 from itertools import pairwise
 
 import pytest
-from support.moving_scene import DriftingPlugin
+from support.drifting_run import drifting_run
 
 from gsfw.commands.main import main
 from gsfw.formats.ply import PlyExporter, PlyImporter
-from gsfw.plugins.discovery import PluginSource
-from gsfw.plugins.registry import installed
 
 MOVING = (
     "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",
@@ -21,12 +19,8 @@ MOVING = (
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A run of a method whose splats drift by 0.3 to the right."""
-    discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), PluginSource("drifting", "tests", "1.0"))
-    out = tmp_path_factory.mktemp("runs") / "moving"
-    assert main(["train", "method=drifting", *MOVING, f"out={out}"]) == 0
-    yield out
-    discovery.remove("drifting")
+    with drifting_run(tmp_path_factory.mktemp("runs") / "moving", *MOVING) as out:
+        yield out
 
 
 def listed(folder):

@@ -186,6 +186,14 @@ def test_too_few_views_to_hold_back_are_refused(machine, tmp_path, capsys):
     assert "3 are too few: expected at least 4" in capsys.readouterr().err
 
 
+def test_views_that_are_alone_at_their_time_cannot_judge_a_run(machine, tmp_path, capsys):
+    moving = ("datamanager.moving=true", "datamanager.views=12", "datamanager.times=12")
+    assert main(["train", *SMALL, "method=spacetime", *moving, "until=20", f"out={tmp_path}"]) == 2
+    said = capsys.readouterr().err
+    assert "until=20: no training view can be held back" in said
+    assert "minutes=5" in said
+
+
 def test_a_dry_run_says_the_plan_and_leaves_nothing(machine, tmp_path, capsys):
     assert main([*RUN, "minutes=2", "--dry-run", f"out={tmp_path / 'run'}"]) in (0, 1)
     assert "ends in 2 min 0 s: about" in capsys.readouterr().out

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
-from support.moving_scene import WHITE, DriftingPlugin, camera_at, two_balls
+from support.drifting_run import drifting_run
+from support.moving_scene import WHITE, camera_at, two_balls
 
 from gsfw.commands.main import main
 from gsfw.core.cameras import Cameras
 from gsfw.core.temporal_metrics.tracks import Tracks
-from gsfw.plugins.discovery import PluginSource
-from gsfw.plugins.registry import installed
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.rendering.trails import Trails, make_trails, spread
 
@@ -113,12 +112,8 @@ SCENE = (
 @pytest.fixture(scope="module")
 def moving_run(tmp_path_factory):
     """A run of a method whose splats drift, on the built-in scene that moves."""
-    discovery = installed()._discovery
-    discovery.add(DriftingPlugin(), PluginSource("drifting", "tests", "1.0"))
-    out = tmp_path_factory.mktemp("runs") / "moving"
-    assert main(["train", "method=drifting", *SCENE, f"out={out}"]) == 0
-    yield out
-    discovery.remove("drifting")
+    with drifting_run(tmp_path_factory.mktemp("runs") / "moving", *SCENE) as out:
+        yield out
 
 
 def test_tracks_are_drawn_where_time_passes(moving_run, tmp_path):

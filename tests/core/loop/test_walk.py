@@ -162,3 +162,15 @@ def test_views_that_are_held_back_are_given_back_before_the_end_without_a_goal(t
         walk.advance(1)
         walk.decide(step + 1, 20, 100, 1.0, lambda chosen: 0.0)
     assert walk.pace.texts == ("18:1.000:all-views",)
+
+
+def test_a_run_of_another_length_has_the_usual_pace_and_all_views(tmp_path):
+    views = trainer(tmp_path).parts.data.views(Split.TRAIN)
+    walk = Walk(["3:0.500"], views, held_back=2)
+    for _ in range(3):
+        walk.advance(20)
+    walk.unhurried()
+    for step in range(4, 21):  # Also where the end, before which views are given back, is near.
+        walk.advance(1)
+        walk.decide(step, 20, 100, 1.0, lambda chosen: 0.0)
+    assert walk.pace.texts == ("3:0.500", "4:1.000:all-views")
