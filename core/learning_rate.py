@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -30,3 +30,8 @@ class LearningRate:
             return self.initial
         fraction = min((step - self.start) / max(self.steps, 1), 1.0)
         return float(self.initial * (self.final / self.initial) ** fraction)
+
+    def times(self, factor: float) -> LearningRate:
+        """The same course at ``factor`` times the rate."""
+        final = None if self.final is None else self.final * factor
+        return replace(self, initial=self.initial * factor, final=final)

@@ -16,10 +16,6 @@ from gsfw.core.config import AUTO, RasterizerConfig
 from gsfw.plugins.keys import keys
 from gsfw.plugins.settings import METHOD_DEFAULT, Settings
 
-HIGH_SH_RATE = 5e-4
-"""Rate of view dependence in short runs: 4 times the paper's gained 0.24 to 0.47 dB in 1,000 to
-3,000 steps."""
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -35,16 +31,8 @@ class Choice:
 
 
 CHOICES = (
-    Choice(0, {"optim.sh_rest_lr": HIGH_SH_RATE}, per_pixel=0.5),
-    Choice(
-        1000,
-        {
-            "optim.sh_rest_lr": HIGH_SH_RATE,
-            "resolution_schedule": AUTO,
-            "strategy.budget": AUTO,
-        },
-        per_pixel=1.0,
-    ),
+    Choice(0, per_pixel=0.5),
+    Choice(1000, {"resolution_schedule": AUTO, "strategy.budget": AUTO}, per_pixel=1.0),
     Choice(10_000, {"resolution_schedule": AUTO, "strategy.budget": AUTO}),
 )
 """By length. Below 1000 updates a schedule of sizes has no effect, and rounds of pruning would have
