@@ -14,12 +14,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.held_back import LEAST_LEFT, HeldBack
-from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.machine_clock import MachineClock
 from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.core.progress import stage
@@ -163,9 +161,7 @@ def timekeeper(
     """
     remaining = RemainingTime(composition.info(Path(), first_step), RECENT)
     remaining.evaluated(first_step, view_seconds, 1)
-    on_cpu = composition.parts.device.type == "cpu"
-    threads = torch.get_num_threads() if on_cpu else 0
-    return Timekeeper(remaining, limit, ENDING, clock, spent, threads)
+    return Timekeeper(remaining, limit, ENDING, clock, spent)
 
 
 def resumed_timekeeper(restored: Restored, clock: MachineClock) -> Timekeeper | None:
@@ -176,10 +172,10 @@ def resumed_timekeeper(restored: Restored, clock: MachineClock) -> Timekeeper | 
     minutes = restored.composition.settings.config.minutes
     if not minutes:
         return None
-    spent = restored.state.get("walk", {}).get("spent", 0.0)
-    return timekeeper(
-        restored.composition, minutes * 60, clock, spent=spent, first_step=restored.step
-    )
+    walk = restored.state.get("walk", {})
+    view_seconds, spent = walk.get("view_seconds", 0.0), walk.get("spent", 0.0)
+    limit, first_step = minutes * 60, restored.step
+    return timekeeper(restored.composition, limit, clock, view_seconds, spent, first_step)
 
 
 def _measure(
@@ -190,33 +186,27 @@ def _measure(
     seconds: float,
 ) -> Speed:
     """The speed of a run, from a composition that is dropped, and steps of so many seconds."""
-    began = clock.read()
+    began, work = clock.seconds(), clock.work()
     composition = compose(settings, registry, data=data)
-    built = clock.read()
+    built = clock.seconds()
     with stage("measuring how long steps take here"):
         load = seconds_to_load(composition) / min(DECODERS, os.cpu_count() or 1)
         trial = try_steps(composition, min(seconds, LONGEST_TRIAL))
-    now = clock.read()
+    now = clock.seconds()
     held_out, training = (len(data.views(split)) for split in (Split.EVAL, Split.TRAIN))
     return Speed(
         downscale=settings.config.downscale,
         pixels=data.views(Split.TRAIN).pixels,
         gaussians=trial.rows,
         state_bytes=trial.state_bytes,
-        before=now.seconds + built.seconds - began.seconds,
+        before=now + built - began,
         step=trial.step,
         view=trial.view,
         load=load,
         views=held_out + training,
         held_out=held_out,
-        busy=_busy(built, now) if composition.parts.device.type == "cpu" else 1.0,
+        busy=clock.work().slowdown(work),
     )
-
-
-def _busy(began: Reading, now: Reading) -> float:
-    """Wall-clock time over the time that the machine would need if it did nothing else."""
-    own = (now.own_seconds - began.own_seconds) / torch.get_num_threads()
-    return max(1.0, (now.seconds - began.seconds) / own) if own > 0 else 1.0
 
 
 def _shrunk(settings: Settings, divisor: float) -> Settings:

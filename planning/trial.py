@@ -13,10 +13,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from gsfw.core.callback import Callback, Control
 from gsfw.core.datamanager import Split
+from gsfw.core.loop.device import wait_for
 from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.memory import added_memory_mb
 from gsfw.core.loop.resolution import FULL_SIZE
@@ -54,7 +56,7 @@ def try_steps(composition: Composition, seconds: float = 0.0) -> Trial:
     views = [parts.sampler.next() for _ in range(VIEWS)]
     for group in views:
         parts.data.load(Split.TRAIN, group, device)
-    clock, folder = _Clock(max(seconds, SECONDS)), _NoFolder(Path(os.devnull))
+    clock, folder = _Clock(max(seconds, SECONDS), device), _NoFolder(Path(os.devnull))
     parts = replace(parts, sampler=_Repeating(views))
     trainer = replace(composition, parts=parts).trainer(folder, [clock])
     trainer.plan = replace(trainer.plan, resolution=FULL_SIZE, checkpoint_every=0, eval_every=0)
@@ -71,6 +73,7 @@ def seconds_to_load(composition: Composition) -> float:
     data = composition.parts.data
     started = time.perf_counter()
     data.load(Split.TRAIN, [len(data.views(Split.TRAIN)) - 1], composition.parts.device)
+    wait_for(composition.parts.device)
     return time.perf_counter() - started
 
 
@@ -78,20 +81,22 @@ def _seconds_to_evaluate(composition: Composition) -> float:
     parts, settings = composition.parts, composition.plan.settings
     (batch,) = parts.data.load(Split.TRAIN, [len(parts.data.views(Split.TRAIN)) - 1], parts.device)
     assert settings.background is not None
+    wait_for(parts.device)
     started = time.perf_counter()
     image = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time).color[
         0
     ]
     for metric in parts.metrics.values():
         metric(image, batch.target(settings.background)[0], None)
+    wait_for(parts.device)
     return time.perf_counter() - started
 
 
 class _Clock(Callback):
     """Times steps, and ends a trial."""
 
-    def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
+    def __init__(self, seconds: float, device: torch.device) -> None:
+        self._seconds, self._device = seconds, device
         self.durations: list[float] = []
         self._began = self._last = 0.0
 
@@ -100,7 +105,8 @@ class _Clock(Callback):
         self._began = self._last = time.perf_counter()
 
     def on_tick(self, step: int, control: Control) -> None:
-        """Note a step."""
+        """Note a step, when a GPU has finished it too."""
+        wait_for(self._device)
         now = time.perf_counter()
         self.durations.append(now - self._last)
         self._last = now

@@ -87,6 +87,11 @@ class RemainingTime:
         """Learn the duration of an evaluation after ``step``; reported times begin anew there."""
         self._view_seconds, self._evaluated_at = seconds / max(views, 1), step
 
+    @property
+    def view_seconds(self) -> float:
+        """Time of a view in the latest evaluation; 0 as long as it is not known."""
+        return self._view_seconds
+
     def seconds(self, stretch: int | float = 1.0) -> float | None:
         """Time until the end of the last evaluation; ``None`` as long as it cannot be known.
 

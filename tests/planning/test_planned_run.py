@@ -9,7 +9,7 @@ from support.small_scene import SMALL_SCENE
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.machine_clock import MachineClock, Work
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.timekeeper import Ending
 from gsfw.core.loop.walk import Walk
@@ -48,7 +48,8 @@ def machine(monkeypatch) -> Machine:
 
     usual = Walk.advance
     monkeypatch.setattr(Walk, "advance", advance)
-    monkeypatch.setattr(MachineClock, "read", lambda self: Reading(made.seconds, made.seconds))
+    monkeypatch.setattr(MachineClock, "seconds", lambda self: made.seconds)
+    monkeypatch.setattr(MachineClock, "work", lambda self: Work(made.seconds))
     monkeypatch.setattr("gsfw.planning.trial.SECONDS", 0.0)
     for module in ("plan", "speed"):
         monkeypatch.setattr(f"gsfw.planning.{module}.ENDING", ENDING)
@@ -78,7 +79,7 @@ def last_state(folder: Path) -> dict:
     """The last checkpoint, without what the clock says."""
     state = read_checkpoint(RunFolder(folder).latest_checkpoint())
     del state["train_seconds"]
-    state["walk"] = {**state["walk"], "spent": 0.0, "goal": None}
+    state["walk"] = {**state["walk"], "spent": 0.0, "view_seconds": 0.0, "goal": None}
     return state
 
 
