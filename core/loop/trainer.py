@@ -113,7 +113,7 @@ class Trainer:
             self._stopwatch.step_done()
             self.step += 1
             self.train_seconds += time.perf_counter() - started
-        # In haste many steps pass in little time: evaluations that are due in them wait for the end.
+        # In haste many steps pass in little time: evaluations due in them wait for the end.
         is_calm = limits.may_grow and not (is_reset and span > 1)
         self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
         batch = rendered[0].context.batch
