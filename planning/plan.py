@@ -290,5 +290,6 @@ def _with_decisions(
     """
     wish = {"minutes": asked.minutes, "until": asked.until}
     source = f"planned for {asked}"
-    plan = Layer(source, {**decided, **wish}, given=frozenset(decided))
+    names = frozenset(decided)
+    plan = Layer(source, {**decided, **wish}, given=names, planned=names)
     return [*(without(layer, PLANNED_BY) for layer in layers), plan]

@@ -101,6 +101,7 @@ def test_a_run_ends_in_its_time_and_repeats_from_its_file(machine, tmp_path, cap
     assert config["minutes"] == 1.0
     assert "minutes" not in config["given"]
     assert {"steps", "pace"} <= set(config["given"])
+    assert set(config["planned"]) == {*record["decided"], "pace"}
     machine.slow_from, machine.update_seconds = None, 0.01
     assert main(["train", f"config={first / 'config.yaml'}", f"out={second}"]) == 0
     assert not RunFolder(second).plan.exists()
