@@ -275,12 +275,8 @@ class Resolving:
 
     def _planned_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
         """Keys whose value a plan decided."""
-        layers = {layer.source: layer for layer in self._given_layers}
-        return tuple(
-            key
-            for key, source in sources.items()
-            if source in layers and key in layers[source].planned
-        )
+        planned = {layer.source: layer.planned for layer in self._given_layers}
+        return tuple(key for key, source in sources.items() if key in planned.get(source, ()))
 
 
 def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:
