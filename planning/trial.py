@@ -5,6 +5,7 @@ The composed run trains on a few of its views, and leaves no file. It cannot be 
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Mapping
@@ -27,7 +28,10 @@ from gsfw.core.sampler import Sampler
 from gsfw.plugins.compose import Composition
 
 VIEWS, STEPS, SECONDS = 2, 3, 1.2
-"""Views that a trial steps through, its steps at least, and the seconds that it takes at least."""
+"""Views that a trial steps through, its steps at least, and the seconds that it usually takes."""
+SETTLED = 0.5
+"""Last part of the steps that are measured: the first ones warm up, and have Gaussians that are
+still far too large or too many."""
 
 
 @dataclass(frozen=True)
@@ -45,24 +49,24 @@ class Trial:
     """Peak of the allocations on the GPU, in 1e6 bytes; ``None`` on the CPU."""
 
 
-def try_steps(composition: Composition, seconds: float = 0.0) -> Trial:
+def try_steps(composition: Composition, seconds: float = SECONDS) -> Trial:
     """Train a few steps at full size, on a few views that are loaded before.
 
     Args:
         composition: of the run.
-        seconds: the trial takes so long, and no less than ``SECONDS``.
+        seconds: the trial takes so long, and a few steps at least.
     """
     parts, device = composition.parts, composition.parts.device
     views = [parts.sampler.next() for _ in range(VIEWS)]
     for group in views:
         parts.data.load(Split.TRAIN, group, device)
-    clock, folder = _Clock(max(seconds, SECONDS), device), _NoFolder(Path(os.devnull))
+    clock, folder = _Clock(seconds, device), _NoFolder(Path(os.devnull))
     parts = replace(parts, sampler=_Repeating(views))
     trainer = replace(composition, parts=parts).trainer(folder, [clock])
     trainer.plan = replace(trainer.plan, resolution=FULL_SIZE, checkpoint_every=0, eval_every=0)
     rows = len(parts.table)
     added = added_memory_mb(trainer.fit, device)
-    step = median(clock.durations[1:] or clock.durations)
+    step = median(clock.durations[-math.ceil(SETTLED * len(clock.durations)) :])
     view = _seconds_to_evaluate(composition)
     gpu = added if device.type == "cuda" else None
     return Trial(rows, step, view, folder.state_bytes, gpu)

@@ -49,7 +49,15 @@ from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
-from gsfw.plugins.dense_points import DENSE, DenseStart, dense_count, dense_downscale, dense_start
+from gsfw.plugins.dense_points import (
+    DENSE,
+    DenseStart,
+    FoundSurface,
+    dense_count,
+    dense_downscale,
+    dense_start,
+    dense_surface,
+)
 from gsfw.plugins.devices import unused_gpu
 from gsfw.plugins.initial_splats import INIT_WORDS, find_importer, read_initial
 from gsfw.plugins.loading import ask_all, check_built, make_metrics
@@ -67,6 +75,8 @@ class Composition:
     remarks: tuple[str, ...] = ()
     """Notes on the start; preferred rasterizers that cannot run, and the causes; the cause of an
     unused GPU."""
+    surface: FoundSurface | None = None
+    """The surface that it starts from, for other runs on the capture."""
 
     @property
     def scene(self) -> Scene:
@@ -234,6 +244,7 @@ def compose(
     registry: Registry,
     restoring: bool = False,
     data: DataManager | None = None,
+    surface: FoundSurface | None = None,
 ) -> Composition:
     """Check and build a run.
 
@@ -242,6 +253,7 @@ def compose(
         registry: the installed parts.
         restoring: true if a checkpoint follows, so that initial splats are not needed.
         data: replaces the data set of the settings; ``None`` opens that one.
+        surface: of the capture, where it is known; ``None``: stereo finds it if it is needed.
 
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
@@ -259,14 +271,15 @@ def compose(
     corrections = make_corrections(settings.config, data).to(device)
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
-    start = _start(settings, registry, data)
+    surface = find_surface(settings, registry, data, surface)
+    start = _start(settings, data.scene, surface)
     with stage("building the model"):
         parts = _parts(settings, registry, method, data, start.scene, corrections, device)
     _check_parts(settings, parts)
     remarks = (*start.notes, *_missed(settings, registry, device))
     plan = training_plan(settings, data.scene, device)
     plan = replace(plan, settings=method.render_settings(plan.settings, None))
-    return Composition(settings, parts, plan, remarks)
+    return Composition(settings, parts, plan, remarks, surface)
 
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:
@@ -279,28 +292,43 @@ def _check_parts(settings: Settings, parts: TrainingParts) -> None:
         check_built("method", settings.method, refiner)
 
 
-def _start(settings: Settings, registry: Registry, data: DataManager) -> DenseStart:
-    """The scene that the model starts from, with points found in the images under init=dense.
+def find_surface(
+    settings: Settings, registry: Registry, data: DataManager, known: FoundSurface | None = None
+) -> FoundSurface | None:
+    """The surface of a capture under init=dense; ``None`` for other starts.
 
-    Stereo needs texture, so its images may be larger than those of the run.
+    Args:
+        settings: settings of the run.
+        registry: the installed parts.
+        data: the capture as it is trained on.
+        known: a surface of the capture, which is used if it is the one that would be found.
     """
-    config, scene = settings.config, data.scene
+    config = settings.config
     if config.init != DENSE:
+        return None
+    downscale = dense_downscale(data, config.downscale)
+    if known is not None and known.downscale == downscale:
+        return known
+    given = config.background != AUTO
+    background = torch.tensor(parse_background(config.background)) if given else None
+    images = data if downscale == config.downscale else open_data(settings, downscale)
+    operators = choose_operators(registry, torch.device("cpu"))
+    try:
+        return FoundSurface(downscale, dense_surface(images, background, operators))
+    finally:
+        if images is not data:
+            images.close()
+
+
+def _start(settings: Settings, scene: Scene, surface: FoundSurface | None) -> DenseStart:
+    """The scene that the model starts from, with points found in the images under init=dense."""
+    config = settings.config
+    if surface is None:
         return DenseStart(scene)
     assert isinstance(config.strategy, StrategyConfig)
     most = config.dense_points or dense_count(scene.view_pixels)
     most = min(most, BudgetSize.parse(config.strategy).rows or most)
-    given = config.background != AUTO
-    background = torch.tensor(parse_background(config.background)) if given else None
-    downscale = dense_downscale(data, config.downscale)
-    images = data if downscale == config.downscale else open_data(settings, downscale)
-    operators = choose_operators(registry, torch.device("cpu"))
-    try:
-        found = dense_start(images, background, most, operators)
-    finally:
-        if images is not data:
-            images.close()
-    return replace(found, scene=replace(found.scene, view_pixels=scene.view_pixels))
+    return dense_start(scene, surface.points, most)
 
 
 def _parts(
