@@ -29,6 +29,9 @@ SMOOTHING = 0.7
 LARGEST_CHANGE = 1.5
 """Factor by which one decision changes the pace at most in the first half of the time: first steps
 decode images and warm up, and a pause of some seconds is no reason to end soon."""
+TRUST = 4.0
+"""A pace above 1 exceeds it by this times the part of the time that has passed, at most, in the
+first half of it: until then costs of later steps are a guess, and rows grow, which haste spoils."""
 SETTLING = 5
 """Looks of a process to which that holds in any part of the time: the run may have been resumed."""
 FEWEST = 5
@@ -94,6 +97,8 @@ class Timekeeper:
         self._apart = self._latest_apart = 0.0
         self._update_seconds = 0.0
         self._busy = 0.0
+        self._began = 0.0
+        """Seconds of the run before it trained; 0 for one that was resumed."""
 
     @property
     def limit(self) -> float:
@@ -118,6 +123,7 @@ class Timekeeper:
         """
         self._last, self._work = self._clock.seconds(), self._clock.work()
         self._since, self._last_step = updates, step
+        self._began = self.spent() if step == 0 else 0.0
 
     @contextmanager
     def apart(self) -> Iterator[None]:
@@ -177,7 +183,13 @@ class Timekeeper:
         change = needed / max(left, grace)
         if now + self._spent < self._limit / 2 or self._looks <= SETTLING:
             change = min(max(change, 1 / LARGEST_CHANGE), LARGEST_CHANGE)
-        return _within(math.ceil(change * standing.thousandths))
+        return self._bounded(math.ceil(change * standing.thousandths), now + self._spent)
+
+    def _bounded(self, thousandths: int, passed: float) -> int:
+        """A pace within its bounds after some seconds of the run."""
+        part = (passed - self._began) / max(self._limit - self._began, 1e-9)
+        most = math.ceil((1 + TRUST * part) * UNIT) if part < 0.5 else FASTEST
+        return _within(min(thousandths, most))
 
     def reserved(self, standing: Standing) -> float:
         """Seconds that are kept for what comes after the last step."""

@@ -12,7 +12,7 @@ from gsfw.core.callback import RunInfo
 from gsfw.core.loop.machine_clock import MachineClock, Work
 from gsfw.core.loop.pace import Pace
 from gsfw.core.loop.remaining_time import RemainingTime
-from gsfw.core.loop.timekeeper import LARGEST_CHANGE, Ending, Standing, Timekeeper
+from gsfw.core.loop.timekeeper import LARGEST_CHANGE, TRUST, Ending, Standing, Timekeeper
 
 # Functions of numbers alone; the checks of shapes draw random numbers, which hypothesis refuses.
 pytestmark = pytest.mark.unchecked
@@ -192,3 +192,12 @@ def test_evaluations_are_no_part_of_the_speed_of_steps():
     clock.go_on(3.0)
     decision = timekeeper.decide(Standing(100, 100, 1000, 100, 1.0, 1000))
     assert decision.thousandths == pytest.approx(1000 * 900 * 0.03 / 37, rel=0.05)
+
+
+def test_early_guesses_of_later_costs_hurry_no_run():
+    # Twice as long as expected, and ten times as long in a moment of the first tenth.
+    found = walk(lambda now, rows: 0.6 if 5 < now < 6 else 0.06)
+    early = [item for item in found.pace.decisions if item.update < 0.2 * found.updates]
+    assert early
+    assert max(item.thousandths for item in early) <= 1000 * (1 + TRUST * 0.25)
+    assert found.seconds == pytest.approx(LIMIT, rel=0.1)
