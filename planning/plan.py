@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.config import SamplerConfig
-from gsfw.core.datamanager import DataManager, Split, Views
+from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.held_back import LEAST_LEFT, HeldBack
 from gsfw.core.loop.machine_clock import MachineClock
@@ -22,6 +22,7 @@ from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.timekeeper import Timekeeper
 from gsfw.planning.asked import Asked, without
 from gsfw.planning.choices import DOWNSCALES, ENOUGH_UPDATES, chosen, downscale, limits
+from gsfw.planning.length import enough_steps
 from gsfw.planning.measurement import Measurement, glanced
 from gsfw.planning.speed import ENDING, Speed
 from gsfw.plugins.compose import Composition, open_data
@@ -43,9 +44,6 @@ MOST_HOPE = 1.25
 """Factor at most by which a machine that was busy in the trial is expected to be faster later."""
 FEWEST_STEPS = 20
 """Steps of the shortest plan."""
-MOST_STEPS_OVER = 64
-"""Factor at most by which a schedule is made longer than the updates of a run, where its parts need
-more steps than the time allows."""
 RECENT = 0.1
 """Last part of the finished steps over which the timekeeper measures the speed."""
 
@@ -98,8 +96,8 @@ def make_plan(
     asked = _possible(asked, speed, size, is_free, is_asked)
     views = measurement.data.views(Split.TRAIN)
     decided = _decisions(settings, speed, asked, size)
-    decided |= _enough_steps(registry, layers, asked, decided, views)
-    planned = _planned(registry, layers, asked, decided)
+    settings_of = partial(_planned, registry, layers, asked)
+    planned = settings_of(enough_steps(decided, settings_of, views))
     if size != speed.downscale:
         measurement.resize(planned)
     seconds = max(TRIAL_SHARE * 60 * asked.minutes, SHORTEST_TRIAL)
@@ -125,8 +123,9 @@ def _made(
     decided = _decisions(settings, speed, asked, speed.downscale)
     if asked.until:
         decided |= _held_back(asked, len(views), settings)
-    decided |= _enough_steps(registry, layers, asked, decided, views)
-    planned = _planned(registry, layers, asked, decided)
+    settings_of = partial(_planned, registry, layers, asked)
+    decided = enough_steps(decided, settings_of, views)
+    planned = settings_of(decided)
     if asked.until and not HeldBack(views, planned.config.held_back).views:
         raise ConfigError(
             f"until={asked.until}: no training view can be held back to measure it: each needs "
@@ -155,32 +154,6 @@ def _planned(
 ) -> Settings:
     """The settings of the run with some decisions."""
     return resolve(registry, _with_decisions(layers, asked, decided))
-
-
-def _enough_steps(
-    registry: Registry,
-    layers: Sequence[Layer],
-    asked: Asked,
-    decided: Mapping[str, Any],
-    views: Views,
-) -> dict[str, int]:
-    """More steps, if the sampler needs them: captures of many times in a short time.
-
-    The run then walks through its schedule at a higher pace, and trains on some of the times.
-    """
-    if "steps" not in decided:
-        return {}
-    for factor in (1.0, 1.5, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST_STEPS_OVER):
-        keys = ("steps", "eval_every") if "eval_every" in decided else ("steps",)
-        longer = {key: math.ceil(factor * int(decided[key])) for key in keys}
-        config = _planned(registry, layers, asked, {**decided, **longer}).config
-        assert isinstance(config.sampler, SamplerConfig)
-        try:
-            config.sampler.build(views, config.seed, config.steps)
-        except ConfigError:
-            continue
-        return longer
-    return {}
 
 
 def _image_size(asked: Asked, speed: Speed, data: DataManager) -> float:

@@ -173,20 +173,6 @@ def test_a_plan_looks_for_a_surface_once_and_measures_the_start_that_it_chose(
 
 
 @pytest.mark.slow
-def test_times_that_are_too_many_for_the_updates_of_a_short_run_are_walked_through_faster(
-    machine, tmp_path
-):
-    machine.update_seconds = 1.0
-    moving = ("datamanager.moving=true", "datamanager.views=90", "datamanager.times=90")
-    words = ("train", *SMALL, "method=dynamic3dgs", *moving, "minutes=1", f"out={tmp_path}")
-    assert main([*words]) == 0
-    record = planned(tmp_path)
-    assert record["decided"]["steps"] > 90
-    assert record["updates"] < 60
-    assert record["seconds"] <= 66
-
-
-@pytest.mark.slow
 def test_a_quality_ends_a_run_and_the_last_part_has_all_views(machine, tmp_path, monkeypatch):
     monkeypatch.setattr("gsfw.core.loop.goal.EVERY", 10)
     first, second = tmp_path / "first", tmp_path / "second"
