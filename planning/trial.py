@@ -66,7 +66,7 @@ def try_steps(composition: Composition, seconds: float = SECONDS) -> Trial:
     trainer.plan = replace(trainer.plan, resolution=FULL_SIZE, checkpoint_every=0, eval_every=0)
     rows = len(parts.table)
     added = added_memory_mb(trainer.fit, device)
-    step = median(clock.durations[-math.ceil(SETTLED * len(clock.durations)) :])
+    step = clock.settled()
     view = _seconds_to_evaluate(composition)
     gpu = added if device.type == "cuda" else None
     return Trial(rows, step, view, folder.state_bytes, gpu)
@@ -116,6 +116,10 @@ class _Clock(Callback):
         self._last = now
         if step >= STEPS and now - self._began > self._seconds:
             control.request_stop("measured")
+
+    def settled(self) -> float:
+        """Seconds of a step, in the median of the last ones."""
+        return median(self.durations[-math.ceil(SETTLED * len(self.durations)) :])
 
 
 class _NoFolder(RunFolder):
