@@ -13,10 +13,12 @@ from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.progress import stage
 from gsfw.planning.speed import Speed
 from gsfw.planning.trial import seconds_to_load, try_steps
-from gsfw.plugins.compose import Composition, compose, find_surface, open_data
+from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.dense_points import FoundSurface
+from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
+from gsfw.plugins.start import find_surface
 
 TRIAL_PIXELS = 500_000
 """Pixels of the images of a first look at most: larger ones take seconds a step, and a plan for a

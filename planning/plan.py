@@ -25,7 +25,8 @@ from gsfw.planning.choices import DOWNSCALES, ENOUGH_UPDATES, chosen, downscale,
 from gsfw.planning.length import enough_steps
 from gsfw.planning.measurement import Measurement, glanced
 from gsfw.planning.speed import ENDING, Speed
-from gsfw.plugins.compose import Composition, open_data
+from gsfw.plugins.compose import Composition
+from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.settings import PLANNED_BY, Layer, Settings, resolve

@@ -16,7 +16,7 @@ from gsfw.core.loop.timekeeper import Ending
 from gsfw.core.loop.walk import Walk
 from gsfw.core.stereo.surface import SurfacePoints
 from gsfw.planning import trial
-from gsfw.plugins import compose
+from gsfw.plugins import start
 from gsfw.plugins.compose import Composition
 
 # Whole trainings; the tests of their parts check shapes.
@@ -165,7 +165,7 @@ def test_a_plan_looks_for_a_surface_once_and_measures_the_start_that_it_chose(
         places = torch.rand(40, 3, generator=torch.Generator().manual_seed(2)) - 0.5
         return SurfacePoints(places, places + 0.5, torch.ones(40), confirmed=1.0)
 
-    monkeypatch.setattr(compose, "dense_surface", made)
+    monkeypatch.setattr(start, "dense_surface", made)
     assert main([*RUN, "init=dense", "minutes=1", f"out={tmp_path}"]) == 0
     assert len(looked) == 1
     rows = [run.parts.model.num_rows for run in machine.tried]

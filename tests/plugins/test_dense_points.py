@@ -181,7 +181,7 @@ def test_images_for_stereo_are_the_same_whatever_the_size_of_training():
 def test_a_surface_that_was_found_for_one_image_size_serves_another(monkeypatch):
     size = {"datamanager__width": "96", "datamanager__height": "72"}
     first = composed(init="dense", **size)
-    monkeypatch.setattr("gsfw.plugins.compose.dense_surface", None)  # It is not called.
+    monkeypatch.setattr("gsfw.plugins.start.dense_surface", None)  # It is not called.
     registry = installed()
     small = replace(first.settings, config=replace(first.settings.config, downscale=2.0))
     again = compose(small, registry, surface=first.surface)
