@@ -22,7 +22,7 @@ import faults
 from made_capture import MadeCapture
 
 from gsfw.core.errors import DataError
-from gsfw.plugins.compose import open_data
+from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import resolve
 from gsfw.preparation.check.examination import Examination

@@ -128,7 +128,7 @@ def _check(
     it cannot be trained on.
     """
     from gsfw.commands.interface.fitness import misfits
-    from gsfw.plugins.compose import open_data
+    from gsfw.plugins.opening import open_data
     from gsfw.plugins.registry import installed
     from gsfw.preparation.check.examination import Examination
     from gsfw.preparation.check.report import finding_lines, report, report_unreadable

@@ -287,7 +287,7 @@ def _convert(
     from gsfw.commands.interface.progress import StageBars
     from gsfw.core.progress import shown_by
     from gsfw.datamanagers.capture import Capture
-    from gsfw.plugins.compose import open_data
+    from gsfw.plugins.opening import open_data
     from gsfw.preparation.report import document_of_conversion
     from gsfw.preparation.writing.conversion import ConversionRule, convert
 
@@ -318,8 +318,9 @@ def _write_dense(console: Console, data: Path) -> None:
     from gsfw.core.files.atomic import write_atomically
     from gsfw.core.progress import shown_by
     from gsfw.datamanagers.point_file import ply_of
-    from gsfw.plugins.compose import choose_operators, open_data
     from gsfw.plugins.dense_points import dense_surface
+    from gsfw.plugins.loading import choose_operators
+    from gsfw.plugins.opening import open_data
     from gsfw.plugins.registry import installed
 
     operators = choose_operators(installed(), torch.device("cpu"))
@@ -335,7 +336,7 @@ def _write_dense(console: Console, data: Path) -> None:
 
 def _examine(data: Path) -> Examination:
     """Check the written data set."""
-    from gsfw.plugins.compose import open_data
+    from gsfw.plugins.opening import open_data
     from gsfw.preparation.check.examination import Examination
 
     settings = _settings(data)

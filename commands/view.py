@@ -87,7 +87,7 @@ def _serve(
             server.start(session, pages)
             _announce(server, console)
             if options.browser:
-                running.enter_context(browser_on(server.address))
+                running.enter_context(browser_on(server.address, first.folder.path))
             serve(session, lambda: False)
         except KeyboardInterrupt:
             console.say("closed")

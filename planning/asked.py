@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from gsfw.core.config import AUTO
@@ -11,8 +11,9 @@ from gsfw.core.errors import ConfigError
 from gsfw.plugins.settings import PLANNED_BY, Layer, Settings
 from gsfw.plugins.values import as_text
 
-DECIDED = ("steps", "pace", "held_back", "eval_every", "checkpoint_every")
-"""Keys that a plan decides; of a recorded plan they are left out when the run is planned anew."""
+DECIDED = ("steps", "pace", "held_back", "eval_every")
+"""Keys that every plan decides; recorded ones are left out when the run is planned anew, and with
+them the others that the file names as planned."""
 BOUND = 30.0
 """Minutes after which a run with until= ends if it does not get there, unless minutes= is given."""
 LENGTHS = ("steps", "preset", "pace", "rescale")
@@ -54,7 +55,9 @@ def spelled_out(layers: Sequence[Layer]) -> list[Layer]:
             )
     last_time = max(_last(found, key) for key in PLANNED_BY)
     if last_time > _last(found, "steps"):  # The user plans a recorded run anew.
-        found[:last_time] = [without(layer, DECIDED) for layer in found[:last_time]]
+        found[:last_time] = [
+            without(layer, layer.planned or DECIDED) for layer in found[:last_time]
+        ]
     return found
 
 
@@ -113,11 +116,11 @@ def _with_until(layer: Layer) -> Layer:
     )
 
 
-def without(layer: Layer, keys: Sequence[str]) -> Layer:
+def without(layer: Layer, keys: Collection[str]) -> Layer:
     """The layer without some keys."""
     values = {key: value for key, value in layer.values.items() if key not in keys}
     given = None if layer.given is None else layer.given - frozenset(keys)
-    return replace(layer, values=values, given=given)
+    return replace(layer, values=values, given=given, planned=layer.planned - frozenset(keys))
 
 
 def _last(layers: Sequence[Layer], key: str) -> int:

@@ -8,36 +8,35 @@ sees to it that the run walks through them in time, whatever becomes of the mach
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-import torch
 
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.held_back import LEAST_LEFT, HeldBack
-from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.machine_clock import MachineClock
 from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.timekeeper import Timekeeper
-from gsfw.core.progress import stage
 from gsfw.planning.asked import Asked, without
-from gsfw.planning.choices import DOWNSCALES, chosen, downscale, limits
+from gsfw.planning.choices import DOWNSCALES, ENOUGH_UPDATES, chosen, downscale, limits
+from gsfw.planning.length import enough_steps
+from gsfw.planning.measurement import Measurement, glanced
 from gsfw.planning.speed import ENDING, Speed
-from gsfw.planning.trial import seconds_to_load, try_steps
-from gsfw.plugins.compose import Composition, compose, open_data
+from gsfw.plugins.compose import Composition
+from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import Restored
 from gsfw.plugins.settings import PLANNED_BY, Layer, Settings, resolve
 
-TRIAL_PIXELS = 500_000
-"""Pixels of the images of the trial at most: larger ones take seconds a step, and a plan for a
-short time has no use for them."""
-TRIAL_SHARE, LONGEST_TRIAL = 0.02, 10.0
-"""Part of the time that the trial takes, and its seconds at most: other work on the machine comes
-and goes, and a longer look is a better plan."""
+FIRST_LOOK = 0.5
+"""Seconds of steps in the first look, by which image size and start are chosen."""
+TRIAL_SHARE, SHORTEST_TRIAL, LONGEST_TRIAL = 0.02, 1.0, 10.0
+"""Part of the time that the second look takes, at the chosen size and from the chosen start, and
+its seconds at least and at most: other work on the machine comes and goes, and a longer look is a
+better plan."""
 EVALUATION_SHARE, MOST_EVALUATIONS = 0.02, 5
 """Part of the time that evaluations before the last one may take, and their number at most."""
 HELD_BACK_SHARE, MOST_HELD_BACK = 0.1, 8
@@ -46,8 +45,6 @@ MOST_HOPE = 1.25
 """Factor at most by which a machine that was busy in the trial is expected to be faster later."""
 FEWEST_STEPS = 20
 """Steps of the shortest plan."""
-DECODERS = 4
-"""Images that are decoded at the same time, at most."""
 RECENT = 0.1
 """Last part of the finished steps over which the timekeeper measures the speed."""
 
@@ -87,35 +84,77 @@ def make_plan(
         ConfigError: the time is too short for any training; names one that is not.
     """
     settings = resolve(registry, layers)
-    is_free = "downscale" not in settings.given
     is_asked = any(key in layer.values for layer in layers for key in PLANNED_BY)
-    data = open_data(settings)
-    if is_free and (pixels := data.views(Split.TRAIN).pixels) > TRIAL_PIXELS:
-        settings = _shrunk(settings, math.ceil((pixels / TRIAL_PIXELS) ** 0.5))
-        data.close()
-        data = open_data(settings)
-    speed = _measure(settings, registry, data, clock, TRIAL_SHARE * 60 * asked.minutes)
-    size = _image_size(asked, speed, data) if is_free else speed.downscale
-    if is_asked:
-        _check_time(asked, speed, size, is_free)
-    else:
-        asked = replace(asked, minutes=max(asked.minutes, speed.least_minutes(size)))
+    start = {key: value for key, value in chosen(settings, ENOUGH_UPDATES).items() if key == "init"}
+    first = resolve(registry, [*layers, Layer("a first look", start)])
+    measurement = Measurement(registry, clock, open_data(first))
+    is_free = "downscale" not in settings.given
+    if is_free and (smaller := glanced(first, measurement.data)) is not first:
+        first = smaller
+        measurement.resize(first)
+    speed = measurement.run(first, FIRST_LOOK)
+    size = _image_size(asked, speed, measurement.data) if is_free else speed.downscale
+    asked = _possible(asked, speed, size, is_free, is_asked)
+    views = measurement.data.views(Split.TRAIN)
     decided = _decisions(settings, speed, asked, size)
+    settings_of = partial(_planned, registry, layers, asked)
+    planned = settings_of(enough_steps(decided, settings_of, views))
+    if size != speed.downscale:
+        measurement.resize(planned)
+    seconds = max(TRIAL_SHARE * 60 * asked.minutes, SHORTEST_TRIAL)
+    speed = measurement.run(planned, min(seconds, LONGEST_TRIAL))
+    asked = _possible(asked, speed, size, is_free, is_asked)
+    return _made(asked, layers, measurement, speed, settings, is_asked)
+
+
+def _made(
+    asked: Asked,
+    layers: Sequence[Layer],
+    measurement: Measurement,
+    speed: Speed,
+    settings: Settings,
+    is_asked: bool,
+) -> Plan:
+    """The plan of a run whose speed was measured at its own image size.
+
+    Raises:
+        ConfigError: no view can be held back, or the parts of the run do not fit its steps.
+    """
+    registry, views = measurement.registry, measurement.data.views(Split.TRAIN)
+    decided = _decisions(settings, speed, asked, speed.downscale)
     if asked.until:
-        decided |= _held_back(asked, len(data.views(Split.TRAIN)), settings)
-    planned = resolve(registry, _with_decisions(layers, asked, decided))
-    if asked.until and not HeldBack(data.views(Split.TRAIN), planned.config.held_back).views:
+        decided |= _held_back(asked, len(views), settings)
+    settings_of = partial(_planned, registry, layers, asked)
+    decided = enough_steps(decided, settings_of, views)
+    planned = settings_of(decided)
+    if asked.until and not HeldBack(views, planned.config.held_back).views:
         raise ConfigError(
             f"until={asked.until}: no training view can be held back to measure it: each needs "
             "others of its time and size, and held_back above 0.",
             "Give a time instead: minutes=5.",
         )
-    if size != speed.downscale:
-        data.close()
-        data = open_data(planned)
-    composition = _composed(asked, planned, registry, data)
-    keeper = timekeeper(composition, asked.minutes * 60, clock, speed.view * speed.cost(size))
+    composition = _composed(asked, planned, measurement)
+    keeper = timekeeper(composition, asked.minutes * 60, measurement.clock, speed.view)
     return Plan(asked, composition, keeper, speed, decided, is_asked)
+
+
+def _possible(asked: Asked, speed: Speed, size: float, is_free: bool, is_asked: bool) -> Asked:
+    """What was asked for, or the usual time as far as it is possible.
+
+    Raises:
+        ConfigError: the time is too short for any training; names one that is not.
+    """
+    if is_asked:
+        _check_time(asked, speed, size, is_free)
+        return asked
+    return replace(asked, minutes=max(asked.minutes, speed.least_minutes(size)))
+
+
+def _planned(
+    registry: Registry, layers: Sequence[Layer], asked: Asked, decided: Mapping[str, Any]
+) -> Settings:
+    """The settings of the run with some decisions."""
+    return resolve(registry, _with_decisions(layers, asked, decided))
 
 
 def _image_size(asked: Asked, speed: Speed, data: DataManager) -> float:
@@ -126,16 +165,14 @@ def _image_size(asked: Asked, speed: Speed, data: DataManager) -> float:
     return downscale(sides, [speed.updates(asked.minutes * 60, other) for other in DOWNSCALES])
 
 
-def _composed(
-    asked: Asked, planned: Settings, registry: Registry, data: DataManager
-) -> Composition:
+def _composed(asked: Asked, planned: Settings, measurement: Measurement) -> Composition:
     """Compose the planned run.
 
     Raises:
         ConfigError: the parts do not fit the number of steps: they fitted another one.
     """
     try:
-        return compose(planned, registry, data=data)
+        return measurement.composed(planned)
     except ConfigError as error:
         raise ConfigError(
             f"{asked} leaves {planned.config.steps} steps: {error.message}",
@@ -163,9 +200,7 @@ def timekeeper(
     """
     remaining = RemainingTime(composition.info(Path(), first_step), RECENT)
     remaining.evaluated(first_step, view_seconds, 1)
-    on_cpu = composition.parts.device.type == "cpu"
-    threads = torch.get_num_threads() if on_cpu else 0
-    return Timekeeper(remaining, limit, ENDING, clock, spent, threads)
+    return Timekeeper(remaining, limit, ENDING, clock, spent)
 
 
 def resumed_timekeeper(restored: Restored, clock: MachineClock) -> Timekeeper | None:
@@ -176,53 +211,10 @@ def resumed_timekeeper(restored: Restored, clock: MachineClock) -> Timekeeper | 
     minutes = restored.composition.settings.config.minutes
     if not minutes:
         return None
-    spent = restored.state.get("walk", {}).get("spent", 0.0)
-    return timekeeper(
-        restored.composition, minutes * 60, clock, spent=spent, first_step=restored.step
-    )
-
-
-def _measure(
-    settings: Settings,
-    registry: Registry,
-    data: DataManager,
-    clock: MachineClock,
-    seconds: float,
-) -> Speed:
-    """The speed of a run, from a composition that is dropped, and steps of so many seconds."""
-    began = clock.read()
-    composition = compose(settings, registry, data=data)
-    built = clock.read()
-    with stage("measuring how long steps take here"):
-        load = seconds_to_load(composition) / min(DECODERS, os.cpu_count() or 1)
-        trial = try_steps(composition, min(seconds, LONGEST_TRIAL))
-    now = clock.read()
-    held_out, training = (len(data.views(split)) for split in (Split.EVAL, Split.TRAIN))
-    return Speed(
-        downscale=settings.config.downscale,
-        pixels=data.views(Split.TRAIN).pixels,
-        gaussians=trial.rows,
-        state_bytes=trial.state_bytes,
-        before=now.seconds + built.seconds - began.seconds,
-        step=trial.step,
-        view=trial.view,
-        load=load,
-        views=held_out + training,
-        held_out=held_out,
-        busy=_busy(built, now) if composition.parts.device.type == "cpu" else 1.0,
-    )
-
-
-def _busy(began: Reading, now: Reading) -> float:
-    """Wall-clock time over the time that the machine would need if it did nothing else."""
-    own = (now.own_seconds - began.own_seconds) / torch.get_num_threads()
-    return max(1.0, (now.seconds - began.seconds) / own) if own > 0 else 1.0
-
-
-def _shrunk(settings: Settings, divisor: float) -> Settings:
-    """The settings with smaller images."""
-    config = replace(settings.config, downscale=settings.config.downscale * divisor)
-    return replace(settings, config=config)
+    walk = restored.state.get("walk", {})
+    view_seconds, spent = walk.get("view_seconds", 0.0), walk.get("spent", 0.0)
+    limit, first_step = minutes * 60, restored.step
+    return timekeeper(restored.composition, limit, clock, view_seconds, spent, first_step)
 
 
 def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
@@ -300,5 +292,6 @@ def _with_decisions(
     """
     wish = {"minutes": asked.minutes, "until": asked.until}
     source = f"planned for {asked}"
-    plan = Layer(source, {**decided, **wish}, given=frozenset(decided))
+    names = frozenset(decided)
+    plan = Layer(source, {**decided, **wish}, given=names, planned=names)
     return [*(without(layer, PLANNED_BY) for layer in layers), plan]

@@ -77,6 +77,9 @@ def _write(
     if walk.goal is not None:
         walked |= walk.goal.state_dict()
     folder.write_json(folder.plan, {**document, **walked})
-    given = tuple(dict.fromkeys([*settings.given, "pace"]))
-    recorded = replace(settings, config=replace(settings.config, pace=pace), given=given)
+    given, planned = (
+        tuple(dict.fromkeys([*keys, "pace"])) for keys in (settings.given, settings.planned)
+    )
+    config = replace(settings.config, pace=pace)
+    recorded = replace(settings, config=config, given=given, planned=planned)
     write_atomically(folder.config, write_config(recorded, command).encode())

@@ -10,9 +10,6 @@ from gsfw.core.loop.timekeeper import Ending
 PIXELS_EXPONENT = 0.8
 """Exponent of the time of a step in the number of pixels, about: between images of 30,000 and
 230,000 pixels with the Gaussians that they need."""
-MEAN_COST = 2.0
-"""Mean time of a step of a run over that of its first ones, as models grow: 1.3 to 2.7 in runs of
-fox and plush of one and two minutes. The pace makes up for the difference."""
 ENDING = Ending(updates=80.0, seconds=1.6)
 """Work after the last step: requirements and report; matplotlib, files, the end of the process.
 Measured: fox at 180 x 320, 400 steps."""
@@ -44,6 +41,8 @@ class Speed:
     views: int
     """Views that are decoded: those to train on and the held-out ones."""
     held_out: int
+    mean_cost: float = 1.0
+    """Mean time of a step of the run over that of its first ones, as models grow and images do."""
     busy: float = 1.0
     """Wall-clock time over the time that the machine would need if it did nothing else."""
 
@@ -67,11 +66,16 @@ class Speed:
 
     def updates(self, limit: float, downscale: float) -> float:
         """Updates that a run of ``limit`` seconds has; none or fewer if the time is too short."""
-        return (limit - self.around(downscale)) / (MEAN_COST * self.step * self.cost(downscale))
+        return (limit - self.around(downscale)) / (self.mean_step * self.cost(downscale))
 
     def seconds(self, updates: float, downscale: float) -> float:
         """Seconds of a run of so many updates."""
-        return self.around(downscale) + updates * MEAN_COST * self.step * self.cost(downscale)
+        return self.around(downscale) + updates * self.mean_step * self.cost(downscale)
+
+    @property
+    def mean_step(self) -> float:
+        """Seconds of a step of the whole run, in the mean."""
+        return self.mean_cost * self.step
 
     def least_minutes(self, downscale: float) -> float:
         """Minutes of which half are training."""

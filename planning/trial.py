@@ -5,6 +5,7 @@ The composed run trains on a few of its views, and leaves no file. It cannot be 
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Mapping
@@ -13,10 +14,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from gsfw.core.callback import Callback, Control
 from gsfw.core.datamanager import Split
+from gsfw.core.loop.device import wait_for
 from gsfw.core.loop.evaluation import render_model
 from gsfw.core.loop.memory import added_memory_mb
 from gsfw.core.loop.resolution import FULL_SIZE
@@ -25,7 +28,10 @@ from gsfw.core.sampler import Sampler
 from gsfw.plugins.compose import Composition
 
 VIEWS, STEPS, SECONDS = 2, 3, 1.2
-"""Views that a trial steps through, its steps at least, and the seconds that it takes at least."""
+"""Views that a trial steps through, its steps at least, and the seconds that it usually takes."""
+SETTLED = 0.5
+"""Last part of the steps that are measured: the first ones warm up, and have Gaussians that are
+still far too large or too many."""
 
 
 @dataclass(frozen=True)
@@ -43,24 +49,24 @@ class Trial:
     """Peak of the allocations on the GPU, in 1e6 bytes; ``None`` on the CPU."""
 
 
-def try_steps(composition: Composition, seconds: float = 0.0) -> Trial:
+def try_steps(composition: Composition, seconds: float = SECONDS) -> Trial:
     """Train a few steps at full size, on a few views that are loaded before.
 
     Args:
         composition: of the run.
-        seconds: the trial takes so long, and no less than ``SECONDS``.
+        seconds: the trial takes so long, and a few steps at least.
     """
     parts, device = composition.parts, composition.parts.device
     views = [parts.sampler.next() for _ in range(VIEWS)]
     for group in views:
         parts.data.load(Split.TRAIN, group, device)
-    clock, folder = _Clock(max(seconds, SECONDS)), _NoFolder(Path(os.devnull))
+    clock, folder = _Clock(seconds, device), _NoFolder(Path(os.devnull))
     parts = replace(parts, sampler=_Repeating(views))
     trainer = replace(composition, parts=parts).trainer(folder, [clock])
     trainer.plan = replace(trainer.plan, resolution=FULL_SIZE, checkpoint_every=0, eval_every=0)
     rows = len(parts.table)
     added = added_memory_mb(trainer.fit, device)
-    step = median(clock.durations[1:] or clock.durations)
+    step = clock.settled()
     view = _seconds_to_evaluate(composition)
     gpu = added if device.type == "cuda" else None
     return Trial(rows, step, view, folder.state_bytes, gpu)
@@ -71,6 +77,7 @@ def seconds_to_load(composition: Composition) -> float:
     data = composition.parts.data
     started = time.perf_counter()
     data.load(Split.TRAIN, [len(data.views(Split.TRAIN)) - 1], composition.parts.device)
+    wait_for(composition.parts.device)
     return time.perf_counter() - started
 
 
@@ -78,20 +85,22 @@ def _seconds_to_evaluate(composition: Composition) -> float:
     parts, settings = composition.parts, composition.plan.settings
     (batch,) = parts.data.load(Split.TRAIN, [len(parts.data.views(Split.TRAIN)) - 1], parts.device)
     assert settings.background is not None
+    wait_for(parts.device)
     started = time.perf_counter()
     image = render_model(parts.model, parts.rasterizer, batch.cameras, settings, batch.time).color[
         0
     ]
     for metric in parts.metrics.values():
         metric(image, batch.target(settings.background)[0], None)
+    wait_for(parts.device)
     return time.perf_counter() - started
 
 
 class _Clock(Callback):
     """Times steps, and ends a trial."""
 
-    def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
+    def __init__(self, seconds: float, device: torch.device) -> None:
+        self._seconds, self._device = seconds, device
         self.durations: list[float] = []
         self._began = self._last = 0.0
 
@@ -100,12 +109,17 @@ class _Clock(Callback):
         self._began = self._last = time.perf_counter()
 
     def on_tick(self, step: int, control: Control) -> None:
-        """Note a step."""
+        """Note a step, when a GPU has finished it too."""
+        wait_for(self._device)
         now = time.perf_counter()
         self.durations.append(now - self._last)
         self._last = now
         if step >= STEPS and now - self._began > self._seconds:
             control.request_stop("measured")
+
+    def settled(self) -> float:
+        """Seconds of a step, in the median of the last ones."""
+        return median(self.durations[-math.ceil(SETTLED * len(self.durations)) :])
 
 
 class _NoFolder(RunFolder):

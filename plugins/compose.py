@@ -16,15 +16,13 @@ from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import (
     AUTO,
     NO_BUDGET,
-    DataManagerConfig,
     MethodConfig,
     RasterizerConfig,
     SamplerConfig,
     StrategyConfig,
 )
-from gsfw.core.datamanager import DataManager, DataRequest, Split
+from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.errors import ConfigError
-from gsfw.core.hold_out import HoldOutBy
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.exposures import Exposures
 from gsfw.core.loop.goal import Goal
@@ -39,9 +37,8 @@ from gsfw.core.loop.training_parts import TrainingParts, TrainingPlan
 from gsfw.core.method import Method
 from gsfw.core.model import DensifiableModel, PrimitiveModel
 from gsfw.core.numerics import PROFILES
-from gsfw.core.operators import Operators
 from gsfw.core.progress import stage
-from gsfw.core.refinement.budget import BudgetSize, with_budget
+from gsfw.core.refinement.budget import with_budget
 from gsfw.core.refinement.refiners import Refiners
 from gsfw.core.render_settings import RenderSettings, Validation
 from gsfw.core.scene import Scene
@@ -49,12 +46,14 @@ from gsfw.core.table import SplatTable
 from gsfw.core.temporal_metrics.over_time import TIME_PROTOCOL
 from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
-from gsfw.plugins.dense_points import DENSE, DenseStart, dense_count, dense_downscale, dense_start
+from gsfw.plugins.dense_points import FoundSurface
 from gsfw.plugins.devices import unused_gpu
 from gsfw.plugins.initial_splats import INIT_WORDS, find_importer, read_initial
-from gsfw.plugins.loading import ask_all, check_built, make_metrics
+from gsfw.plugins.loading import check_built, choose_operators, make_metrics
+from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import Settings
+from gsfw.plugins.start import find_surface, start_of
 
 
 @dataclass(frozen=True)
@@ -67,6 +66,8 @@ class Composition:
     remarks: tuple[str, ...] = ()
     """Notes on the start; preferred rasterizers that cannot run, and the causes; the cause of an
     unused GPU."""
+    surface: FoundSurface | None = None
+    """The surface that it starts from, for other runs on the capture."""
 
     @property
     def scene(self) -> Scene:
@@ -204,36 +205,12 @@ def _missed(settings: Settings, registry: Registry, device: torch.device) -> tup
     return missed
 
 
-def open_data(settings: Settings, downscale: float | None = None) -> DataManager:
-    """Read the data set's cameras and points.
-
-    Args:
-        settings: the run.
-        downscale: the factor by which images are shrunk; ``None`` for that of the run.
-
-    Raises:
-        DataError: the data cannot be used; names the cause and the place.
-    """
-    config = settings.config
-    assert isinstance(config.datamanager, DataManagerConfig)
-    request = DataRequest(
-        path=Path(config.data) if config.data else None,
-        downscale=config.downscale if downscale is None else downscale,
-        eval_every_nth=config.holdout_every,
-        eval_by=HoldOutBy(config.holdout_by),
-        eval_names=config.holdout,
-        cache_megabytes=config.cache_mb,
-        gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
-    )
-    with stage(f"reading {config.data or 'the built-in scene'}"):
-        return config.datamanager.build(request)
-
-
 def compose(
     settings: Settings,
     registry: Registry,
     restoring: bool = False,
     data: DataManager | None = None,
+    surface: FoundSurface | None = None,
 ) -> Composition:
     """Check and build a run.
 
@@ -242,6 +219,7 @@ def compose(
         registry: the installed parts.
         restoring: true if a checkpoint follows, so that initial splats are not needed.
         data: replaces the data set of the settings; ``None`` opens that one.
+        surface: of the capture, where it is known; ``None``: stereo finds it if it is needed.
 
     Raises:
         ConfigError: the parts, or the scene, do not fit together.
@@ -259,14 +237,15 @@ def compose(
     corrections = make_corrections(settings.config, data).to(device)
     if corrections.poses is not None:
         data = RefinedCapture(data, corrections.poses)
-    start = _start(settings, registry, data)
+    surface = find_surface(settings, registry, data, surface)
+    start = start_of(settings, data.scene, surface)
     with stage("building the model"):
         parts = _parts(settings, registry, method, data, start.scene, corrections, device)
     _check_parts(settings, parts)
     remarks = (*start.notes, *_missed(settings, registry, device))
     plan = training_plan(settings, data.scene, device)
     plan = replace(plan, settings=method.render_settings(plan.settings, None))
-    return Composition(settings, parts, plan, remarks)
+    return Composition(settings, parts, plan, remarks, surface)
 
 
 def _check_parts(settings: Settings, parts: TrainingParts) -> None:
@@ -277,30 +256,6 @@ def _check_parts(settings: Settings, parts: TrainingParts) -> None:
     for refiner in parts.refiners:
         check_built("strategy", settings.choices["strategy"], refiner)
         check_built("method", settings.method, refiner)
-
-
-def _start(settings: Settings, registry: Registry, data: DataManager) -> DenseStart:
-    """The scene that the model starts from, with points found in the images under init=dense.
-
-    Stereo needs texture, so its images may be larger than those of the run.
-    """
-    config, scene = settings.config, data.scene
-    if config.init != DENSE:
-        return DenseStart(scene)
-    assert isinstance(config.strategy, StrategyConfig)
-    most = config.dense_points or dense_count(scene.view_pixels)
-    most = min(most, BudgetSize.parse(config.strategy).rows or most)
-    given = config.background != AUTO
-    background = torch.tensor(parse_background(config.background)) if given else None
-    downscale = dense_downscale(data, config.downscale)
-    images = data if downscale == config.downscale else open_data(settings, downscale)
-    operators = choose_operators(registry, torch.device("cpu"))
-    try:
-        found = dense_start(images, background, most, operators)
-    finally:
-        if images is not data:
-            images.close()
-    return replace(found, scene=replace(found.scene, view_pixels=scene.view_pixels))
 
 
 def _parts(
@@ -389,11 +344,3 @@ def training_plan(settings: Settings, scene: Scene, device: torch.device) -> Tra
         pace=config.pace,
         held_back=config.held_back,
     )
-
-
-def choose_operators(registry: Registry, device: torch.device) -> Operators:
-    """Choose the set of operators with the highest preference on ``device``."""
-    willing = ask_all("operators", registry, lambda kind: (kind.preference(device), kind))
-    able = {name: found for name, found in willing.items() if found[0] is not None}
-    kind: type[Operators] = able[max(able, key=lambda name: (able[name][0], name))][1]
-    return kind()

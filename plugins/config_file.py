@@ -22,7 +22,11 @@ HEADER = ("schema", "gsfw", "torch", "python", "plugins", "command line")
 """Keys of the origin of a file; they are no settings."""
 
 GIVEN = "given"
-"""Key of the list of settings that the user chose."""
+"""Key of the list of settings that the user, or a plan, chose."""
+
+PLANNED = "planned"
+"""Key of the list of those that a plan decided: a file from which a run is planned anew does not
+keep them."""
 
 NOTE = """\
 # Made by gsfw. Use it again with config=FILE: that takes the keys under "given", and the rest
@@ -72,6 +76,7 @@ def write_config(settings: Settings, arguments: Sequence[str]) -> str:
         ),
         "command line": shlex.join(["gsfw", *arguments]),
         GIVEN: given,
+        **({PLANNED: [*settings.planned]} if settings.planned else {}),
     }
     head = yaml.safe_dump(header, sort_keys=False, allow_unicode=True, width=100)
     body = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
@@ -88,7 +93,7 @@ def read_config(path: Path, everything: bool = False) -> Layer:
 
     Raises:
         ConfigError: it is missing, is no YAML mapping, or was written by a newer gsfw; or
-            ``given`` is not a list of its keys.
+            ``given`` or ``planned`` is not a list of its keys.
     """
     where = f"config file {path}"
     try:
@@ -110,19 +115,20 @@ def read_config(path: Path, everything: bool = False) -> Layer:
         )
     _check_schema(where, document)
     values = dict(
-        _flattened({key: document[key] for key in document if key not in (*HEADER, GIVEN)})
+        _flattened({key: document[key] for key in document if key not in (*HEADER, GIVEN, PLANNED)})
     )
     found = document.get("plugins")
     packages = tuple(map(str, found)) if isinstance(found, list) else ()
     if GIVEN not in document:
         return Layer(where, values, packages=packages)
-    given = _given(where, document[GIVEN], values)
+    given = _named(where, GIVEN, document[GIVEN], values)
+    planned = _named(where, PLANNED, document.get(PLANNED, []), values)
     if everything:
-        return Layer(where, values, given, packages=packages)
+        return Layer(where, values, given, planned, packages=packages)
     if "minutes" not in values:  # Before gsfw planned runs by time, all had a number of steps.
         given |= {"steps"}
     values = {key: value for key, value in values.items() if key in given}
-    return Layer(where, values, packages=packages)
+    return Layer(where, values, planned=planned & given, packages=packages)
 
 
 def read_header(path: Path) -> dict[str, Any]:
@@ -139,13 +145,14 @@ def _parsed(text: str) -> Any:  # noqa: ANN401 - plain data of any kind
         return yaml.safe_load(text)
 
 
-def _given(where: str, found: object, values: Mapping[str, Any]) -> frozenset[str]:
+def _named(where: str, name: str, found: object, values: Mapping[str, Any]) -> frozenset[str]:
+    """The keys of a list in a file, which all have values there."""
     if not isinstance(found, list):
-        raise ConfigError(f"{where}: given: expected a list of keys, found {found!r}.")
+        raise ConfigError(f"{where}: {name}: expected a list of keys, found {found!r}.")
     for key in found:
         if key not in values:
             raise ConfigError(
-                f"{where}: given names {key!r}, which has no value in this file.",
+                f"{where}: {name} has {key!r}, which has no value in this file.",
                 "Add the value, or take the name away.",
             )
     return frozenset(found)

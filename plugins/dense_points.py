@@ -49,6 +49,16 @@ BACKGROUND_TOLERANCE = 0.015
 
 
 @dataclass(frozen=True)
+class FoundSurface:
+    """What stereo says of a capture; the same for all runs on it, whatever their image size."""
+
+    downscale: float
+    """The factor by which its images were shrunk."""
+    points: SurfacePoints | str
+    """All points, or in a clause why there are too few."""
+
+
+@dataclass(frozen=True)
 class DenseStart:
     """The scene to start from, and what is to be said about it."""
 
@@ -63,37 +73,40 @@ def dense_count(view_pixels: int) -> int:
 
 
 def dense_downscale(data: DataManager, downscale: float) -> float:
-    """Factor by which images are to be shrunk for stereo: less than for training, if that is more.
+    """Factor by which images are to be shrunk for stereo; that of training does not matter.
+
+    It is a multiple of a quarter, so that it is the same for all sizes of a capture, whose pixels
+    are whole.
 
     Args:
         data: the capture as it is trained on.
         downscale: the factor of its images.
     """
     pixels = data.views(Split.TRAIN).pixels
-    return max(1.0, downscale * min(1.0, (pixels / VIEW_PIXELS) ** 0.5))
+    return max(1.0, round(4 * downscale * (pixels / VIEW_PIXELS) ** 0.5) / 4)
 
 
-def dense_start(
-    data: DataManager, background: Float[Tensor, " 3"] | None, most: int, operators: Operators
-) -> DenseStart:
+def dense_start(scene: Scene, found: SurfacePoints | str, most: int) -> DenseStart:
     """The scene with points of the first time that most cameras show.
 
     Args:
-        data: the capture, at the size of ``dense_downscale``.
-        background: colour of pixels that show no surface; ``None`` if that is not known.
+        scene: the capture.
+        found: its points, or why there are too few.
         most: largest number of points; 0: all.
-        operators: do the work.
     """
-    found = dense_surface(data, background, operators)
-    if isinstance(found, SurfacePoints):
-        return _started(data.scene, found, most)
-    return _as_it_was(data.scene, found)
+    return _started(scene, found, most) if not isinstance(found, str) else _as_it_was(scene, found)
 
 
 def dense_surface(
     data: DataManager, background: Float[Tensor, " 3"] | None, operators: Operators
 ) -> SurfacePoints | str:
-    """All points, or in a clause why there are too few; see ``dense_start``."""
+    """All points, or in a clause why there are too few.
+
+    Args:
+        data: the capture, at the size of ``dense_downscale``.
+        background: colour of pixels that show no surface; ``None`` if that is not known.
+        operators: do the work.
+    """
     scene, views = data.scene, data.views(Split.TRAIN)
     chosen = chosen_views(views)
     if len(chosen) < 2:
@@ -152,6 +165,7 @@ def _images(
 ) -> StereoViews:
     """Small images of the chosen views, and their cameras."""
     pixels, parts = min(VIEW_PIXELS, MOST_PIXELS // len(chosen)), []
+    data.prefetch(Split.TRAIN, chosen)
     for view in tracked(chosen, "reading images for surfaces", len(chosen)):
         (batch,) = data.load(Split.TRAIN, (view,), torch.device("cpu"))
         parts.append(_image(batch, views.cameras[view], background).shrunk(pixels))

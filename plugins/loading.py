@@ -16,6 +16,8 @@ from gsfw.plugins.registry import SLOTS, PartError, Registry, package
 from gsfw.plugins.specs import PROJECT, Spec
 
 if TYPE_CHECKING:
+    import torch
+
     from gsfw.core.callback import Callback
     from gsfw.core.metrics import Metric
     from gsfw.core.operators import Operators
@@ -164,3 +166,11 @@ def make_metrics(registry: Registry, operators: Operators) -> dict[str, Metric]:
         else CautiousMetric(metric, f"metric {name!r} ({package(specs[name])})")
         for name, metric in made.items()
     }
+
+
+def choose_operators(registry: Registry, device: torch.device) -> Operators:
+    """Choose the set of operators with the highest preference on ``device``."""
+    willing = ask_all("operators", registry, lambda kind: (kind.preference(device), kind))
+    able = {name: found for name, found in willing.items() if found[0] is not None}
+    kind: type[Operators] = able[max(able, key=lambda name: (able[name][0], name))][1]
+    return kind()

@@ -247,9 +247,16 @@ class Resolving:
             for key in ["method", *SLOT_KEYS, *(key.name for key in keys(self._config))]
         }
         preset, _ = last(self._given_layers, "preset")
-        given = self._given_keys(sources)
-        notes = tuple(dict.fromkeys(self._notes))
-        return Settings(self._method, self._config, choices, sources, given, preset or "", notes)
+        return Settings(
+            self._method,
+            self._config,
+            choices,
+            sources,
+            given=self._given_keys(sources),
+            planned=self._planned_keys(sources),
+            preset=preset or "",
+            notes=tuple(dict.fromkeys(self._notes)),
+        )
 
     @property
     def _given_layers(self) -> list[Layer]:
@@ -265,6 +272,11 @@ class Resolving:
         if "datamanager" in given:  # The user chose it for this data only.
             given.add("data")
         return tuple(key for key in sources if key in given)
+
+    def _planned_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
+        """Keys whose value a plan decided."""
+        planned = {layer.source: layer.planned for layer in self._given_layers}
+        return tuple(key for key, source in sources.items() if key in planned.get(source, ()))
 
 
 def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:

@@ -48,6 +48,8 @@ class Layer:
     """Values by dotted key: text as on the command line, or plain data."""
     given: frozenset[str] | None = None
     """Keys that the user chose, if the layer holds all values of a run; ``None`` for all."""
+    planned: frozenset[str] = frozenset()
+    """Keys whose values a plan decided: they repeat a run, and another plan decides them anew."""
     rank: Rank = Rank.GIVEN
     packages: tuple[str, ...] = ()
     """Packages of the plugins of these values: "gsfw-dots 0.3"."""
@@ -73,7 +75,8 @@ class Layer:
             if new:
                 values[new] = current_value(new, self.values[old], renamed)
         given = None if self.given is None else frozenset(names[key] for key in self.given)
-        return replace(self, values=values, given=given)
+        planned = frozenset(names[key] for key in self.planned)
+        return replace(self, values=values, given=given, planned=planned)
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,9 @@ class Settings:
     sources: Mapping[str, str]
     """Source of each value, by dotted key."""
     given: tuple[str, ...] = ()
-    """Keys that the user chose: the others follow from these."""
+    """Keys that the user or a plan chose: the others follow from these."""
+    planned: tuple[str, ...] = ()
+    """Those of them that a plan decided."""
     preset: str = ""
     """The chosen preset, if any."""
     notes: tuple[str, ...] = ()

@@ -17,11 +17,20 @@ GROUPS = ("method", "strategy", "rasterizer", "datamanager", "sampler")
 
 
 def settings_section(record: RunRecord) -> Markup:
-    """The user's settings first, then all others; folded, with the command that reproduces."""
+    """The user's settings, those of a plan, all others; folded, with the command for them."""
     chosen = {
         key: value for key, value in record.settings.items() if key in record.given or key in GROUPS
     }
-    others = {key: value for key, value in record.settings.items() if key not in chosen}
+    planned = {
+        key: value
+        for key, value in record.settings.items()
+        if key in record.planned and key not in chosen
+    }
+    others = {
+        key: value
+        for key, value in record.settings.items()
+        if key not in chosen and key not in planned
+    }
     content = []
     command = record.header.get(COMMAND)
     if command:
@@ -35,6 +44,9 @@ def settings_section(record: RunRecord) -> Markup:
     )
     if chosen:
         content.append(folded(f"{len(chosen)} settings that somebody chose", _settings(chosen)))
+    if planned:
+        title = f"{len(planned)} settings that were planned for the time that somebody gave"
+        content.append(folded(title, _settings(planned)))
     if others:
         content.append(folded(f"{len(others)} settings that follow from them", _settings(others)))
     return section("settings", "Settings, and how to reproduce", content)

@@ -110,8 +110,13 @@ class RunComparison:
 
     @cached_property
     def settings(self) -> dict[str, list[Any]]:
-        """Settings that differ; ``None`` where a run has no such setting."""
-        return _differing([record.settings for record in self.records])
+        """Settings that differ; ``None`` where a run has no such setting.
+
+        The pace of a planned run is left out: it says what a machine did, and nobody chose it.
+        """
+        found = _differing([record.settings for record in self.records])
+        is_planned = any("pace" in record.planned for record in self.records)
+        return {key: values for key, values in found.items() if key != "pace" or not is_planned}
 
     @property
     def chosen(self) -> list[str]:

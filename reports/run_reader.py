@@ -50,7 +50,8 @@ def read_run(folder: RunFolder, started: float | None = None) -> RunRecord:
         why,
         started,
         settings=settings,
-        given=frozenset(settings) if config is None or config.given is None else config.given,
+        given=_given(config),
+        planned=frozenset() if config is None else config.planned,
         log=log,
         steps_done=max(done, default=_steps(final)),
         evaluated_step=step,
@@ -59,6 +60,13 @@ def read_run(folder: RunFolder, started: float | None = None) -> RunRecord:
         requirements=_document(folder.requirements, problems) or {},
         problems=tuple(problems),
     )
+
+
+def _given(config: Layer | None) -> frozenset[str]:
+    """Keys that the user chose."""
+    if config is None:
+        return frozenset()
+    return (frozenset(config.values) if config.given is None else config.given) - config.planned
 
 
 def _final(

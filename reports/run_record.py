@@ -32,6 +32,8 @@ class RunRecord:
     """Every setting, by dotted key; empty if they cannot be read."""
     given: frozenset[str] = frozenset()
     """Keys that the user chose."""
+    planned: frozenset[str] = frozenset()
+    """Keys that were decided for the time or the quality that the user asked for."""
     log: tuple[Mapping[str, Any], ...] = ()
     """Figures of the logged steps and of the evaluations, in order."""
     steps_done: int = 0

@@ -11,7 +11,7 @@ from typing import Any
 from gsfw.core.errors import ConfigError, UserError
 from gsfw.core.files.json_text import json_text
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.planning.asked import LENGTHS
+from gsfw.planning.asked import BOUND, LENGTHS
 from gsfw.plugins.compose import check
 from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import Registry
@@ -57,6 +57,12 @@ class PlannedRun:
     def steps(self) -> int:
         """Number of training steps."""
         return int(self.settings["steps"])
+
+    @property
+    def limit(self) -> float | None:
+        """Seconds in which it ends; ``None`` for a run of a number of steps."""
+        minutes, until = float(self.settings.get("minutes") or 0), self.settings.get("until")
+        return 60 * (minutes or BOUND) if minutes or until else None
 
     def arguments(self) -> list[str]:
         """Arguments of ``gsfw train``."""

@@ -26,11 +26,27 @@ STEP_SECONDS = 0.1
 """Seconds of a step before any is measured: about those of half-resolution images on two cores."""
 
 
+def _is_planned(result: Result) -> bool:
+    """True if a run had a time or a quality to end at."""
+    return bool(result.settings.get("minutes") or result.settings.get("until"))
+
+
 class Estimate:
     """Duration of runs, from results of the same cell; else of the scene, of the row, of any."""
 
     def __init__(self, results: Iterable[Result]) -> None:
-        timed = [r for r in results if r.figures.get("steps") and "train_seconds" in r.figures]
+        found = list(results)
+        self._walls = [
+            (result.row, result.scene, result.figures["wall_seconds"])
+            for result in found
+            if "wall_seconds" in result.figures
+        ]
+        # Steps of a planned run are those of its schedule, and no measure of other runs.
+        timed = [
+            r
+            for r in found
+            if r.figures.get("steps") and "train_seconds" in r.figures and not _is_planned(r)
+        ]
         self._measured = [
             (result.row, result.scene, result.figures["train_seconds"] / result.figures["steps"])
             for result in timed
@@ -42,7 +58,11 @@ class Estimate:
         ]
 
     def seconds(self, run: PlannedRun) -> float:
-        """Seconds that a run takes from its last checkpoint on."""
+        """Seconds that a run takes from its last checkpoint on; all of a run that is planned."""
+        if run.limit is not None:
+            cell = (run.cell.row, run.cell.scene)
+            # One that ends at a quality needs less than its bound.
+            return mean([s for *key, s in self._walls if tuple(key) == cell] or [run.limit])
         left = run.steps - (run.steps_done() or 0)
         start = mean(self._starts) if self._starts else START_SECONDS
         return start + left * self._step_seconds(run)
@@ -60,7 +80,7 @@ class Estimate:
     @property
     def is_measured(self) -> bool:
         """True if any run is known."""
-        return bool(self._measured)
+        return bool(self._measured or self._walls)
 
 
 @dataclass(frozen=True)

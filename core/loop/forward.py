@@ -42,12 +42,17 @@ class Forward:
     def __init__(self, parts: TrainingParts, plan: TrainingPlan) -> None:
         self._parts, self._plan = parts, plan
 
-    def load(self, views: tuple[int, ...], step: int) -> list[Batch]:
-        """The batches of some training views, at the image size of the step."""
+    def load(self, views: tuple[int, ...], coming: tuple[int, ...], step: int) -> list[Batch]:
+        """The batches of some training views, at the image size of the step.
+
+        Args:
+            views: the training views.
+            coming: views of later steps, which are loaded in the background.
+            step: number of the step, counted from 0.
+        """
         parts, plan = self._parts, self._plan
         # The views of this step come first: loaders work in the order of the requests.
-        coming = (*views, *parts.sampler.peek(plan.prefetch_views))
-        parts.data.prefetch(Split.TRAIN, coming)
+        parts.data.prefetch(Split.TRAIN, (*views, *coming))
         alone = parts.refiners.needs_view_gradients(step)
         groups = [(view,) for view in views] if alone else [views]
         batches = [

@@ -26,6 +26,8 @@ WINDOW = 0.3
 best one before, by ``WORTH``. Shorter windows could lie in the recovery from an opacity reset."""
 WORTH = 0.1
 """PSNR in dB that the last ``WINDOW`` of a run has to gain. Two seeds differ by as much."""
+GAIN = 0.5
+"""PSNR in dB that the last part gains, as rates decay: so far below a value it begins."""
 LAST_PART, LEAST_LAST = 0.25, 50
 """Updates of the last part over those before it, and at least so many."""
 
@@ -37,22 +39,23 @@ class Goal:
         """Start without a look.
 
         Args:
-            target: PSNR in dB that ends the run; ``None``: when more steps stop paying.
+            target: PSNR in dB to end at; ``None``: the run ends when more steps stop paying.
         """
         self._target = target
         self.looks: list[tuple[int, float]] = []
         """Number of updates and PSNR in dB of each look."""
         self.reached: int | None = None
-        """Number of updates after which the goal was reached; ``None``: not yet."""
+        """Number of updates after which the last part, which leads to it, began; ``None``: none."""
 
     def due(self, updates: int) -> bool:
         """True if a look is due after so many updates."""
         return self.reached is None and updates % EVERY == 0
 
     def judge(self, updates: int, found: float) -> bool:
-        """Note a look; true if the goal is reached by it."""
+        """Note a look; true if the last part leads to the goal from here."""
         self.looks.append((updates, found))
-        enough = self._pays_no_more(updates) if self._target is None else found >= self._target
+        target = self._target
+        enough = self._pays_no_more(updates) if target is None else found >= target - GAIN
         if enough:
             self.reached = updates
         return enough

@@ -4,16 +4,30 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
+
+THREADS = Path("/proc/self/task")
+"""Threads of this process on Linux. The file ``schedstat`` of each has the nanoseconds in which it
+ran, and those in which it could have run and other work had its processor."""
 
 
 @dataclass(frozen=True)
-class Reading:
-    """A moment of a run."""
+class Work:
+    """What the threads of this process have done; zeros where the system does not tell."""
 
-    seconds: float
-    """Wall-clock time since the start of the run."""
-    own_seconds: float
-    """Processor time of this process, over all its threads."""
+    ran: float = 0.0
+    """Seconds on a processor, over all threads."""
+    waited: float = 0.0
+    """Seconds in which a thread waited for a processor that had other work."""
+
+    def slowdown(self, before: Work) -> float:
+        """Time of the work since ``before`` over that on an idle machine; 1 if it is not known.
+
+        Processors that this process has no use for change nothing.
+        """
+        ran, waited = self.ran - before.ran, self.waited - before.waited
+        # Threads that have ended take their times with them.
+        return 1.0 + max(waited, 0.0) / ran if ran > 0 else 1.0
 
 
 class MachineClock:
@@ -27,9 +41,30 @@ class MachineClock:
         """
         self._began = began + _now() - time.perf_counter()
 
-    def read(self) -> Reading:
-        """The time now."""
-        return Reading(_now() - self._began, time.process_time())
+    def seconds(self) -> float:
+        """Wall-clock time since the start of the run."""
+        return _now() - self._began
+
+    def work(self) -> Work:
+        """The work of this process so far; reads a file for each thread."""
+        times = [_schedstat(thread) for thread in _threads()]
+        return Work(sum((ran for ran, _ in times), 0.0), sum((wait for _, wait in times), 0.0))
+
+
+def _threads() -> list[Path]:
+    try:
+        return list(THREADS.iterdir())
+    except OSError:
+        return []
+
+
+def _schedstat(thread: Path) -> tuple[float, float]:
+    """Seconds in which a thread ran, and waited to run."""
+    try:
+        ran, waited, _ = (thread / "schedstat").read_text().split()
+        return int(ran) / 1e9, int(waited) / 1e9
+    except (OSError, ValueError):  # It has ended, or this system has no such file.
+        return 0.0, 0.0
 
 
 def _now() -> float:

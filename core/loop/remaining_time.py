@@ -16,14 +16,18 @@ from dataclasses import dataclass
 
 from gsfw.core.callback import RunInfo
 
-GROWTH_EXPONENT, PIXELS_EXPONENT = 0.5, 0.5
+GROWTH_EXPONENT, PIXELS_EXPONENT = 0.5, 0.35
 """Exponents of the time of a step in the number of Gaussians and of pixels. Measured: 0.5 to 0.7
-between 10,000 and 150,000 Gaussians at 100 to 200 pixels."""
+between 10,000 and 150,000 Gaussians at 100 to 200 pixels; of pixels 0.2 on chair (200 x 200, 15,000
+Gaussians) and 0.3 to 0.45 on fox (180 x 320, 29,000 and 57,000), as much of a short step is fixed.
+"""
 RECENT = 0.3
 """The factor is measured over this last part of the finished steps."""
-USUAL_GROWTH, WEIGHT_OF_USUAL = 0.01, 8
-"""Part by which a refinement usually adds rows, and the number of refinements that it weighs as
-much as: median of 196 recorded runs with ADC."""
+USUAL_FACTOR = 4.0
+"""Factor by which rows usually grow, over all refinements of a run. A refinement of a long run so
+adds 1 %, the median of 196 recorded runs with ADC, and one of 8 in a run of 1000 steps 19 %."""
+WEIGHT_OF_USUAL, SHARE_OF_USUAL = 8, 0.25
+"""Number of refinements that this weighs as much as, at most, and that as part of all of them."""
 LEAST_STEPS, LEAST_SECONDS = 20, 2.0
 """Nothing is said before so many steps and seconds: the first steps decode images and warm up."""
 ENOUGH_STEPS = 10
@@ -87,6 +91,11 @@ class RemainingTime:
         """Learn the duration of an evaluation after ``step``; reported times begin anew there."""
         self._view_seconds, self._evaluated_at = seconds / max(views, 1), step
 
+    @property
+    def view_seconds(self) -> float:
+        """Time of a view in the latest evaluation; 0 as long as it is not known."""
+        return self._view_seconds
+
     def seconds(self, stretch: int | float = 1.0) -> float | None:
         """Time until the end of the last evaluation; ``None`` as long as it cannot be known.
 
@@ -110,7 +119,19 @@ class RemainingTime:
             for item in recent
         )
         factor = sum(item.seconds for item in recent) / units
-        return factor * self._units_left(now) + self._waiting_left(now)
+        slope = self._growth(now, self._refinement()[0])
+        left = self._units_left(now, self._seen[-1].gaussians, slope)
+        return factor * left + self._waiting_left(now)
+
+    def mean_cost(self, gaussians: int) -> float:
+        """Mean time of all steps over that of one at the start, at full image size.
+
+        Args:
+            gaussians: rows of the model at the start.
+        """
+        slope = self._usual_growth() * gaussians
+        left = self._units_left(self._first, gaussians, slope)
+        return left / (self._steps - self._first) / self._unit(self._first, gaussians, 1.0)
 
     def _recent(self, now: int) -> list[_Interval]:
         """The last intervals; of the present phase alone, and after the first pass, if they do."""
@@ -130,19 +151,24 @@ class RemainingTime:
         size = max(gaussians, 1) ** GROWTH_EXPONENT
         return cost * size * (resolution * resolution) ** PIXELS_EXPONENT
 
-    def _units_left(self, now: int) -> float:
-        """Sum of the relative times of the remaining steps."""
-        left, last = self._steps - now, self._seen[-1]
+    def _units_left(self, now: int, gaussians: int, slope: float) -> float:
+        """Sum of the relative times of the remaining steps.
+
+        Args:
+            now: finished steps.
+            gaussians: rows of the model.
+            slope: rows that refinements add, per step.
+        """
+        left = self._steps - now
         start, stop = self._refinement()
-        slope = self._growth(now, start)
         keys = ("strategy.max_gaussians", "strategy.cap_max")
         limits = [int(self._settings.get(key) or 0) for key in keys]
-        most = max(min([limit for limit in limits if limit], default=UNLIMITED), last.gaussians)
+        most = max(min([limit for limit in limits if limit], default=UNLIMITED), gaussians)
         total = 0.0
         for part in range(PARTS):
             step = now + left * (part + 0.5) / PARTS
             grown = slope * max(0.0, min(step, stop) - max(now, start))
-            count = min(max(int(last.gaussians + grown), 1), most)
+            count = min(max(int(gaussians + grown), 1), most)
             total += self._unit(int(step), count, self._resolution(step)) * left / PARTS
         return total
 
@@ -170,9 +196,21 @@ class RemainingTime:
         steps = now - before[-1].end
         rounds = max(0.0, (now - max(start, self._first)) / every)
         observed = (last - before[-1].gaussians) * every / steps if steps > 0 and rounds else 0.0
-        usual = USUAL_GROWTH * last
-        a_round = (observed * rounds + usual * WEIGHT_OF_USUAL) / (rounds + WEIGHT_OF_USUAL)
+        weight = min(WEIGHT_OF_USUAL, SHARE_OF_USUAL * self._rounds())
+        usual = self._usual_growth() * every * last
+        a_round = (observed * rounds + usual * weight) / (rounds + weight)
         return a_round / every
+
+    def _rounds(self) -> float:
+        """Number of refinements of the run, at least one."""
+        every = int(self._settings.get("strategy.refine_every", 0) or 0)
+        start, stop = self._refinement()
+        return max((stop - start) / every, 1.0) if every else 1.0
+
+    def _usual_growth(self) -> float:
+        """Part by which rows usually grow in a step, while they are refined."""
+        every = int(self._settings.get("strategy.refine_every", 0) or 0)
+        return (USUAL_FACTOR ** (1 / self._rounds()) - 1) / every if every else 0.0
 
     def _waiting_left(self, now: int) -> float:
         """Time that steps will wait for images: in the first pass, and after it as they do now."""

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.machine_clock import MachineClock, Work
 from gsfw.core.loop.pace import FASTEST, SLOWEST, UNIT, Decision
 from gsfw.core.loop.remaining_time import RemainingTime
 
@@ -29,6 +29,11 @@ SMOOTHING = 0.7
 LARGEST_CHANGE = 1.5
 """Factor by which one decision changes the pace at most in the first half of the time: first steps
 decode images and warm up, and a pause of some seconds is no reason to end soon."""
+TRUST = 4.0
+"""A pace above 1 exceeds it by this times the part of the time that has passed, at most, in the
+first half of it: until then costs of later steps are a guess, and rows grow, which haste spoils."""
+SETTLING = 5
+"""Looks of a process to which that holds in any part of the time: the run may have been resumed."""
 FEWEST = 5
 """Steps between two looks at least."""
 GRACE = 0.03
@@ -74,7 +79,6 @@ class Timekeeper:
         ending: Ending,
         clock: MachineClock,
         spent: float = 0.0,
-        threads: int = 0,
     ) -> None:
         """Start with nothing measured.
 
@@ -84,15 +88,17 @@ class Timekeeper:
             ending: the work after the last step.
             clock: counts from the start of this process.
             spent: seconds that the run took before this process: it was resumed.
-            threads: processor threads that do the work of a step; 0 if a GPU does it.
         """
         self._remaining, self._limit, self._ending = remaining, limit, ending
-        self._clock, self._spent, self._threads = clock, spent, threads
-        self._last: Reading | None = None
-        self._since = self._last_step = 0
-        self._apart = self._apart_own = self._latest_apart = 0.0
+        self._clock, self._spent = clock, spent
+        self._last: float | None = None
+        self._work = Work()
+        self._since = self._last_step = self._looks = 0
+        self._apart = self._latest_apart = 0.0
         self._update_seconds = 0.0
         self._busy = 0.0
+        self._began = 0.0
+        """Seconds of the run before it trained; 0 for one that was resumed."""
 
     @property
     def limit(self) -> float:
@@ -101,23 +107,33 @@ class Timekeeper:
 
     def spent(self) -> float:
         """Seconds of the run so far, with those of earlier processes."""
-        return self._spent + self._clock.read().seconds
+        return self._spent + self._clock.seconds()
 
-    def restart(self, updates: int) -> None:
-        """Measure from now on: training begins, or goes on."""
-        self._last, self._since = self._clock.read(), updates
+    @property
+    def view_seconds(self) -> float:
+        """Seconds of a view in the latest evaluation, or as they were expected."""
+        return self._remaining.view_seconds
+
+    def restart(self, updates: int, step: int) -> None:
+        """Measure from now on: training begins, or goes on.
+
+        Args:
+            updates: number of finished updates.
+            step: finished steps of the schedule.
+        """
+        self._last, self._work = self._clock.seconds(), self._clock.work()
+        self._since, self._last_step = updates, step
+        self._began = self.spent() if step == 0 else 0.0
 
     @contextmanager
     def apart(self) -> Iterator[None]:
         """Leave out the time inside, which is no part of a step."""
-        before = self._clock.read()
+        before = self._clock.seconds()
         try:
             yield
         finally:
-            now = self._clock.read()
-            self._latest_apart = now.seconds - before.seconds
+            self._latest_apart = self._clock.seconds() - before
             self._apart += self._latest_apart
-            self._apart_own += now.own_seconds - before.own_seconds
 
     def evaluated(self, step: int, views: int) -> None:
         """Learn that the latest time apart was an evaluation of so many views."""
@@ -125,11 +141,11 @@ class Timekeeper:
 
     def decide(self, standing: Standing) -> Decision | None:
         """Look at the clock; the decision after this update, if the pace has to change."""
-        now = self._clock.read()
+        now = self._clock.seconds()
         if self._last is None:
-            self.restart(standing.updates)
+            self.restart(standing.updates, standing.step)
             return None
-        seconds = now.seconds - self._last.seconds - self._apart
+        seconds = now - self._last - self._apart
         is_far = standing.step - self._last_step >= max(INTERVAL * standing.steps, FEWEST)
         is_long = seconds >= max(INTERVAL * self._limit, SHORTEST)
         if not (is_far or is_long) or standing.step >= standing.steps:
@@ -138,26 +154,23 @@ class Timekeeper:
         wanted = self._wanted(standing, now)
         return None if wanted is None else Decision(standing.updates, wanted)
 
-    def _learn(self, standing: Standing, now: Reading, seconds: float) -> None:
+    def _learn(self, standing: Standing, now: float, seconds: float) -> None:
         """Learn from the updates since the last look."""
-        assert self._last is not None
         update_seconds = seconds / max(standing.updates - self._since, 1)
         self._update_seconds = _smoothed(self._update_seconds, update_seconds)
-        own = now.own_seconds - self._last.own_seconds - self._apart_own
-        if self._threads and own > 0:
-            # Of wall-clock time, this part would be enough if the machine did nothing else.
-            self._busy = _smoothed(self._busy, max(1.0, seconds * self._threads / own))
+        work = self._clock.work()
+        self._busy = _smoothed(self._busy, work.slowdown(self._work))
         self._remaining.observe(
             standing.step, standing.gaussians, standing.resolution, update_seconds
         )
         self._last, self._since, self._last_step = now, standing.updates, standing.step
-        self._apart = self._apart_own = 0.0
+        self._work, self._apart, self._looks = work, 0.0, self._looks + 1
 
-    def _wanted(self, standing: Standing, now: Reading) -> int | None:
+    def _wanted(self, standing: Standing, now: float) -> int | None:
         """The pace, in thousandths, that ends the run in time; ``None`` to leave it alone."""
         steps_left = standing.steps - standing.step
         needed = self._remaining.steps_seconds()
-        left = self._limit - self._spent - now.seconds - self.reserved(standing)
+        left = self._limit - self._spent - now - self.reserved(standing)
         grace = GRACE * self._limit
         if left < -grace:
             rush = _within(math.ceil(steps_left * UNIT / LAST_UPDATES))
@@ -168,9 +181,15 @@ class Timekeeper:
         if abs(needed - left) < TOLERANCE * self._limit or (left < grace and needed < grace):
             return None
         change = needed / max(left, grace)
-        if now.seconds + self._spent < self._limit / 2:
+        if now + self._spent < self._limit / 2 or self._looks <= SETTLING:
             change = min(max(change, 1 / LARGEST_CHANGE), LARGEST_CHANGE)
-        return _within(math.ceil(change * standing.thousandths))
+        return self._bounded(math.ceil(change * standing.thousandths), now + self._spent)
+
+    def _bounded(self, thousandths: int, passed: float) -> int:
+        """A pace within its bounds after some seconds of the run."""
+        part = (passed - self._began) / max(self._limit - self._began, 1e-9)
+        most = math.ceil((1 + TRUST * part) * UNIT) if part < 0.5 else FASTEST
+        return _within(min(thousandths, most))
 
     def reserved(self, standing: Standing) -> float:
         """Seconds that are kept for what comes after the last step."""

@@ -85,7 +85,7 @@ class Trainer:
                     self._checkpoint()
                 self.callbacks.on_start(self._started(), self.control)
                 self._stopwatch.restart()
-                self.walk.begin()
+                self.walk.begin(self.step)
                 while self.step < self.plan.steps and self.control.stop_reason is None:
                     self._one_step()
                 summary = self._finish()
@@ -113,7 +113,7 @@ class Trainer:
             self._stopwatch.step_done()
             self.step += 1
             self.train_seconds += time.perf_counter() - started
-        # In haste many steps pass in little time: what is due in them waits for the end.
+        # In haste many steps pass in little time: evaluations due in them wait for the end.
         is_calm = limits.may_grow and not (is_reset and span > 1)
         self._follow_up(rendered, range(first + 1, self.step + 1), is_calm)
         batch = rendered[0].context.batch
@@ -128,7 +128,8 @@ class Trainer:
         forward = Forward(parts, self.plan)
         with clock.stage("load"):
             views = self.walk.next_views(parts.sampler, step)
-            batches = forward.load(views, step)
+            coming = self.walk.coming_views(parts.sampler, self.plan.prefetch_views)
+            batches = forward.load(views, coming, step)
         parts.method.prepare(step, parts.model, parts.optimizer, self._time_of(views[0]))
         num_views = sum(len(batch.views) for batch in batches)
         rendered: list[RenderedBatch] = []
@@ -208,7 +209,7 @@ class Trainer:
         Args:
             rendered: batches of the latest update.
             passed: numbers of finished steps that the update has reached.
-            is_calm: true if evaluations and checkpoints on the way are wanted.
+            is_calm: true if evaluations on the way are wanted.
         """
         plan, step = self.plan, self.step
         if passed:
@@ -225,7 +226,7 @@ class Trainer:
             self._evaluate()
             self._stopwatch.restart()
         due = any(checkpoint_due(done, plan.steps, plan.checkpoint_every) for done in passed)
-        if (due and is_calm) or self.control.checkpoint_requested:
+        if due or self.control.checkpoint_requested:
             self._checkpoint()
 
     def _resets_after(self, done: int) -> bool:

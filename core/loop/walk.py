@@ -51,22 +51,40 @@ class Walk:
         self._drawn = 0
         self._views: tuple[int, ...] = ()
 
-    def begin(self) -> None:
-        """Start the clock: training begins, or goes on."""
+    def begin(self, step: int) -> None:
+        """Start the clock: training begins, or goes on after a step of the schedule."""
         if self.timekeeper is not None:
-            self.timekeeper.restart(self.updates)
+            self.timekeeper.restart(self.updates, step)
 
     def next_views(self, sampler: Sampler, step: int) -> tuple[int, ...]:
         """The views of an update at a step.
 
-        The sampler is never behind the schedule, and one that is a schedule never ahead of it.
+        A sampler that is a schedule is neither behind the schedule nor ahead of it; others give
+        the views of one step for each update.
         """
-        views = self._views if sampler.is_schedule else ()
-        while not views or self._drawn <= step:
-            views = sampler.next()
-            self._drawn += 1
-        self._views = views
+        if not sampler.is_schedule or not self._views:
+            self._draw(sampler)
+        while sampler.is_schedule and self._drawn <= step:
+            self._draw(sampler)
+        return self._trained(self._views)
+
+    def _draw(self, sampler: Sampler) -> None:
+        self._views = sampler.next()
+        self._drawn += 1
+
+    def _trained(self, views: tuple[int, ...]) -> tuple[int, ...]:
+        """The views, without those that are held back."""
         return views if self.pace.all_views(self.updates) else self.held_back.replace(views)
+
+    def coming_views(self, sampler: Sampler, count: int) -> tuple[int, ...]:
+        """Up to ``count`` views of the updates after the present one, to be loaded ahead."""
+        span = self.pace.span(self.updates) if sampler.is_schedule else 1
+        if count == 0 or self.pace.hastens(self.updates):
+            return ()
+        views, each = sampler.peek(count * max(span, 1)), max(len(self._views), 1)
+        if span > 1:  # Of so many steps only the last one gets an update.
+            views = tuple(v for i, v in enumerate(views) if i // each % span == span - 1)
+        return self._trained(views)
 
     def advance(self, steps_left: int) -> tuple[int, GrowthLimits]:
         """Count an update: the steps that it stands for, and the limits that hold in them."""
@@ -161,6 +179,7 @@ class Walk:
             "views": list(self._views),
             "pace": [*self.pace.texts],
             "spent": 0.0 if self.timekeeper is None else self.timekeeper.spent(),
+            "view_seconds": 0.0 if self.timekeeper is None else self.timekeeper.view_seconds,
             "goal": None if self.goal is None else self.goal.state_dict(),
         }
 

@@ -10,8 +10,7 @@ from functools import partial
 import torch
 
 from gsfw.core.rasterizer import Rasterizer
-from gsfw.plugins.compose import choose_operators
-from gsfw.plugins.loading import load_all
+from gsfw.plugins.loading import choose_operators, load_all
 from gsfw.plugins.registry import Registry
 from gsfw.rasterizers.gsplat.rasterizer import GsplatRasterizer
 from gsfw.studies.bench.steps import TrainingStep, gsplat_steps

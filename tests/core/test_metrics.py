@@ -7,7 +7,7 @@ import torch
 
 from gsfw.core.maths.ssim import ssim
 from gsfw.core.metrics import PSNR_MAX, Psnr, Ssim, psnr
-from gsfw.plugins.compose import choose_operators
+from gsfw.plugins.loading import choose_operators
 from gsfw.plugins.registry import installed
 
 

@@ -75,5 +75,16 @@ def test_a_recorded_plan_repeats_unless_a_time_is_given_after_it():
     assert given[0].values == {}, "its decisions are not kept"
 
 
+def test_a_recorded_plan_leaves_nothing_to_another_one_but_what_the_user_gave():
+    values = {"steps": "400", "pace": [], "downscale": "3", "optim.sh_rest_lr": "5e-4", "seed": "4"}
+    planned = frozenset({"steps", "pace", "downscale", "optim.sh_rest_lr"})
+    recorded = Layer("a file", values, planned=planned)
+    given = spelled_out([recorded, Layer(COMMAND_LINE, {"minutes": "2"})])
+    assert given[0].values == {"seed": "4"}
+    assert given[0].planned == frozenset()
+    repeated = spelled_out([recorded, Layer(COMMAND_LINE, {"seed": "5"})])
+    assert repeated[0].values == values, "the same run, with another seed"
+
+
 def test_steps_given_after_a_time_replace_it():
     assert asked({"minutes": "2"}, {"steps": "300"}) is None

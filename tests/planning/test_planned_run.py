@@ -4,16 +4,20 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 import yaml
 from support.small_scene import SMALL_SCENE
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
-from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.machine_clock import MachineClock, Work
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.timekeeper import Ending
 from gsfw.core.loop.walk import Walk
+from gsfw.core.stereo.surface import SurfacePoints
 from gsfw.planning import trial
+from gsfw.plugins import start
+from gsfw.plugins.compose import Composition
 
 # Whole trainings; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
@@ -31,6 +35,8 @@ class Machine:
         self.seconds = 0.0
         self.update_seconds = 0.4
         self.slow_from: float | None = None
+        self.tried: list[Composition] = []
+        """Runs whose steps were measured, in order."""
 
     def update(self) -> None:
         """Pass the time of an update; twice as long once the machine is busy."""
@@ -48,21 +54,21 @@ def machine(monkeypatch) -> Machine:
 
     usual = Walk.advance
     monkeypatch.setattr(Walk, "advance", advance)
-    monkeypatch.setattr(MachineClock, "read", lambda self: Reading(made.seconds, made.seconds))
-    monkeypatch.setattr("gsfw.planning.trial.SECONDS", 0.0)
+    monkeypatch.setattr(MachineClock, "seconds", lambda self: made.seconds)
+    monkeypatch.setattr(MachineClock, "work", lambda self: Work(made.seconds))
     for module in ("plan", "speed"):
         monkeypatch.setattr(f"gsfw.planning.{module}.ENDING", ENDING)
     usual_trial = trial.try_steps
 
     def measured(composition, seconds):
-        assert seconds > 0
+        made.tried.append(composition)
         before = made.seconds
-        found = usual_trial(composition)
-        made.seconds = before + 2.0
+        found = usual_trial(composition, 0.0)
+        made.seconds = before + 1.0
         return replaced(found, step=made.update_seconds, view=0.05)
 
-    monkeypatch.setattr("gsfw.planning.plan.try_steps", measured)
-    monkeypatch.setattr("gsfw.planning.plan.seconds_to_load", lambda composition: 0.01)
+    monkeypatch.setattr("gsfw.planning.measurement.try_steps", measured)
+    monkeypatch.setattr("gsfw.planning.measurement.seconds_to_load", lambda composition: 0.01)
     return made
 
 
@@ -78,7 +84,7 @@ def last_state(folder: Path) -> dict:
     """The last checkpoint, without what the clock says."""
     state = read_checkpoint(RunFolder(folder).latest_checkpoint())
     del state["train_seconds"]
-    state["walk"] = {**state["walk"], "spent": 0.0, "goal": None}
+    state["walk"] = {**state["walk"], "spent": 0.0, "view_seconds": 0.0, "goal": None}
     return state
 
 
@@ -100,6 +106,7 @@ def test_a_run_ends_in_its_time_and_repeats_from_its_file(machine, tmp_path, cap
     assert config["minutes"] == 1.0
     assert "minutes" not in config["given"]
     assert {"steps", "pace"} <= set(config["given"])
+    assert set(config["planned"]) == {*record["decided"], "pace"}
     machine.slow_from, machine.update_seconds = None, 0.01
     assert main(["train", f"config={first / 'config.yaml'}", f"out={second}"]) == 0
     assert not RunFolder(second).plan.exists()
@@ -146,6 +153,23 @@ def test_a_planned_run_goes_on_for_more_steps_at_the_usual_pace(machine, tmp_pat
     capsys.readouterr()
     assert main(["resume", str(tmp_path), f"steps={steps + 30}"]) == 0
     assert main(["train", f"config={tmp_path / 'config.yaml'}", "--dry-run"]) == 0
+
+
+def test_a_plan_looks_for_a_surface_once_and_measures_the_start_that_it_chose(
+    machine, tmp_path, monkeypatch
+):
+    looked = []
+
+    def made(*given):
+        looked.append(given)
+        places = torch.rand(40, 3, generator=torch.Generator().manual_seed(2)) - 0.5
+        return SurfacePoints(places, places + 0.5, torch.ones(40), confirmed=1.0)
+
+    monkeypatch.setattr(start, "dense_surface", made)
+    assert main([*RUN, "init=dense", "minutes=1", f"out={tmp_path}"]) == 0
+    assert len(looked) == 1
+    rows = [run.parts.model.num_rows for run in machine.tried]
+    assert rows == [40, 40], "not the points of the data"
 
 
 @pytest.mark.slow

@@ -89,7 +89,7 @@ def test_a_file_names_as_given_only_keys_that_it_has(tmp_path):
     path = tmp_path / "a.yaml"
     path.write_text("given: [seed, steps]\nseed: 1\n")
     assert refusal(path) == (
-        f"config file {path}: given names 'steps', which has no value in this file.\n"
+        f"config file {path}: given has 'steps', which has no value in this file.\n"
         "Add the value, or take the name away."
     )
     path.write_text("given: seed\nseed: 1\n")
@@ -98,6 +98,23 @@ def test_a_file_names_as_given_only_keys_that_it_has(tmp_path):
     assert read_config(path).values == {"seed": 1}
     everything = {"seed": 1, "steps": 2, "minutes": 0.0}
     assert read_config(path, everything=True).values == everything
+
+
+def test_what_a_plan_decided_is_named_and_repeated(tmp_path):
+    plan = {"seed": "7", "steps": "300"}
+    layers = [
+        Layer(COMMAND_LINE, {"method": "demo", "antialias": "true"}),
+        Layer("the plan", plan, given=frozenset(plan), planned=frozenset(plan)),
+    ]
+    path = tmp_path / "config.yaml"
+    path.write_text(write_config(resolve(fake_registry(), layers), ["train", "minutes=2"]))
+    assert set(yaml.safe_load(path.read_text())["planned"]) == {"seed", "steps"}
+    again = resolve(fake_registry(), [read_config(path)])
+    assert (again.config.seed, again.config.steps) == (7, 300)
+    assert set(again.planned) == {"seed", "steps"}
+    assert {"antialias", "seed", "steps"} <= set(again.given)
+    changed = Layer(COMMAND_LINE, {"seed": "8"})
+    assert set(resolve(fake_registry(), [read_config(path), changed]).planned) == {"steps"}
 
 
 def test_a_run_of_before_minutes_existed_repeats_with_its_steps(tmp_path):

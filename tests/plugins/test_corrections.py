@@ -13,7 +13,8 @@ from gsfw.core.capabilities import Feature
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.loop.corrections import CaptureCorrections
 from gsfw.core.loop.run_folder import RunFolder
-from gsfw.plugins.compose import compose, open_data
+from gsfw.plugins.compose import compose
+from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
 

@@ -14,11 +14,12 @@ from gsfw.kernels.cpu.operators import CpuOperators
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.dense_points import (
     MOST_VIEWS,
-    VIEW_PIXELS,
+    DenseStart,
     chosen_views,
     dense_count,
     dense_downscale,
     dense_start,
+    dense_surface,
 )
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
@@ -40,6 +41,10 @@ def views_at(times: list[float | None], model: CameraModel = CameraModel.PINHOLE
         for time in times
     )
     return Views(tuple(str(i) for i in range(len(times))), cameras)
+
+
+def started(data, background: torch.Tensor | None, most: int) -> DenseStart:
+    return dense_start(data.scene, dense_surface(data, background, OPERATORS), most)
 
 
 class Changed(WrappedDataManager):
@@ -83,7 +88,7 @@ def test_views_of_other_lenses_are_left_out():
 @pytest.mark.parametrize("with_points", [True, False])
 def test_points_of_the_built_in_scene_lie_on_its_surfaces(data, with_points: bool):
     given = data if with_points else pointless(data)
-    start = dense_start(given, WHITE, 0, OPERATORS)
+    start = started(given, WHITE, 0)
     points = start.scene.points
     assert len(points) >= 100
     assert start.scene.point_times is None
@@ -93,7 +98,7 @@ def test_points_of_the_built_in_scene_lie_on_its_surfaces(data, with_points: boo
 
 
 def test_points_are_no_more_than_asked_for(data):
-    start = dense_start(data, WHITE, 120, OPERATORS)
+    start = started(data, WHITE, 120)
     assert len(start.scene.points) == len(start.scene.point_colors) == 120
 
 
@@ -106,7 +111,7 @@ def test_the_number_of_points_follows_the_pixels_of_a_view():
 def test_one_camera_per_time_starts_from_what_the_data_brings(data):
     views = data.views(Split.TRAIN)
     single = replace(views, names=views.names[:1], cameras=views.cameras[:1])
-    start = dense_start(Changed(data, single), None, 0, OPERATORS)
+    start = started(Changed(data, single), None, 0)
     assert start.scene is data.scene
     assert start.notes == (
         "init=dense: 'synthetic' has 1 pinhole cameras at one time, not two; starting from the "
@@ -118,7 +123,7 @@ def test_cameras_in_one_place_start_from_what_the_data_brings(data):
     views = data.views(Split.TRAIN)
     pose = views.cameras[0].world_to_camera
     still = tuple(replace(camera, world_to_camera=pose) for camera in views.cameras)
-    start = dense_start(Changed(data, replace(views, cameras=still)), None, 0, OPERATORS)
+    start = started(Changed(data, replace(views, cameras=still)), None, 0)
     assert start.scene is data.scene
     assert "agree on 0% of" in start.notes[0]
 
@@ -131,7 +136,7 @@ def test_wrong_poses_start_at_random_where_there_are_no_points(data):
         for camera, other in zip(views.cameras, order, strict=True)
     )
     given = Changed(pointless(data), replace(views, cameras=mixed), pointless(data).scene)
-    start = dense_start(given, None, 0, OPERATORS)
+    start = started(given, None, 0)
     assert len(start.scene.points) == 0
     assert start.notes[0].endswith("starting from random splats.")
 
@@ -163,9 +168,21 @@ def test_the_old_name_starts_from_dense_points():
     assert "init=stereo was renamed to init=dense." in run.notes()
 
 
-def test_small_images_are_read_again_at_a_larger_size():
-    data = SyntheticConfig(width=50, height=40).build(DataRequest(None))
-    assert dense_downscale(data, 8.0) == pytest.approx(8.0 * (2000 / VIEW_PIXELS) ** 0.5)
-    assert dense_downscale(data, 2.0) == 1.0
-    large = SyntheticConfig(width=400, height=300).build(DataRequest(None))
-    assert dense_downscale(large, 4.0) == 4.0
+def test_images_for_stereo_are_the_same_whatever_the_size_of_training():
+    full = SyntheticConfig(width=400, height=300)
+    found = {
+        dense_downscale(full.build(DataRequest(None, downscale=divisor)), divisor)
+        for divisor in (1.0, 1.5, 2.0, 3.0, 7.0)
+    }
+    assert found == {2.5}
+    assert dense_downscale(SyntheticConfig(width=50, height=40).build(DataRequest(None)), 1.0) == 1
+
+
+def test_a_surface_that_was_found_for_one_image_size_serves_another(monkeypatch):
+    size = {"datamanager__width": "96", "datamanager__height": "72"}
+    first = composed(init="dense", **size)
+    monkeypatch.setattr("gsfw.plugins.start.dense_surface", None)  # It is not called.
+    registry = installed()
+    small = replace(first.settings, config=replace(first.settings.config, downscale=2.0))
+    again = compose(small, registry, surface=first.surface)
+    assert again.parts.model.num_rows == 48 * 36 // 2

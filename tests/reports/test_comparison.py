@@ -13,6 +13,7 @@ from gsfw.reports.encoding import webp
 from gsfw.reports.error_image import ErrorImage
 from gsfw.reports.page_limit import MOST_BYTES
 from gsfw.reports.pictures import Pictures, ViewPicture, store_pictures
+from gsfw.reports.provenance import settings_section
 from gsfw.reports.run_comparison import QUALITY, RunComparison
 from gsfw.reports.run_reader import read_run
 from gsfw.reports.run_report import Opened
@@ -222,3 +223,24 @@ def test_more_than_a_page_can_hold_is_refused(tmp_path, arguments, message, caps
         write_run(tmp_path / name, {"a": 20.0})
     assert main(["report", *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+def planned(folder, pace, steps, rate):
+    """A run that was planned, as its config.yaml says it."""
+    made = write_run(folder, {"a": 20.0}, steps=steps)
+    text = made.config.read_text().replace("given: [method, steps]", "given: [method, steps, pace]")
+    lists = "planned: [steps, pace, optim.sh_rest_lr]\n"
+    made.config.write_text(f"{lists}{text}pace: {pace}\noptim.sh_rest_lr: {rate}\n")
+    return read_run(made)
+
+
+def test_what_a_plan_decided_was_chosen_by_nobody_and_pace_is_no_difference(tmp_path):
+    one = planned(tmp_path / "one", "['9:1.500']", 100, 5e-4)
+    two = planned(tmp_path / "two", "['7:1.250']", 200, 1e-3)
+    assert one.given == {"method"}
+    assert one.planned == {"steps", "pace", "optim.sh_rest_lr"}
+    compared = RunComparison((one, two))
+    assert compared.chosen == ["steps"], "of the choices that are always shown"
+    assert compared.following == ["optim.sh_rest_lr"]
+    text = str(settings_section(one))
+    assert "3 settings that were planned for the time that somebody gave" in text

@@ -1,10 +1,12 @@
 """Estimates follow measured runs, jobs share the threads, and origins name the machine."""
 
 import os
+from dataclasses import replace
 
 import pytest
 from support.small_study import plan, small_study
 
+from gsfw.planning.asked import BOUND
 from gsfw.studies import origin as origin_module
 from gsfw.studies.origin import cores, origin
 from gsfw.studies.result import Result
@@ -31,6 +33,29 @@ def test_a_run_takes_as_long_as_what_is_most_like_it(tmp_path):
         known.append(took(row, scene, step_seconds))
         expected = START_SECONDS + 10 * step_seconds
         assert Estimate(known).seconds(run) == pytest.approx(expected)
+
+
+def timed(row: str, wall: float, **settings: object) -> Result:
+    """A finished run that was planned, with the steps of its schedule."""
+    figures = {"steps": 4000, "train_seconds": 50.0, "wall_seconds": wall}
+    return Result(row, "balls", 1, "0", {}, settings, figures)
+
+
+def test_a_planned_run_takes_its_time_whatever_its_steps_took_elsewhere(tmp_path):
+    run = plan(small_study(), tmp_path)[0]
+    minutes = replace(run, settings={**run.settings, "minutes": 2.0})
+    known = [took("still", "balls", 4.0)]
+    assert Estimate(known).seconds(minutes) == 120.0
+    until = replace(run, settings={**run.settings, "until": "31"})
+    assert Estimate(known).seconds(until) == 60 * BOUND
+    known.append(timed("still", 400.0, until="31"))
+    assert Estimate(known).seconds(until) == 400.0, "it ended at its quality"
+
+
+def test_steps_of_a_planned_run_say_nothing_of_other_runs(tmp_path):
+    run = plan(small_study(), tmp_path)[0]
+    known = [timed("planned", 118.0, minutes=2.0)]
+    assert Estimate(known).seconds(run) == START_SECONDS + 10 * STEP_SECONDS
 
 
 def test_what_starts_took_is_taken_from_those_that_were_measured(tmp_path):

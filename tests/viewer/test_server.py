@@ -4,6 +4,7 @@ import http.client
 import re
 import socket
 import stat
+import sys
 import time
 from contextlib import contextmanager
 from dataclasses import replace
@@ -200,16 +201,40 @@ def mute_page(server, size):
         yield look
 
 
-def test_the_secret_is_in_a_file_of_the_user_and_not_on_a_command_line(monkeypatch):
+@pytest.fixture
+def home(tmp_path, monkeypatch) -> Path:
+    """A home of its own, as environment variables tell it."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    return tmp_path / "home"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="modes of files are those of Unix")
+def test_the_secret_is_in_a_file_of_the_user_and_not_on_a_command_line(monkeypatch, home):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
-    with browser_on("http://127.0.0.1:8080/secret/"):
+    with browser_on("http://127.0.0.1:8080/secret/", home / "runs"):
         (given,) = opened
-        assert "secret" not in given
+        assert "8080" not in given
         file = Path(given.removeprefix("file://"))
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
         assert "url=http://127.0.0.1:8080/secret/" in file.read_text()
     assert not file.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="snaps are for Linux")
+@pytest.mark.parametrize(
+    ("folder", "expected"),
+    [("runs/fox", "runs/fox"), (".hidden/fox", ".cache/gsfw"), ("../elsewhere", ".cache/gsfw")],
+)
+def test_a_browser_that_sees_only_the_visible_home_sees_the_file(
+    monkeypatch, home, folder, expected
+):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    (home / folder).mkdir(parents=True)
+    with browser_on("http://127.0.0.1:8080/secret/", home / folder):
+        assert Path(opened[0].removeprefix("file://")).parent == home / expected
 
 
 def test_a_taken_port_is_said_before_anything_is_loaded(small, capsys, monkeypatch):

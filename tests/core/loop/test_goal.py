@@ -2,7 +2,7 @@
 
 import pytest
 
-from gsfw.core.loop.goal import EVERY, LEAST_LAST, LEAST_UPDATES, Goal
+from gsfw.core.loop.goal import EVERY, GAIN, LEAST_LAST, LEAST_UPDATES, Goal
 
 
 def reached(goal: Goal, psnr, until: int = 20_000) -> int | None:
@@ -14,8 +14,8 @@ def reached(goal: Goal, psnr, until: int = 20_000) -> int | None:
     return None
 
 
-def test_a_psnr_is_reached_where_it_is_seen():
-    goal = Goal(25.0)
+def test_the_last_part_begins_where_its_gain_leads_to_the_psnr():
+    goal = Goal(25.0 + GAIN)
     assert reached(goal, lambda updates: 20 + updates / 1000) == 5000
     assert goal.last_updates() == 1250
     assert not goal.due(5100), "one verdict is enough"

@@ -79,3 +79,19 @@ def test_evaluations_of_a_sample_and_of_all_views_are_included():
     remaining = replay(info, lambda step: 0.1, 2500)
     remaining.evaluated(2500, 15.0, 30)
     assert remaining.seconds() == pytest.approx(750.0 + 2 * 15.0 + 100.0)
+
+
+def test_a_run_is_expected_to_cost_more_than_its_first_steps_as_it_grows():
+    assert RemainingTime(run()).mean_cost(10_000) == pytest.approx(1.0)
+    free = RemainingTime(run(settings=GROWING)).mean_cost(10_000)
+    assert 1.4 < free < 2.0, "up to four times the rows, in half of the steps"
+    limited = {**GROWING, "strategy.max_gaussians": 15_000}
+    assert 1.1 < RemainingTime(run(settings=limited)).mean_cost(10_000) < 1.23
+    stages = ((0, 4.0), (2500, 1.0))
+    assert RemainingTime(run(image_stages=stages)).mean_cost(10_000) < 0.95
+
+
+def test_the_usual_growth_is_that_of_a_whole_run_in_few_refinements_or_in_many():
+    often = {**GROWING, "strategy.refine_every": 25}
+    costs = [RemainingTime(run(settings=each)).mean_cost(10_000) for each in (GROWING, often)]
+    assert costs[0] == pytest.approx(costs[1], rel=0.02)

@@ -9,10 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gsfw.core.callback import RunInfo
-from gsfw.core.loop.machine_clock import MachineClock, Reading
+from gsfw.core.loop.machine_clock import MachineClock, Work
 from gsfw.core.loop.pace import Pace
 from gsfw.core.loop.remaining_time import RemainingTime
-from gsfw.core.loop.timekeeper import Ending, Standing, Timekeeper
+from gsfw.core.loop.timekeeper import LARGEST_CHANGE, TRUST, Ending, Standing, Timekeeper
 
 # Functions of numbers alone; the checks of shapes draw random numbers, which hypothesis refuses.
 pytestmark = pytest.mark.unchecked
@@ -28,15 +28,18 @@ class FakeClock(MachineClock):
 
     def __init__(self) -> None:
         super().__init__(0.0)
-        self.seconds = self.own_seconds = 0.0
+        self.now = self.ran = 0.0
 
-    def read(self) -> Reading:
-        return Reading(self.seconds, self.own_seconds)
+    def seconds(self) -> float:
+        return self.now
 
-    def work(self, seconds: float, share: float = 1.0) -> None:
+    def work(self) -> Work:
+        return Work(self.ran, self.now - self.ran)
+
+    def go_on(self, seconds: float, share: float = 1.0) -> None:
         """Pass time, of which the process gets a share of a processor."""
-        self.seconds += seconds
-        self.own_seconds += share * seconds
+        self.now += seconds
+        self.ran += share * seconds
 
 
 @dataclass
@@ -58,13 +61,13 @@ def walk(
     info = RunInfo(Path(), "3dgs", "toy", steps, 0, run_settings or {}, {})
     clock, pace = FakeClock(), Pace()
     remaining = RemainingTime(info, recent=0.1)
-    timekeeper = Timekeeper(remaining, limit, Ending(seconds=ending), clock, threads=1)
+    timekeeper = Timekeeper(remaining, limit, Ending(seconds=ending), clock)
     step = updates = 0
     spans = []
-    timekeeper.restart(0)
+    timekeeper.restart(0, 0)
     while step < steps:
-        assert clock.seconds < 100 * limit, "it never ends"
-        clock.work(update_seconds(clock.seconds, gaussians(step)))
+        assert clock.now < 100 * limit, "it never ends"
+        clock.go_on(update_seconds(clock.now, gaussians(step)))
         spans.append(min(pace.span(updates), steps - step))
         standing = Standing(
             updates + 1, step + spans[-1], steps, gaussians(step), 1.0, pace.thousandths(updates)
@@ -73,7 +76,7 @@ def walk(
         decision = timekeeper.decide(standing)
         if decision is not None:
             pace.decide(decision)
-    return Walk(clock.seconds + ending, pace, updates, spans)
+    return Walk(clock.now + ending, pace, updates, spans)
 
 
 def test_a_plan_that_was_right_is_left_alone():
@@ -134,33 +137,67 @@ def test_steps_of_uneven_time_do_not_make_a_restless_pace():
 def test_fixed_work_at_the_end_takes_longer_on_a_busy_machine():
     clock = FakeClock()
     info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {})
-    timekeeper = Timekeeper(RemainingTime(info), 100.0, Ending(seconds=2.0), clock, threads=2)
-    timekeeper.restart(0)
+    timekeeper = Timekeeper(RemainingTime(info), 100.0, Ending(seconds=2.0), clock)
+    timekeeper.restart(0, 0)
     standing = Standing(50, 50, 1000, 100, 1.0, 1000)
     assert timekeeper.reserved(standing) == pytest.approx(2.0)
-    clock.work(5.0, share=0.5)
+    clock.go_on(5.0, share=0.5)
     timekeeper.decide(standing)
-    assert timekeeper.reserved(standing) == pytest.approx(8.0)
+    assert timekeeper.reserved(standing) == pytest.approx(4.0)
 
 
 def test_time_that_a_run_took_before_it_was_resumed_counts():
     clock = FakeClock()
     info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {})
     timekeeper = Timekeeper(RemainingTime(info), 60.0, Ending(), clock, spent=40.0)
-    timekeeper.restart(0)
-    clock.work(3.0)
+    timekeeper.restart(0, 0)
+    clock.go_on(3.0)
     assert timekeeper.spent() == 43.0
     decision = timekeeper.decide(Standing(100, 100, 1000, 100, 1.0, 1000))
-    assert decision.thousandths == pytest.approx(1000 * 900 * 0.03 / 17, rel=0.05)
+    assert decision.thousandths == pytest.approx(1000 * LARGEST_CHANGE), "17 s for 27 s of work"
+
+
+def test_a_run_that_goes_on_measures_before_it_changes_its_pace_by_much():
+    clock = FakeClock()
+    info = RunInfo(Path(), "3dgs", "toy", 1000, 600, {}, {})
+    timekeeper = Timekeeper(RemainingTime(info), 60.0, Ending(), clock, spent=40.0)
+    timekeeper.restart(600, 600)
+    clock.go_on(0.3)
+    assert timekeeper.decide(Standing(601, 601, 1000, 100, 1.0, 1000)) is None
+    clock.go_on(5.0)  # Images are decoded, or the machine is busy for a moment.
+    decision = timekeeper.decide(Standing(640, 640, 1000, 100, 1.0, 1000))
+    assert decision.thousandths == 1000 * LARGEST_CHANGE
+
+
+def test_the_time_of_the_last_evaluation_is_kept_for_a_run_that_goes_on():
+    info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {"views": 20})
+    timekeeper = Timekeeper(RemainingTime(info), 60.0, Ending(), FakeClock())
+    timekeeper.restart(0, 0)
+    with timekeeper.apart():
+        timekeeper._clock.go_on(10.0)
+    timekeeper.evaluated(500, 20)
+    assert timekeeper.view_seconds == pytest.approx(0.5)
+    again = RemainingTime(info)
+    again.evaluated(500, timekeeper.view_seconds, 1)
+    assert again.evaluation_seconds() == pytest.approx(10.0)
 
 
 def test_evaluations_are_no_part_of_the_speed_of_steps():
     clock = FakeClock()
     info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {})
     timekeeper = Timekeeper(RemainingTime(info), 60.0, Ending(), clock)
-    timekeeper.restart(0)
+    timekeeper.restart(0, 0)
     with timekeeper.apart():
-        clock.work(20.0)
-    clock.work(3.0)
+        clock.go_on(20.0)
+    clock.go_on(3.0)
     decision = timekeeper.decide(Standing(100, 100, 1000, 100, 1.0, 1000))
     assert decision.thousandths == pytest.approx(1000 * 900 * 0.03 / 37, rel=0.05)
+
+
+def test_early_guesses_of_later_costs_hurry_no_run():
+    # Twice as long as expected, and ten times as long in a moment of the first tenth.
+    found = walk(lambda now, rows: 0.6 if 5 < now < 6 else 0.06)
+    early = [item for item in found.pace.decisions if item.update < 0.2 * found.updates]
+    assert early
+    assert max(item.thousandths for item in early) <= 1000 * (1 + TRUST * 0.25)
+    assert found.seconds == pytest.approx(LIMIT, rel=0.1)

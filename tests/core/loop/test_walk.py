@@ -8,7 +8,7 @@ from support.states import assert_same_bits
 
 from gsfw.core.callback import Callback
 from gsfw.core.context import StepContext
-from gsfw.core.datamanager import Split
+from gsfw.core.datamanager import Split, Views
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.loop.walk import Walk
@@ -16,6 +16,7 @@ from gsfw.core.sampler import Sampler
 from gsfw.plugins.compose import compose
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
+from gsfw.samplers.uniform import UniformSampler
 
 # Whole trainings; the tests of their parts check shapes.
 pytestmark = pytest.mark.unchecked
@@ -152,6 +153,55 @@ def test_a_sampler_that_is_a_schedule_is_never_ahead_of_it(tmp_path):
         span, _ = walk.advance(4 - step)
         step += span
     assert seen == [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def drawn(pace: list[str], sampler: Sampler, views: Views, updates: int) -> list[tuple[int, int]]:
+    """The view of each update, and the one that was expected for it."""
+    walk, found, step = Walk(pace, views), [], 0
+    expected: int | None = None
+    for _ in range(updates):
+        (view,) = walk.next_views(sampler, step)
+        found.append((view, view if expected is None else expected))
+        expected = (*walk.coming_views(sampler, 4), -1)[0]
+        step += walk.advance(1000)[0]
+    return found
+
+
+@pytest.mark.parametrize("pace", [[], ["3:2.000"], ["2:3.000"]])
+@pytest.mark.parametrize("kind", ["a schedule", "uniform"])
+def test_views_that_are_loaded_ahead_are_those_of_the_next_updates(tmp_path, pace, kind):
+    views = trainer(tmp_path).parts.data.views(Split.TRAIN)
+    sampler = FourTimes() if kind == "a schedule" else UniformSampler(len(views), 1, seed=3)
+    found = drawn(pace, sampler, views, 3 * len(views))
+    # Decisions are for updates that come: what was loaded before one is for the earlier pace.
+    changed = {int(text.partition(":")[0]) for text in pace}
+    assert all(a == b for update, (a, b) in enumerate(found) if update not in changed)
+
+
+def test_a_sampler_without_a_schedule_shows_every_view_of_an_epoch_at_any_pace(tmp_path):
+    views = trainer(tmp_path).parts.data.views(Split.TRAIN)
+    sampler = UniformSampler(len(views), 1, seed=3)
+    seen = [view for view, _ in drawn(["0:2.000"], sampler, views, len(views))]
+    assert sorted(seen) == list(range(len(views)))
+
+
+def test_in_haste_nothing_is_loaded_ahead(tmp_path):
+    views = trainer(tmp_path).parts.data.views(Split.TRAIN)
+    walk = Walk(["0:500.000"], views)
+    walk.next_views(UniformSampler(len(views), 1, seed=3), 0)
+    assert walk.coming_views(UniformSampler(len(views), 1, seed=3), 4) == ()
+
+
+@pytest.mark.parametrize("pace", [["10:4.500"], ["10:1.000"]])
+def test_checkpoints_are_written_in_haste_as_always(tmp_path, pace):
+    written = []
+
+    class Watching(Callback):
+        def on_checkpoint(self, step, path) -> None:
+            written.append(step)
+
+    trainer(tmp_path, Watching(), pace=pace, checkpoint_every="10").fit()
+    assert len(written) == 7, "at the start, and then one for every ten steps"
 
 
 def test_views_that_are_held_back_are_given_back_before_the_end_without_a_goal(tmp_path):

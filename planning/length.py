@@ -1,0 +1,50 @@
+"""Length: a number of steps of which the sampler of a run can make a schedule."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from gsfw.core.config import SamplerConfig
+from gsfw.core.datamanager import Views
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.settings import Settings
+
+FACTORS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
+"""Factors by which a schedule is made longer than the updates of a run; the smallest that is enough
+is taken."""
+COUNTED = ("steps", "eval_every")
+"""Decisions in steps of the schedule, which grow with it."""
+
+
+def enough_steps(
+    decided: Mapping[str, Any], settings_of: Callable[[Mapping[str, Any]], Settings], views: Views
+) -> dict[str, Any]:
+    """The decisions, with more steps if the sampler needs them: many times in a short run.
+
+    The run then walks through its schedule at a higher pace, and trains on some of the times.
+
+    Args:
+        decided: decisions by dotted key.
+        settings_of: resolves the settings of a run with other decisions.
+        views: the training views.
+    """
+    if "steps" not in decided:
+        return dict(decided)
+    for factor in FACTORS:
+        more = {key: math.ceil(factor * decided[key]) for key in COUNTED if key in decided}
+        if _fits(settings_of({**decided, **more}), views):
+            return {**decided, **more}
+    return dict(decided)
+
+
+def _fits(settings: Settings, views: Views) -> bool:
+    """True if the sampler can be built."""
+    config = settings.config
+    assert isinstance(config.sampler, SamplerConfig)
+    try:
+        config.sampler.build(views, config.seed, config.steps)
+    except ConfigError:
+        return False
+    return True

@@ -1,0 +1,37 @@
+"""Opening: the data set of a run, at the image size of its settings or at another one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gsfw.core.config import DataManagerConfig
+from gsfw.core.datamanager import DataManager, DataRequest
+from gsfw.core.hold_out import HoldOutBy
+from gsfw.core.progress import stage
+from gsfw.plugins.data_fit import settings_device
+from gsfw.plugins.settings import Settings
+
+
+def open_data(settings: Settings, downscale: float | None = None) -> DataManager:
+    """Read the data set's cameras and points.
+
+    Args:
+        settings: the run.
+        downscale: the factor by which images are shrunk; ``None`` for that of the run.
+
+    Raises:
+        DataError: the data cannot be used; names the cause and the place.
+    """
+    config = settings.config
+    assert isinstance(config.datamanager, DataManagerConfig)
+    request = DataRequest(
+        path=Path(config.data) if config.data else None,
+        downscale=config.downscale if downscale is None else downscale,
+        eval_every_nth=config.holdout_every,
+        eval_by=HoldOutBy(config.holdout_by),
+        eval_names=config.holdout,
+        cache_megabytes=config.cache_mb,
+        gpu_cache_megabytes=0 if settings_device(settings).type == "cpu" else config.gpu_cache_mb,
+    )
+    with stage(f"reading {config.data or 'the built-in scene'}"):
+        return config.datamanager.build(request)

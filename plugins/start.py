@@ -1,0 +1,63 @@
+"""Start: the scene that a run starts from, with points found in its images under init=dense."""
+
+from __future__ import annotations
+
+import torch
+
+from gsfw.core.background import parse_background
+from gsfw.core.config import AUTO, StrategyConfig
+from gsfw.core.datamanager import DataManager
+from gsfw.core.refinement.budget import BudgetSize
+from gsfw.core.scene import Scene
+from gsfw.plugins.dense_points import (
+    DENSE,
+    DenseStart,
+    FoundSurface,
+    dense_count,
+    dense_downscale,
+    dense_start,
+    dense_surface,
+)
+from gsfw.plugins.loading import choose_operators
+from gsfw.plugins.opening import open_data
+from gsfw.plugins.registry import Registry
+from gsfw.plugins.settings import Settings
+
+
+def find_surface(
+    settings: Settings, registry: Registry, data: DataManager, known: FoundSurface | None = None
+) -> FoundSurface | None:
+    """The surface of a capture under init=dense; ``None`` for other starts.
+
+    Args:
+        settings: settings of the run.
+        registry: the installed parts.
+        data: the capture as it is trained on.
+        known: a surface of the capture, which is used if it is the one that would be found.
+    """
+    config = settings.config
+    if config.init != DENSE:
+        return None
+    downscale = dense_downscale(data, config.downscale)
+    if known is not None and known.downscale == downscale:
+        return known
+    given = config.background != AUTO
+    background = torch.tensor(parse_background(config.background)) if given else None
+    images = data if downscale == config.downscale else open_data(settings, downscale)
+    operators = choose_operators(registry, torch.device("cpu"))
+    try:
+        return FoundSurface(downscale, dense_surface(images, background, operators))
+    finally:
+        if images is not data:
+            images.close()
+
+
+def start_of(settings: Settings, scene: Scene, surface: FoundSurface | None) -> DenseStart:
+    """The scene that the model starts from, with points found in the images under init=dense."""
+    config = settings.config
+    if surface is None:
+        return DenseStart(scene)
+    assert isinstance(config.strategy, StrategyConfig)
+    most = config.dense_points or dense_count(scene.view_pixels)
+    most = min(most, BudgetSize.parse(config.strategy).rows or most)
+    return dense_start(scene, surface.points, most)

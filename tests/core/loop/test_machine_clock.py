@@ -1,0 +1,47 @@
+"""The machine clock tells other work from threads that have nothing to do."""
+
+import time
+
+import pytest
+
+from gsfw.core.loop import machine_clock
+from gsfw.core.loop.machine_clock import MachineClock, Work
+
+
+def made_threads(folder, *times: tuple[float, float]) -> None:
+    """Files as Linux has them, of threads that ran and waited for so many seconds."""
+    for number, (ran, waited) in enumerate(times):
+        thread = folder / str(number)
+        thread.mkdir(exist_ok=True)
+        thread.joinpath("schedstat").write_text(f"{int(ran * 1e9)} {int(waited * 1e9)} 12\n")
+
+
+def test_threads_that_wait_for_processors_slow_a_run_down(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine_clock, "THREADS", tmp_path)
+    clock = MachineClock(time.perf_counter())
+    made_threads(tmp_path, (5.0, 1.0), (2.0, 0.0))
+    before = clock.work()
+    made_threads(tmp_path, (7.0, 3.0), (2.0, 0.0))
+    assert clock.work().slowdown(before) == pytest.approx(2.0)
+
+
+def test_processors_without_work_are_no_sign_of_other_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine_clock, "THREADS", tmp_path)
+    clock = MachineClock(time.perf_counter())
+    idle = [(0.0, 0.0)] * 63
+    made_threads(tmp_path, (1.0, 0.0), *idle)
+    before = clock.work()
+    made_threads(tmp_path, (11.0, 0.0), *idle)
+    assert clock.work().slowdown(before) == 1.0
+
+
+def test_a_system_that_does_not_tell_has_no_other_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine_clock, "THREADS", tmp_path / "missing")
+    clock = MachineClock(time.perf_counter())
+    assert clock.work() == Work()
+    assert clock.work().slowdown(Work()) == 1.0
+
+
+def test_threads_that_have_ended_do_not_count_against_it():
+    assert Work(ran=8.0, waited=1.0).slowdown(Work(ran=6.0, waited=5.0)) == 1.0
+    assert Work(ran=1.0).slowdown(Work(ran=6.0)) == 1.0
