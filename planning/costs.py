@@ -33,7 +33,7 @@ def expected_gaussians(composition: Composition) -> int:
     """About how many Gaussians a run ends with.
 
     A strategy that refines lets them grow by ``GROWTH`` a refinement, up to its own limit and to
-    ``GAUSSIANS_PER_PIXEL``; others leave them as they are.
+    ``GAUSSIANS_PER_PIXEL``, or to its own number per pixel; others leave them as they are.
     """
     start, flat = len(composition.parts.table), composition.settings.flat()
     every = int(flat.get("strategy.refine_every", 0))
@@ -51,7 +51,10 @@ def expected_gaussians(composition: Composition) -> int:
     if not flat.get("strategy.cap_max"):
         cameras = composition.parts.data.views(Split.TRAIN).cameras
         pixels = median(camera.width * camera.height for camera in cameras)
-        limits.append(max(start, int(GAUSSIANS_PER_PIXEL * pixels)))
+        per_pixel = float(flat.get("strategy.per_pixel", GAUSSIANS_PER_PIXEL))
+        limits.append(max(start, int(per_pixel * pixels)))
+        if rounds and "strategy.per_pixel" in flat:
+            grown = limits[-1]
     return min([grown, *(limit for limit in limits if limit)])
 
 

@@ -16,6 +16,12 @@ def gsfw_strategies() -> list[Spec]:
             paper="Kerbl et al. 2023",
         ),
         Spec(
+            "error",
+            "split where several views have errors, up to a number of rows per pixel",
+            "gsfw.strategies.error_growth:ErrorGrowthConfig",
+            paper="Ren et al. 2025",
+        ),
+        Spec(
             "mcmc",
             "relocate dead splats, add noise, grow to a fixed number",
             "gsfw.strategies.mcmc:McmcConfig",

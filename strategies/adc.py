@@ -166,10 +166,7 @@ class AdaptiveDensityControl(DensityRefiner):
         born = torch.zeros(len(cloned) + COPIES * len(split), device=table.device)
         radii = torch.cat([seen.largest_radius[~splits], born])
         resets_done = context.done > self._config.reset_every > 0
-        kept = self._kept(model, radii, resets_done=resets_done)
-        pruned = len(kept) - int(kept.sum())
-        if pruned:
-            table.keep(kept)
+        pruned = self.prune(table, model, self._kept(model, radii, resets_done=resets_done))
         return {"cloned": len(cloned), "split": len(split), "pruned": pruned}
 
     def _grows(self, done: int) -> bool:
@@ -206,9 +203,9 @@ class AdaptiveDensityControl(DensityRefiner):
     def _kept(
         self, model: DensifiableModel, radii: Float[Tensor, " n"], resets_done: bool
     ) -> Bool[Tensor, " n"]:
-        """Rows to keep. They include the most opaque one: training needs at least one row."""
-        config, opacities = self._config, model.opacities()
-        kept = opacities >= config.prune_opacity
+        """Rows to keep."""
+        config = self._config
+        kept = model.opacities() >= config.prune_opacity
         lifetimes = model.lifetimes() if config.prune_lifetime > 0 else None
         if lifetimes is not None:
             kept &= lifetimes * self._num_times >= config.prune_lifetime
@@ -216,8 +213,6 @@ class AdaptiveDensityControl(DensityRefiner):
             kept &= model.sizes() <= config.prune_size * self._extent
         if resets_done and config.prune_radius > 0:
             kept &= radii <= config.prune_radius
-        if len(kept) and not bool(kept.any()):
-            kept[opacities.argmax()] = True
         return kept
 
     def state_dict(self) -> dict[str, Any]:

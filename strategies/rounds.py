@@ -6,8 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from jaxtyping import Bool
+from torch import Tensor
+
+from gsfw.core.model import DensifiableModel
 from gsfw.core.refinement.row_statistics import RowStatistics
 from gsfw.core.refiner import Refiner
+from gsfw.core.table import SplatTable
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,16 @@ class RefinementRounds:
     def due(self, done: int) -> bool:
         """True if there is a round after ``done`` steps."""
         return self.start < done < self.stop and done % self.every == 0
+
+    def nears(self, step: int, steps: int) -> bool:
+        """True if ``step`` is one of the last ``steps`` before a round."""
+        left = -(step + 1) % self.every
+        return left < steps and self.due(step + 1 + left)
+
+    def progress(self, done: int) -> float:
+        """Fraction of all rounds that are over with the one after ``done`` steps, in [0, 1]."""
+        before, last = self.start // self.every, (self.stop - 1) // self.every
+        return (done // self.every - before) / max(last - before, 1)
 
 
 class DensityRefiner(Refiner):
@@ -45,6 +60,19 @@ class DensityRefiner(Refiner):
     def rows_edited(self) -> None:
         """Drop the statistics after a change of rows."""
         self._seen = None
+
+    @staticmethod
+    def prune(table: SplatTable, model: DensifiableModel, kept: Bool[Tensor, " n"]) -> int:
+        """Remove all rows but these, and return how many; the most opaque row stays in any case.
+
+        Training needs at least one row.
+        """
+        if len(kept) and not bool(kept.any()):
+            kept = kept.index_fill(0, model.opacities().argmax(), True)
+        pruned = len(kept) - int(kept.sum())
+        if pruned:
+            table.keep(kept)
+        return pruned
 
     def state_dict(self) -> dict[str, Any]:
         """The sums since the last change of rows; none if nothing is gathered."""

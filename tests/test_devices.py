@@ -58,7 +58,8 @@ def restored(out: Path, where: tuple[str, ...]):
 
 
 @pytest.mark.parametrize(
-    ("strategy", "tolerance"), [("none", SETTLED), ("adc", DRAWN), ("mcmc", DRAWN)]
+    ("strategy", "tolerance"),
+    [("none", SETTLED), ("adc", DRAWN), ("error", DRAWN), ("mcmc", DRAWN)],
 )
 def test_both_devices_train_to_the_same_quality(tmp_path, strategy, tolerance):
     settings = ("steps=200", f"strategy={strategy}")
@@ -97,7 +98,7 @@ def test_both_devices_draw_the_same_images(tmp_path):
     assert float(((here - there).abs().amax(-1) > 1e-5).float().mean()) < 5e-4
 
 
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
 @pytest.mark.parametrize(("first", "second"), [(ON_CPU, ON_GPU), (ON_GPU, ON_CPU)], ids=str)
 def test_a_run_goes_on_on_another_device(tmp_path, capsys, strategy, first, second):
     out = tmp_path / "run"

@@ -65,7 +65,7 @@ def logged_steps(out: Path) -> list[int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
 def test_a_killed_run_resumes_to_the_same_bits(tmp_path, strategy):
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     train(whole, *REFINING, f"strategy={strategy}")

@@ -172,6 +172,7 @@ RUNS = {
     "adc": ("strategy=adc", "strategy.reset_every=4", *REFINING),
     "budget": ("strategy=adc", "strategy.budget=auto", *REFINING),
     "absgrad": ("strategy=adc", "strategy.absgrad=true", "random_background=true"),
+    "error": ("strategy=error", "strategy.views=15", "strategy.refine_every=15"),
     "mcmc": ("strategy=mcmc", "sampler.views_per_step=2", *REFINING),
     "mcmc by gradient": ("strategy=mcmc", "strategy.gradient_share=0.5"),
     "guided": ("strategy=adc", "strategy.guided.rounds=2", "strategy.guided.start=0", *REFINING),

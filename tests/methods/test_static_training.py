@@ -33,7 +33,7 @@ SHORT = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
 @pytest.mark.parametrize(
     "method",
     [("method=spacetime",), ("method=4d-rotor",), ("method=4dgs", "coarse_steps=4")],

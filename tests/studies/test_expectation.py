@@ -38,6 +38,8 @@ def test_only_strategies_that_refine_are_expected_to_add_gaussians():
     assert expected_gaussians(composed(strategy="none")) == 300
     # 28 refinements of 5 % each, but not over what the pixels of a view can use.
     assert expected_gaussians(composed(steps="3000")) == int(0.45 * 40 * 30)
+    # A number per pixel is reached in any number of refinements.
+    assert expected_gaussians(composed(steps="3000", strategy="error")) == int(0.8 * 40 * 30)
     # Too short a run refines nothing.
     assert expected_gaussians(composed(steps="100")) == 300
 

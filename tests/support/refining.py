@@ -29,7 +29,7 @@ class StrategyRun(Refiners):
     def gathered(self) -> dict[str, Any]:
         """The sums by row of density control; empty when there are none."""
         state = self.state_dict()
-        found = state.get("adc", state.get("mcmc", {})).get("gathered", {})
+        found = next((s["gathered"] for s in state.values() if "gathered" in s), {})
         assert isinstance(found, dict)
         return found
 

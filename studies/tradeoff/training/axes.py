@@ -11,7 +11,7 @@ from gsfw.core.config import AUTO
 BASELINE = "baseline"
 """Name of the run without any choice."""
 
-LIMITS = {"adc": "strategy.budget", "mcmc": "strategy.budget"}
+LIMITS = {name: "strategy.budget" for name in ("adc", "error", "mcmc")}
 """Strategies with a limit of Gaussians, and the setting of the limit."""
 
 START = "random_points"
@@ -122,7 +122,7 @@ AXES = (
     Axis("sh", _adaptive_sh, "sh=adaptive is no choice here"),
     Axis("cap", _caps, "the strategy has no limit of Gaussians"),
     Axis("resolution", _resolutions, ""),
-    Axis("strategy", _strategies, f"it is between {' and '.join(LIMITS)}"),
+    Axis("strategy", _strategies, f"it is between {', '.join(LIMITS)}"),
     Axis("antialias", _antialias, ""),
 )
 """All axes but the length of training, which is in steps."""

@@ -30,6 +30,7 @@ from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig
+from gsfw.strategies.error_growth import ErrorGrowthConfig
 from gsfw.strategies.mcmc import McmcConfig
 from gsfw.strategies.none import NoneConfig
 
@@ -43,6 +44,9 @@ STRATEGIES = {
     "adc": AdcConfig(
         refine_start=5, refine_stop=50, refine_every=10, grow_gradient=2e-4, reset_every=25,
         reset_opacity=0.1,
+    ),
+    "error": ErrorGrowthConfig(
+        refine_start=5, refine_stop=50, refine_every=10, views=7, max_gaussians=130,
     ),
     "mcmc": McmcConfig(refine_start=5, refine_stop=50, refine_every=10, cap_max=130),
     "none": NoneConfig(),
@@ -222,7 +226,7 @@ def test_a_sample_is_evaluated_on_the_way_and_all_held_out_views_at_the_end(tmp_
     assert seen == [("e0",), ("e0", "e1")]
 
 
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
 def test_a_resumed_run_repeats_across_refinements_bit_for_bit(tmp_path, strategy):
     whole = trainer(tmp_path / "whole", strategy, Recorder(), steps=36)
     whole.fit()

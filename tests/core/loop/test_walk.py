@@ -28,6 +28,7 @@ SCENE = {
 }  # fmt: skip
 STRATEGIES = {
     "adc": {"strategy.grow_gradient": "1e-5", "strategy.reset_every": "25"},
+    "error": {"strategy.views": "4", "strategy.per_pixel": "0.1"},
     "mcmc": {"strategy.cap_max": "200"},
 }
 PACE = ["4:1.500", "9:0.500", "13:3.000", "20:2.000:all-views"]
@@ -73,7 +74,7 @@ def test_a_walk_reaches_the_last_step_once_and_rates_end_where_they_should(tmp_p
     )
 
 
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
 def test_a_recorded_pace_repeats_with_the_same_bits(tmp_path, strategy):
     runs = [
         trainer(tmp_path / name, strategy=strategy, pace=PACE, held_back="1")

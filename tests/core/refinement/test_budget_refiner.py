@@ -17,11 +17,14 @@ from gsfw.core.refinement.budget import ROUNDS, Budget, BudgetSize, least_useful
 from gsfw.core.refiner import GrowthLimits, RefineContext
 from gsfw.core.render_settings import Statistic
 from gsfw.strategies.adc import AdcConfig
+from gsfw.strategies.error_growth import ErrorGrowthConfig
 from gsfw.strategies.mcmc import McmcConfig
 
 SETTINGS = AdcConfig(refine_start=0, refine_every=10, refine_stop=40, reset_every=0, budget_every=5)
 CONTRIBUTION = frozenset({Statistic.CONTRIBUTION})
-STRATEGIES = pytest.mark.parametrize("config", [SETTINGS, McmcConfig(refine_stop=40)])
+STRATEGIES = pytest.mark.parametrize(
+    "config", [SETTINGS, ErrorGrowthConfig(refine_stop=40), McmcConfig(refine_stop=40)]
+)
 ONE_VIEW = replace(toy_scene(), camera_centers=torch.zeros(1, 3))
 
 
@@ -221,7 +224,7 @@ def test_rows_stay_as_they_are_while_views_are_looked_at(config):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["adc", "mcmc"])
+@pytest.mark.parametrize("strategy", ["adc", "error", "mcmc"])
 def test_a_run_that_is_cut_off_while_it_looks_resumes_to_the_same_bits(tmp_path, strategy):
     summary = resumes_to_the_same_bits(
         tmp_path,

@@ -35,6 +35,7 @@ from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.samplers.uniform import UniformSampler
 from gsfw.strategies.adc import AdcConfig
+from gsfw.strategies.error_growth import ErrorGrowthConfig
 from gsfw.strategies.mcmc import McmcConfig
 
 # Whole trainings and scenes; the tests of their parts check shapes.
@@ -49,6 +50,9 @@ STRATEGIES = {
     "adc": AdcConfig(
         refine_start=3, refine_stop=14, refine_every=4, grow_gradient=2e-4, reset_every=8,
         reset_opacity=0.1,
+    ),
+    "error": ErrorGrowthConfig(
+        refine_start=3, refine_stop=14, refine_every=4, views=2, max_gaussians=60,
     ),
     "mcmc": McmcConfig(refine_start=3, refine_stop=14, refine_every=4, cap_max=60),
 }  # fmt: skip
