@@ -13,7 +13,9 @@ from typing import Any
 
 from gsfw.core.capabilities import Feature
 from gsfw.core.config import AUTO, RasterizerConfig
-from gsfw.plugins.keys import keys
+from gsfw.plugins.automatic import USUAL_CHOICE
+from gsfw.plugins.dense_points import DENSE
+from gsfw.plugins.keys import SLOT_KEYS, keys
 from gsfw.plugins.settings import METHOD_DEFAULT, Settings
 
 
@@ -30,10 +32,12 @@ class Choice:
     of short runs would cost more time than they have to be fitted."""
 
 
+SHORT = {"init": DENSE, "strategy": "error"}
+"""Choices of short runs, which have no time to find surfaces by growth."""
 CHOICES = (
-    Choice(0, per_pixel=0.5),
-    Choice(1000, {"resolution_schedule": AUTO, "strategy.budget": AUTO}, per_pixel=1.0),
-    Choice(10_000, {"resolution_schedule": AUTO, "strategy.budget": AUTO}),
+    Choice(0, SHORT, per_pixel=0.5),
+    Choice(1000, SHORT | {"resolution_schedule": AUTO}, per_pixel=1.0),
+    Choice(10_000, SHORT | {"resolution_schedule": AUTO, "strategy.budget": AUTO}),
 )
 """By length. Below 1000 updates a schedule of sizes has no effect, and rounds of pruning would have
 too few updates to be made up for."""
@@ -46,18 +50,25 @@ only where the user gives none."""
 SHORTEST_SIDE = 120
 """Pixels of the short side of an image that no choice goes below."""
 
+NEEDED = {
+    "strategy": Feature.WEIGHTED_CONTRIBUTION,
+    "strategy.budget": Feature.CONTRIBUTION,
+}
+"""Features of the rasterizer that a choice needs."""
 LIMITS = ("strategy.max_gaussians", "strategy.cap_max")
 """Keys of the largest number of Gaussians."""
 
 
 def chosen(settings: Settings, updates: float) -> dict[str, Any]:
     """The settings to turn on in a run of so many updates."""
-    found = {key: value for key, value in _row(updates).values.items() if _is_free(settings, key)}
     rasterizer = settings.config.rasterizer
     assert isinstance(rasterizer, RasterizerConfig)
-    if Feature.CONTRIBUTION not in rasterizer.capabilities().features:
-        found.pop("strategy.budget", None)
-    return found
+    features = rasterizer.capabilities().features
+    return {
+        key: value
+        for key, value in _row(updates).values.items()
+        if _is_free(settings, key) and NEEDED.get(key) in (None, *features)
+    }
 
 
 def limits(settings: Settings, updates: float, view_pixels: int, start: int) -> dict[str, int]:
@@ -94,6 +105,12 @@ def downscale(sides: tuple[int, int], updates: Sequence[float]) -> float:
 
 
 def _is_free(settings: Settings, key: str) -> bool:
-    """True if a setting is there and has its plain default."""
+    """True if a setting is there and has its plain default, and a slot's part has those alone."""
+    if key in SLOT_KEYS:
+        return settings.sources[key].endswith(USUAL_CHOICE) and all(
+            source.startswith(METHOD_DEFAULT)
+            for name, source in settings.sources.items()
+            if name.startswith(f"{key}.")
+        )
     known = {item.name for item in keys(settings.config)}
     return key in known and settings.sources.get(key) == METHOD_DEFAULT

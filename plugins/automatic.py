@@ -14,6 +14,8 @@ from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry, what_is_missing
 from gsfw.plugins.unread_splats import refuse_unread_splats
 
+USUAL_CHOICE = "the usual one"
+"""Cause of a choice that nothing asks for."""
 BUILT_IN_SCENE = "synthetic"
 """The data manager that needs no file."""
 
@@ -160,7 +162,7 @@ def choose_profile(rasterizer: str, registry: Registry) -> Choice:
     own = rasterizer_capabilities(registry)[rasterizer].profile
     if own:
         return Choice(own, f"the only one that rasterizer {rasterizer} draws with")
-    return Choice(DEFAULT.name, "the usual one")
+    return Choice(DEFAULT.name, USUAL_CHOICE)
 
 
 def rasterizer_capabilities(registry: Registry) -> dict[str, Any]:

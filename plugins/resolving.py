@@ -14,7 +14,13 @@ from gsfw.core.config import (
     step_settings,
 )
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.automatic import Choice, choose_datamanager, choose_device, choose_profile
+from gsfw.plugins.automatic import (
+    USUAL_CHOICE,
+    Choice,
+    choose_datamanager,
+    choose_device,
+    choose_profile,
+)
 from gsfw.plugins.keys import (
     SLOT_KEYS,
     Key,
@@ -117,7 +123,7 @@ class Resolving:
         if slot == "datamanager":
             data, _ = last(self._layers, "data")
             return choose_datamanager(self._config.data if data is None else data, self._registry)
-        return Choice(DEFAULT_CHOICES[slot], "the usual one")
+        return Choice(DEFAULT_CHOICES[slot], USUAL_CHOICE)
 
     def _fill(self, slot: str, name: str, source: str) -> SlotConfig:
         spec = self._registry.find(slot, name)

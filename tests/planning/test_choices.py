@@ -1,6 +1,7 @@
 """What a planned run turns on: defaults alone, and only what its parts have."""
 
 import pytest
+from support.small_captures import ring, write_transforms
 from support.small_scene import SMALL_SCENE
 
 from gsfw.planning.choices import CHOICES, DOWNSCALES, chosen, downscale, limits
@@ -17,9 +18,24 @@ def settings(**values) -> Settings:
 
 
 def test_choices_replace_defaults_and_nothing_that_was_given():
-    assert chosen(settings(method="3dgs"), 2000.0)["strategy.budget"] == "auto"
-    given = settings(method="3dgs", **{"strategy.budget": "none", "optim.sh_rest_lr": "1e-4"})
-    assert chosen(given, 2000.0) == {"resolution_schedule": "auto"}
+    assert chosen(settings(method="3dgs"), 20_000.0)["strategy.budget"] == "auto"
+    given = settings(method="3dgs", init="points", **{"strategy.budget": "none"})
+    assert chosen(given, 20_000.0) == {"resolution_schedule": "auto"}
+
+
+def test_a_strategy_is_chosen_where_neither_it_nor_a_setting_of_it_has_another_source(tmp_path):
+    write_transforms(tmp_path / "transforms.json", ring())
+
+    def strategy(**values) -> str | None:
+        layer = Layer("the test", {"data": str(tmp_path), "device": "cpu", **values})
+        return chosen(resolve(installed(), [layer]), 2000.0).get("strategy")
+
+    assert strategy(method="3dgs") == "error"
+    assert strategy(method="3dgs", strategy="adc") is None, "given"
+    assert strategy(method="3dgs", **{"strategy.grow_gradient": "1e-4"}) is None, "one of adc's"
+    assert strategy(method="3dgs", preset="high") is None, "the preset's"
+    assert strategy(method="4d-rotor") is None, "the method has settings for adc"
+    assert "strategy" not in chosen(settings(method="3dgs"), 2000.0), "so has the built-in scene"
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -36,8 +52,8 @@ def test_choices_are_keys_of_every_method_and_strategy(method, strategy):
 def test_rows_follow_the_number_of_updates():
     run = settings(method="3dgs")
     assert "resolution_schedule" not in chosen(run, 300.0)
-    assert "optim.sh_rest_lr" in chosen(run, 3000.0)
-    assert "optim.sh_rest_lr" not in chosen(run, 20_000.0)
+    assert "strategy.budget" not in chosen(run, 3000.0)
+    assert "strategy.budget" in chosen(run, 20_000.0)
 
 
 def test_a_limit_of_gaussians_follows_the_pixels_and_never_lies_below_the_start():
