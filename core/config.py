@@ -89,6 +89,10 @@ class SlotConfig:
     recommended: ClassVar[Mapping[str, Any]] = {}
     """Recommended settings of the run for this choice, by dotted key; the user's settings win."""
 
+    def recommendations(self) -> Mapping[str, Any]:
+        """``recommended``, unless they depend on the values of this choice."""
+        return self.recommended
+
     def needs(self) -> Needs:
         """The needs of this choice from the rasterizer."""
         from gsfw.core.capabilities import Needs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from gsfw.core.config import (
@@ -109,9 +110,18 @@ class Resolving:
             name, source = choice.name, choice.source
         part = self._fill(slot, name, source)
         if recommended is not None:
-            source = f"recommended by {slot} {name}"
-            self._layers.append(Layer(source, part.recommended, rank=recommended))
+            source, values = f"recommended by {slot} {name}", self._with_values(slot, part)
+            self._layers.append(Layer(source, values.recommendations(), rank=recommended))
             self._layers.sort(key=lambda layer: layer.rank)
+
+    def _with_values(self, slot: str, part: SlotConfig) -> SlotConfig:
+        """A choice with the values given so far; wrong ones are refused later."""
+        known = {f"{slot}.{key.name}": key for key in keys(part)}
+        for _, name, value in self._given():
+            if name in known:
+                with suppress(ValueError):
+                    part = replace_at(part, known[name].name, parse(known[name].kind, value))
+        return part
 
     def _has_other_data(self) -> bool:
         """True if the layer with the data manager is for data that was replaced."""

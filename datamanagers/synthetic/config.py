@@ -25,6 +25,8 @@ class SyntheticConfig(DataManagerConfig):
         "strategy.max_gaussians": 40_000,
         "strategy.reset_every": 0,
     }
+    still: ClassVar[Mapping[str, Any]] = {"steps": 1000, "strategy.grow_gradient": 1.5e-4}
+    """Other recommendations for the scene without motion: 40 dB come soon."""
 
     views: int = 60
     """Training views, on a dome around the scene."""
@@ -42,6 +44,10 @@ class SyntheticConfig(DataManagerConfig):
     """Distinct times of the moving scene, shared evenly among the training views."""
     seed: int = 0
     """Draws textures, cameras and points; independent of the run's seed."""
+
+    def recommendations(self) -> Mapping[str, Any]:
+        """The settings that the scene is meant for."""
+        return self.recommended if self.moving else {**self.recommended, **self.still}
 
     @classmethod
     def detect(cls, path: Path) -> Detection:
