@@ -84,11 +84,14 @@ def adam(
     epsilon: float,
     gradient_limit: float,
     threads: int,
-) -> None:
-    """One step of Adam in place on tables [n, m], over all rows or over some (int64)."""
+) -> bool:
+    """One step of Adam in place on [n, ...], over all rows or over some (int64).
+
+    False, and nothing is done, if the numbers of a row lie apart or shapes differ.
+    """
 
 def all_finite(numbers: Tensor, threads: int) -> bool:
-    """True if all numbers of [n] are finite."""
+    """True if all numbers of a contiguous array are finite."""
 
 def plane_product(
     places: Tensor,
