@@ -154,7 +154,13 @@ class Trainer:
         parts = self.parts
         with self._stopwatch.stage("refine"):
             edits = parts.refiners.refine(
-                self.step, self.plan.steps, parts.table, parts.model, parts.generator, limits
+                self.step,
+                self.plan.steps,
+                parts.table,
+                parts.model,
+                parts.generator,
+                limits,
+                parts.operators,
             )
             self._refined.update(edits)
         return edits

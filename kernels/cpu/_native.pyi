@@ -93,6 +93,19 @@ def adam(
 def all_finite(numbers: Tensor, threads: int) -> bool:
     """True if all numbers of a contiguous array are finite."""
 
+def add_noise(
+    means: Tensor,
+    quats: Tensor,
+    log_scales: Tensor,
+    opacity_logits: Tensor,
+    noise: Tensor,
+    rate: float,
+    opacity: float,
+    sharpness: float,
+    threads: int,
+) -> None:
+    """Add noise shaped by covariances to ``means`` [n, 3], in place; all are contiguous."""
+
 def plane_product(
     places: Tensor,
     planes: list[Tensor],

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 from torch.autograd.graph import increment_version
 
+from gsfw.core.maths.covariance_noise import NOISE_OPACITY, NOISE_SHARPNESS
 from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Gate, Layer, Operators
 from gsfw.core.stereo.fusion import FusedImage, FusionRule
@@ -94,6 +95,30 @@ class CpuOperators(Operators):
                 others.append(tensor)
         found = torch.tensor(finite)
         return found & super().all_finite(others) if others else found
+
+    @torch.no_grad()
+    def add_noise_(
+        self,
+        means: Float[Tensor, "n 3"],
+        quats: Float[Tensor, "n 4"],
+        log_scales: Float[Tensor, "n 3"],
+        opacity_logits: Float[Tensor, " n"],
+        noise: Float[Tensor, "n 3"],
+        rate: float,
+    ) -> None:
+        """Move ``means`` by noise shaped by covariances, in one pass over memory."""
+        tensors = (means, quats, log_scales, opacity_logits, noise)
+        if not _served(tensors) or not all(tensor.is_contiguous() for tensor in tensors):
+            super().add_noise_(means, quats, log_scales, opacity_logits, noise, rate)
+            return
+        required().add_noise(
+            *(tensor.detach() for tensor in tensors),
+            rate=rate,
+            opacity=NOISE_OPACITY,
+            sharpness=NOISE_SHARPNESS,
+            threads=num_threads(),
+        )
+        increment_version(means)
 
     def plane_product(
         self,

@@ -22,6 +22,8 @@ using Valid = nb::ndarray<const uint8_t, nb::ndim<4>, nb::c_contig, nb::device::
 /// Rows along the first of any number of axes.
 template <typename T>
 using Rows = nb::ndarray<T, nb::device::cpu>;
+template <typename T>
+using Table = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Indices = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using Numbers = nb::ndarray<const T, nb::c_contig, nb::device::cpu>;
@@ -129,6 +131,24 @@ bool is_all_finite(const Numbers<T>& numbers, int threads) {
 }
 
 template <typename T>
+void add_noise_to(const Table<T>& means, const Table<const T>& quats,
+                  const Table<const T>& log_scales, const Numbers<T>& opacity_logits,
+                  const Table<const T>& noise, double rate, double opacity, double sharpness,
+                  int threads) {
+  const size_t count = means.shape(0);
+  require(means.shape(1) == 3 && noise.shape(1) == 3 && log_scales.shape(1) == 3 &&
+              quats.shape(1) == 4,
+          "rows are not of 3, 4, 3 and 3 numbers");
+  require(quats.shape(0) == count && log_scales.shape(0) == count && noise.shape(0) == count &&
+              opacity_logits.size() == count,
+          "columns are not of one length");
+  const NoiseJob<T> job = {means.data(), quats.data(), log_scales.data(), opacity_logits.data(),
+                           noise.data(), T(rate), T(opacity), T(sharpness)};
+  nb::gil_scoped_release unlocked;
+  add_noise(job, int64_t(count), threads);
+}
+
+template <typename T>
 void bind_type(nb::module_& module) {
   module.def("l1_dssim", &l1_dssim<T>, "rendered"_a.noconvert(), "target"_a.noconvert(),
              "valid"_a.noconvert().none(), "gradient"_a.noconvert().none(), "threads"_a,
@@ -144,6 +164,10 @@ void bind_type(nb::module_& module) {
              "numbers of a row lie apart.");
   module.def("all_finite", &is_all_finite<T>, "numbers"_a.noconvert(), "threads"_a,
              "Whether no number is infinite or NaN.");
+  module.def("add_noise", &add_noise_to<T>, "means"_a.noconvert(), "quats"_a.noconvert(),
+             "log_scales"_a.noconvert(), "opacity_logits"_a.noconvert(), "noise"_a.noconvert(),
+             "rate"_a, "opacity"_a, "sharpness"_a, "threads"_a,
+             "Add noise shaped by covariances to positions, in place.");
 }
 
 }  // namespace
