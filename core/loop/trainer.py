@@ -139,7 +139,8 @@ class Trainer:
                 rendered[-1].total.backward()
         with clock.stage("optimize"):
             finite = self._reduce([item.total for item in rendered])
-            parts.optimizer.step(step, finite, self._visible(rendered))
+            visible = self._visible(rendered) if parts.optimizer.sparse else None
+            parts.optimizer.step(step, finite, visible)
             parts.model.project_()
             parts.corrections.project_()
         with clock.stage("refine"):
