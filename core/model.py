@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Rows
+from gsfw.core.operators import Operators
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
@@ -162,11 +163,11 @@ class DensifiableModel(PrimitiveModel):
         """
 
     @abstractmethod
-    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
         """Move positions by noise shaped by each row's covariance, strong where opacity is low.
 
         Equation 8 of Kheradmand et al. 2024; ``rate`` is the noise rate times the position's
-        learning rate. In place.
+        learning rate. ``operators`` are those of the model's device. In place.
         """
 
     @abstractmethod

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 from torch.nn.functional import linear, relu
 
+from gsfw.core.maths.covariance_noise import shaped_noise
 from gsfw.core.maths.hash_features import hash_features
 from gsfw.core.maths.interpolation import interpolate
 from gsfw.core.maths.slices import Slices, slices
@@ -143,6 +144,19 @@ class Operators:
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
         """True if all values of the tensors (at least one tensor) are finite."""
         return torch.stack([tensor.isfinite().all() for tensor in tensors]).all()
+
+    @torch.no_grad()
+    def add_noise_(
+        self,
+        means: Float[Tensor, "n 3"],
+        quats: Float[Tensor, "n 4"],
+        log_scales: Float[Tensor, "n 3"],
+        opacity_logits: Float[Tensor, " n"],
+        noise: Float[Tensor, "n 3"],
+        rate: float,
+    ) -> None:
+        """Move ``means`` by noise shaped by covariances, in place; see ``shaped_noise``."""
+        means.add_(shaped_noise(quats, log_scales, opacity_logits, noise, rate))
 
     def plane_product(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from gsfw.core.context import StepContext
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, Statistic
 from gsfw.core.table import SplatTable
@@ -78,6 +79,8 @@ class RefineContext:
     """True if any refiner adds rows after this step (``Refiner.growth_due``)."""
     edits: Refinement
     """Edits of earlier refiners in the same step."""
+    operators: Operators = field(default_factory=Operators)
+    """Operators of the model's device; plain torch runs on all."""
 
     @property
     def done(self) -> int:

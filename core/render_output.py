@@ -51,6 +51,8 @@ class RenderStatistics:
 
     def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
         """The same statistics, or zeros if ``finite`` is false; no synchronisation."""
+        if finite.is_cpu and bool(finite):  # The host knows it without waiting.
+            return self
 
         def gate(values: Tensor | None) -> Tensor | None:
             return None if values is None else torch.where(finite, values, 0.0)

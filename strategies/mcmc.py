@@ -124,7 +124,7 @@ class MarkovChainMonteCarlo(DensityRefiner):
         if context.done >= config.refine_stop:
             self._seen = None
         rate = config.noise_lr * table.learning_rate(POSITIONS, context.step)
-        model.perturb_(rate, context.generator)
+        model.perturb_(rate, context.generator, context.operators)
         return counts
 
     def _relocate(

@@ -57,6 +57,11 @@ class Optimizer:
             for name, tensors in self._tensors().items()
         }
 
+    @property
+    def sparse(self) -> bool:
+        """True if only rows that a view of the step has seen are updated."""
+        return self._settings.sparse
+
     def _tensors(self) -> dict[str, list[Tensor]]:
         columns: dict[str, list[Tensor]] = {
             name: [column.values]

@@ -140,7 +140,8 @@ class Trainer:
                 rendered[-1].total.backward()
         with clock.stage("optimize"):
             finite = self._reduce([item.total for item in rendered])
-            parts.optimizer.step(step, finite, self._visible(rendered))
+            visible = self._visible(rendered) if parts.optimizer.sparse else None
+            parts.optimizer.step(step, finite, visible)
             parts.model.project_()
             parts.corrections.project_()
         with clock.stage("refine"):
@@ -155,7 +156,13 @@ class Trainer:
         parts = self.parts
         with self._stopwatch.stage("refine"):
             edits = parts.refiners.refine(
-                self.step, self.plan.steps, parts.table, parts.model, parts.generator, limits
+                self.step,
+                self.plan.steps,
+                parts.table,
+                parts.model,
+                parts.generator,
+                limits,
+                parts.operators,
             )
             self._refined.update(edits)
         return edits

@@ -14,6 +14,7 @@ from torch import Tensor
 from gsfw.core.context import StepContext
 from gsfw.core.errors import ConfigError
 from gsfw.core.model import PrimitiveModel
+from gsfw.core.operators import Operators
 from gsfw.core.refiner import RESET, GrowthLimits, RefineContext, Refinement, Refiner
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Depth, Statistic
@@ -84,18 +85,19 @@ class Refiners:
         model: PrimitiveModel,
         generator: torch.Generator,
         limits_of_run: GrowthLimits = GrowthLimits(),  # noqa: B008 - frozen
+        operators: Operators = Operators(),  # noqa: B008 - without state
     ) -> Refinement:
         """Let every refiner edit rows, in order; the sum of their edits, by verb.
 
         Limits are read again before each refiner, since the previous one may have changed them.
-        Those of the run itself hold for all of them.
+        Those of the run itself hold for all of them. ``operators`` are those of its device.
         """
         edits: Counter[str] = Counter()
         growth_due = any(refiner.growth_due(step) for refiner in self)
         for refiner in self:
             before, limits = table.row_edits, limits_of_run & self._limits(step, model)
             context = RefineContext(
-                step, steps, table, model, generator, limits, growth_due, dict(edits)
+                step, steps, table, model, generator, limits, growth_due, dict(edits), operators
             )
             found = refiner.refine(context)
             edits.update(found)

@@ -84,11 +84,27 @@ def adam(
     epsilon: float,
     gradient_limit: float,
     threads: int,
-) -> None:
-    """One step of Adam in place on tables [n, m], over all rows or over some (int64)."""
+) -> bool:
+    """One step of Adam in place on [n, ...], over all rows or over some (int64).
+
+    False, and nothing is done, if the numbers of a row lie apart or shapes differ.
+    """
 
 def all_finite(numbers: Tensor, threads: int) -> bool:
-    """True if all numbers of [n] are finite."""
+    """True if all numbers of a contiguous array are finite."""
+
+def add_noise(
+    means: Tensor,
+    quats: Tensor,
+    log_scales: Tensor,
+    opacity_logits: Tensor,
+    noise: Tensor,
+    rate: float,
+    opacity: float,
+    sharpness: float,
+    threads: int,
+) -> None:
+    """Add noise shaped by covariances to ``means`` [n, 3], in place; all are contiguous."""
 
 def plane_product(
     places: Tensor,

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 from torch.autograd.graph import increment_version
 
+from gsfw.core.maths.covariance_noise import NOISE_OPACITY, NOISE_SHARPNESS
 from gsfw.core.maths.slices import Slices
 from gsfw.core.operators import GRADIENT_LIMIT, AdamMoments, AdamSettings, Gate, Layer, Operators
 from gsfw.core.stereo.fusion import FusedImage, FusionRule
@@ -59,16 +60,15 @@ class CpuOperators(Operators):
         rows: Int[Tensor, " r"] | None = None,
     ) -> None:
         """One step of Adam, in place, in one pass over memory."""
-        tables = _rows_of([values, gradient, moments.first, moments.second])
-        if tables is None or (rows is not None and not _listed(rows)):
+        tensors = (values.detach(), gradient.detach(), moments.first, moments.second)
+        if not _served(tensors) or (rows is not None and not _listed(rows)):
             super().adam_(values, gradient, moments, rate, settings, finite, rows)
             return
-        moments.count += finite
         if not finite:
             return
-        steps = float(moments.count)
-        required().adam(
-            *tables,
+        steps = float(moments.count) + 1.0
+        done = required().adam(
+            *tensors,
             rows,
             beta1=settings.beta1,
             beta2=settings.beta2,
@@ -78,18 +78,47 @@ class CpuOperators(Operators):
             gradient_limit=GRADIENT_LIMIT,
             threads=num_threads(),
         )
+        if not done:
+            super().adam_(values, gradient, moments, rate, settings, finite, rows)
+            return
+        moments.count += 1.0
         for changed in (values, moments.first, moments.second):
             increment_version(changed)
 
     def all_finite(self, tensors: Sequence[Tensor]) -> Bool[Tensor, ""]:
         """True if all numbers of all tensors are finite."""
-        served = [tensor for tensor in tensors if _served([tensor]) and tensor.is_contiguous()]
-        others = [tensor for tensor in tensors if all(tensor is not one for one in served)]
-        module, threads = required(), num_threads()
-        finite = torch.tensor(
-            all(module.all_finite(tensor.detach().view(-1), threads) for tensor in served)
+        module, threads, others, finite = required(), num_threads(), [], True
+        for tensor in tensors:
+            if _served((tensor,)) and tensor.is_contiguous():
+                finite = finite and module.all_finite(tensor.detach(), threads)
+            else:
+                others.append(tensor)
+        found = torch.tensor(finite)
+        return found & super().all_finite(others) if others else found
+
+    @torch.no_grad()
+    def add_noise_(
+        self,
+        means: Float[Tensor, "n 3"],
+        quats: Float[Tensor, "n 4"],
+        log_scales: Float[Tensor, "n 3"],
+        opacity_logits: Float[Tensor, " n"],
+        noise: Float[Tensor, "n 3"],
+        rate: float,
+    ) -> None:
+        """Move ``means`` by noise shaped by covariances, in one pass over memory."""
+        tensors = (means, quats, log_scales, opacity_logits, noise)
+        if not _served(tensors) or not all(tensor.is_contiguous() for tensor in tensors):
+            super().add_noise_(means, quats, log_scales, opacity_logits, noise, rate)
+            return
+        required().add_noise(
+            *(tensor.detach() for tensor in tensors),
+            rate=rate,
+            opacity=NOISE_OPACITY,
+            sharpness=NOISE_SHARPNESS,
+            threads=num_threads(),
         )
-        return finite & super().all_finite(others) if others else finite
+        increment_version(means)
 
     def plane_product(
         self,
@@ -192,8 +221,8 @@ class _L1Dssim(torch.autograd.Function):
             rendered.detach(), target.detach(), valid, gradient, num_threads()
         )
         ctx.save_for_backward(rendered, target, valid, gradient)
-        l1, dssim = target.new_tensor(losses)
-        return l1, dssim
+        # One tensor of both would be taken apart again, at several times the cost.
+        return target.new_tensor(losses[0]), target.new_tensor(losses[1])
 
     @staticmethod
     def backward(ctx: Any, l1: Tensor, dssim: Tensor) -> tuple[Tensor | None, None, None]:  # noqa: ANN401
@@ -219,8 +248,11 @@ class _L1Dssim(torch.autograd.Function):
 
 def _served(tensors: Sequence[Tensor]) -> bool:
     """True if native code takes numbers of this type on this device."""
-    kinds = {(tensor.dtype, tensor.device.type, tensor.layout) for tensor in tensors}
-    return len(kinds) == 1 and kinds <= {(dtype, "cpu", torch.strided) for dtype in DTYPES}
+    kind = tensors[0].dtype
+    return kind in DTYPES and all(
+        tensor.dtype == kind and tensor.is_cpu and tensor.layout == torch.strided
+        for tensor in tensors
+    )
 
 
 def _tangents(tensors: Sequence[Tensor]) -> bool:
@@ -230,14 +262,3 @@ def _tangents(tensors: Sequence[Tensor]) -> bool:
 
 def _listed(rows: Tensor) -> bool:
     return rows.dtype == torch.int64 and rows.device.type == "cpu" and rows.is_contiguous()
-
-
-def _rows_of(tensors: Sequence[Tensor]) -> list[Tensor] | None:
-    """The same memory as tables [n, m], rows at any distance; ``None`` where that cannot be."""
-    if not _served(tensors) or any(tensor.shape != tensors[0].shape for tensor in tensors):
-        return None
-    if tensors[0].numel() == 0 or tensors[0].dim() == 0:
-        return None
-    if any(not tensor[0].is_contiguous() for tensor in tensors):
-        return None
-    return [tensor.detach().view(len(tensor), -1) for tensor in tensors]

@@ -22,6 +22,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.maths.rotations import relative_quaternions, same_half, unit_matrices
 from gsfw.core.model import Children, DensifiableModel
+from gsfw.core.operators import Operators
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.dynamic3d.neighborhood import Neighborhood
 from gsfw.methods.dynamic3d.rigidity import rigidity
@@ -235,10 +236,10 @@ class TrackedGaussians(DensifiableModel):
         """``rows`` with the opacity and scale with which ``counts`` copies render as one did."""
         return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
 
-    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
         """Add noise to positions of rows with low opacity, at the first time."""
         if not self.tracking:
-            self.canonical.perturb_(rate, generator)
+            self.canonical.perturb_(rate, generator, operators)
 
     def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:
         """Change every opacity by a function, in place."""

@@ -20,6 +20,7 @@ from gsfw.core.learning_rate import LearningRate
 from gsfw.core.maths.rotations import matrices_rows_last
 from gsfw.core.maths.spherical_harmonics import degree_of, num_coefficients, rgb_to_dc
 from gsfw.core.model import Children, DensifiableModel
+from gsfw.core.operators import Operators
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.band_evidence import BandEvidence
 from gsfw.methods.gaussians3d.relocation import coincident_copies
@@ -30,9 +31,6 @@ NEW_OPACITY = 0.1
 """Initial opacity of rows at rendering errors, as at the start (Kerbl et al. 2023)."""
 SPLIT_SHRINK = 0.8
 """Children of a split are smaller by 1 / (0.8 * copies): 1.6 for two (Kerbl et al. 2023, 5.2)."""
-NOISE_SHARPNESS, NOISE_OPACITY = 100.0, 0.005
-"""Opacity at which noise fades out: sigmoid(-100 (o - 0.005)). The text of Kheradmand et al. 2024
-has t = 1 - 0.005 in equation 8; the released code and ours have 0.005, the pruning threshold."""
 
 
 @dataclass(frozen=True)
@@ -218,16 +216,18 @@ class StaticGaussians(DensifiableModel):
         return children
 
     @torch.no_grad()
-    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
         """Add noise of covariance Sigma^2 to positions of rows with low opacity (eq. 8)."""
-        means, quats = self.means.values, self.quats.values
+        means = self.means.values
         noise = torch.randn(means.shape, generator=generator, device=means.device).to(means)
-        strength = torch.sigmoid(NOISE_SHARPNESS * (NOISE_OPACITY - self.opacities()))
-        variances = (2.0 * self.log_scales.values).exp()
-        turned = matrices_rows_last(quats)
-        along_axes = (turned * noise.T[:, None]).sum(0) * variances.T
-        shaped = (turned * along_axes).sum(1)
-        means.add_((shaped * (rate * strength)).T)
+        operators.add_noise_(
+            means,
+            self.quats.values,
+            self.log_scales.values,
+            self.opacity_logits.values,
+            noise,
+            rate,
+        )
 
     @torch.no_grad()
     def change_opacities_(self, function: Callable[[Tensor], Tensor]) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import Children
 from gsfw.core.numerics import DEFAULT
+from gsfw.core.operators import Operators
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.splats import Sh, Splats
 from gsfw.methods.gaussians3d.model import MAX_LOG_SCALE, MIN_LOG_SCALE, StaticGaussians
@@ -190,9 +191,9 @@ class DeformedGaussians(MovingGaussians):
         """``rows`` with the opacity and scale with which ``counts`` copies render as one did."""
         return {**self.clone_rows(rows), **self.canonical.relocated(rows, counts)}
 
-    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
         """Add noise to canonical positions of rows with low opacity."""
-        self.canonical.perturb_(rate, generator)
+        self.canonical.perturb_(rate, generator, operators)
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
         """Canonical values that the field turns, on average, into the rows' current values."""

@@ -24,6 +24,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.column import Column, Rows
 from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
+from gsfw.core.maths.covariance_noise import noise_strengths
 from gsfw.core.maths.slices import Conditional, Slices, conditional, time_variances, weights
 from gsfw.core.model import Children
 from gsfw.core.numerics import DEFAULT
@@ -31,8 +32,6 @@ from gsfw.core.operators import Operators
 from gsfw.core.splats import Splats
 from gsfw.methods.gaussians3d.model import (
     MIN_LOG_SCALE,
-    NOISE_OPACITY,
-    NOISE_SHARPNESS,
     SPLIT_SHRINK,
     StaticGaussians,
 )
@@ -366,11 +365,11 @@ class SlicedGaussians(MovingGaussians):
         return _scaled(children, shrunk[:, 0])
 
     @torch.no_grad()
-    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
         """Add noise shaped by the slices' covariances to positions (see ``StaticGaussians``)."""
         means = self.canonical.means.values
         noise = torch.randn(means.shape, generator=generator, device=means.device).to(means)
-        strength = torch.sigmoid(NOISE_SHARPNESS * (NOISE_OPACITY - self.canonical.opacities()))
+        strength = noise_strengths(self.canonical.opacities())
         shaped = (self._with_standing(self._sliced().covariances) * noise[:, None]).sum(2)
         means.add_(shaped * (rate * strength)[:, None])
 

@@ -30,6 +30,7 @@ from gsfw.core.context import StepContext
 from gsfw.core.learning_rate import LearningRate
 from gsfw.core.model import Children
 from gsfw.core.numerics import DEFAULT
+from gsfw.core.operators import Operators
 from gsfw.core.parameter_group import ParameterGroup
 from gsfw.core.render_output import RenderOutput
 from gsfw.core.splats import Splats
@@ -270,9 +271,9 @@ class SpacetimeGaussians(MovingGaussians):
         """Relocation as for static Gaussians; coincident copies also share path and time."""
         return {**super().clone_rows(rows), **self.canonical.relocated(rows, counts)}
 
-    def perturb_(self, rate: float, generator: torch.Generator) -> None:
+    def perturb_(self, rate: float, generator: torch.Generator, operators: Operators) -> None:
         """Move paths by noise shaped by each row's covariance at its centre."""
-        self.canonical.perturb_(rate, generator)
+        self.canonical.perturb_(rate, generator, operators)
 
     def begin_(self, rows: Int[Tensor, " r"], times: Float[Tensor, " r"]) -> None:
         """Rows at rest with the longest duration."""

@@ -9,6 +9,7 @@ import torch
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import DataRequest, Split
 from gsfw.core.errors import ConfigError
+from gsfw.datamanagers.synthetic import raycast
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.datamanagers.synthetic.dome import HELD_OUT, dome
 from gsfw.datamanagers.synthetic.motion import Still
@@ -215,8 +216,10 @@ def test_the_bits_of_an_image_do_not_depend_on_threads_or_on_the_order_of_views(
 
 
 @pytest.mark.parametrize("time", [0.0, 0.5, 1.0])
-def test_an_image_cast_in_blocks_is_the_one_of_which_every_ray_tries_every_solid(time):
+def test_an_image_cast_in_blocks_is_the_one_of_which_every_ray_tries_every_solid(time, monkeypatch):
     # Blocks try the solids near them only, and shadows the solids towards the sun only.
+    monkeypatch.setattr(raycast, "TILE", 64)
+    monkeypatch.setattr(raycast, "EDGE", -1.0)  # Edges everywhere.
     scene, steps = SyntheticScene(solids(2), time), SUBPIXELS
     for index in range(3):
         camera = dome(3, 0.0, 150, 60, 1).select([index])
@@ -229,6 +232,25 @@ def test_an_image_cast_in_blocks_is_the_one_of_which_every_ray_tries_every_solid
         image = photograph(scene, camera)
         assert torch.equal(image[..., 3], (covered * 255).round().to(torch.uint8))
         assert 0 < float(covered.mean()) < 1
+
+
+def test_one_sample_where_there_is_no_edge_changes_an_image_less_than_rounding(monkeypatch):
+    def premultiplied():
+        pixels = photograph(scene, camera).double() / 255
+        return pixels[..., :3] * pixels[..., 3:]
+
+    scene, camera = SyntheticScene(solids(0), 0.0), dome(3, 0.0, 160, 120, 1).select([1])
+    few = premultiplied()
+    monkeypatch.setattr(raycast, "EDGE", -1.0)
+    error = (premultiplied() - few).square().mean()
+    assert 0 < float(error) < 1 / (12 * 255**2)
+
+
+def test_an_image_does_not_depend_on_the_strips_that_it_is_cast_in(monkeypatch):
+    scene, camera = SyntheticScene(solids(0), 0.5), dome(3, 0.0, 80, 60, 1).select([0])
+    whole = photograph(scene, camera)
+    monkeypatch.setattr(raycast, "MAX_RAYS", 80 * 7)
+    assert torch.equal(photograph(scene, camera), whole)
 
 
 def test_shadows_fall_wherever_another_solid_hides_the_sun():

@@ -12,6 +12,7 @@ from support.states import assert_same_bits
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import step_settings
 from gsfw.core.errors import ConfigError
+from gsfw.core.operators import Operators
 from gsfw.core.ranges import check_ranges
 from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import Statistic
@@ -119,7 +120,7 @@ def test_noise_follows_the_learning_rate_of_positions_at_every_step():
     twin.load_state_dict(model.state_dict())
     _, table = table_of(model)
     assert strategy(noise_lr=5e5).edit(3, table, model, generator()) == {}
-    twin.perturb_(5e5 * table.learning_rate("means", 3), generator())
+    twin.perturb_(5e5 * table.learning_rate("means", 3), generator(), Operators())
     assert table.learning_rate("means", 3) == pytest.approx(1.6e-4 * EXTENT, rel=1e-3)
     assert torch.equal(model.means.values, twin.means.values)
     assert not torch.equal(model.means.values, gaussians(5).means.values)

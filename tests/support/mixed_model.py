@@ -77,7 +77,7 @@ class MixedModel(DensifiableModel):
     def relocated(self, rows, counts):
         return self.clone_rows(rows)
 
-    def perturb_(self, rate, generator):
+    def perturb_(self, rate, generator, operators):
         pass
 
     def change_opacities_(self, function):

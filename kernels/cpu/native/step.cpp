@@ -150,11 +150,19 @@ bool all_finite(const T* numbers, int64_t count, int threads) {
   return finite.load();
 }
 
+template <typename T>
+void add_noise(const NoiseJob<T>& job, int64_t count, int threads) {
+  parallel_pieces(count, STREAM / 16, threads, [&](int64_t begin, int64_t end, int) {
+    kernels<T>().add_noise(job, begin, end);
+  });
+}
+
 #define GSFW_FOR_TYPE(T)                                                                \
   template Losses l1_dissimilarity(const Comparison<T>&, T*, int);                      \
   template void loss_gradient(const Comparison<T>&, const T*, double, double, T*, int); \
   template void adam_step(const AdamJob<T>&, int64_t, int);                             \
-  template bool all_finite(const T*, int64_t, int);
+  template bool all_finite(const T*, int64_t, int);                                     \
+  template void add_noise(const NoiseJob<T>&, int64_t, int);
 GSFW_FOR_TYPE(float)
 GSFW_FOR_TYPE(double)
 #undef GSFW_FOR_TYPE

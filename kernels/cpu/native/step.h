@@ -1,4 +1,5 @@
-// The step besides rendering: losses, optimizer and check of gradients, on any number of threads.
+// The step besides rendering: losses, optimizer, check of gradients and noise of positions, on any
+// number of threads.
 //
 // Results are the same to the bit for any number of threads: every number is computed by itself,
 // and sums are taken row by row and then in order.
@@ -30,5 +31,9 @@ void adam_step(const AdamJob<T>& job, int64_t count, int threads);
 /// Whether none of ``numbers`` [count] is infinite or NaN.
 template <typename T>
 bool all_finite(const T* numbers, int64_t count, int threads);
+
+/// Add noise shaped by covariances to the positions of ``count`` Gaussians.
+template <typename T>
+void add_noise(const NoiseJob<T>& job, int64_t count, int threads);
 
 }  // namespace gsfw

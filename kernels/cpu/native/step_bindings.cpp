@@ -19,11 +19,14 @@ namespace {
 template <typename T>
 using Images = nb::ndarray<T, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
 using Valid = nb::ndarray<const uint8_t, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
+/// Rows along the first of any number of axes.
 template <typename T>
-using Rows = nb::ndarray<T, nb::ndim<2>, nb::device::cpu>;
+using Rows = nb::ndarray<T, nb::device::cpu>;
+template <typename T>
+using Table = nb::ndarray<T, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Indices = nb::ndarray<const int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <typename T>
-using Numbers = nb::ndarray<const T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Numbers = nb::ndarray<const T, nb::c_contig, nb::device::cpu>;
 
 void require(bool fits, const char* complaint) {
   if (!fits) throw std::invalid_argument(complaint);
@@ -78,29 +81,45 @@ void l1_dssim_backward(const Images<const T>& rendered, const Images<const T>& t
   loss_gradient(images, from, l1, dssim, to, threads);
 }
 
+/// True if the numbers of each row lie next to one another, in order.
+template <typename T>
+bool rows_are_whole(const Rows<T>& rows) {
+  int64_t numbers = 1;
+  for (size_t axis = rows.ndim(); axis-- > 1;) {
+    if (rows.shape(axis) != 1 && rows.stride(axis) != numbers) return false;
+    numbers *= int64_t(rows.shape(axis));
+  }
+  return true;
+}
+
+template <typename T, typename U>
+bool fits(const Rows<T>& rows, const Rows<U>& like) {
+  return rows.ndim() == like.ndim() && same_shape(rows, like, like.ndim()) && rows_are_whole(rows);
+}
+
 template <typename T>
 StridedRows<T> strided(const Rows<T>& rows) {
-  require(rows.shape(1) < 2 || rows.stride(1) == 1, "the numbers of a row lie apart");
   return {rows.data(), rows.stride(0)};
 }
 
 template <typename T>
-void adam(const Rows<T>& values, const Rows<const T>& gradient, const Rows<T>& first,
+bool adam(const Rows<T>& values, const Rows<const T>& gradient, const Rows<T>& first,
           const Rows<T>& second, const std::optional<Indices>& rows, double beta1, double beta2,
           double bias2, double rate, double epsilon, double gradient_limit, int threads) {
-  require(same_shape(values, gradient, 2) && same_shape(values, first, 2) &&
-              same_shape(values, second, 2),
-          "values, gradient and moments are not of one shape");
+  if (values.ndim() == 0 || values.size() == 0 || !rows_are_whole(values)) return false;
+  if (!fits(gradient, values) || !fits(first, values) || !fits(second, values)) return false;
+  const int64_t all = int64_t(values.shape(0)), width = int64_t(values.size()) / all;
   AdamJob<T> job = {strided<T>(values), strided<const T>(gradient), strided<T>(first),
-                    strided<T>(second), int64_t(values.shape(1)), rows ? rows->data() : nullptr,
+                    strided<T>(second), width, rows ? rows->data() : nullptr,
                     T(1.0 - beta1), T(1) - T(1.0 - beta2), T(1.0 - beta2), T(bias2), T(rate),
                     T(epsilon), T(gradient_limit)};
-  const int64_t count = rows ? int64_t(rows->shape(0)) : int64_t(values.shape(0));
+  const int64_t count = rows ? int64_t(rows->shape(0)) : all;
   for (int64_t i = 0; rows && i < count; ++i) {
-    require(job.rows[i] >= 0 && job.rows[i] < int64_t(values.shape(0)), "there is no such row");
+    require(job.rows[i] >= 0 && job.rows[i] < all, "there is no such row");
   }
   nb::gil_scoped_release unlocked;
   adam_step(job, count, threads);
+  return true;
 }
 
 template <typename T>
@@ -109,6 +128,24 @@ bool is_all_finite(const Numbers<T>& numbers, int threads) {
   const int64_t count = int64_t(numbers.size());
   nb::gil_scoped_release unlocked;
   return all_finite(data, count, threads);
+}
+
+template <typename T>
+void add_noise_to(const Table<T>& means, const Table<const T>& quats,
+                  const Table<const T>& log_scales, const Numbers<T>& opacity_logits,
+                  const Table<const T>& noise, double rate, double opacity, double sharpness,
+                  int threads) {
+  const size_t count = means.shape(0);
+  require(means.shape(1) == 3 && noise.shape(1) == 3 && log_scales.shape(1) == 3 &&
+              quats.shape(1) == 4,
+          "rows are not of 3, 4, 3 and 3 numbers");
+  require(quats.shape(0) == count && log_scales.shape(0) == count && noise.shape(0) == count &&
+              opacity_logits.size() == count,
+          "columns are not of one length");
+  const NoiseJob<T> job = {means.data(), quats.data(), log_scales.data(), opacity_logits.data(),
+                           noise.data(), T(rate), T(opacity), T(sharpness)};
+  nb::gil_scoped_release unlocked;
+  add_noise(job, int64_t(count), threads);
 }
 
 template <typename T>
@@ -123,9 +160,14 @@ void bind_type(nb::module_& module) {
   module.def("adam", &adam<T>, "values"_a.noconvert(), "gradient"_a.noconvert(),
              "first"_a.noconvert(), "second"_a.noconvert(), "rows"_a.noconvert().none(), "beta1"_a,
              "beta2"_a, "bias2"_a, "rate"_a, "epsilon"_a, "gradient_limit"_a, "threads"_a,
-             "One step of Adam in place, over all rows or over some.");
+             "One step of Adam in place, over all rows or over some; False, and nothing is done, if the "
+             "numbers of a row lie apart.");
   module.def("all_finite", &is_all_finite<T>, "numbers"_a.noconvert(), "threads"_a,
              "Whether no number is infinite or NaN.");
+  module.def("add_noise", &add_noise_to<T>, "means"_a.noconvert(), "quats"_a.noconvert(),
+             "log_scales"_a.noconvert(), "opacity_logits"_a.noconvert(), "noise"_a.noconvert(),
+             "rate"_a, "opacity"_a, "sharpness"_a, "threads"_a,
+             "Add noise shaped by covariances to positions, in place.");
 }
 
 }  // namespace

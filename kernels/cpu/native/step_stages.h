@@ -83,7 +83,22 @@ struct AdamJob {
   T gradient_limit;
 };
 
-/// See ssim.h, loss_gradient.h, adam.h and finite.h.
+/// Noise that moves positions.
+template <typename T>
+struct NoiseJob {
+  /// [n, 3]; changed in place.
+  T* means;
+  /// [n, 4], [n, 3] and [n]: see gsfw.core.maths.covariance_noise.
+  const T* quats;
+  const T* log_scales;
+  const T* opacity_logits;
+  /// [n, 3]: standard normal numbers.
+  const T* noise;
+  /// Factor of all shifts; opacity at which they fade out, and how sharply.
+  T rate, opacity, sharpness;
+};
+
+/// See ssim.h, loss_gradient.h, adam.h, finite.h and noise.h.
 template <typename T>
 struct StepKernels {
   int64_t (*ssim_scratch)(const SsimJob<T>& job);
@@ -91,6 +106,7 @@ struct StepKernels {
   void (*loss_gradient)(const LossGradientJob<T>& job, int64_t begin, int64_t end);
   void (*adam)(const AdamJob<T>& job, int64_t begin, int64_t end);
   bool (*all_finite)(const T* numbers, int64_t count);
+  void (*add_noise)(const NoiseJob<T>& job, int64_t begin, int64_t end);
 };
 
 }  // namespace gsfw

@@ -60,6 +60,19 @@ std::vector<T> step_of(int64_t rows, int64_t width, bool listed, int threads) {
   return values;
 }
 
+/// Positions that noise has moved.
+template <typename T>
+std::vector<T> noise_of(int64_t rows, int threads) {
+  std::vector<T> means = uniform<T>(3 * rows, 8, -1, 1);
+  const std::vector<T> quats = uniform<T>(4 * rows, 9, -1, 1);
+  const std::vector<T> log_scales = uniform<T>(3 * rows, 10, -5, -1);
+  const std::vector<T> logits = uniform<T>(rows, 11, -9, 2), noise = uniform<T>(3 * rows, 12, -2, 2);
+  const NoiseJob<T> job = {means.data(),  quats.data(), log_scales.data(), logits.data(),
+                           noise.data(), T(2.0),       T(0.005),          T(100.0)};
+  add_noise(job, rows, threads);
+  return means;
+}
+
 /// Run ``results`` of float64 and of every instruction set, and compare.
 template <typename F, typename G>
 void check(const std::string& what, F of_float, G of_double) {
@@ -96,6 +109,10 @@ void check_finite() {
 }
 
 void check_everything() {
+  for (const int64_t rows : {0, 1, 37, 9000}) {
+    check("noise", [&](int threads) { return noise_of<float>(rows, threads); },
+          [&](int threads) { return noise_of<double>(rows, threads); });
+  }
   for (const Size& size : SIZES) {
     for (const bool masked : {false, true}) {
       const std::string what = "losses of width " + std::to_string(size.width);

@@ -261,7 +261,7 @@ def test_noise_moves_rows_at_the_first_time_only():
     for time, moves in ((0.0, True), (1.0, False)):
         model.advance_(time)
         before = model.canonical.means.values.detach().clone()
-        model.perturb_(1.0, seeded())
+        model.perturb_(1.0, seeded(), Operators())
         assert torch.equal(model.canonical.means.values, before) != moves
 
 

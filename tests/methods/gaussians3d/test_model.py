@@ -97,7 +97,7 @@ def test_one_row_and_no_row_make_splats():
         )  # fmt: skip
         model = StaticGaussians(start, StaticGaussiansOptim().learning_rates(1.0))
         assert len(model.splats()) == model.num_rows == n
-        model.perturb_(1.0, generator())
+        model.perturb_(1.0, generator(), Operators())
         model.project_()
         assert model.opacities().shape == model.sizes().shape == (n,)
 
@@ -157,7 +157,7 @@ def test_noise_has_the_squared_covariance_of_each_row_and_spares_opaque_ones():
     model = StaticGaussians(start, StaticGaussiansOptim().learning_rates(1.0))
     with torch.no_grad():
         model.opacity_logits.values[0] = 0.0
-    model.perturb_(2.0, generator())
+    model.perturb_(2.0, generator(), Operators())
     assert float(model.means.values[0].detach().norm()) < 1e-12
     # At the threshold the sigmoid is one half, so that the noise is Sigma times a unit normal.
     sigma = covariance(one, 0)

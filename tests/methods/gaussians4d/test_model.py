@@ -246,7 +246,7 @@ def test_rows_come_and_go_as_those_of_static_gaussians():
         assert len(model.splats(TIME)) == len(table)
     assert model.change_opacities_(lambda values: values.clamp_max(0.01)) == ("opacity_logits",)
     assert float(model.opacities().max()) <= 0.01 + 1e-6
-    model.perturb_(0.1, seeded)
+    model.perturb_(0.1, seeded, Operators())
     model.project_()
     assert model.sizes().shape == (20,)
     assert model.lifetimes() is None

@@ -122,7 +122,7 @@ def test_rows_stay_in_order_through_everything_that_is_done_to_them(method, seed
         lambda: table.append(model.clone_rows(some(), generator)),
         lambda: table.append(model.split_rows(some(), 2, generator)),
         lambda: table.replace(rows := some(), model.relocated(rows, torch.full_like(rows, 2))),
-        lambda: model.perturb_(1e-3, generator),
+        lambda: model.perturb_(1e-3, generator, Operators()),
         start,
         grow,
     )

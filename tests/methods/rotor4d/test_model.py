@@ -385,7 +385,7 @@ def test_noise_has_the_squared_covariance_of_slices_and_spares_opaque_rows():
     with torch.no_grad():
         model.canonical.opacity_logits.values[1:] = math.log(0.005 / 0.995)
     before = model.canonical.means.values.detach().clone()
-    model.perturb_(2.0, generator())
+    model.perturb_(2.0, generator(), Operators())
     moved = model.canonical.means.values.detach() - before
     assert float(moved[0].norm()) < 1e-12
     whole = space_time(model, 0)
@@ -405,7 +405,7 @@ def test_a_few_rows_and_none_make_splats(n):
     model = gaussians(max(n, 1))
     SplatTable(model, Optimizer(model, Operators(), OptimizerSettings())).keep(torch.arange(n))
     assert len(model.splats(at(0.5))) <= model.num_rows == n
-    model.perturb_(1.0, generator())
+    model.perturb_(1.0, generator(), Operators())
     model.project_()
     assert model.sizes().shape == model.opacities().shape == model.lifetimes().shape == (n,)
 

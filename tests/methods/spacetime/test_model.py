@@ -188,7 +188,7 @@ def test_one_row_and_no_row_make_splats():
         table = SplatTable(model, Optimizer(model, Operators(), OptimizerSettings()))
         table.keep(torch.arange(n))
         assert len(model.splats(at(0.5))) <= model.num_rows == n
-        model.perturb_(1.0, seeded())
+        model.perturb_(1.0, seeded(), Operators())
         model.project_()
         assert model.lifetimes().shape == model.sizes().shape == (n,)
         assert len(model.split_rows(torch.arange(n), 2, seeded())["motion"].values) == 2 * n
@@ -288,7 +288,7 @@ def test_what_does_not_concern_time_is_that_of_static_gaussians():
     model.canonical.active_degree = 0
     assert model.active_bands() == 0
     centers = model.columns()["means"].values.clone()
-    model.perturb_(1e9, seeded())
+    model.perturb_(1e9, seeded(), Operators())
     assert not torch.equal(model.columns()["means"].values, centers)
 
 
