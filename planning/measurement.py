@@ -40,7 +40,7 @@ class Measurement:
     data: DataManager
     """The capture, at the image size of the latest run."""
     surface: FoundSurface | None = None
-    """What stereo found; ``None`` as long as no run starts from it."""
+    """Points by stereo; ``None`` as long as no run starts from them."""
 
     def run(self, settings: Settings, seconds: float) -> Speed:
         """The speed of a run with the image size of ``data``, from so many seconds of steps."""

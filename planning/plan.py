@@ -139,7 +139,7 @@ def _made(
 
 
 def _possible(asked: Asked, speed: Speed, size: float, is_free: bool, is_asked: bool) -> Asked:
-    """What was asked for, or the usual time as far as it is possible.
+    """The conditions, with a usual time that is possible.
 
     Raises:
         ConfigError: the time is too short for any training; names one that is not.

@@ -50,7 +50,7 @@ BACKGROUND_TOLERANCE = 0.015
 
 @dataclass(frozen=True)
 class FoundSurface:
-    """What stereo says of a capture; the same for all runs on it, whatever their image size."""
+    """Points of a capture by stereo; the same for all runs on it, whatever their image size."""
 
     downscale: float
     """The factor by which its images were shrunk."""

@@ -13,7 +13,7 @@ ran, and those in which it could have run and other work had its processor."""
 
 @dataclass(frozen=True)
 class Work:
-    """What the threads of this process have done; zeros where the system does not tell."""
+    """Times of the threads of this process; zeros where the system does not tell."""
 
     ran: float = 0.0
     """Seconds on a processor, over all threads."""

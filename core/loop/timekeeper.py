@@ -29,7 +29,7 @@ SMOOTHING = 0.7
 LARGEST_CHANGE = 1.5
 """Factor by which one decision changes the pace at most in the first half of the time: first steps
 decode images and warm up, and a pause of some seconds is no reason to end soon."""
-TRUST = 4.0
+TRUST = 2.0
 """A pace above 1 exceeds it by this times the part of the time that has passed, at most, in the
 first half of it: until then costs of later steps are a guess, and rows grow, which haste spoils."""
 SETTLING = 5

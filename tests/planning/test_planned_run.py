@@ -10,6 +10,7 @@ from support.small_scene import SMALL_SCENE
 from support.states import assert_same_bits
 
 from gsfw.commands.main import main
+from gsfw.core.datamanager import Split
 from gsfw.core.loop.machine_clock import MachineClock, Work
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.timekeeper import Ending
@@ -170,6 +171,16 @@ def test_a_plan_looks_for_a_surface_once_and_measures_the_start_that_it_chose(
     assert len(looked) == 1
     rows = [run.parts.model.num_rows for run in machine.tried]
     assert rows == [40, 40], "not the points of the data"
+
+
+def test_a_plan_measures_the_image_size_that_it_chose(machine, tmp_path, monkeypatch):
+    monkeypatch.setattr("gsfw.planning.choices.SHORTEST_SIDE", 8)
+    assert main([*RUN, "minutes=1", f"out={tmp_path}"]) == 0
+    record = planned(tmp_path)
+    assert record["decided"]["downscale"] == 3
+    widths = [run.parts.data.views(Split.TRAIN).cameras[0].width for run in machine.tried]
+    assert widths == [32, 11]
+    assert record["measured"]["downscale"] == 3
 
 
 @pytest.mark.slow

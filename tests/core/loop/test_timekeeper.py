@@ -148,9 +148,9 @@ def test_fixed_work_at_the_end_takes_longer_on_a_busy_machine():
 
 def test_time_that_a_run_took_before_it_was_resumed_counts():
     clock = FakeClock()
-    info = RunInfo(Path(), "3dgs", "toy", 1000, 0, {}, {})
+    info = RunInfo(Path(), "3dgs", "toy", 1000, 1, {}, {})
     timekeeper = Timekeeper(RemainingTime(info), 60.0, Ending(), clock, spent=40.0)
-    timekeeper.restart(0, 0)
+    timekeeper.restart(1, 1)
     clock.go_on(3.0)
     assert timekeeper.spent() == 43.0
     decision = timekeeper.decide(Standing(100, 100, 1000, 100, 1.0, 1000))
@@ -195,7 +195,7 @@ def test_evaluations_are_no_part_of_the_speed_of_steps():
 
 
 def test_early_guesses_of_later_costs_hurry_no_run():
-    # Twice as long as expected, and ten times as long in a moment of the first tenth.
+    # Twice as long as expected, and twenty times as long in a moment of the first tenth.
     found = walk(lambda now, rows: 0.6 if 5 < now < 6 else 0.06)
     early = [item for item in found.pace.decisions if item.update < 0.2 * found.updates]
     assert early
