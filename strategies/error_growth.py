@@ -2,13 +2,14 @@
 
 A row is the more urgent, the larger the mean gradient of its screen position and the error that
 several views agree on (``core.refinement.view_errors``): the two conditions of Ren et al. 2025
-(FastGS), as one rank. In each round the most urgent rows grow, as many as lead to the number that
-the schedule has for that step: it rises fast at first and ends at ``per_pixel``.
+(FastGS), as one rank. In each round the most urgent rows are split, as many as lead to the number
+that the schedule has for that step: it rises fast at first and ends at ``per_pixel``.
 
 Differences from FastGS: no thresholds of gradients and of counts of bad pixels, which depend on
-scene and image size; the error of views that training renders anyway, in the last steps before a
-round, instead of views rendered for it; pruning by contributions is that of ``strategy.budget``;
-and opacities are not reset.
+scene and image size; the errors of views that training renders anyway, in the last steps before a
+round, instead of views rendered for it; small rows are split too, and none cloned; pruning by
+contributions is that of ``strategy.budget``; and opacities are not reset. ``docs/growth.md`` has
+what each of these is worth.
 """
 
 from __future__ import annotations
