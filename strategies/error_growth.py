@@ -49,7 +49,7 @@ class ErrorGrowthConfig(StrategyConfig):
     max_gaussians: int = number(3_000_000, at_least=0)
     """No growth beyond this number (3 GB of parameters and optimizer state); 0: no limit."""
     early: float = number(2.0, at_least=1)
-    """How much of the growth is early: 1 adds as many Gaussians in each round, 2 begins twice as
+    """Speed of the growth at its begin: 1 adds as many Gaussians in each round, 2 begins twice as
     fast and slows down."""
     agreeing_views: int = number(2, at_least=1)
     """Views that have to agree on the error of a Gaussian, of those that see it."""
