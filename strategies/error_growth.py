@@ -61,7 +61,7 @@ class ErrorGrowthConfig(StrategyConfig):
     """No refinement up to this step; before, most errors are those of unsettled rows."""
     refine_stop: int = steps_field(15_000)
     """No refinement from this step on."""
-    refine_every: int = steps_field(500, at_least=1, floor=50)
+    refine_every: int = steps_field(500, at_least=1, floor=25)
     """Steps between refinements, in which gradients are gathered."""
 
     def needs(self) -> Needs:
