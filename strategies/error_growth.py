@@ -2,13 +2,14 @@
 
 A row is the more urgent, the larger the mean gradient of its screen position and the error that
 several views agree on (``core.refinement.view_errors``): the two conditions of Ren et al. 2025
-(FastGS), as one rank. In each round the most urgent rows grow, as many as lead to the number that
-the schedule has for that step: it rises fast at first and ends at ``per_pixel``.
+(FastGS), as one rank. In each round the most urgent rows are split, as many as lead to the number
+that the schedule has for that step: it rises fast at first and ends at ``per_pixel``.
 
 Differences from FastGS: no thresholds of gradients and of counts of bad pixels, which depend on
-scene and image size; the error of views that training renders anyway, in the last steps before a
-round, instead of views rendered for it; pruning by contributions is that of ``strategy.budget``;
-and opacities are not reset.
+scene and image size; the errors of views that training renders anyway, in the last steps before a
+round, instead of views rendered for it; small rows are split too, and none cloned; pruning by
+contributions is that of ``strategy.budget``; and opacities are not reset. ``docs/growth.md`` has
+what each of these is worth.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class ErrorGrowthConfig(StrategyConfig):
     max_gaussians: int = number(3_000_000, at_least=0)
     """No growth beyond this number (3 GB of parameters and optimizer state); 0: no limit."""
     early: float = number(2.0, at_least=1)
-    """How much of the growth is early: 1 adds as many Gaussians in each round, 2 begins twice as
+    """Speed of the growth at its begin: 1 adds as many Gaussians in each round, 2 begins twice as
     fast and slows down."""
     agreeing_views: int = number(2, at_least=1)
     """Views that have to agree on the error of a Gaussian, of those that see it."""
@@ -60,7 +61,7 @@ class ErrorGrowthConfig(StrategyConfig):
     """No refinement up to this step; before, most errors are those of unsettled rows."""
     refine_stop: int = steps_field(15_000)
     """No refinement from this step on."""
-    refine_every: int = steps_field(500, at_least=1, floor=50)
+    refine_every: int = steps_field(500, at_least=1, floor=25)
     """Steps between refinements, in which gradients are gathered."""
 
     def needs(self) -> Needs:

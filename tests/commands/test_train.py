@@ -53,7 +53,7 @@ def test_help_shows_every_key_with_type_default_and_sentence(capsys):
     assert main(["train", "method=3dgs", "strategy=mcmc", "steps=oops", "--help"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines[0] == "usage: gsfw train method=3dgs [key=value ...]"
-    assert "strategy=mcmc name adc, mcmc, none" in lines
+    assert "strategy=mcmc name adc, error, mcmc, none" in lines
     assert any(line.startswith("seed=42 whole number Seed of every generator;") for line in lines)
     assert {"parts", "run", "optim", "strategy mcmc", "datamanager synthetic"} <= set(lines)
 

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from support.error_looks import error_look
 from support.gaussians import gaussians, set_rows, table_of, toy_scene
 from support.refining import StrategyRun
@@ -205,3 +207,27 @@ def test_more_views_cannot_agree_than_are_asked():
     assert str(caught.value) == (
         "strategy.agreeing_views=5: expected at most strategy.views=4, the views that are asked."
     )
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    opacities=st.lists(st.sampled_from([0.001, 0.3, 0.9]), min_size=1, max_size=6),
+    pixels=st.integers(0, 40),
+    limit=st.integers(1, 12),
+    early=st.sampled_from([1.0, 2.0, 5.0]),
+)
+def test_whatever_the_scene_rows_stay_within_the_limit_and_one_is_left(
+    opacities, pixels, limit, early
+):
+    run = strategy(pixels=pixels, max_gaussians=limit, early=early)
+    model, most = model_of(opacities), max(limit, len(opacities))
+    for step in range(31):
+        shown = [pixel % model.num_rows for pixel in range(6)]
+        rows = list(range(max(shown) + 1))
+        context, seen = error_look(
+            [0.4] * 6, shown, views=(step,), step=step, rows=rows, num_rows=model.num_rows
+        )
+        run.before_backward(context, model)
+        run.observe(context, seen, model)
+        run.edit(step, table_of(model)[1], model, torch.Generator().manual_seed(step))
+        assert 1 <= model.num_rows <= most
