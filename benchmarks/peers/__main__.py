@@ -33,6 +33,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--downscale", type=float, default=1.0, help="images are shrunk by it")
     parser.add_argument("--steps", type=int, nargs="*", default=[300, 1000, 3000])
     parser.add_argument("--minutes", type=float, nargs="*", default=[], help="times, for gsfw only")
+    parser.add_argument(
+        "--settings", action="append", default=[], help="gsfw once more, with these settings"
+    )
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--repeats", type=int, default=1)
     parser.add_argument("--only", default="", help="trainings whose name has this text")
@@ -46,7 +49,11 @@ def arguments() -> argparse.Namespace:
 def jobs(given: argparse.Namespace, capture: Path) -> list[Job]:
     """All trainings, in turns: those of one length follow one another."""
     order = Order(capture, given.out / "runs", tuple(given.steps))
-    found = gsfw_jobs(order, given.minutes)
+    found = [
+        job
+        for settings in ("", *given.settings)
+        for job in gsfw_jobs(order, given.minutes, settings)
+    ]
     if given.opensplat is not None:
         program = build_opensplat(given.opensplat, given.out / "opensplat")
         found += opensplat_jobs(order, program)
@@ -62,14 +69,14 @@ def main() -> None:
     given = arguments()
     given.out.mkdir(parents=True, exist_ok=True)
     views = HeldOutViews.open(given.data, given.downscale)
-    capture = write_training_views(views.data, views.background, given.out / "capture")
+    capture = write_training_views(views.data, given.out / "capture")
     results = Results(given.out / "results.jsonl")
     todo = jobs(given, capture.resolve())
     for repeat in range(1, given.repeats + 1):
         for job in (job for job in todo if not results.has(job, repeat)):
             shutil.rmtree(job.folder, ignore_errors=True)
             usage = run(job, given.threads)
-            result = Result.of(job, repeat, usage, views.score(job.splats))
+            result = Result.of(job, repeat, usage, views.score(job.splats, job.background))
             results.add(result)
             print(
                 f"{job.peer}, {job.length}: {result.psnr:.2f} dB, {result.gaussians:,} Gaussians, "

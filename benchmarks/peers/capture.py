@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
 from PIL import Image
-from torch import Tensor
 
 from gsfw.core.batch import Batch
 from gsfw.core.cameras import CameraModel, Cameras
@@ -22,15 +20,13 @@ IMAGES, MODEL = "images", "sparse/0"
 """Folders that readers of COLMAP models expect."""
 
 
-def write_training_views(data: DataManager, background: Float[Tensor, " 3"], folder: Path) -> Path:
+def write_training_views(data: DataManager, folder: Path) -> Path:
     """Write the training views, at the size of training, in the world of the data.
 
-    Held-out views are not written, so that no trainer can learn from them. Images with alpha are
-    written over the background.
+    Held-out views are not written, so that no trainer can learn from them.
 
     Args:
         data: a static capture.
-        background: colour of held-out views with alpha, in [0, 1].
         folder: gets images/ and sparse/0/; both are replaced.
 
     Raises:
@@ -48,7 +44,7 @@ def write_training_views(data: DataManager, background: Float[Tensor, " 3"], fol
         file = images / f"{Path(name).with_suffix('').as_posix().replace('/', '_')}.png"
         if file.exists():
             file = file.with_stem(f"{file.stem}_{index}")
-        _write(batch, background, file)
+        _write(batch, file)
         pose = world.camera(camera.world_to_camera)[0]
         header = Header(camera.width, camera.height, has_alpha=False)
         frames.append(Frame(file.name, file, header, _lens(camera, str(file)), pose))
@@ -77,6 +73,11 @@ def _check(data: DataManager) -> None:
             f"{scene.name} has no points, which the peers start from.",
             "Give a capture with a COLMAP model; gsfw prepare makes one.",
         )
+    if scene.has_alpha:
+        raise DataError(
+            f"{scene.name} has images with alpha, which each trainer reads in its own way.",
+            "Give a capture of opaque images.",
+        )
     if any(camera.model is not CameraModel.PINHOLE for camera in data.views(Split.TRAIN).cameras):
         raise DataError(
             f"{scene.name} has images that are no pinhole's, which the peers do not read.",
@@ -84,12 +85,12 @@ def _check(data: DataManager) -> None:
         )
 
 
-def _write(batch: Batch, background: Float[Tensor, " 3"], file: Path) -> None:
+def _write(batch: Batch, file: Path) -> None:
     if batch.mask is not None:
         raise DataError(
             f"{file.stem} has a mask, which the peers do not read.", "Give a capture without masks."
         )
-    pixels = (255 * batch.target(background)[0]).round().clamp(0, 255).byte()
+    pixels = (255 * batch.images[0]).round().byte()
     Image.fromarray(pixels.numpy()).save(file)
 
 

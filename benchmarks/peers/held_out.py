@@ -7,7 +7,6 @@ from pathlib import Path
 
 import torch
 
-from gsfw.core.background import AUTO, parse_background
 from gsfw.core.datamanager import DataManager, Split
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.metrics import Psnr, Ssim
@@ -17,6 +16,7 @@ from gsfw.plugins.initial_splats import find_importer
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, resolve
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
+from peers.job import BLACK, Color
 
 CPU = torch.device("cpu")
 
@@ -43,7 +43,6 @@ class HeldOutViews:
         if len(data.views(Split.EVAL)) == 0:
             raise SystemExit(f"{data.scene.name} holds out no views to score: it needs at least 2.")
         self.data = data
-        self.background = torch.tensor(parse_background(AUTO, data.scene.has_alpha))
 
     @staticmethod
     def open(path: Path, downscale: float) -> HeldOutViews:
@@ -60,11 +59,12 @@ class HeldOutViews:
         return HeldOutViews(open_data(resolve(installed(), [Layer("bench of peers", values)])))
 
     @torch.no_grad()
-    def score(self, file: Path) -> Score:
+    def score(self, file: Path, background: Color = BLACK) -> Score:
         """Render a splat file from the held-out views and compare.
 
         Args:
             file: in the world of the data.
+            background: over which its trainer rendered.
 
         Raises:
             DataError: it is no splat file; names the cause.
@@ -72,14 +72,12 @@ class HeldOutViews:
         content = find_importer(file, installed()).read(file)
         world = self.data.scene.world_from_scene
         splats = transform_splats(content.splats, world.inverse()).map(torch.Tensor.float)
-        settings = RenderSettings(background=self.background, antialias=content.antialiased)
+        settings = RenderSettings(torch.tensor(background), antialias=content.antialiased)
         rasterizer, metrics = CpuRasterizer(), (Psnr(), Ssim())
         figures = []
         for index in range(len(self.data.views(Split.EVAL))):
             (batch,) = self.data.load(Split.EVAL, [index], CPU)
             image = rasterizer.render(splats, batch.cameras, settings).color[0]
-            target = batch.target(self.background)[0]
-            valid = None if batch.valid is None else batch.valid[0]
-            figures.append([metric(image, target, valid) for metric in metrics])
+            figures.append([metric(image, batch.images[0], None) for metric in metrics])
         psnr, ssim = torch.tensor(figures, dtype=torch.float64).mean(0).tolist()
         return Score(psnr, ssim, len(splats))

@@ -12,6 +12,9 @@ from pathlib import Path
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """Variables by which a trainer learns its number of threads."""
 LOG = "log.txt"
+Color = tuple[float, float, float]
+"""Red, green, blue in [0, 1]."""
+BLACK: Color = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class Job:
     command: tuple[str, ...]
     splats: Path
     """The PLY that the command leaves."""
+    background: Color = BLACK
+    """Colour over which the trainer renders, wherever splats are not opaque."""
 
 
 @dataclass(frozen=True)

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from peers.job import Job, Order
 
+OPENSPLAT_BACKGROUND = (0.6130, 0.0101, 0.3984)
+"""model.hpp: the purple of nerfstudio."""
 LAUNCH = Path(__file__).parent / "stand_ins" / "launch.py"
 
 
-def gsfw_jobs(order: Order, minutes: Sequence[float] = ()) -> list[Job]:
+def gsfw_jobs(order: Order, minutes: Sequence[float] = (), settings: str = "") -> list[Job]:
     """Trainings of gsfw: of numbers of steps, and of times.
 
     All images of the capture are trained on, as held-out ones are not in it; reports are left out,
     as no other trainer writes one.
+
+    Args:
+        order: what is asked of every trainer.
+        minutes: times.
+        settings: instead of gsfw's defaults, as on its command line: "sh=adaptive seed=1".
     """
-    lengths = [(f"{steps} steps", f"steps={steps}") for steps in order.steps]
-    lengths += [(f"{time:g} min", f"minutes={time:g}") for time in minutes]
+    lengths = [("gsfw", f"{steps} steps", f"steps={steps}") for steps in order.steps]
+    lengths += [("gsfw, minutes=", f"{time:g} min", f"minutes={time:g}") for time in minutes]
     jobs = []
-    for length, setting in lengths:
-        folder = _folder(order, "gsfw", length)
+    for name, length, setting in lengths:
+        peer = f"{name}, {settings}" if settings else name
+        folder = _folder(order, peer, length)
         command = [sys.executable, "-m", "gsfw", "train", "method=3dgs", f"data={order.capture}"]
         command += [setting, "holdout_every=0", "report=false", f"out={folder / 'run'}"]
-        command += ["callbacks.tensorboard.enabled=false"]
-        name = "gsfw, minutes=" if setting.startswith("minutes") else "gsfw"
-        jobs.append(Job(name, length, folder, tuple(command), folder / "run" / "splats.ply"))
+        command += ["callbacks.tensorboard.enabled=false", *settings.split()]
+        jobs.append(Job(peer, length, folder, tuple(command), folder / "run" / "splats.ply"))
     return jobs
 
 
@@ -48,7 +56,8 @@ def opensplat_jobs(order: Order, program: Path) -> list[Job]:
             command = [str(program), str(order.capture), "-n", str(steps), "-o", str(splats)]
             # Without keep-crs the PLY is in a world of OpenSplat's own.
             command += ["--keep-crs", "--cpu", *further]
-            jobs.append(Job(name, f"{steps} steps", folder, tuple(command), splats))
+            job = Job(name, f"{steps} steps", folder, tuple(command), splats, OPENSPLAT_BACKGROUND)
+            jobs.append(job)
     return jobs
 
 
@@ -75,5 +84,4 @@ def original_jobs(order: Order, source: Path) -> list[Job]:
 
 def _folder(order: Order, name: str, length: str) -> Path:
     """The folder of a run."""
-    words = f"{name}-{length}".replace(",", "").replace("=", "").replace(" ", "-")
-    return order.folder / words.lower()
+    return order.folder / re.sub(r"[^a-z0-9._]+", "-", f"{name} {length}".lower())

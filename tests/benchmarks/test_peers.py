@@ -82,9 +82,15 @@ def test_a_model_beside_its_place_scores_low(scene):
     assert HeldOutViews.open(scene / "scene", 1).score(scene / "moved.ply").psnr < 30
 
 
+def test_a_model_is_rendered_over_the_background_of_its_trainer(scene):
+    views = HeldOutViews.open(scene / "scene", 1)
+    over_white = views.score(scene / "made.ply", (1.0, 1.0, 1.0))
+    assert over_white.psnr < views.score(scene / "made.ply").psnr - 10
+
+
 def test_trainers_get_the_training_views_at_the_size_of_training_and_no_others(scene):
     views = HeldOutViews.open(scene / "scene", 2)
-    folder = write_training_views(views.data, views.background, scene / "written")
+    folder = write_training_views(views.data, scene / "written")
     read = HeldOutViews.open(scene / "scene", 2).data.views(Split.TRAIN)
     assert sorted(path.name for path in (folder / "images").iterdir()) == sorted(read.names)
     again = HeldOutViews.open(folder, 1).data
@@ -106,9 +112,7 @@ def test_trainers_get_the_training_views_at_the_size_of_training_and_no_others(s
 
 def test_points_reach_the_trainers_where_they_were(scene):
     views = HeldOutViews.open(scene / "scene", 1)
-    written = HeldOutViews.open(
-        write_training_views(views.data, views.background, scene / "written"), 1
-    )
+    written = HeldOutViews.open(write_training_views(views.data, scene / "written"), 1)
     first, second = (
         data.scene.world_from_scene.apply(data.scene.points) for data in (views.data, written.data)
     )
@@ -122,7 +126,15 @@ def test_a_capture_without_points_is_refused_with_the_remedy(scene):
     write_colmap(scene / "scene" / "sparse" / "0", capture)
     views = HeldOutViews.open(scene / "scene", 1)
     with pytest.raises(DataError, match=r"(?s)no points.*gsfw prepare"):
-        write_training_views(views.data, views.background, scene / "written")
+        write_training_views(views.data, scene / "written")
+
+
+def test_images_with_alpha_are_refused_as_trainers_read_them_differently(scene):
+    for path in (scene / "scene" / "images").iterdir():
+        Image.open(path).convert("RGBA").save(path)
+    views = HeldOutViews.open(scene / "scene", 1)
+    with pytest.raises(DataError, match="alpha"):
+        write_training_views(views.data, scene / "written")
 
 
 def test_a_job_is_timed_and_its_words_are_kept(scene):
@@ -184,9 +196,11 @@ def test_time_to_a_quality_is_that_of_the_cheapest_training_that_has_it(tmp_path
 def test_every_trainer_gets_the_same_capture_and_a_folder_of_its_own(tmp_path):
     (tmp_path / "train.py").touch()
     order = Order(tmp_path / "capture", tmp_path / "runs", (300, 1000))
-    jobs = gsfw_jobs(order, (1.0,)) + opensplat_jobs(order, tmp_path / "opensplat")
+    jobs = gsfw_jobs(order, (1.0,)) + gsfw_jobs(order, (), "sh=adaptive seed=1")
+    jobs += opensplat_jobs(order, tmp_path / "opensplat")
     jobs += original_jobs(order, tmp_path)
-    assert len({job.folder for job in jobs}) == len(jobs) == 9
+    assert len({job.folder for job in jobs}) == len(jobs) == 11
+    assert jobs[3].command[-2:] == ("sh=adaptive", "seed=1")
     assert all(str(order.capture) in " ".join(job.command) for job in jobs)
     assert all(job.splats.is_relative_to(job.folder) for job in jobs)
 

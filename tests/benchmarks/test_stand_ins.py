@@ -105,6 +105,7 @@ def test_tensors_that_are_asked_for_on_cuda_are_on_the_cpu():
     assert made[-1].dtype == torch.float64
 
 
+@pytest.mark.slow
 def test_a_trainer_is_launched_with_its_own_modules_and_the_stand_ins(tmp_path):
     (tmp_path / "scene.py").write_text("NAME = 'its own'\n")
     (tmp_path / "train.py").write_text(
