@@ -52,7 +52,6 @@ class Usage:
     cpu_seconds: float
     """User and system time of all threads."""
     wall_seconds: float
-    peak_megabytes: float
 
 
 def run(job: Job, threads: int) -> Usage:
@@ -83,4 +82,5 @@ def run(job: Job, threads: int) -> Usage:
             f"{job.peer}, {job.length}: {ended}; its last words are in {log}.\n"
             f"Run it alone with: {shlex.join(job.command)}"
         )
-    return Usage(used.ru_utime + used.ru_stime, seconds, used.ru_maxrss / 1024)
+    # Its ru_maxrss would be of no use: it counts this process as well, from before the exec.
+    return Usage(used.ru_utime + used.ru_stime, seconds)

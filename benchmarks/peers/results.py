@@ -27,7 +27,6 @@ class Result:
     repeat: int
     cpu_seconds: float
     wall_seconds: float
-    peak_megabytes: float
     psnr: float
     ssim: float
     gaussians: int
@@ -72,12 +71,11 @@ class Results:
 
     def table(self) -> str:
         """A Markdown table of the medians."""
-        headings = ("trainer", "length", "CPU s", "wall s", "Gaussians", "PSNR", "SSIM", "MB")
+        headings = ("trainer", "length", "CPU s", "wall s", "Gaussians", "PSNR", "SSIM")
         rows = [
             (
                 *(row.peer, row.length, f"{row.cpu_seconds:.1f}", f"{row.wall_seconds:.1f}"),
                 *(f"{row.gaussians:,}", f"{row.psnr:.2f}", f"{row.ssim:.4f}"),
-                f"{row.peak_megabytes:.0f}",
             )
             for row in self.medians()
         ]
@@ -112,7 +110,7 @@ class Results:
 
 def _median(rows: Sequence[Result]) -> Result:
     first = rows[0]
-    names = ("cpu_seconds", "wall_seconds", "peak_megabytes", "psnr", "ssim")
+    names = ("cpu_seconds", "wall_seconds", "psnr", "ssim")
     figures = {name: median(getattr(row, name) for row in rows) for name in names}
     gaussians = round(median(row.gaussians for row in rows))
     return Result(first.peer, first.length, len(rows), gaussians=gaussians, **figures)
