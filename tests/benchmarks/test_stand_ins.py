@@ -1,7 +1,9 @@
 """Stand-ins by which trainers that were written for CUDA run on the CPU engine."""
 
+import gc
 import subprocess
 import sys
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -80,6 +82,21 @@ def test_the_screen_gradient_arrives_where_the_original_trainer_reads_it(view):
     assert torch.equal(means.grad, given.grad)
     assert torch.equal(screen.grad[:, :2].norm(dim=1), output.statistics.screen_gradient[0])
     assert (screen.grad[:, 0] > 0).any()
+
+
+def test_nothing_of_a_step_stays_when_its_image_is_gone(view):
+    splats = random_splats(30)
+    means = splats.means.clone().requires_grad_()
+    image, _ = rendered(view, replace(splats, means=means), torch.zeros(30, 3, requires_grad=True))
+    nodes = [image.grad_fn]
+    while "WithScreenGradient" not in nodes[0].name():
+        node = nodes.pop(0)
+        nodes += [after for after, _ in node.next_functions if after is not None]
+    step = weakref.ref(nodes[0])
+    image.sum().backward()
+    del image, nodes, node
+    gc.collect()
+    assert step() is None
 
 
 def test_halves_of_covariances_become_symmetric_matrices():

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from gsfw.core.cameras import Cameras
-from gsfw.core.render_output import RenderOutput
+from gsfw.core.render_output import RenderStatistics
 from gsfw.core.render_settings import RenderSettings, Statistic, Validation
 from gsfw.core.splats import Sh, Splats
 from gsfw.rasterizers.cpu.rasterizer import CpuRasterizer
@@ -74,11 +74,11 @@ class GaussianRasterizer(nn.Module):
     ) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, " n"]]:
         """Image and radii; backward writes the screen gradient into ``means2D.grad[:, 0]``."""
         view = self.raster_settings
-        rendered: list[RenderOutput] = []
+        measured: list[RenderStatistics] = []
         colors = colors_precomp if shs is None else Sh(shs, view.sh_degree)
         assert colors is not None, "give shs or colors_precomp"
         splats = Splats(
-            _WithScreenGradient.apply(means3D, means2D, rendered),
+            _WithScreenGradient.apply(means3D, means2D, measured),
             opacities[:, 0],
             colors,
             rotations,
@@ -92,7 +92,8 @@ class GaussianRasterizer(nn.Module):
             validation=Validation.CHEAP,
         )
         output = RASTERIZER.render(splats, view.camera(), settings)
-        rendered.append(output)
+        # The statistics alone: the image would hold this step's graph, which holds the list.
+        measured.append(output.statistics)
         return output.color[0].permute(2, 0, 1), output.statistics.radii[0]
 
 
@@ -108,17 +109,17 @@ class _WithScreenGradient(torch.autograd.Function):
         ctx: Any,  # noqa: ANN401
         means: Tensor,
         screen: Tensor,
-        rendered: list[RenderOutput],
+        measured: list[RenderStatistics],
     ) -> Tensor:
-        ctx.rendered = rendered
+        ctx.measured = measured
         return means.view_as(means)
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, Tensor, None]:  # noqa: ANN401
-        (output,) = ctx.rendered
+        (statistics,) = ctx.measured
         screen = torch.zeros_like(gradient)
-        assert output.statistics.screen_gradient is not None, "it was asked for"
-        screen[:, 0] = output.statistics.screen_gradient[0]
+        assert statistics.screen_gradient is not None, "it was asked for"
+        screen[:, 0] = statistics.screen_gradient[0]
         return gradient, screen, None
 
 
