@@ -59,6 +59,8 @@ class LinePanel:
     """Label of the vertical axis."""
     doubling: bool = False
     """The horizontal axis is logarithmic, with ticks at the points."""
+    ratio: bool = False
+    """The horizontal axis is logarithmic, with round ticks."""
     decades: bool = False
     """The vertical axis is logarithmic, with ticks at powers of ten if it spans several."""
 
@@ -117,6 +119,8 @@ def _axes(axes: Axes, panel: LinePanel) -> None:
         mark_axis(axes, "x", places, ratio=True)
         shown = places[:: 2 if len(places) > MOST_TICKS else 1]
         axes.set_xticks(shown, [f"{mark:g}" for mark in shown])
+    elif panel.ratio:
+        mark_axis(axes, "x", ratio_marks(min(xs), max(xs)), ratio=True)
     else:
         marks = round_marks(min(xs), max(xs), count=max(6, round(axes.bbox.width / TICK_ROOM)))
         low, high = (min(xs), max(xs)) if min(xs) < max(xs) else (marks[0], marks[-1])

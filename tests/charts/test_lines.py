@@ -70,3 +70,10 @@ def test_points_without_extent_still_have_an_axis(points):
     low, high = axes.get_ylim()
     assert low < high
     assert png_bytes(figure)
+
+
+def test_a_ratio_axis_has_round_ticks_around_the_points():
+    line = Line("a", ((3.0, 1.0), (40.0, 2.0)))
+    (axes,) = line_figure([LinePanel("", "x", (line,), ratio=True)]).axes
+    assert axes.get_xscale() == "log"
+    assert labels(axes.get_xticklabels()) == ["2", "5", "10", "20", "50"]
