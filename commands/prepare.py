@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
     from gsfw.preparation.check.examination import Examination
-    from gsfw.preparation.preparation import PreparationRule
+    from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.workspace import Workspace
 
 PREPARED = Path("prepared")
@@ -65,6 +65,8 @@ class PrepareOptions(Options):
     """Longest side in pixels of the images that features are found in; none: by the machine."""
     features: int | None = None
     """Most features of an image; none: by the machine and the number of images."""
+    thorough: bool | None = None
+    """Find the finest features, too, in thrice the time; none: if photos would stay unused."""
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
     """Pairs of images to match: all with all, neighbours in time, or similar images."""
     exhaustive_up_to: int = 200
@@ -191,7 +193,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.camera_grouping import CameraRule
     from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
-    from gsfw.preparation.preparation import PreparationRule
+    from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.writing.image_output import OutputRule
 
     if options.jobs < 0:
@@ -202,6 +204,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
         cameras=CameraRule(options.cameras, options.camera_model, options.focal),
         feature_size=options.feature_size,
         feature_count=options.features,
+        thorough=options.thorough,
         matching=MatchingRule(
             matching=options.matching,
             exhaustive_up_to=options.exhaustive_up_to,
