@@ -24,8 +24,8 @@ class PreparationRule:
     feature_count: int | None = None
     """Most features of an image; ``None`` to choose for the machine."""
     thorough: bool | None = None
-    """Whether the finest features of all images are looked for; ``None``: if images would
-    be left without a camera otherwise."""
+    """True to look for the finest features of all images, ``None`` to do so if images would be
+    left without a camera otherwise."""
     matching: MatchingRule = field(default_factory=MatchingRule)
     mapping: MappingRule = field(default_factory=MappingRule)
     output: OutputRule = field(default_factory=OutputRule)

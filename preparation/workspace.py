@@ -71,7 +71,7 @@ class Workspace:
 
     @property
     def attempt_folder(self) -> Path:
-        """What an attempt at the cameras leaves."""
+        """Folder of all that an attempt at the cameras leaves."""
         return self.work / self.attempt
 
     @property

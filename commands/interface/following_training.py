@@ -109,7 +109,7 @@ class FollowingTraining:
     data: Path
     """The folder of the data set."""
     words: tuple[str, ...]
-    """What was typed for ``gsfw train``."""
+    """Words that were typed for ``gsfw train``."""
     suggested: str
     """The command that the check of the data set suggests."""
 
@@ -165,7 +165,7 @@ class FollowingTraining:
         return self.data / "work" / "training.json"
 
     def _identity(self) -> dict[str, object]:
-        """What a training depends on, as plain data."""
+        """Command and data of the training, as plain data."""
         content = hashlib.sha256()
         for path in (self.data / name for name in DATA):
             content.update(path.read_bytes() if path.is_file() else b"none")
