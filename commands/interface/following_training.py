@@ -76,7 +76,7 @@ def _names(kind: type[Options]) -> set[str]:
     return {item.name for item in fields(kind)}
 
 
-def _check(arguments: Arguments, of_prepare: Collection[str]) -> None:
+def _check(arguments: Arguments, of_prepare: set[str]) -> None:
     """Check what is meant for the training.
 
     Raises:
