@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, read, words
+from gsfw.commands.interface.arguments import Options, words
+from gsfw.commands.interface.following_training import FollowingTraining, read_both
 from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from gsfw.commands.interface.console import Console
     from gsfw.plugins.settings import Settings
     from gsfw.preparation.check.examination import Examination
-    from gsfw.preparation.preparation import PreparationRule
+    from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.workspace import Workspace
 
 PREPARED = Path("prepared")
@@ -36,12 +37,13 @@ class PrepareOptions(Options):
     """Make a data set of photos, of videos, or of another tool's data set; say if it will train.
 
     Cameras are computed with COLMAP, which is part of the installation. The same command goes on
-    where it was stopped. Exit codes: 0 good, or usable with limits; 1 will not train; 2 a mistake
-    in the command.
+    where it was stopped. Keys after train=true are those of gsfw train. Exit codes: 0 good, or
+    usable with limits; 1 will not train; 2 a mistake in the command.
     """
 
     examples: ClassVar[tuple[str, ...]] = (
         "gsfw prepare photos out=scene",
+        "gsfw prepare photos out=scene train=true minutes=3",
         "gsfw prepare walk.mp4 out=scene frames=200",
         "gsfw prepare left/ right/ out=scene camera_model=OPENCV_FISHEYE",
         "gsfw prepare metashape.xml out=scene lens=keep dense=true",
@@ -65,6 +67,8 @@ class PrepareOptions(Options):
     """Longest side in pixels of the images that features are found in; none: by the machine."""
     features: int | None = None
     """Most features of an image; none: by the machine and the number of images."""
+    thorough: bool | None = None
+    """Find the finest features, too, in thrice the time; none: if photos would stay unused."""
     matching: Literal["auto", "exhaustive", "sequential", "retrieval"] = "auto"
     """Pairs of images to match: all with all, neighbours in time, or similar images."""
     exhaustive_up_to: int = 200
@@ -91,11 +95,13 @@ class PrepareOptions(Options):
     """Cores to use; 0: all. With 1 the same images give the same bits, with more nearly so."""
     again: bool = False
     """Start again, and ignore finished stages of an earlier run of the command."""
+    train: bool = False
+    """Then train, into OUT/run; the words after it are for gsfw train (minutes=3: of training)."""
 
 
 def run(tokens: list[str]) -> int:
-    """Prepare a data set, examine it, and print the findings."""
-    options = read("prepare", PrepareOptions, tokens)
+    """Prepare a data set, examine it, and print the findings; train it where that is asked for."""
+    options, following = read_both("prepare", PrepareOptions, tokens)
     inputs = _inputs(options)
     _check_colmap()
     place, rule = _place(options, inputs), _rule(options)
@@ -109,9 +115,20 @@ def run(tokens: list[str]) -> int:
         document = _document(console, options, inputs, place, rule)
         if options.dense and document["verdict"] != "will not train":
             _write_dense(console, place.path)
-    _show(console, document)
+    _show(console, document, following is not None)
+    if following is not None and document["next"]:
+        return _train(console, place.path, document, following)
     console.result(document)
     return REFUSED if document["verdict"] == "will not train" else 0
+
+
+def _train(console: Console, data: Path, document: Mapping[str, Any], words: Sequence[str]) -> int:
+    """Train the data set; return the exit code, and print the document of the training."""
+    from gsfw.commands import resume, train
+
+    said = ["json=true"] if console.json_only and "json=true" not in words else []
+    training = FollowingTraining(data, (*words, *said), document["next"])
+    return training.train(train.run, resume.run, console)
 
 
 def _document(
@@ -191,7 +208,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
     from gsfw.preparation.camera_grouping import CameraRule
     from gsfw.preparation.mapping.mapping_rule import MappingRule
     from gsfw.preparation.pairs import MatchingRule
-    from gsfw.preparation.preparation import PreparationRule
+    from gsfw.preparation.preparation_rule import PreparationRule
     from gsfw.preparation.writing.image_output import OutputRule
 
     if options.jobs < 0:
@@ -202,6 +219,7 @@ def _rule(options: PrepareOptions) -> PreparationRule:
         cameras=CameraRule(options.cameras, options.camera_model, options.focal),
         feature_size=options.feature_size,
         feature_count=options.features,
+        thorough=options.thorough,
         matching=MatchingRule(
             matching=options.matching,
             exhaustive_up_to=options.exhaustive_up_to,
@@ -344,8 +362,9 @@ def _examine(data: Path) -> Examination:
         return Examination.of(opened, settings.config)
 
 
-def _show(console: Console, document: Mapping[str, Any]) -> None:
-    """Print the document for people."""
+def _show(console: Console, document: Mapping[str, Any], trained: bool) -> None:
+    """Print the document for people, and the next command unless it is trained anyway."""
+    from gsfw.planning.asked import USUAL
     from gsfw.preparation.report import result_lines, unused_rows
 
     console.say()
@@ -358,3 +377,8 @@ def _show(console: Console, document: Mapping[str, Any]) -> None:
         console.say(f"and {len(rows) - ROWS_SHOWN} more: {Path(document['out']) / 'prepare.json'}")
     for line in result_lines(document):
         console.say(line)
+    if document["next"] and not trained:
+        console.say(
+            f"It takes {USUAL:g} minutes (minutes=N: another time); both at once: gsfw prepare "
+            "INPUT out=DIR train=true minutes=N"
+        )

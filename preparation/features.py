@@ -40,8 +40,15 @@ MOST_SIZE, MOST_COUNT = 100_000, 32_768
 """Beyond, there are no images; and COLMAP matches no more features (``max_num_matches``)."""
 FILE_SECONDS = 0.05
 """Seconds of one core to decode a million pixels and shrink them."""
-MEGAPIXEL_SECONDS = 1.2
-"""Seconds of one core to find up to 4000 features on a million of the remaining pixels."""
+ENOUGH = 1000
+"""Features of an image that need no finer ones. Fox's photos have 1,400 to 2,800 without those of
+the enlarged image, which take three quarters of the time: cameras explain the tracks of all of
+them as well (0.786 pixels; 0.782 where these very tracks made the cameras). Those of plush have 400
+to 1,160: without finer ones half of the points are found, and splats are worse."""
+MEGAPIXEL_SECONDS, FINEST_SECONDS = 0.45, 0.75
+"""Seconds of one core to find features on a million of the remaining pixels, and the finest."""
+MEGAPIXEL_FEATURES, FINEST_FEATURES = 2500.0, 3500.0
+"""As many are found there: 2,200 and 3,600 in photos of fox."""
 PAIR_SECONDS = 0.094
 """Seconds of one core to match 4000 features with 4000; grows with the square."""
 MAPPING_SECONDS = 0.3
@@ -67,6 +74,8 @@ class FeatureReport:
     ``None`` for an image without features."""
     blur_ratio: float
     """Fine detail along it, in parts of that across; 1 where there is no direction."""
+    enlarged: bool = True
+    """True if the finest features were looked for, in the image at twice its size."""
     failure: str = ""
     """The reason why the image could not be decoded (it is not in the database); else empty."""
 
@@ -97,10 +106,13 @@ class FeatureSettings:
     """Most features; those of the largest scale are kept."""
     jobs: int = 1
     """Processes; the result does not depend on it."""
+    thorough: bool = False
+    """True to look for the finest features of all images, and not only of those that have fewer
+    than ``ENOUGH`` others."""
 
     @staticmethod
     def for_machine(
-        images: ImageSet, cores: int, size: int | None, count: int | None
+        images: ImageSet, cores: int, size: int | None, count: int | None, thorough: bool = False
     ) -> tuple[FeatureSettings, str]:
         """Settings for a set and a machine, and the sentence that states them.
 
@@ -109,6 +121,7 @@ class FeatureSettings:
             cores: of the machine.
             size: longest side, if the user chose it.
             count: most features, if the user chose it.
+            thorough: whether the finest features of all images are wanted.
 
         Raises:
             ConfigError: as of ``check_wanted``.
@@ -116,16 +129,17 @@ class FeatureSettings:
         check_wanted(size, count)
         jobs = max(1, min(cores, len(images.images)))
         choices = [
-            FeatureSettings(size or usual_size, count or usual_count, jobs)
+            FeatureSettings(size or usual_size, count or usual_count, jobs, thorough)
             for usual_size, usual_count in SIZES
         ]
         chosen = next(
             (one for one in choices if sum(one.seconds(images, cores)) <= LONG), choices[-1]
         )
         finding, matching = chosen.seconds(images, cores)
+        closely = ", the finest too," if thorough else ","
         return chosen, (
             f"features: at most {chosen.count} in {_each(len(images.images))}, on up to "
-            f"{chosen.max_size} pixels, with {cores} core{'s' if cores > 1 else ''}: about "
+            f"{chosen.max_size} pixels{closely} with {cores} core{'s' if cores > 1 else ''}: about "
             f"{rough_duration(finding)}, then about {rough_duration(matching)} for matching and "
             f"{rough_duration(MAPPING_SECONDS * len(images.images))} for the cameras."
         )
@@ -133,15 +147,30 @@ class FeatureSettings:
     def seconds(self, images: ImageSet, cores: int) -> tuple[float, float]:
         """About how long finding and matching take."""
         number = len(images.images)
-        finding = 0.0
+        finding, features = 0.0, 0.0
         for image in images.images:
             width, height = image.header.width, image.header.height
             scale = min(1.0, self.max_size / max(width, height))
             pixels = width * height / 1e6
-            finding += pixels * (FILE_SECONDS + scale**2 * MEGAPIXEL_SECONDS)
+            finding += pixels * (FILE_SECONDS + scale**2 * (MEGAPIXEL_SECONDS + self._finest[0]))
+            found = pixels * scale**2 * (MEGAPIXEL_FEATURES + self._finest[1])
+            features += min(self.count, found) / number
         pairs = number * (number - 1) / 2 if number <= EXHAUSTIVE else number * NEIGHBORS
-        matching = pairs * PAIR_SECONDS * (self.count / 4000) ** 2
+        matching = pairs * PAIR_SECONDS * (features / 4000) ** 2
         return finding / self.jobs, matching / cores
+
+    @property
+    def _finest(self) -> tuple[float, float]:
+        """Seconds for the finest features of a million pixels, and their number."""
+        return (FINEST_SECONDS, FINEST_FEATURES) if self.thorough else (0.0, 0.0)
+
+    @property
+    def enough(self) -> int:
+        """Features of an image from which on no finer ones are looked for.
+
+        More than there can be means that they are looked for in any case.
+        """
+        return self.count + 1 if self.thorough else min(ENOUGH, self.count)
 
 
 def _each(number: int) -> str:
@@ -217,7 +246,15 @@ def _tasks(images: ImageSet, settings: FeatureSettings) -> list[ImageTask]:
     longest = [max(p.header.width, p.header.height) for p in images.images]
     measured = min([MEASURED_SIDE, *longest])
     return [
-        ImageTask(one.name, one.path, one.header, settings.max_size, settings.count, measured)
+        ImageTask(
+            one.name,
+            one.path,
+            one.header,
+            settings.max_size,
+            settings.count,
+            measured,
+            settings.enough,
+        )
         for one in images.images
     ]
 
@@ -282,7 +319,14 @@ def _deaf_to_interrupts() -> Iterator[None]:
 def _report(found: ImageFeatures) -> FeatureReport:
     direction, ratio = found.blur
     count = len(found.keypoints)
-    return FeatureReport(count, found.quality, direction if count else None, ratio, found.failure)
+    return FeatureReport(
+        count,
+        found.quality,
+        direction if count else None,
+        ratio,
+        found.enlarged,
+        found.failure,
+    )
 
 
 def _line(named: tuple[str, FeatureReport]) -> str:

@@ -43,6 +43,9 @@ class ImageTask:
     """Most features."""
     measured: int
     """Longest side on which sharpness is measured, in pixels: the same for all images."""
+    enough: int
+    """Features from which on the finest, those of the image at twice its size, are not looked
+    for."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class ImageFeatures:
     keypoints: Float32[np.ndarray, "n 6"]
     """x, y in pixels of the upright image at its full size, and the affine shape by rows."""
     descriptors: UInt8[np.ndarray, "n 128"]
+    enlarged: bool = True
+    """True if the finest features were looked for."""
     failure: str = ""
     """The reason why the image could not be decoded, then all else is empty; or nothing."""
 
@@ -82,7 +87,7 @@ def find_features(task: ImageTask) -> ImageFeatures:
         return _undecoded(task, f"{task.path}: the image was replaced while it was prepared.")
     shown, counts = _over_grey(_shrunk(pixels, task.measured))
     grey = shown @ LUMA
-    keypoints, descriptors = sift(_shrunk(pixels, task.size), task.count)
+    (keypoints, descriptors), enlarged = _sift(_shrunk(pixels, task.size), task)
     across, down = (side / small for side, small in zip(expected[::-1], _small(task), strict=True))
     # Centres are at +0.5, so that positions and shapes scale about the image's corner.
     keypoints *= np.array([across, down, across, across, down, down], np.float32)
@@ -92,13 +97,25 @@ def find_features(task: ImageTask) -> ImageFeatures:
         direction_of_blur(grey),
         keypoints,
         descriptors,
+        enlarged,
     )
+
+
+def _sift(
+    pixels: UInt8[np.ndarray, "h w d"], task: ImageTask
+) -> tuple[tuple[Float32[np.ndarray, "n 6"], UInt8[np.ndarray, "n 128"]], bool]:
+    """Features, and whether the image was enlarged for them."""
+    if task.enough <= task.count:
+        found = sift(pixels, task.count, enlarged=False)
+        if len(found[0]) >= task.enough:
+            return found, False
+    return sift(pixels, task.count), True
 
 
 def _undecoded(task: ImageTask, failure: str) -> ImageFeatures:
     nothing = ImageQuality(0.0, 0.0, 0.0, 0.0)
     keypoints, descriptors = np.zeros((0, 6), np.float32), np.zeros((0, 128), np.uint8)
-    return ImageFeatures(task.name, nothing, (0.0, 1.0), keypoints, descriptors, failure)
+    return ImageFeatures(task.name, nothing, (0.0, 1.0), keypoints, descriptors, failure=failure)
 
 
 def _small(task: ImageTask) -> tuple[int, int]:

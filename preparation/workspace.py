@@ -20,6 +20,9 @@ class Workspace:
     """Paths of a preparation, below one folder."""
 
     path: Path
+    attempt: str = ""
+    """Name of an attempt at the cameras that has a database and models of its own, beside those of
+    the first."""
 
     @property
     def images(self) -> Path:
@@ -59,12 +62,22 @@ class Workspace:
     @property
     def database(self) -> Path:
         """COLMAP's features and matches."""
-        return self.work / "database.db"
+        return self.attempt_folder / "database.db"
 
     @property
     def models(self) -> Path:
         """COLMAP's models of the distorted images."""
-        return self.work / "models"
+        return self.attempt_folder / "models"
+
+    @property
+    def attempt_folder(self) -> Path:
+        """Folder of all that an attempt at the cameras leaves."""
+        return self.work / self.attempt
+
+    @property
+    def thorough(self) -> Workspace:
+        """The same folder, with an attempt that looks for the finest features."""
+        return Workspace(self.path, "thorough")
 
     @property
     def log(self) -> Path:

@@ -145,9 +145,7 @@ class GaussiansConfig(MethodConfig):
             )
         factor = self.optim.factor
         if factor != "auto" and not 0 < factor < math.inf:
-            raise ConfigError(
-                f"optim.factor={factor}: expected auto, or a finite number above 0."
-            )
+            raise ConfigError(f"optim.factor={factor}: expected auto, or a finite number above 0.")
         if self.random_points != "auto" and self.random_points < 1:
             raise ConfigError(
                 f"random_points={self.random_points}: expected auto, or a number of at least 1."
@@ -179,9 +177,7 @@ class StaticGaussiansConfig(GaussiansConfig):
     """fast: a quarter of the steps, every schedule in proportion, and 27 instead of 48 colour
     coefficients; default: the paper; high: twice the splats that MCMC usually gets."""
 
-    optim: StaticGaussiansOptim = field(
-        default_factory=lambda: StaticGaussiansOptim(factor="auto")
-    )
+    optim: StaticGaussiansOptim = field(default_factory=lambda: StaticGaussiansOptim(factor="auto"))
     ignore_time: bool = False
     """Train on a capture of several times as if it had one, by squared differences: moving objects
     become blurred."""

@@ -23,6 +23,12 @@ LEAST_POINTS = 15
 """A model of fewer points is none: each image has to see so many, even by ``RELAXED``, before
 outliers go. Eight photos that were taken while turning on the spot are left with one."""
 SEED = 0
+GROWTH = 1.4
+"""Growth of a model after which all of it is adjusted again, in images or points; COLMAP's default
+of 1.1 takes 1.6 times as long for fox's cameras, and moves no error (0.814 pixels for 0.813)."""
+REFINEMENTS = (1, 2)
+"""Most repetitions of an adjustment of part of a model and of all of it, in which points are
+completed and outliers go; COLMAP's default is 2 and 5."""
 
 Models: TypeAlias = "list[Reconstruction]"
 
@@ -115,6 +121,9 @@ def incremental_options(rule: MappingRule, strictness: Strictness) -> Incrementa
     options = IncrementalPipelineOptions()
     options.extract_colors = False
     options.min_model_size = SMALLEST
+    if not rule.thorough:
+        options.ba_global_frames_ratio = options.ba_global_points_ratio = GROWTH
+        options.ba_local_max_refinements, options.ba_global_max_refinements = REFINEMENTS
     options.num_threads = rule.jobs
     options.random_seed = SEED
     options.ba_refine_focal_length = rule.refine_focal

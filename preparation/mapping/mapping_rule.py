@@ -21,6 +21,8 @@ class MappingRule:
     """True if principal points are computed, or stay in the middle of the image."""
     jobs: int = 1
     """Number of threads."""
+    thorough: bool = False
+    """True to adjust a growing model as often as COLMAP does by default."""
 
     def check(self) -> None:
         """Check the values.

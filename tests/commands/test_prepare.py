@@ -72,6 +72,7 @@ def test_photos_become_a_data_set_with_a_verdict_a_report_and_a_sheet(prepared, 
     assert report["left_out"][0]["reason"] == "the file is empty (0 bytes)"
     assert report["model"]["error"] < 1.0
     assert report["next"].startswith(f"gsfw train method=3dgs data={prepared}")
+    assert "second attempt" not in report["chosen"]
     assert set(report["seconds"]) == {"features", "matches", "cameras", "data set"}
     truth = captured.arc(PHOTOS).world_to_camera.numpy()[:, :3]
     names = [f"photo_{number:03d}.jpg" for number in range(PHOTOS)]
@@ -90,6 +91,7 @@ def test_the_same_command_has_nothing_left_to_do(prepared, photos, capsys):
     assert main(["prepare", str(photos), f"out={prepared}", "json=true"]) == 0
     said = capsys.readouterr()
     assert json.loads(said.out) == document(prepared)
+    assert "It takes 5 minutes (minutes=N: another time); both at once: gsfw prepare " in said.err
     assert "cameras: " not in said.err
     assert (prepared / "sparse/0/images.bin").read_bytes() == before
 
@@ -134,6 +136,33 @@ def test_a_video_becomes_splats_with_two_commands(tmp_path):
     assert main(["train", "method=3dgs", f"data={scene}", *settings]) == 0
     assert json.loads(RunFolder(run).summary.read_text())["psnr"] > 16
     assert RunFolder(run).splats.is_file()
+
+
+@pytest.mark.slow
+def test_photos_become_splats_with_one_command(photos, tmp_path, capsys):
+    scene = tmp_path / "scene"
+    words = ["prepare", str(photos), f"out={scene}", "jobs=1", "train=true", "device=cpu"]
+    words += ["steps=60", "eval_every=0", "report=false"]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "verdict: usable with limits" in said
+    assert f"training: gsfw train method=3dgs data={scene}" in said
+    assert "It takes 5 minutes" not in said
+    assert RunFolder(scene / "run").splats.is_file()
+    before = RunFolder(scene / "run").splats.stat().st_mtime_ns
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "is finished already" in said
+    assert "matches: " not in said
+    assert RunFolder(scene / "run").splats.stat().st_mtime_ns == before
+
+
+def test_what_will_not_train_is_not_trained(tmp_path, capsys):
+    captured.write(tmp_path / "a", [np.full((48, 64, 3), 128, np.uint8)] * 3, ".jpg")
+    words = [str(tmp_path / "a"), f"out={tmp_path / 'out'}", "jobs=1", "train=true", "minutes=1"]
+    assert main(["prepare", *words]) == 1
+    assert "training: " not in capsys.readouterr().out
+    assert not (tmp_path / "out" / "run").exists()
 
 
 def test_pictures_that_show_nothing_will_not_train(tmp_path, capsys):

@@ -23,6 +23,8 @@ from gsfw.preparation.image_set import ImageSet, SourceImage
 from gsfw.preparation.sift import ImageFeatures, ImageTask, find_features
 
 SETTINGS = FeatureSettings(max_size=320, count=1000, jobs=1)
+ALWAYS = 10**6
+"""More features than there are, so that the finest are looked for in any case."""
 
 
 @pytest.fixture(autouse=True)
@@ -44,8 +46,8 @@ def save(path: Path, pixels: np.ndarray, **options) -> Path:
     return path
 
 
-def task(path: Path, size: int = 320, count: int = 1000) -> ImageTask:
-    return ImageTask(path.name, path, read_header(path), size, count, 320)
+def task(path: Path, size: int = 320, count: int = 1000, enough: int = ALWAYS) -> ImageTask:
+    return ImageTask(path.name, path, read_header(path), size, count, 320, enough)
 
 
 def imagined(count: int, width: int = 4000, height: int = 3000) -> ImageSet:
@@ -222,6 +224,28 @@ def test_a_uniform_image_has_no_features_and_no_direction_of_blur(tmp_path):
     assert report.failure == ""
 
 
+def test_the_finest_features_are_looked_for_only_where_there_are_few_others(tmp_path):
+    (photo,) = captured.photos(captured.arc(1))
+    path = save(tmp_path / "a.png", photo)
+    every, others = find_features(task(path)), find_features(task(path, enough=20))
+    number = len(others.keypoints)
+    assert (every.enlarged, others.enlarged) == (True, False)
+    assert 20 <= number < len(every.keypoints)
+    few = find_features(task(path, enough=number + 1))
+    assert few.enlarged
+    np.testing.assert_array_equal(few.keypoints, every.keypoints)
+
+
+def test_thorough_settings_look_for_the_finest_features_of_all_images():
+    usual, _ = FeatureSettings.for_machine(imagined(50), 2, None, None)
+    closer, how = FeatureSettings.for_machine(imagined(50), 2, None, None, thorough=True)
+    assert (usual.enough, closer.enough > closer.count) == (features.ENOUGH, True)
+    assert "on up to 1600 pixels, the finest too, with 2 cores" in how
+    finding, others = (one.seconds(imagined(50), 2)[0] for one in (closer, usual))
+    assert finding > 1.9 * others
+    assert FeatureSettings.for_machine(imagined(3), 1, None, 200)[0].enough == 200
+
+
 @pytest.mark.parametrize("torn", [False, True])
 def test_an_interrupted_extraction_goes_on_and_ends_with_the_same(tmp_path, torn, monkeypatch):
     images = three(tmp_path / "photos")
@@ -291,7 +315,7 @@ def test_settings_are_chosen_for_the_machine_and_said():
     assert settings == FeatureSettings(1600, 4000, 2)
     assert how == (
         "features: at most 4000 in each of 50 images, on up to 1600 pixels, with 2 cores: "
-        "about 73 s, then about 58 s for matching and 15 s for the cameras."
+        "about 37 s, then about 58 s for matching and 15 s for the cameras."
     )
 
 
@@ -303,7 +327,7 @@ def test_the_sentence_suits_a_single_image():
 def test_a_large_set_on_a_small_machine_gets_fewer_features():
     settings, how = FeatureSettings.for_machine(imagined(2000), 2, None, None)
     assert settings == FeatureSettings(1000, 2000, 2)
-    assert "about 25 min, then about 12 min for matching and 10 min for the cameras." in how
+    assert "about 16 min, then about 10 min for matching and 10 min for the cameras." in how
     chosen, _ = FeatureSettings.for_machine(imagined(2000), 2, 1400, 3000)
     assert chosen == FeatureSettings(1400, 3000, 2)
     assert FeatureSettings.for_machine(imagined(3), 64, None, None)[0].jobs == 3
@@ -326,7 +350,7 @@ def test_too_few_features_or_more_than_can_be_matched_are_refused(size, count, m
 def test_features_do_not_depend_on_the_image_before():
     def found(name: str, pixels: np.ndarray, folder: Path) -> ImageFeatures:
         path = save(folder / name, pixels)
-        return find_features(ImageTask(name, path, read_header(path), 320, 1000, 320))
+        return find_features(ImageTask(name, path, read_header(path), 320, 1000, 320, ALWAYS))
 
     (photo,) = captured.photos(captured.arc(1))
     glaring = (photo.astype(int) * 6 + 140).clip(0, 255).astype(np.uint8)

@@ -1,0 +1,46 @@
+"""PreparationRule: all choices of the user on the way from images to a data set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gsfw.core.errors import ConfigError
+from gsfw.preparation.camera_grouping import CameraRule
+from gsfw.preparation.features import check_wanted
+from gsfw.preparation.mapping.mapping_rule import MappingRule
+from gsfw.preparation.pairs import MatchingRule
+from gsfw.preparation.writing.image_output import OutputRule
+
+
+@dataclass(frozen=True)
+class PreparationRule:
+    """The user's choices."""
+
+    frames: int = 150
+    """Number of frames to take from all videos together."""
+    cameras: CameraRule = field(default_factory=CameraRule)
+    feature_size: int | None = None
+    """Longest side of images for features, in pixels; ``None`` to choose for the machine."""
+    feature_count: int | None = None
+    """Most features of an image; ``None`` to choose for the machine."""
+    thorough: bool | None = None
+    """True to look for the finest features of all images, ``None`` to do so if images would be
+    left without a camera otherwise."""
+    matching: MatchingRule = field(default_factory=MatchingRule)
+    mapping: MappingRule = field(default_factory=MappingRule)
+    output: OutputRule = field(default_factory=OutputRule)
+    jobs: int = 1
+    """Number of cores. With one the same images give the same bits; with more, poses
+    differ in their last digits."""
+
+    def check(self) -> None:
+        """Check the values.
+
+        Raises:
+            ConfigError: one of them makes no sense.
+        """
+        if self.frames < 3:
+            raise ConfigError(f"frames={self.frames}: expected at least 3.")
+        check_wanted(self.feature_size, self.feature_count)
+        for rule in (self.cameras, self.matching, self.mapping, self.output):
+            rule.check()

@@ -1,0 +1,288 @@
+"""Registration: where the images were taken from; features, matches and mapping, once or twice.
+
+The first attempt looks for the finest features only in images that have few others, which takes a
+third of the time. Where that leaves images without a camera, or cameras that rest on little, a
+second one looks for those of all images, in a folder of its own, and the better one counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsfw.core.config import AUTO
+from gsfw.preparation.choices import Choices
+from gsfw.preparation.diagnosis.unregistered import FEW as FEW_FEATURES
+from gsfw.preparation.diagnosis.usual import blurred_beside
+from gsfw.preparation.features import FeatureReport, FeatureSettings, extract_features
+from gsfw.preparation.image_set import ImageSet
+from gsfw.preparation.journal import Document, Journal, identity_of
+from gsfw.preparation.mapping.mapping_rule import MappingRule
+from gsfw.preparation.preparation_rule import PreparationRule
+from gsfw.preparation.simpler_lenses import (
+    MOST_ATTEMPTS,
+    impossible_lenses,
+    set_lenses,
+    what_changes,
+    with_simpler_lenses,
+)
+from gsfw.preparation.workspace import Workspace
+
+if TYPE_CHECKING:
+    from gsfw.preparation.camera_grouping import CameraGroup
+    from gsfw.preparation.mapping.mapping import Mapping
+
+MODEL = "cameras.bin"
+"""A file that every model of COLMAP has."""
+MISSING = 0.02
+"""Part of the usable images that may lack a camera before the finest features are looked for."""
+FEW_OBSERVATIONS = 100
+"""Points that an image of the model sees, on average, below which it rests on little: fox's photos
+see 1,000, and COLMAP adds an image that sees 30."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """The outcome of an attempt."""
+
+    groups: Sequence[CameraGroup]
+    """Cameras with the lenses that were used in the end."""
+    features: dict[str, FeatureReport]
+    """By name of the image."""
+    mapping: Mapping
+    database: Path
+    """COLMAP's, with these features and their matches."""
+
+    @property
+    def placed(self) -> int:
+        """Number of images of the largest model."""
+        return self.mapping.sizes[0] if self.mapping.models else 0
+
+
+def register(
+    images: ImageSet,
+    groups: Sequence[CameraGroup],
+    place: Workspace,
+    rule: PreparationRule,
+    journal: Journal,
+    choices: Choices,
+) -> Registered:
+    """Compute the cameras of as many images as possible.
+
+    Args:
+        images: all of them.
+        groups: images that share a camera.
+        place: the folder of the preparation.
+        rule: the user's choices.
+        journal: finished stages are kept there.
+        choices: of the stages; new ones are added.
+
+    Raises:
+        DataError: COLMAP refuses what it is given.
+        OutputError: something cannot be written.
+    """
+    first = Registration(place, rule, journal, choices).run(images, groups)
+    problem = "" if rule.thorough is not None else _shortcoming(first)
+    if not problem:
+        place.remove(place.thorough.attempt_folder)
+        return first
+    choices.choose(
+        "second attempt",
+        f"cameras: {problem}; trying again, with the finest features of all images",
+    )
+    closer = replace(rule, thorough=True)
+    second = Registration(place.thorough, closer, journal, choices).run(images, groups)
+    if second.placed >= first.placed:
+        return second
+    choices.choose(
+        "second attempt", f"cameras: {problem}; the finest features of all images place fewer"
+    )
+    return first
+
+
+def _shortcoming(found: Registered) -> str:
+    """The reason to look for the finest features of all images; empty for none."""
+    if all(report.enlarged for report in found.features.values()):
+        return ""  # They are in it already.
+    if not found.mapping.models:
+        return "no image could be placed"
+    from pycolmap import Reconstruction
+
+    model = Reconstruction(found.mapping.models[0])
+    placed = {image.name for image in model.images.values() if image.has_pose}
+    # What is blurred or plain stays without a camera, however closely one looks.
+    hopeless = blurred_beside(found.features, placed)
+    usable = {
+        name
+        for name, report in found.features.items()
+        if report.count >= FEW_FEATURES and name not in hopeless
+    }
+    missing = len(usable - placed)
+    if missing > MISSING * len(usable):
+        return f"{missing} of {len(usable)} usable images could not be placed"
+    seen = model.compute_mean_observations_per_reg_image()
+    return f"an image sees only {seen:.0f} points" if seen < FEW_OBSERVATIONS else ""
+
+
+class Registration:
+    """One attempt; the features of ``rule.thorough``, and those of ``None`` as of ``False``."""
+
+    def __init__(
+        self,
+        place: Workspace,
+        rule: PreparationRule,
+        journal: Journal,
+        choices: Choices,
+    ) -> None:
+        self._place, self._rule, self._journal, self._choices = place, rule, journal, choices
+        self._thorough = bool(rule.thorough)
+
+    def run(self, images: ImageSet, groups: Sequence[CameraGroup]) -> Registered:
+        """Do what is not done yet."""
+        features = self._features(images, groups)
+        self._match(images)
+        groups, mapping = self._map(groups, features)
+        return Registered(groups, features, mapping, self._place.database)
+
+    def _named(self, stage: str, attempt: str = "") -> str:
+        """Unique name of a stage in the journal."""
+        return ", ".join(part for part in (stage, self._place.attempt, attempt) if part)
+
+    def _features(
+        self, images: ImageSet, groups: Sequence[CameraGroup]
+    ) -> dict[str, FeatureReport]:
+        rule = self._rule
+        settings, why = FeatureSettings.for_machine(
+            images, rule.jobs, rule.feature_size, rule.feature_count, self._thorough
+        )
+        self._choices.choose("features", why)
+        database = self._place.database
+
+        def find() -> Document:
+            reports = extract_features(database, images, groups, settings)
+            return {name: asdict(report) for name, report in reports.items()}
+
+        found = self._journal.stage(
+            self._named("features"),
+            {
+                "images": [[one.name, *identity_of(one.path)] for one in images.images],
+                "groups": [asdict(group) for group in groups],
+                "size": settings.max_size,
+                "count": settings.count,
+                "thorough": settings.thorough,
+            },
+            find,
+            lambda: self._place.remove(*database.parent.glob("database.db*"), self._feature_log),
+            lambda found: database.is_file(),
+        )
+        return {name: FeatureReport.of(report) for name, report in found.items()}
+
+    @property
+    def _feature_log(self) -> Path:
+        return self._place.database.with_name("features.jsonl")
+
+    def _match(self, images: ImageSet) -> None:
+        from gsfw.preparation.matching import forget_matches, match_pairs
+        from gsfw.preparation.pairs import plan_pairs
+
+        rule, database = self._rule, self._place.database
+
+        def match() -> Document:
+            plan = plan_pairs(images, rule.matching, database)
+            self._choices.say(plan.how)
+            match_pairs(database, plan, rule.jobs)
+            return {"how": plan.how, "pairs": len(plan.pairs)}
+
+        found = self._journal.stage(
+            self._named("matches"), asdict(rule.matching), match, lambda: forget_matches(database)
+        )
+        self._choices.by_stage["matches"] = found["how"]
+
+    def _map(
+        self, groups: Sequence[CameraGroup], features: dict[str, FeatureReport]
+    ) -> tuple[Sequence[CameraGroup], Mapping]:
+        """Cameras, with simpler lenses where those that were chosen come out impossible."""
+        mapping = self._map_with(groups, features, "")
+        is_chosen = self._rule.cameras.model == AUTO
+        for attempt in range(2, MOST_ATTEMPTS + 1):
+            impossible = impossible_lenses(mapping.models[0]) if mapping.models else {}
+            simpler = with_simpler_lenses(groups, impossible)
+            if not is_chosen or simpler == tuple(groups):
+                break
+            self._choices.choose("lenses", what_changes(groups, simpler))
+            groups = simpler
+            mapping = self._map_with(groups, features, f"attempt {attempt}")
+        self._choices.choose("cameras", mapping.how)
+        return groups, mapping
+
+    def _map_with(
+        self, groups: Sequence[CameraGroup], features: dict[str, FeatureReport], attempt: str
+    ) -> Mapping:
+        """Cameras with these lenses; ``attempt`` names stages and folder of a repetition."""
+        from gsfw.preparation.mapping.mapping import Mapping, count_images, map_cameras
+
+        place, rule = self._place, self._mapping_rule
+        folder = place.models / attempt
+        settings = {name: value for name, value in asdict(rule).items() if name != "jobs"}
+
+        def compute() -> Document:
+            set_lenses(place.database, groups)
+            return map_cameras(place.database, folder, rule).document()
+
+        found = self._journal.stage(
+            self._named("cameras", attempt),
+            settings,
+            compute,
+            lambda: place.remove(folder),
+            partial(_are_there, folder),
+        )
+        mapping = Mapping.of(found, folder)
+        if mapping.models and mapping.sizes[0] < count_images(place.database):
+            mapping = self._bridge(mapping, features, attempt)
+        return mapping
+
+    def _bridge(
+        self, mapping: Mapping, features: dict[str, FeatureReport], attempt: str
+    ) -> Mapping:
+        """Compare what the largest model lacks with it again, more closely, and go on from it."""
+        from pycolmap import Reconstruction
+
+        from gsfw.preparation.mapping.mapping import Mapping, continue_mapping
+        from gsfw.preparation.mapping.merging import bridge_pairs
+        from gsfw.preparation.matching import match_more
+
+        place, rule = self._place, self._mapping_rule
+        folder = place.models / attempt
+
+        def bridge() -> Document:
+            placed = [image.name for image in Reconstruction(mapping.models[0]).images.values()]
+            # A blurred image that only just fits does more harm than good in training.
+            blurred = blurred_beside(features, placed)
+            self._choices.say(
+                f"cameras: the largest of {len(mapping.models)} models has {mapping.sizes[0]} "
+                "images; comparing the others with it again, more closely"
+            )
+            pairs = [
+                pair
+                for pair in bridge_pairs(place.database, mapping.models)
+                if not blurred.intersection(pair)
+            ]
+            match_more(place.database, pairs, rule.jobs)
+            joined = continue_mapping(place.database, folder, mapping, rule, blurred)
+            return joined.document()
+
+        name = self._named("bridges", attempt)
+        is_there = partial(_are_there, folder)
+        return Mapping.of(self._journal.stage(name, {}, bridge, is_there=is_there), folder)
+
+    @property
+    def _mapping_rule(self) -> MappingRule:
+        return replace(self._rule.mapping, jobs=self._rule.jobs, thorough=self._thorough)
+
+
+def _are_there(folder: Path, found: Document) -> bool:
+    """True if the models of a mapping are still in their folder."""
+    return all((folder / name / MODEL).is_file() for name in found["models"])

@@ -1,0 +1,147 @@
+"""Registration: the finest features are looked for where images would stay without a camera."""
+
+from types import SimpleNamespace
+
+import pycolmap
+import pytest
+from support import captured
+
+from gsfw.preparation import features, registration
+from gsfw.preparation.camera_grouping import CameraRule, group_cameras
+from gsfw.preparation.choices import Choices
+from gsfw.preparation.features import FeatureReport
+from gsfw.preparation.image_quality import ImageQuality
+from gsfw.preparation.journal import Journal
+from gsfw.preparation.mapping.mapping import Mapping
+from gsfw.preparation.preparation_rule import PreparationRule
+from gsfw.preparation.registration import Registered, register
+from gsfw.preparation.workspace import Workspace
+
+SHARP = ImageQuality(0.01, 0.5, 0.2, 0.0)
+BLURRED = ImageQuality(0.0001, 0.5, 0.2, 0.0)
+
+
+def attempt(tmp_path, placed, name="first", given=10, seen=500, enlarged=False, quality=SHARP):
+    """An attempt that placed the first so many images, each of which sees so many points."""
+    folder = tmp_path / name
+    folder.mkdir(exist_ok=True)
+    names = [f"{number:02d}.jpg" for number in range(given)]
+    model = SimpleNamespace(
+        images={n: SimpleNamespace(name=n, has_pose=True) for n in names[:placed]},
+        compute_mean_observations_per_reg_image=lambda: seen,
+    )
+    reports = {
+        n: FeatureReport(1500, SHARP if n in names[:placed] else quality, 0.0, 1.0, enlarged)
+        for n in names
+    }
+    mapping = Mapping((folder,), (placed,)) if placed else Mapping()
+    return model, Registered((), reports, mapping, folder / "database.db")
+
+
+@pytest.fixture
+def registered(tmp_path, monkeypatch):
+    """Registers, with given outcomes of the attempts; gives the outcome and what was said."""
+
+    def run(*attempts, thorough=None):
+        models = {str(found.mapping.models[0]): model for model, found in attempts if found.placed}
+        monkeypatch.setattr(pycolmap, "Reconstruction", lambda path: models[str(path)])
+        outcomes = iter([found for _, found in attempts])
+        asked = []
+
+        class Attempt:
+            def __init__(self, place, rule, journal, choices):
+                asked.append((place.attempt, rule.thorough))
+
+            def run(self, images, groups):
+                return next(outcomes)
+
+        monkeypatch.setattr(registration, "Registration", Attempt)
+        said = []
+        place, rule = Workspace(tmp_path / "out"), PreparationRule(thorough=thorough)
+        journal = Journal(place.journal)
+        found = register(captured.image_set([]), (), place, rule, journal, Choices(said.append))
+        assert asked == [("", thorough), ("thorough", True)][: len(attempts)]
+        return found, said
+
+    return run
+
+
+def test_cameras_of_all_images_need_no_second_attempt(tmp_path, registered):
+    first = attempt(tmp_path, 10)
+    assert registered(first) == (first[1], [])
+
+
+def test_images_without_a_camera_are_looked_at_more_closely(tmp_path, registered):
+    first, second = attempt(tmp_path, 7), attempt(tmp_path, 10, "second", enlarged=True)
+    found, said = registered(first, second)
+    assert found is second[1]
+    assert said == [
+        "cameras: 3 of 10 usable images could not be placed; trying again, with the finest "
+        "features of all images"
+    ]
+
+
+def test_cameras_that_rest_on_few_points_are_computed_again(tmp_path, registered):
+    first = attempt(tmp_path, 10, seen=60)
+    second = attempt(tmp_path, 10, "second", enlarged=True)
+    found, said = registered(first, second)
+    assert found is second[1]
+    assert "cameras: an image sees only 60 points; trying again" in said[0]
+
+
+def test_nothing_placed_is_a_reason_too(tmp_path, registered):
+    second = attempt(tmp_path, 0, "second", enlarged=True)
+    found, said = registered(attempt(tmp_path, 0), second)
+    assert found is second[1]
+    assert "cameras: no image could be placed; trying again" in said[0]
+
+
+def test_the_attempt_with_more_cameras_counts(tmp_path, registered):
+    first, second = attempt(tmp_path, 7), attempt(tmp_path, 5, "second", enlarged=True)
+    found, said = registered(first, second)
+    assert found is first[1]
+    assert "the finest features of all images place fewer" in said[-1]
+
+
+def test_blurred_images_are_no_reason_for_a_second_attempt(tmp_path, registered):
+    first = attempt(tmp_path, 7, quality=BLURRED)
+    assert registered(first) == (first[1], [])
+
+
+def test_what_was_looked_for_already_is_no_reason(tmp_path, registered):
+    first = attempt(tmp_path, 3, enlarged=True)
+    assert registered(first) == (first[1], [])
+
+
+@pytest.mark.parametrize("thorough", [True, False])
+def test_the_user_may_choose(tmp_path, registered, thorough):
+    first = attempt(tmp_path, 3)
+    assert registered(first, thorough=thorough) == (first[1], [])
+
+
+@pytest.mark.slow
+def test_a_second_attempt_keeps_the_first_and_is_done_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(features, "ENOUGH", 50)
+    monkeypatch.setattr(registration, "FEW_OBSERVATIONS", 10**6)
+    paths = captured.write(tmp_path / "photos", captured.photos(captured.arc(6)), ".png")
+    images = captured.image_set(paths)
+    place, rule, said = Workspace(tmp_path / "out"), PreparationRule(), []
+    place.work.mkdir(parents=True)
+
+    def run():
+        groups = group_cameras(images, CameraRule())
+        return register(images, groups, place, rule, Journal(place.journal), Choices(said.append))
+
+    found = run()
+    assert found.database == place.work / "thorough" / "database.db"
+    assert found.placed == 6
+    assert all(report.enlarged for report in found.features.values())
+    assert any("an image sees only" in line for line in said)
+    done = place.journal.read_text()
+    assert '"cameras"' in done
+    assert '"cameras, thorough"' in done
+    assert run().mapping == found.mapping
+    assert place.journal.read_text() == done
+    monkeypatch.setattr(registration, "FEW_OBSERVATIONS", 0)
+    assert run().database == place.work / "database.db"
+    assert not (place.work / "thorough").exists()
