@@ -35,7 +35,7 @@ class Choice:
 SHORT = {"init": DENSE, "strategy": "error"}
 """Choices of short runs, which have no time to find surfaces by growth."""
 CHOICES = (
-    Choice(0, SHORT, per_pixel=0.5),
+    Choice(0, SHORT, per_pixel=0.8),
     Choice(1000, SHORT | {"resolution_schedule": AUTO}, per_pixel=1.0),
     Choice(10_000, SHORT | {"resolution_schedule": AUTO, "strategy.budget": AUTO}),
 )
