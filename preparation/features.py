@@ -74,10 +74,10 @@ class FeatureReport:
     ``None`` for an image without features."""
     blur_ratio: float
     """Fine detail along it, in parts of that across; 1 where there is no direction."""
-    enlarged: bool = True
-    """True if the finest features were looked for, in the image at twice its size."""
     failure: str = ""
     """The reason why the image could not be decoded (it is not in the database); else empty."""
+    enlarged: bool = True
+    """True if the finest features were looked for, in the image at twice its size."""
 
     @staticmethod
     def of(document: Mapping[str, Any]) -> FeatureReport:
@@ -324,8 +324,8 @@ def _report(found: ImageFeatures) -> FeatureReport:
         found.quality,
         direction if count else None,
         ratio,
-        found.enlarged,
         found.failure,
+        found.enlarged,
     )
 
 

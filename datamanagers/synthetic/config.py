@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gsfw.core.config import DataManagerConfig, Detection, Rescaled
+from gsfw.core.config import DataManagerConfig, Detection
 from gsfw.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -25,11 +25,7 @@ class SyntheticConfig(DataManagerConfig):
         "strategy.max_gaussians": 40_000,
         "strategy.reset_every": 0,
     }
-    still: ClassVar[Mapping[str, Any]] = {
-        "steps": 1000,
-        "strategy.grow_gradient": 1.5e-4,
-        "strategy.refine_stop": Rescaled(20_000),
-    }
+    still: ClassVar[Mapping[str, Any]] = {"steps": 1000, "strategy.grow_gradient": 1.5e-4}
     """Other recommendations for the scene without motion: 40 dB come soon."""
 
     views: int = 60

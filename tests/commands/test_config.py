@@ -11,8 +11,8 @@ def test_every_value_is_shown_with_its_source(capsys):
     assert lines[:3] == ["setting source", "method=3dgs command line", "strategy=mcmc command line"]
     assert "seed=3 command line" in lines
     assert "datamanager=synthetic chosen automatically: data is empty" in lines
-    assert "steps=3000 recommended by datamanager synthetic" in lines
-    assert "checkpoint_every=500 method default x 0.1 (steps=3000)" in lines
+    assert "steps=1000 recommended by datamanager synthetic" in lines
+    assert "checkpoint_every=167 method default x 0.0333 (steps=1000)" in lines
 
 
 def test_for_programs_it_is_a_mapping(capsys):

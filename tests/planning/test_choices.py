@@ -58,7 +58,7 @@ def test_rows_follow_the_number_of_updates():
 
 def test_a_limit_of_gaussians_follows_the_pixels_and_never_lies_below_the_start():
     run = settings(method="3dgs", strategy="mcmc")
-    assert limits(run, 300.0, 50_000, 12_000) == {"strategy.cap_max": 25_000}
+    assert limits(run, 300.0, 50_000, 12_000) == {"strategy.cap_max": 40_000}
     assert limits(run, 20_000.0, 50_000, 12_000) == {"strategy.cap_max": 100_000}
     assert limits(run, 300.0, 1000, 12_000) == {"strategy.cap_max": 12_000}
     given = settings(method="3dgs", strategy="mcmc", **{"strategy.cap_max": "900000"})

@@ -31,7 +31,9 @@ def attempt(tmp_path, placed, name="first", given=10, seen=500, enlarged=False, 
         compute_mean_observations_per_reg_image=lambda: seen,
     )
     reports = {
-        n: FeatureReport(1500, SHARP if n in names[:placed] else quality, 0.0, 1.0, enlarged)
+        n: FeatureReport(
+            1500, SHARP if n in names[:placed] else quality, 0.0, 1.0, enlarged=enlarged
+        )
         for n in names
     }
     mapping = Mapping((folder,), (placed,)) if placed else Mapping()

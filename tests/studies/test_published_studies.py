@@ -19,6 +19,7 @@ DATAMANAGERS = {
     "neural-3d-video": "neural-3d-video",
     "panoptic": "panoptic",
     "requirements": "colmap",
+    "short-runs": "colmap",
 }
 """Data manager of the scenes with data, by file."""
 
