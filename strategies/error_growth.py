@@ -8,8 +8,8 @@ that the schedule has for that step: it rises fast at first and ends at ``per_pi
 Differences from FastGS: no thresholds of gradients and of counts of bad pixels, which depend on
 scene and image size; the errors of views that training renders anyway, in the last steps before a
 round, instead of views rendered for it; small rows are split too, and none cloned; pruning by
-contributions is that of ``strategy.budget``; and opacities are not reset. ``docs/growth.md`` has
-what each of these is worth.
+contributions is that of ``strategy.budget``; and opacities are not reset. ``docs/growth.md``
+measures each of them.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ COPIES = 2
 class ErrorGrowthConfig(StrategyConfig):
     """Settings of growth by error; steps are those of a run of 30,000."""
 
-    per_pixel: float = number(0.8, at_least=0)
+    per_pixel: float = number(0.8, above=0)
     """Gaussians at the end of growth, for each pixel of a training view that shows some."""
     max_gaussians: int = number(3_000_000, at_least=0)
     """No growth beyond this number (3 GB of parameters and optimizer state); 0: no limit."""
     early: float = number(2.0, at_least=1)
-    """Speed of the growth at its begin: 1 adds as many Gaussians in each round, 2 begins twice as
+    """Speed of the growth at its start: 1 adds as many Gaussians in each round, 2 begins twice as
     fast and slows down."""
     agreeing_views: int = number(2, at_least=1)
     """Views that have to agree on the error of a Gaussian, of those that see it."""
@@ -92,7 +92,8 @@ class ErrorGrowth(DensityRefiner):
     def __init__(self, config: ErrorGrowthConfig, scene: Scene, rounds: RefinementRounds) -> None:
         super().__init__(rounds)
         self._config = config
-        self._last = config.per_pixel * scene.view_pixels or config.max_gaussians
+        known = scene.view_pixels > 0
+        self._last = config.per_pixel * scene.view_pixels if known else config.max_gaussians
         self._errors: ViewErrors | None = None
         self._first: int | None = None
         self._may_grow = True

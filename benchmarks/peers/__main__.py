@@ -9,11 +9,12 @@ README.md in this folder has the method. A bench that was interrupted goes on wh
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import sys
 from pathlib import Path
 
-from gsfw.core.errors import DataError
+from gsfw.core.errors import DataError, UserError
 from peers.capture import write_training_views
 from peers.held_out import HeldOutViews
 from peers.job import Job, Order, run
@@ -64,10 +65,30 @@ def jobs(given: argparse.Namespace, capture: Path) -> list[Job]:
     return [job for job in found if given.only in f"{job.peer}, {job.length}"]
 
 
+def check_same_bench(given: argparse.Namespace) -> None:
+    """Note the work of a bench in its folder.
+
+    Raises:
+        DataError: the folder has results of other work.
+    """
+    names = ("data", "downscale", "threads", "opensplat", "original")
+    now = {name: str(value) for name in names if (value := getattr(given, name)) is not None}
+    file = given.out / "bench.json"
+    before = json.loads(file.read_text()) if file.exists() else {}
+    for name in now.keys() & before.keys():
+        if now[name] != before[name]:
+            raise DataError(
+                f"{given.out} holds results with {name}={before[name]}, not {now[name]}.",
+                "Choose another folder with --out.",
+            )
+    file.write_text(json.dumps(before | now))
+
+
 def main() -> None:
     """Run the bench."""
     given = arguments()
     given.out.mkdir(parents=True, exist_ok=True)
+    check_same_bench(given)
     views = HeldOutViews.open(given.data, given.downscale)
     capture = write_training_views(views.data, given.out / "capture")
     results = Results(given.out / "results.jsonl")
@@ -90,5 +111,5 @@ def main() -> None:
 if __name__ == "__main__":
     try:
         main()
-    except DataError as error:
+    except UserError as error:
         sys.exit(f"{error.message} {error.advice}")

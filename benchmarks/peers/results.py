@@ -43,8 +43,11 @@ class Results:
     def __init__(self, file: Path) -> None:
         """Read what is there."""
         self._file = file
-        lines = file.read_text().splitlines() if file.exists() else []
-        self.rows = [Result(**json.loads(line)) for line in lines]
+        lines = file.read_text().splitlines(keepends=True) if file.exists() else []
+        whole = [line for line in lines if line.endswith("\n")]
+        if whole != lines:  # A bench was killed while it wrote the last one.
+            file.write_text("".join(whole))
+        self.rows = [Result(**json.loads(line)) for line in whole]
 
     def has(self, job: Job, repeat: int) -> bool:
         """True if the job is done."""

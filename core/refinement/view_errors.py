@@ -1,7 +1,7 @@
 """ViewErrors: the error that rows have in several views, as far as the views agree.
 
 The error of a pixel is summed over the contributions of each splat (Rota Bulo et al. 2024, equation
-7). A row counts with the value that several views reach, so that what is wrong in a single view (a
+7). A row counts with the value that several views reach, so that the error of a single view (a
 passer-by, a reflection, blur) attracts no rows: the idea of Ren et al. 2025 (FastGS), who average
 the number of bad pixels over sampled views.
 """
@@ -51,7 +51,7 @@ class ViewErrors:
         for place, view in enumerate(views):
             if view not in self._views:
                 self._add_view(found[place], visible[place], context.splats.rows)
-        self._views.update(views)
+                self._views.add(view)
 
     def _add_view(
         self,

@@ -215,3 +215,24 @@ def test_a_result_has_the_figures_of_its_job():
     job = Job("a", "10 steps", Path(), (), Path())
     made = Result.of(job, 1, Usage(2.0, 4.0), Score(20.0, 0.8, 1000))
     assert made == result()
+
+
+def test_a_folder_with_results_of_other_work_is_refused(tmp_path):
+    given = argparse.Namespace(
+        data=Path("fox"), downscale=4.0, threads=1, opensplat=None, original=None, out=tmp_path
+    )
+    check_same_bench(given)
+    given.opensplat = Path("OpenSplat")
+    check_same_bench(given)  # One more trainer.
+    given.downscale = 2.0
+    with pytest.raises(DataError, match="downscale=4.0, not 2.0"):
+        check_same_bench(given)
+
+
+def test_a_line_that_was_cut_off_is_written_again(tmp_path):
+    file = tmp_path / "results.jsonl"
+    whole = Results(file)
+    whole.add(Result("gsfw", "300 steps", 1, 9.0, 9.5, 21.0, 0.7, 100))
+    file.write_text(file.read_text() + '{"peer": "gs')
+    assert Results(file).rows == whole.rows
+    assert Results(file).rows == whole.rows, "the file is whole again"

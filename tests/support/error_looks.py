@@ -10,12 +10,21 @@ from gsfw.core.render_output import RenderStatistics
 from support.gaussians import context_of
 from support.scenes import random_splats
 
-PIXELS = 6
-"""Of images of 3 x 2 pixels."""
+WIDTH, HEIGHT = 3, 2
+PIXELS = WIDTH * HEIGHT
+"""Of an image, unless another height is given."""
 
 
 def error_look(
-    errors, shown, views=(0,), step=0, rows=None, num_rows=None, valid=None, gradient=None
+    errors,
+    shown,
+    views=(0,),
+    step=0,
+    rows=None,
+    num_rows=None,
+    valid=None,
+    gradient=None,
+    height=HEIGHT,
 ) -> tuple[StepContext, RenderStatistics]:
     """A batch of ``views`` whose renders have these errors.
 
@@ -28,8 +37,10 @@ def error_look(
         num_rows: of the model; as many as there are splats if ``None``.
         valid: whether each pixel is valid; ``None`` when all are.
         gradient: screen gradient of each splat; ones if ``None``.
+        height: of the images in pixels.
     """
-    wrong = torch.tensor(errors).reshape(len(views), 2, 3, 1)
+    shape = (len(views), height, WIDTH, 1)
+    wrong = torch.tensor(errors).reshape(shape)
     owned = torch.nn.functional.one_hot(torch.tensor(shown)).float()
     count = owned.shape[1]
     seen = RenderStatistics(
@@ -41,11 +52,16 @@ def error_look(
     if rows is not None:
         splats = replace(splats, rows=torch.tensor(rows))
     context = context_of(seen, num_rows or count, step, splats=splats)
-    mask = None if valid is None else torch.tensor(valid).reshape(len(views), 2, 3, 1)
+    mask = None if valid is None else torch.tensor(valid).reshape(shape)
     batch = replace(context.batch, views=tuple(views), mask=mask, mask_mode=MaskMode.IGNORE)
 
     def contributions(weights):
-        return weights.reshape(len(views), PIXELS) @ owned
+        return weights.reshape(len(views), -1) @ owned
 
-    target = context.rendered.color + wrong
-    return replace(context, batch=batch, target=target, contributions=contributions), seen
+    color, alpha = (
+        image[:, :1, :1].expand(*shape[:3], -1)
+        for image in (context.rendered.color, context.rendered.alpha)
+    )
+    rendered = replace(context.rendered, color=color, alpha=alpha)
+    changed = replace(context, batch=batch, rendered=rendered, target=color + wrong)
+    return replace(changed, contributions=contributions), seen

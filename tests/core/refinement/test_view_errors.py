@@ -59,6 +59,11 @@ def test_a_view_that_is_rendered_again_counts_once():
     assert agreed(errors) == pytest.approx([3 * 0.3, 3 * 0.1])
 
 
+def test_a_view_that_is_twice_in_a_batch_counts_once():
+    twice = error_look([0.9] * PIXELS * 2, HALVES, views=(5, 5))[0]
+    assert agreed(gathered(twice, upper(0.2, 1))) == pytest.approx([3 * 0.2, 3 * 0.1])
+
+
 def test_views_of_one_step_count_as_much_as_views_of_several():
     values = ([0.5] * 3 + [0.1] * 3, [0.2] * 3 + [0.6] * 3)
     together = gathered(error_look([*values[0], *values[1]], HALVES, views=(0, 1))[0])
@@ -85,14 +90,18 @@ def test_an_image_that_is_not_finite_has_no_error(bad):
 
 
 def test_the_size_of_an_image_has_no_effect():
-    small = gathered(upper(0.5, 0), upper(0.5, 1))
-    assert float(small.agreed.sum()) == pytest.approx((0.5 + 0.1) / 2)
+    errors = [0.5] * 3 + [0.1] * 3
+    small = gathered(*(error_look(errors, HALVES, views=(view,))[0] for view in range(2)))
+    large = [error_look(errors * 2, HALVES * 2, views=(view,), height=4)[0] for view in range(2)]
+    assert small.agreed.tolist() == pytest.approx([0.25, 0.05])
+    assert gathered(*large).agreed.tolist() == pytest.approx([0.25, 0.05])
 
 
 def test_a_restored_state_goes_on_and_is_a_copy():
     errors = gathered(upper(0.5, 0), upper(0.2, 1))
     restored = ViewErrors.restored(errors.state_dict())
-    for found in (errors, restored):
-        found.add(upper(0.4, 2))
+    restored.add(upper(0.4, 2))
+    assert agreed(errors) == pytest.approx([3 * 0.2, 3 * 0.1])
+    errors.add(upper(0.4, 2))
     assert_same_bits(errors.state_dict(), restored.state_dict())
     assert agreed(restored) == pytest.approx([3 * 0.4, 3 * 0.1])
