@@ -32,6 +32,10 @@ MAX_SEED = 2**62 - 1
 
 AUTO = "auto"
 """Value of a setting that gsfw chooses itself."""
+DENSE = "dense"
+"""Value of ``init`` for points that stereo finds in the images."""
+INIT_WORDS = (AUTO, "points", "random", DENSE)
+"""Values of ``init`` that are not a file."""
 
 
 def steps_field(default: int, *, at_least: int = 0, floor: int = 0) -> Any:  # noqa: ANN401 - a dataclass field

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gsfw.core.capabilities import Feature
-from gsfw.core.config import AUTO, RasterizerConfig
+from gsfw.core.config import AUTO, DENSE, RasterizerConfig
 from gsfw.plugins.automatic import USUAL_CHOICE
-from gsfw.plugins.dense_points import DENSE
 from gsfw.plugins.keys import SLOT_KEYS, keys
 from gsfw.plugins.settings import METHOD_DEFAULT, Settings
 

@@ -15,6 +15,7 @@ from gsfw.core.callback import Callback, RunInfo
 from gsfw.core.capabilities import Feature, Needs
 from gsfw.core.config import (
     AUTO,
+    INIT_WORDS,
     NO_BUDGET,
     MethodConfig,
     RasterizerConfig,
@@ -48,7 +49,7 @@ from gsfw.plugins.automatic import rasterizer_capabilities
 from gsfw.plugins.data_fit import check_data, check_rasterizer, settings_device
 from gsfw.plugins.dense_points import FoundSurface
 from gsfw.plugins.devices import unused_gpu
-from gsfw.plugins.initial_splats import INIT_WORDS, find_importer, read_initial
+from gsfw.plugins.initial_splats import find_importer, read_initial
 from gsfw.plugins.loading import check_built, choose_operators, make_metrics
 from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry

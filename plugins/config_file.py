@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from gsfw.core.config import INIT_WORDS
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.settings import Layer, Settings
 from gsfw.plugins.specs import PROJECT
@@ -36,6 +37,8 @@ NOTE = """\
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """The same content ten times faster, where PyYAML was built with libyaml."""
 
+RATE_FACTOR, OLD_RATES = "optim.factor", {"optim.means_lr", "optim.sh_dc_lr"}
+"""The factor of the rates of splats, and settings of runs that have these rates."""
 PLACES = ("data", "init")
 """Settings that may name a file: saved as absolute paths, so that they hold in any folder."""
 
@@ -59,7 +62,7 @@ def write_config(settings: Settings, arguments: Sequence[str]) -> str:
         given.append("preset")
     for key in PLACES:
         text = values.get(key)
-        if text and Path(text).exists():
+        if text and text not in INIT_WORDS and Path(text).exists():
             values[key] = str(Path(text).resolve())
     parts = [settings.method, *settings.choices.values()]
     header = {
@@ -123,6 +126,10 @@ def read_config(path: Path, everything: bool = False) -> Layer:
         return Layer(where, values, packages=packages)
     given = _named(where, GIVEN, document[GIVEN], values)
     planned = _named(where, PLANNED, document.get(PLANNED, []), values)
+    if (
+        values.keys() >= OLD_RATES and RATE_FACTOR not in values
+    ):  # Before rates followed the length.
+        values[RATE_FACTOR], given = 1.0, given | {RATE_FACTOR}
     if everything:
         return Layer(where, values, given, planned, packages=packages)
     if "minutes" not in values:  # Before gsfw planned runs by time, all had a number of steps.

@@ -20,8 +20,6 @@ from gsfw.core.scene import Scene
 from gsfw.core.stereo.surface import SurfacePoints, surface_points
 from gsfw.core.stereo.views import StereoViews
 
-DENSE = "dense"
-"""Value of ``init`` for these points."""
 MOST_VIEWS = 150
 """Cameras that are compared, evenly spaced among all, which bounds time and memory."""
 MOST_PIXELS = 1_500_000

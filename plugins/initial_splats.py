@@ -6,19 +6,15 @@ from pathlib import Path
 
 import torch
 
-from gsfw.core.config import AUTO
+from gsfw.core.config import INIT_WORDS
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Importer
 from gsfw.core.maths.frame import transform_splats
 from gsfw.core.scene import Scene
 from gsfw.core.splats import Splats
-from gsfw.plugins.dense_points import DENSE
 from gsfw.plugins.loading import ask_all, load
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.unread_splats import refuse_unread_splats
-
-INIT_WORDS = (AUTO, "points", "random", DENSE)
-"""Values of ``init`` that are not a file."""
 
 
 def find_importer(path: Path, registry: Registry) -> Importer:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import torch
 
 from gsfw.core.background import parse_background
-from gsfw.core.config import AUTO, StrategyConfig
+from gsfw.core.config import AUTO, DENSE, StrategyConfig
 from gsfw.core.datamanager import DataManager
 from gsfw.core.refinement.budget import BudgetSize
 from gsfw.core.scene import Scene
 from gsfw.plugins.dense_points import (
-    DENSE,
     DenseStart,
     FoundSurface,
     dense_count,

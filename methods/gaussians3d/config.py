@@ -45,8 +45,9 @@ class StaticGaussiansOptim(OptimConfig):
     sh_rest_lr: float = number(1.25e-4, at_least=0, below=math.inf)
     """Rate of the view-dependent colour coefficients."""
     factor: float | Literal["auto"] = 1.0
-    """Factor of all rates above. auto: the cube root of 30,000 over means_lr_steps, 1 to 5, since
-    shorter runs have fewer steps to get as far."""
+    """Factor of the rates of positions, scales, rotations, opacities and colours. auto: the cube
+    root of 30,000 over means_lr_steps, 1 to 5, since shorter runs have fewer steps to get as far.
+    Rates of a method of its own, such as those of motion, keep theirs."""
 
     def learning_rates(self, extent: float) -> dict[str, LearningRate]:
         """Learning rate of every column, by name."""
@@ -79,8 +80,8 @@ class BandsConfig:
     """A splat gains a band above this signal-to-noise ratio of the direction dependence of its
     gradients, which is 1 for a splat that needs none; higher: fewer bands."""
     rate: float = number(4.0, above=0, below=math.inf)
-    """Initial rate of the bands, relative to optim.sh_rest_lr, their final rate: a band on trial
-    has little time to show its worth."""
+    """Initial rate of the bands, relative to optim.sh_rest_lr (times optim.factor), their final
+    rate: a band on trial has little time to show its worth."""
     every: int = steps_field(1000, at_least=2, floor=50)
     """Steps between rounds in which splats gain or lose a band."""
     grow_stop: int = steps_field(5000)

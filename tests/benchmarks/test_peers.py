@@ -1,5 +1,6 @@
 """The bench of peers: one capture for all, fake trainers that leave a PLY, scores and curves."""
 
+import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import peers.__main__ as bench
 import pytest
 import torch
+from peers.__main__ import check_same_bench
 from peers.capture import write_training_views
 from peers.held_out import HeldOutViews, Score
 from peers.job import Job, Order, Usage, run

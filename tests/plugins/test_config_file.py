@@ -123,6 +123,31 @@ def test_a_run_of_before_minutes_existed_repeats_with_its_steps(tmp_path):
     assert read_config(path).values == {"seed": 1, "steps": 30000}
 
 
+RATES = "optim.means_lr: 1.6e-4\noptim.sh_dc_lr: 2.5e-3\n"
+
+
+@pytest.mark.parametrize("everything", [True, False])
+def test_a_run_of_before_rates_followed_its_length_keeps_its_rates(tmp_path, everything):
+    path = tmp_path / "config.yaml"
+    path.write_text(f"given: [seed]\nseed: 1\nsteps: 100\n{RATES}")
+    layer = read_config(path, everything)
+    assert layer.values["optim.factor"] == 1.0
+    assert layer.gives("optim.factor")
+    path.write_text(f"given: [seed]\nseed: 1\n{RATES}optim.factor: auto\n")
+    assert read_config(path, everything).values.get("optim.factor") in (None, "auto")
+    path.write_text("given: [seed]\nseed: 1\n")
+    assert "optim.factor" not in read_config(path, everything).values
+
+
+def test_a_start_is_not_taken_for_a_folder_of_its_name(tmp_path, monkeypatch):
+    (tmp_path / "dense").mkdir()
+    monkeypatch.chdir(tmp_path)
+    settings = resolve(
+        registry_of(FakePlugin()), [Layer(COMMAND_LINE, {"method": "demo", "init": "dense"})]
+    )
+    assert yaml.safe_load(write_config(settings, []))["init"] == "dense"
+
+
 def test_the_file_is_plain_data_and_says_where_it_comes_from(tmp_path):
     settings = resolve(registry_of(FakePlugin()), [Layer(COMMAND_LINE, {"method": "demo"})])
     text = write_config(settings, ["train", "method=demo", "data=a b"])
