@@ -227,7 +227,7 @@ def test_a_folder_with_results_of_other_work_is_refused(tmp_path):
     given.opensplat = Path("OpenSplat")
     check_same_bench(given)  # One more trainer.
     given.downscale = 2.0
-    with pytest.raises(DataError, match="downscale=4.0, not 2.0"):
+    with pytest.raises(DataError, match=r"downscale=4\.0, not 2\.0"):
         check_same_bench(given)
 
 
