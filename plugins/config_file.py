@@ -126,9 +126,8 @@ def read_config(path: Path, everything: bool = False) -> Layer:
         return Layer(where, values, packages=packages)
     given = _named(where, GIVEN, document[GIVEN], values)
     planned = _named(where, PLANNED, document.get(PLANNED, []), values)
-    if (
-        values.keys() >= OLD_RATES and RATE_FACTOR not in values
-    ):  # Before rates followed the length.
+    # Before rates followed the length of a run, they were those of the paper.
+    if values.keys() >= OLD_RATES and RATE_FACTOR not in values:
         values[RATE_FACTOR], given = 1.0, given | {RATE_FACTOR}
     if everything:
         return Layer(where, values, given, planned, packages=packages)
