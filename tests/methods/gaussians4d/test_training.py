@@ -66,6 +66,7 @@ def test_a_short_training_follows_what_static_gaussians_blur(tmp_path, encoder):
         "datamanager.moving=true", "datamanager.times=6", "datamanager.views=36",
         "datamanager.eval_views=4", "datamanager.width=48", "datamanager.height=36",
         "datamanager.points=800", "strategy=none", "steps=200", "eval_every=0", "device=cpu",
+        "optim.factor=1",
     )  # fmt: skip
     figures = {}
     for name, own in {
