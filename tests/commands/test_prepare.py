@@ -157,6 +157,13 @@ def test_photos_become_splats_with_one_command(photos, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "is finished already" in said
     assert "matches: " not in said
+    other = tmp_path / "other"
+    assert main([*words, "steps=20", f"out={other}"]) == 0
+    assert RunFolder(other).splats.is_file()
+    capsys.readouterr()
+    assert main([*words[:-3], "report=false", "--eval-every", "0", "steps=60", "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == {"run": str(scene / "run"), "completed": True}
     assert RunFolder(scene / "run").splats.stat().st_mtime_ns == before
 
 
