@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from gsfw.commands.interface.arguments import Options, words
+from gsfw.commands.interface.arguments import Options, parse, words
 from gsfw.commands.interface.following_training import FollowingTraining, read_both
 from gsfw.commands.interface.interrupt import interrupted_once
 from gsfw.core.errors import ConfigError, DataError, UnavailableError
@@ -108,7 +108,7 @@ def run(tokens: list[str]) -> int:
 
     from gsfw.commands.interface.console import Console
 
-    console = Console(options.json)
+    console = Console(options.json or (following is not None and parse(following).flag("json")))
     for path in inputs:
         _check_exists(path)
     with interrupted_once(STOPPING), place.claimed(inputs):
@@ -126,8 +126,8 @@ def _train(console: Console, data: Path, document: Mapping[str, Any], words: Seq
     """Train the data set; return the exit code, and print the document of the training."""
     from gsfw.commands import resume, train
 
-    said = ["json=true"] if console.json_only and "json=true" not in words else []
-    training = FollowingTraining(data, (*words, *said), document["next"])
+    said = ["json=true"] if console.json_only and not parse(words).flag("json") else []
+    training = FollowingTraining(data, (*words, *said), document["suggested"])
     return training.train(train.run, resume.run, console)
 
 

@@ -1,19 +1,20 @@
 """Registration: where the images were taken from; features, matches and mapping, once or twice.
 
 The first attempt looks for the finest features only in images that have few others, which takes a
-third of the time. Where that leaves images without a camera, or cameras that rest on little, a
-second one looks for those of all images, in a folder of its own, and the better one counts.
+third of the time. If that leaves images without a camera, or images that see few points, a second
+one looks for those of all images, in a folder of its own. It counts unless it places fewer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.core.config import AUTO
+from gsfw.core.errors import DataError
 from gsfw.preparation.choices import Choices
 from gsfw.preparation.diagnosis.unregistered import FEW as FEW_FEATURES
 from gsfw.preparation.diagnosis.usual import blurred_beside
@@ -40,8 +41,8 @@ MODEL = "cameras.bin"
 MISSING = 0.02
 """Part of the usable images that may lack a camera before the finest features are looked for."""
 FEW_OBSERVATIONS = 100
-"""Points that an image of the model sees, on average, below which it rests on little: fox's photos
-see 1,000, and COLMAP adds an image that sees 30."""
+"""Points that an image of the model has to see, on average, so that its pose is well determined:
+fox's photos see 1,000, and COLMAP adds an image that sees 30."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,10 @@ class Registered:
     mapping: Mapping
     database: Path
     """COLMAP's, with these features and their matches."""
+    settings: FeatureSettings
+    """Size of the images and number of features that were looked for."""
+    chosen: dict[str, str]
+    """Sentences on the choices of this attempt, by the name of the stage."""
 
     @property
     def placed(self) -> int:
@@ -78,29 +83,45 @@ def register(
         place: the folder of the preparation.
         rule: the user's choices.
         journal: finished stages are kept there.
-        choices: of the stages; new ones are added.
+        choices: of the stages; those of the attempt that counts are added.
 
     Raises:
-        DataError: COLMAP refuses what it is given.
+        DataError: COLMAP refuses what it is given, and no image is placed.
         OutputError: something cannot be written.
     """
-    first = Registration(place, rule, journal, choices).run(images, groups)
-    problem = "" if rule.thorough is not None else _shortcoming(first)
+    found = Registration(place, rule, journal, choices.say).run(images, groups)
+    problem = "" if rule.thorough is not None else _shortcoming(found)
     if not problem:
         place.remove(place.thorough.attempt_folder)
-        return first
-    choices.choose(
-        "second attempt",
-        f"cameras: {problem}; trying again, with the finest features of all images",
-    )
-    closer = replace(rule, thorough=True)
-    second = Registration(place.thorough, closer, journal, choices).run(images, groups)
-    if second.placed >= first.placed:
-        return second
-    choices.choose(
-        "second attempt", f"cameras: {problem}; the finest features of all images place fewer"
-    )
-    return first
+    else:
+        again = f"cameras: {problem}; trying again, with the finest features of all images"
+        choices.choose("second attempt", again)
+        # The size stays: a smaller one, chosen since the finest take longer, would be coarser.
+        size, count = found.settings.max_size, found.settings.count
+        closer = replace(rule, thorough=True, feature_size=size, feature_count=count)
+        second = Registration(place.thorough, closer, journal, choices.say)
+        found, defeat = _better(found, lambda: second.run(images, groups))
+        if defeat:
+            choices.choose("second attempt", f"cameras: {problem}; {defeat}")
+    choices.by_stage.update(found.chosen)
+    return found
+
+
+def _better(first: Registered, attempt: Callable[[], Registered]) -> tuple[Registered, str]:
+    """The attempt that counts, and why it is not the second one; empty if it is.
+
+    Raises:
+        DataError: COLMAP refuses the second one, and the first has placed no image.
+    """
+    try:
+        second = attempt()
+    except DataError as error:
+        if not first.placed:
+            raise
+        return first, f"the first attempt counts, as the second one failed: {error.message}"
+    if second.placed < first.placed:
+        return first, "the finest features of all images place fewer"
+    return second, ""
 
 
 def _shortcoming(found: Registered) -> str:
@@ -135,30 +156,36 @@ class Registration:
         place: Workspace,
         rule: PreparationRule,
         journal: Journal,
-        choices: Choices,
+        say: Callable[[str], None],
     ) -> None:
-        self._place, self._rule, self._journal, self._choices = place, rule, journal, choices
+        self._place, self._rule, self._journal = place, rule, journal
+        self._choices = Choices(say)
         self._thorough = bool(rule.thorough)
 
     def run(self, images: ImageSet, groups: Sequence[CameraGroup]) -> Registered:
         """Do what is not done yet."""
-        features = self._features(images, groups)
+        settings = self._settings(images)
+        features = self._features(images, groups, settings)
         self._match(images)
         groups, mapping = self._map(groups, features)
-        return Registered(groups, features, mapping, self._place.database)
+        database, chosen = self._place.database, self._choices.by_stage
+        return Registered(groups, features, mapping, database, settings, chosen)
 
     def _named(self, stage: str, attempt: str = "") -> str:
         """Unique name of a stage in the journal."""
         return ", ".join(part for part in (stage, self._place.attempt, attempt) if part)
 
-    def _features(
-        self, images: ImageSet, groups: Sequence[CameraGroup]
-    ) -> dict[str, FeatureReport]:
+    def _settings(self, images: ImageSet) -> FeatureSettings:
         rule = self._rule
         settings, why = FeatureSettings.for_machine(
             images, rule.jobs, rule.feature_size, rule.feature_count, self._thorough
         )
         self._choices.choose("features", why)
+        return settings
+
+    def _features(
+        self, images: ImageSet, groups: Sequence[CameraGroup], settings: FeatureSettings
+    ) -> dict[str, FeatureReport]:
         database = self._place.database
 
         def find() -> Document:

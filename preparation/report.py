@@ -84,11 +84,14 @@ def _finish(
 ) -> dict[str, Any]:
     """Add the check of the written data set, and write both files."""
     survey, checked, command = None, {}, ""
+    suggested: Mapping[str, str] = {}
     if examined is not None:
         survey = examined.survey
         findings = sorted_findings([*findings, *examined.findings])
         plan = Plan.of(survey, findings, examined.config, "")
-        command = plan.command({"data": str(place.path)})
+        data = {"data": str(place.path)}
+        # Without steps=, the run is planned; with them, gsfw prepare has the size as well.
+        command, suggested = plan.of_a_time().command(data), plan.settings(data)
         checked = {**describe(survey, plan), "notes": list(examined.notes)}
         tiles = [*tiles, *tiles_of(survey, findings, COLUMNS * ROWS - len(tiles), COLUMNS)]
     verdict = Verdict.of(findings)
@@ -102,6 +105,7 @@ def _finish(
         "check": checked,
         "findings": [finding.document() for finding in findings],
         "next": command if verdict is not Verdict.WILL_NOT_TRAIN else "",
+        "suggested": suggested,
         "sheet": str(place.sheet),
         "versions": {name: metadata.version(name) for name in ("gsfw", "pycolmap")},
     }

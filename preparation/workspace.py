@@ -71,7 +71,7 @@ class Workspace:
 
     @property
     def attempt_folder(self) -> Path:
-        """Folder of all that an attempt at the cameras leaves."""
+        """Database and models of an attempt at the cameras."""
         return self.work / self.attempt
 
     @property

@@ -50,7 +50,7 @@ def completion_table(registry: Registry) -> list[str]:
         lines.append(f"{verb}|--help|")
     for verb in SETTINGS_VERBS:
         lines += _setting_lines(verb, registry)
-    lines += _resume_lines(lines)
+    lines += [*_resume_lines(lines), *_following_lines(lines)]
     return list(dict.fromkeys(lines))
 
 
@@ -138,6 +138,15 @@ def _resume_lines(lines: Iterable[str]) -> Iterator[str]:
         context, key, values = line.split("|")
         if context == "train" and key.rstrip("=").partition(".")[0] in (*CHANGEABLE, *FLAG_KEYS):
             yield f"resume|{key}|{values}"
+
+
+def _following_lines(lines: Iterable[str]) -> Iterator[str]:
+    """Settings of training after ``gsfw prepare ... train=true``; its data are not among them."""
+    for line in lines:
+        context, key, _ = line.split("|")
+        verb, _, chosen = context.partition(" ")
+        if verb == "train" and not chosen.endswith("=") and key not in ("data=", "--help"):
+            yield line.replace(context, f"prepare {chosen or 'train=true'}", 1)
 
 
 def _values(key: Key, slot: str, registry: Registry) -> tuple[str, ...]:

@@ -1,20 +1,21 @@
 """Training that follows a preparation: `gsfw prepare photos out=scene train=true minutes=3`.
 
-What stands before ``train=true`` is for ``gsfw prepare``, and what stands after it for ``gsfw
-train``. All of it is checked before the first image is read.
+Words before ``train=true`` are for ``gsfw prepare``, and words after it for ``gsfw train``. All of
+them are checked before the first image is read.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shlex
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TypeVar
 
-from gsfw.commands.interface.arguments import Arguments, Options, layers, parse, read
+from gsfw.commands.interface.arguments import Arguments, Options, full_key, layers, parse, read
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError, OutputError
 from gsfw.core.files.atomic import write_atomically
@@ -23,6 +24,12 @@ from gsfw.core.loop.run_folder import RunFolder
 
 RUN = "run"
 """Folder of the training, in that of the data set."""
+SIZE = "downscale"
+"""The suggested setting that a run chooses for itself if it ends in a time."""
+PLACES = ("data", "out")
+"""Settings whose words differ for the same run: the record goes by its path and by the data."""
+VIEWER = "callbacks.viewer."
+"""Beginning of settings that change how a run is shown, and not the run."""
 METHOD = "3dgs"
 """Method that settings are checked with as long as the data set suggests none."""
 DATA = ("sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin", "transforms.json")
@@ -93,13 +100,27 @@ def _check(arguments: Arguments, of_prepare: set[str]) -> None:
         raise ConfigError(
             "data= after train=true: the data set is the one that is prepared.", "Leave it out."
         )
-    given = Arguments((), (("method", METHOD), ("datamanager", "colmap"), *arguments.pairs))
     try:
+        chosen = _given(arguments)
+        usual = (("method", METHOD), ("datamanager", "colmap"))
+        added = [pair for pair in usual if pair[0] not in chosen]  # They would override a file.
+        given = Arguments((), (*added, *arguments.pairs))
         asked_of(read_settings("train", given, installed()), layers(given))
     except ConfigError as error:
         if arguments.values.keys() & of_prepare - {"out", "json", "debug"}:
             raise ConfigError(error.message, ORDER) from None
         raise ConfigError(error.message, f"{error.advice}\n{BEFORE}".strip()) from None
+
+
+def _given(arguments: Arguments) -> set[str]:
+    """Keys of settings that were typed, or are in a file that was typed as ``config=FILE``.
+
+    Raises:
+        ConfigError: a file cannot be read, or keys contradict each other.
+    """
+    from gsfw.planning.asked import spelled_out
+
+    return {key for layer in spelled_out(layers(arguments)) for key in layer.values}
 
 
 @dataclass(frozen=True)
@@ -110,8 +131,8 @@ class FollowingTraining:
     """The folder of the data set."""
     words: tuple[str, ...]
     """Words that were typed for ``gsfw train``."""
-    suggested: str
-    """The command that the check of the data set suggests."""
+    suggested: Mapping[str, str]
+    """Settings that the check of the data set suggests, and its path."""
 
     @property
     def run(self) -> Path:
@@ -125,11 +146,11 @@ class FollowingTraining:
 
         The suggested size of images is left out: a run that ends in a time chooses its own.
         """
-        typed = parse(self.words).values
-        usual = [word for word in shlex.split(self.suggested)[2:] if not _gives(word, typed)]
-        if "steps" not in typed and "preset" not in typed:
-            usual = [word for word in usual if not word.startswith("downscale=")]
-        out = [] if "out" in typed else [f"out={self.run}"]
+        typed = parse(self.words)
+        given = _given(typed) - {"data"}  # That of a file is another run's.
+        left_out = {*given, SIZE} if _ends_in_a_time(given) else given
+        usual = [f"{key}={text}" for key, text in self.suggested.items() if key not in left_out]
+        out = [] if "out" in typed.values else [f"out={self.run}"]
         return [*usual, *out, *self.words]
 
     def train(self, start: Verb, go_on: Verb, console: Console) -> int:
@@ -145,8 +166,10 @@ class FollowingTraining:
         """
         folder = RunFolder(self.run)
         console.say(f"\ntraining: gsfw train {shlex.join(self.command)}")
+        if parse(self.words).flag("dry_run"):
+            return start(self.command)
         if not folder.config.is_file():
-            self._remember()
+            write_atomically(self._record, json_text(self._identity()).encode())
             return start(self.command)
         if not self._is_same():
             raise OutputError(
@@ -155,24 +178,48 @@ class FollowingTraining:
                 "is done.",
             )
         if not folder.summary.is_file():
-            return go_on([str(self.run), *(["json=true"] if console.json_only else [])])
-        console.say(f"{self.run} is finished already: {folder.splats}")
+            return go_on([str(self.run), *self._shown(console)])
+        if folder.splats.is_file():
+            console.say(f"{self.run} is finished already: {folder.splats}")
+        else:
+            run = shlex.quote(str(self.run))
+            console.say(
+                f"{self.run} is finished already, but has no {folder.splats.name}. "
+                f"Write it with: gsfw export {run}"
+            )
         console.result({"run": str(self.run), "completed": True})
         return 0
 
+    def _shown(self, console: Console) -> list[str]:
+        """Words that say how a run is shown, for ``gsfw resume``."""
+        pairs = parse(self.words).pairs
+        viewer = [f"{key}={text}" for key, text in pairs if full_key(key).startswith(VIEWER)]
+        return [*viewer, *(["json=true"] if console.json_only else [])]
+
     @property
     def _record(self) -> Path:
-        return self.data / "work" / "training.json"
+        """The identity of this run, by its path from the data set."""
+        path = os.path.relpath(self.run.resolve(), self.data.resolve())
+        name = hashlib.sha256(path.encode()).hexdigest()[:16]
+        return self.data / "work" / f"training_{name}.json"
 
     def _identity(self) -> dict[str, object]:
-        """Command and data of the training, as plain data."""
+        """Settings and data of the training, as plain data: equal if another start does the same.
+
+        The order and form of the words does not count.
+        """
+        from gsfw.plugins.values import as_text
+
         content = hashlib.sha256()
         for path in (self.data / name for name in DATA):
             content.update(path.read_bytes() if path.is_file() else b"none")
-        return {"command": self.command, "data": content.hexdigest()}
-
-    def _remember(self) -> None:
-        write_atomically(self._record, json_text(self._identity()).encode())
+        settings = {
+            key: as_text(value)
+            for layer in layers(parse(self.command))
+            for key, value in layer.values.items()
+            if key not in PLACES and not key.startswith(VIEWER)
+        }
+        return {"settings": settings, "data": content.hexdigest()}
 
     def _is_same(self) -> bool:
         try:
@@ -181,6 +228,11 @@ class FollowingTraining:
             return False
 
 
-def _gives(word: str, typed: Collection[str]) -> bool:
-    """True if a suggested setting is among those that were typed."""
-    return word.partition("=")[0] in typed
+def _ends_in_a_time(given: Collection[str]) -> bool:
+    """True if a run with these settings is planned, as ``planning.asked.asked_of`` says."""
+    from gsfw.planning.asked import LENGTHS
+    from gsfw.plugins.settings import PLANNED_BY
+
+    if "steps" in given or "pace" in given:
+        return "until" in given and "pace" not in given
+    return not set(PLANNED_BY).isdisjoint(given) or set(LENGTHS).isdisjoint(given)

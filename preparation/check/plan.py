@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gsfw.core.config import AUTO, MethodConfig
 from gsfw.core.random_start import random_count
@@ -73,6 +73,11 @@ class Plan:
     def megabytes(self, gaussians: int) -> float:
         """Memory of Gaussians with their gradients and optimizer state."""
         return gaussians * FLOATS * COPIES * 4 / 1e6
+
+    def of_a_time(self) -> Plan:
+        """The same for a run that ends in a time, which chooses the size of its images."""
+        changes = {key: text for key, text in self.changes.items() if key != "downscale"}
+        return replace(self, changes=changes)
 
     def command(self, given: Mapping[str, str]) -> str:
         """The command line, with the settings that were given and those to add."""

@@ -87,6 +87,16 @@ def test_keys_follow_the_chosen_parts(bash):
     assert bash("gsfw train method=3dgs hexpl") == []
 
 
+def test_keys_of_training_are_offered_for_training_that_follows_a_preparation(bash):
+    assert bash("gsfw prepare photos minu") == []
+    assert bash("gsfw prepare photos train=true minu") == ["minutes="]
+    assert bash("gsfw prepare photos train=true strat") == ["strategy="]
+    following = "gsfw prepare photos train=true method=3dgs strategy=mcmc "
+    assert bash(f"{following}strategy.cap") == ["strategy.cap_max="]
+    assert "fast" in bash(f"{following}preset=")
+    assert bash("gsfw prepare photos train=true dat") == ["datamanager="]
+
+
 def test_a_key_that_is_given_is_not_offered_again(bash):
     assert bash("gsfw train seed=1 see") == []
 

@@ -12,6 +12,8 @@ from support.matched_captures import pose_errors
 from support.small_captures import opengl, ring, write_images, write_transforms
 from support.small_videos import write_video
 
+from gsfw.commands import train
+from gsfw.commands.interface.arguments import parse
 from gsfw.commands.interface.console import Console
 from gsfw.commands.main import main
 from gsfw.core.datamanager import DataRequest, Split
@@ -19,6 +21,7 @@ from gsfw.core.loop.run_folder import RunFolder
 from gsfw.datamanagers.colmap.config import ColmapConfig
 from gsfw.datamanagers.point_file import read_ply
 from gsfw.preparation import native
+from gsfw.preparation.check import plan
 from gsfw.preparation.report import unused_rows
 
 PHOTOS = 9
@@ -154,6 +157,13 @@ def test_photos_become_splats_with_one_command(photos, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "is finished already" in said
     assert "matches: " not in said
+    other = tmp_path / "other"
+    assert main([*words, "steps=20", f"out={other}"]) == 0
+    assert RunFolder(other).splats.is_file()
+    capsys.readouterr()
+    assert main([*words[:-3], "report=false", "--eval-every", "0", "steps=60", "--json"]) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == {"run": str(scene / "run"), "completed": True}
     assert RunFolder(scene / "run").splats.stat().st_mtime_ns == before
 
 
@@ -235,6 +245,44 @@ def test_a_capture_from_one_place_has_no_dense_points(tmp_path, capsys):
     said = capsys.readouterr().out
     assert ("note: no dense.ply: " in said) != ("will not train" in said)
     assert not (tmp_path / "out" / "dense.ply").exists()
+
+
+@pytest.fixture
+def trained(monkeypatch):
+    """The words that each training was started with; the training only prints a document."""
+    started = []
+
+    def start(words):
+        started.append(words)
+        Console(parse(words).flag("json")).result({"trained": True})
+        return 0
+
+    monkeypatch.setattr(train, "run", start)
+    return started
+
+
+def test_a_planned_run_is_suggested_no_size_of_images(tmp_path, capsys, monkeypatch, trained):
+    monkeypatch.setattr(plan, "LONG_SIDE", 80)  # The photos have 96 pixels.
+    words = ["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}"]
+    assert main(words) == 0
+    assert "next: gsfw train method=3dgs data=" in capsys.readouterr().out
+    report = document(tmp_path / "out")
+    assert "downscale" not in report["next"]
+    assert report["suggested"]["downscale"] == "2"
+    assert main([*words, "train=true", "steps=9"]) == 0
+    assert main([*words, "train=true", "minutes=1"]) == 0
+    assert ["downscale=2" in words for words in trained] == [True, False]
+
+
+@pytest.mark.parametrize(
+    "last", ["train=true json=true", "train=true --json", "json=true train=true"]
+)
+def test_the_document_of_the_training_is_alone_on_standard_output(tmp_path, capsys, trained, last):
+    words = ["prepare", str(write_arc(tmp_path / "a")), f"out={tmp_path / 'out'}", *last.split()]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out) == {"trained": True}
+    assert "verdict: " in said.err
 
 
 def test_a_data_set_with_cameras_keeps_them(tmp_path, capsys):

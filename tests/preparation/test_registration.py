@@ -6,10 +6,11 @@ import pycolmap
 import pytest
 from support import captured
 
+from gsfw.core.errors import DataError
 from gsfw.preparation import features, registration
 from gsfw.preparation.camera_grouping import CameraRule, group_cameras
 from gsfw.preparation.choices import Choices
-from gsfw.preparation.features import FeatureReport
+from gsfw.preparation.features import FeatureReport, FeatureSettings
 from gsfw.preparation.image_quality import ImageQuality
 from gsfw.preparation.journal import Journal
 from gsfw.preparation.mapping.mapping import Mapping
@@ -37,32 +38,44 @@ def attempt(tmp_path, placed, name="first", given=10, seen=500, enlarged=False, 
         for n in names
     }
     mapping = Mapping((folder,), (placed,)) if placed else Mapping()
-    return model, Registered((), reports, mapping, folder / "database.db")
+    settings = FeatureSettings(1600, 4000, thorough=enlarged)
+    chosen = {"cameras": f"cameras of the {name}", name: "its own"}
+    return model, Registered((), reports, mapping, folder / "database.db", settings, chosen)
 
 
 @pytest.fixture
 def registered(tmp_path, monkeypatch):
-    """Registers, with given outcomes of the attempts; gives the outcome and what was said."""
+    """Registers, with given outcomes of the attempts; gives the outcome and what was said.
 
-    def run(*attempts, thorough=None):
-        models = {str(found.mapping.models[0]): model for model, found in attempts if found.placed}
+    An error is the outcome of an attempt that fails.
+    """
+
+    def run(*attempts, thorough=None, choices=None):
+        made = [one for one in attempts if not isinstance(one, Exception)]
+        models = {str(found.mapping.models[0]): model for model, found in made if found.placed}
         monkeypatch.setattr(pycolmap, "Reconstruction", lambda path: models[str(path)])
-        outcomes = iter([found for _, found in attempts])
+        outcomes = iter(attempts)
         asked = []
 
         class Attempt:
-            def __init__(self, place, rule, journal, choices):
-                asked.append((place.attempt, rule.thorough))
+            def __init__(self, place, rule, journal, say):
+                size = (rule.feature_size, rule.feature_count)
+                asked.append((place.attempt, rule.thorough, *size))
 
             def run(self, images, groups):
-                return next(outcomes)
+                outcome = next(outcomes)
+                if isinstance(outcome, Exception):
+                    raise outcome
+                return outcome[1]
 
         monkeypatch.setattr(registration, "Registration", Attempt)
         said = []
+        choices = choices or Choices(said.append)
         place, rule = Workspace(tmp_path / "out"), PreparationRule(thorough=thorough)
         journal = Journal(place.journal)
-        found = register(captured.image_set([]), (), place, rule, journal, Choices(said.append))
-        assert asked == [("", thorough), ("thorough", True)][: len(attempts)]
+        found = register(captured.image_set([]), (), place, rule, journal, choices)
+        of_first = ("", thorough, None, None)
+        assert asked == [of_first, ("thorough", True, 1600, 4000)][: len(attempts)]
         return found, said
 
     return run
@@ -103,6 +116,41 @@ def test_the_attempt_with_more_cameras_counts(tmp_path, registered):
     found, said = registered(first, second)
     assert found is first[1]
     assert "the finest features of all images place fewer" in said[-1]
+
+
+def chosen_with(registered, *attempts):
+    """Sentences by the stage, after these attempts."""
+    choices = Choices(lambda line: None)
+    registered(*attempts, choices=choices)
+    return choices.by_stage
+
+
+def test_the_report_has_the_choices_of_the_attempt_that_counts_alone(tmp_path, registered):
+    first = attempt(tmp_path, 7)
+    worse = attempt(tmp_path, 5, "second", enlarged=True)
+    better = attempt(tmp_path, 9, "second", enlarged=True)
+    lost, won = chosen_with(registered, first, worse), chosen_with(registered, first, better)
+    assert lost.pop("second attempt").endswith("the finest features of all images place fewer")
+    assert won.pop("second attempt").endswith("with the finest features of all images")
+    assert lost == {"cameras": "cameras of the first", "first": "its own"}
+    assert won == {"cameras": "cameras of the second", "second": "its own"}
+    alone = chosen_with(registered, attempt(tmp_path, 10))
+    assert alone == {"cameras": "cameras of the first", "first": "its own"}
+
+
+def test_a_second_attempt_that_fails_leaves_the_first(tmp_path, registered):
+    first = attempt(tmp_path, 7)
+    found, said = registered(first, DataError("COLMAP refuses it."))
+    assert found is first[1]
+    assert said[-1] == (
+        "cameras: 3 of 10 usable images could not be placed; the first attempt counts, as the "
+        "second one failed: COLMAP refuses it."
+    )
+
+
+def test_a_second_attempt_that_fails_ends_what_has_no_cameras_yet(tmp_path, registered):
+    with pytest.raises(DataError, match="COLMAP refuses it"):
+        registered(attempt(tmp_path, 0), DataError("COLMAP refuses it."))
 
 
 def test_blurred_images_are_no_reason_for_a_second_attempt(tmp_path, registered):

@@ -1,5 +1,7 @@
 """`gsfw prepare ... train=true ...`: two commands in one line, each with its own keys."""
 
+import json
+
 import pytest
 
 from gsfw.commands.interface.console import Console
@@ -7,7 +9,7 @@ from gsfw.commands.interface.following_training import FollowingTraining, split
 from gsfw.commands.main import main
 from gsfw.core.errors import ConfigError, OutputError
 
-SUGGESTED = "gsfw train method=3dgs data=scene downscale=4 exposure=true"
+SUGGESTED = {"method": "3dgs", "data": "scene", "downscale": "4", "exposure": "true"}
 
 
 @pytest.mark.parametrize(
@@ -74,18 +76,22 @@ class Verbs:
         self.run.mkdir(parents=True)
         (self.run / "config.yaml").touch()
         if not self.interrupted:
-            (self.run / "metrics.json").touch()
+            self.finish()
         return 130 if self.interrupted else 0
 
     def go_on(self, words):
         self.called.append(("resume", words))
-        (self.run / "metrics.json").touch()
+        self.finish()
         return 0
 
-    def train(self, training):
+    def finish(self):
+        (self.run / "metrics.json").touch()
+        (self.run / "splats.ply").touch()
+
+    def train(self, training, json=False):
         """The exit code, and what was called."""
-        self.called = []
-        return training.train(self.start, self.go_on, Console()), self.called
+        self.called, self.run = [], training.run
+        return training.train(self.start, self.go_on, Console(json)), self.called
 
 
 @pytest.fixture
@@ -106,6 +112,25 @@ def test_the_suggested_settings_give_way_to_typed_ones_and_to_a_time(scene):
     assert command("minutes=3") == [*first, "exposure=true", out, "minutes=3"]
     assert command("steps=9") == [*first, "downscale=4", "exposure=true", out, "steps=9"]
     assert command("exposure=false", "out=a") == [*first, "exposure=false", "out=a"]
+    assert command("preset=fast", "minutes=3")[2] == "exposure=true"
+    assert command("preset=fast")[2] == "downscale=4"
+    assert command("steps=auto")[2] == "exposure=true"
+
+
+def test_the_suggested_settings_give_way_to_those_of_a_file(scene):
+    file = scene / "mine.yaml"
+    file.write_text("data: elsewhere\nmethod: 2dgs\nexposure: false\nsteps: 9\n")
+    training = FollowingTraining(scene, (f"config={file}",), SUGGESTED)
+    out = f"out={scene / 'run'}"
+    assert training.command == ["data=scene", "downscale=4", out, f"config={file}"]
+
+
+def test_a_file_is_checked_with_the_method_that_it_names(tmp_path, capsys):
+    file = tmp_path / "mine.yaml"
+    file.write_text("method: 4dgs\ndeformation.width: wide\n")
+    said = told(capsys, tmp_path, "train=true", f"config={file}")
+    assert "unknown key 'deformation.width'" in said
+    assert "gsfw train method=4dgs --help" in said
 
 
 def test_a_second_start_has_nothing_left_to_do(scene, capsys):
@@ -133,3 +158,85 @@ def test_a_run_of_other_settings_or_data_is_left_alone(scene):
     (scene / "sparse" / "0" / "images.bin").write_bytes(b"other poses")
     with pytest.raises(OutputError, match="or on an earlier data set"):
         verbs.train(FollowingTraining(scene, ("minutes=3",), SUGGESTED))
+
+
+def test_each_run_of_a_data_set_is_remembered(scene, capsys):
+    verbs = Verbs(scene)
+    first = FollowingTraining(scene, ("minutes=3",), SUGGESTED)
+    other = FollowingTraining(scene, ("minutes=9", f"out={scene / 'b'}"), SUGGESTED)
+    verbs.interrupted = True
+    assert verbs.train(first)[0] == 130
+    verbs.interrupted = False
+    assert verbs.train(other) == (0, [("train", other.command)])
+    assert verbs.train(first) == (0, [("resume", [str(scene / "run")])])
+    assert verbs.train(other) == (0, [])
+    assert verbs.train(first) == (0, [])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "seed=4 minutes=3",
+        "--minutes 3 --seed 4",
+        "minutes=3 seed=4 json=true",
+        "minutes=3 seed=4 --debug",
+        "minutes=3 seed=4 viewer=true viewer.port=90",
+        "minutes=9 minutes=3 seed=4",
+        "minutes=3 seed=4 method=3dgs",
+    ],
+)
+def test_the_same_settings_in_other_words_are_the_same_run(scene, words):
+    verbs = Verbs(scene)
+    verbs.train(FollowingTraining(scene, ("minutes=3", "seed=4"), SUGGESTED))
+    assert verbs.train(FollowingTraining(scene, tuple(words.split()), SUGGESTED)) == (0, [])
+
+
+def test_a_file_with_other_content_is_another_run(scene):
+    verbs, file = Verbs(scene), scene / "mine.yaml"
+    training = FollowingTraining(scene, (f"config={file}",), SUGGESTED)
+    file.write_text("seed: 4\n")
+    verbs.train(training)
+    assert verbs.train(training) == (0, [])
+    file.write_text("seed: 5\n")
+    with pytest.raises(OutputError, match="was trained with other settings"):
+        verbs.train(training)
+
+
+def test_an_interrupted_training_goes_on_as_it_is_to_be_shown(scene):
+    verbs = Verbs(scene)
+    verbs.interrupted = True
+    verbs.train(FollowingTraining(scene, (), SUGGESTED))
+    shown = FollowingTraining(scene, ("json=true", "viewer=true", "--debug"), SUGGESTED)
+    words = [str(scene / "run"), "viewer=true", "json=true"]
+    assert verbs.train(shown, json=True) == (0, [("resume", words)])
+
+
+def test_a_dry_run_neither_trains_nor_is_remembered(scene):
+    verbs, training = Verbs(scene), FollowingTraining(scene, (), SUGGESTED)
+    verbs.interrupted = True
+    verbs.train(training)
+    dry = FollowingTraining(scene, ("seed=4", "--dry-run"), SUGGESTED)
+    called = []
+    assert dry.train(lambda words: called.append(words) or 0, verbs.go_on, Console()) == 0
+    assert called == [dry.command]
+    assert verbs.train(training) == (0, [("resume", [str(scene / "run")])])
+
+
+def test_a_finished_training_without_splats_is_told_with_what_writes_them(scene, capsys):
+    verbs, training = Verbs(scene), FollowingTraining(scene, (), SUGGESTED)
+    verbs.train(training)
+    (scene / "run" / "splats.ply").unlink()
+    assert verbs.train(training) == (0, [])
+    said = capsys.readouterr().out
+    assert "is finished already, but has no splats.ply." in said
+    assert f"gsfw export {scene / 'run'}" in said
+
+
+def test_a_finished_training_gives_programs_a_document(scene, capsys):
+    verbs, training = Verbs(scene), FollowingTraining(scene, ("json=true",), SUGGESTED)
+    verbs.train(training, json=True)
+    capsys.readouterr()
+    verbs.train(training, json=True)
+    said = capsys.readouterr()
+    assert json.loads(said.out) == {"run": str(scene / "run"), "completed": True}
+    assert "is finished already" in said.err
