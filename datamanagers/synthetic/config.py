@@ -25,7 +25,11 @@ class SyntheticConfig(DataManagerConfig):
         "strategy.max_gaussians": 40_000,
         "strategy.reset_every": 0,
     }
-    still: ClassVar[Mapping[str, Any]] = {"steps": 1000, "strategy.grow_gradient": 1.5e-4}
+    still: ClassVar[Mapping[str, Any]] = {
+        "steps": 1000,
+        "eval_every": 500,
+        "strategy.grow_gradient": 1.5e-4,
+    }
     """Other recommendations for the scene without motion: 40 dB come soon."""
 
     views: int = 60
