@@ -35,12 +35,17 @@ def enough_steps(
     if "steps" not in decided:
         return dict(decided)
     for factor in FACTORS:
-        more: dict[str, Any] = {key: math.ceil(factor * decided[key]) for key in COUNTED if key in decided}
-        if factor > 1:
-            more["pace"] = [str(Decision(0, round(factor * UNIT)))]
-        if _fits(settings_of({**decided, **more}), views):
-            return {**decided, **more}
+        longer = _longer(decided, factor)
+        if _fits(settings_of(longer), views):
+            return longer
     return dict(decided)
+
+
+def _longer(decided: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """The decisions for as many updates, with a schedule that is longer by a factor."""
+    more = {key: math.ceil(factor * decided[key]) for key in COUNTED if key in decided}
+    pace = {} if factor == 1 else {"pace": [str(Decision(0, round(factor * UNIT)))]}
+    return {**decided, **more, **pace}
 
 
 def _fits(settings: Settings, views: Views) -> bool:

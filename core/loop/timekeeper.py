@@ -30,11 +30,10 @@ LARGEST_CHANGE = 1.5
 """Factor by which one decision changes the pace at most in the first half of the time: first steps
 decode images and warm up, and a pause of some seconds is no reason to end soon."""
 TRUST = 2.0
-"""A pace exceeds the planned one by this times the part of the time that has passed, at most, in the
-first half of it: until then costs of later steps are a guess, and rows grow, which haste spoils."""
+"""A pace exceeds the planned one by this times the part of the time that has passed, at most, in
+the first half of it: costs of later steps are a guess, and rows grow, which haste spoils."""
 SETTLING = 5
-"""Looks of a process to which ``LARGEST_CHANGE`` holds in any part of the time: the run may have been
-resumed."""
+"""Looks of a process in which ``LARGEST_CHANGE`` holds at any time: it may have been resumed."""
 FEWEST = 5
 """Steps between two looks at least."""
 GRACE = 0.03

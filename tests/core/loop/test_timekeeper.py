@@ -34,7 +34,7 @@ class FakeClock(MachineClock):
         return self.now
 
     def work(self) -> Work:
-        return Work(self.ran, self.now - self.ran)
+        return Work(self.ran, self.now - self.ran, 2 * self.now)
 
     def go_on(self, seconds: float, share: float = 1.0) -> None:
         """Pass time, of which the process gets a share of a processor."""
