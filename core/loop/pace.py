@@ -134,11 +134,11 @@ class Pace:
 
     @property
     def planned(self) -> int:
-        """The pace that the run was planned with: that of its first update, in thousandths.
+        """The pace that the run was planned with, in thousandths: that of its first update.
 
-        It is above 1 where a sampler needs more steps than the run has updates.
+        It is one step per update, or more where a sampler needs more steps than there are updates.
         """
-        return self.thousandths(0)
+        return max(self.thousandths(0), UNIT)
 
     def hastens(self, updates: int) -> bool:
         """True if the update after so many updates must add no rows."""
