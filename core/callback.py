@@ -59,6 +59,8 @@ class RunInfo:
     """First step, counted from 0, and relative time of a step of each phase of the method."""
     image_stages: tuple[tuple[int, float], ...] = ()
     """First step, counted from 0, and divisor of the sides of the images from there on."""
+    view_pixels: int = 0
+    """Pixels of a training view at its full size, as a median; 0 if unknown."""
 
 
 @dataclass(frozen=True)

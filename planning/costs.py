@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from statistics import median
-
 from gsfw.core.datamanager import Split
+from gsfw.core.loop.growth_limit import PER_PIXEL, most_gaussians
 from gsfw.planning.trial import tensors_of
 from gsfw.plugins.compose import Composition
 
@@ -43,19 +42,15 @@ def expected_gaussians(composition: Composition) -> int:
     rounds = max(0, (stop - 1 - int(flat.get("strategy.refine_start", 0))) // every)
     grown = int(start * GROWTH ** min(rounds, 300))
     budget = str(flat.get("strategy.budget", ""))
-    limits = [
-        int(flat.get("strategy.max_gaussians") or 0),
-        int(flat.get("strategy.cap_max") or 0),
-        int(budget) if budget.isdigit() else 0,
-    ]
-    if not flat.get("strategy.cap_max"):
-        cameras = composition.parts.data.views(Split.TRAIN).cameras
-        pixels = median(camera.width * camera.height for camera in cameras)
-        per_pixel = float(flat.get("strategy.per_pixel", GAUSSIANS_PER_PIXEL))
-        limits.append(max(start, int(per_pixel * pixels)))
-        if rounds and "strategy.per_pixel" in flat:
-            grown = limits[-1]
-    return min([grown, *(limit for limit in limits if limit)])
+    pixels = composition.parts.data.views(Split.TRAIN).pixels
+    limits = [most_gaussians(flat, pixels, start)]
+    if budget.isdigit():
+        limits.append(int(budget))
+    if PER_PIXEL in flat:
+        grown = limits[0] if rounds else start
+    elif not flat.get("strategy.cap_max"):
+        limits.append(max(start, int(GAUSSIANS_PER_PIXEL * pixels)))
+    return min([grown, *limits])
 
 
 def cache_mb(composition: Composition) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 from gsfw.core.config import SamplerConfig
 from gsfw.core.datamanager import Views
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.pace import UNIT, Decision
 from gsfw.plugins.settings import Settings
 
 FACTORS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
@@ -23,7 +24,8 @@ def enough_steps(
 ) -> dict[str, Any]:
     """The decisions, with more steps if the sampler needs them: many times in a short run.
 
-    The run then walks through its schedule at a higher pace, and trains on some of the times.
+    The run then walks through its schedule at a higher pace from its first update on, and trains on
+    some of the times.
 
     Args:
         decided: decisions by dotted key.
@@ -33,10 +35,17 @@ def enough_steps(
     if "steps" not in decided:
         return dict(decided)
     for factor in FACTORS:
-        more = {key: math.ceil(factor * decided[key]) for key in COUNTED if key in decided}
-        if _fits(settings_of({**decided, **more}), views):
-            return {**decided, **more}
+        longer = _longer(decided, factor)
+        if _fits(settings_of(longer), views):
+            return longer
     return dict(decided)
+
+
+def _longer(decided: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """The decisions for as many updates, with a schedule that is longer by a factor."""
+    more = {key: math.ceil(factor * decided[key]) for key in COUNTED if key in decided}
+    pace = {} if factor == 1 else {"pace": [str(Decision(0, round(factor * UNIT)))]}
+    return {**decided, **more, **pace}
 
 
 def _fits(settings: Settings, views: Views) -> bool:

@@ -8,13 +8,14 @@ sees to it that the run walks through them in time, whatever becomes of the mach
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gsfw.core.datamanager import DataManager, Split
+from gsfw.core.datamanager import DataManager, Split, Views
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.held_back import LEAST_LEFT, HeldBack
 from gsfw.core.loop.machine_clock import MachineClock
@@ -88,6 +89,8 @@ def make_plan(
     start = {key: value for key, value in chosen(settings, ENOUGH_UPDATES).items() if key == "init"}
     first = resolve(registry, [*layers, Layer("a first look", start)])
     measurement = Measurement(registry, clock, open_data(first))
+    views = measurement.data.views(Split.TRAIN)
+    held_back = _held_back(asked, views, settings) if asked.until else {}
     is_free = "downscale" not in settings.given
     if is_free and (smaller := glanced(first, measurement.data)) is not first:
         first = smaller
@@ -95,16 +98,17 @@ def make_plan(
     speed = measurement.run(first, FIRST_LOOK)
     size = _image_size(asked, speed, measurement.data) if is_free else speed.downscale
     asked = _possible(asked, speed, size, is_free, is_asked)
-    views = measurement.data.views(Split.TRAIN)
     decided = _decisions(settings, speed, asked, size)
     settings_of = partial(_planned, registry, layers, asked)
     planned = settings_of(enough_steps(decided, settings_of, views))
     if size != speed.downscale:
         measurement.resize(planned)
     seconds = max(TRIAL_SHARE * 60 * asked.minutes, SHORTEST_TRIAL)
-    speed = measurement.run(planned, min(seconds, LONGEST_TRIAL))
+    with _fitting(asked, planned):
+        speed = measurement.run(planned, min(seconds, LONGEST_TRIAL))
     asked = _possible(asked, speed, size, is_free, is_asked)
-    return _made(asked, layers, measurement, speed, settings, is_asked)
+    decided = _decisions(settings, speed, asked, size) | held_back
+    return _made(asked, layers, measurement, speed, decided, is_asked)
 
 
 def _made(
@@ -112,28 +116,19 @@ def _made(
     layers: Sequence[Layer],
     measurement: Measurement,
     speed: Speed,
-    settings: Settings,
+    decided: Mapping[str, Any],
     is_asked: bool,
 ) -> Plan:
     """The plan of a run whose speed was measured at its own image size.
 
     Raises:
-        ConfigError: no view can be held back, or the parts of the run do not fit its steps.
+        ConfigError: the parts of the run do not fit its steps.
     """
-    registry, views = measurement.registry, measurement.data.views(Split.TRAIN)
-    decided = _decisions(settings, speed, asked, speed.downscale)
-    if asked.until:
-        decided |= _held_back(asked, len(views), settings)
-    settings_of = partial(_planned, registry, layers, asked)
-    decided = enough_steps(decided, settings_of, views)
+    settings_of = partial(_planned, measurement.registry, layers, asked)
+    decided = enough_steps(decided, settings_of, measurement.data.views(Split.TRAIN))
     planned = settings_of(decided)
-    if asked.until and not HeldBack(views, planned.config.held_back).views:
-        raise ConfigError(
-            f"until={asked.until}: no training view can be held back to measure it: each needs "
-            "others of its time and size, and held_back above 0.",
-            "Give a time instead: minutes=5.",
-        )
-    composition = _composed(asked, planned, measurement)
+    with _fitting(asked, planned):
+        composition = measurement.composed(planned)
     keeper = timekeeper(composition, asked.minutes * 60, measurement.clock, speed.view)
     return Plan(asked, composition, keeper, speed, decided, is_asked)
 
@@ -165,14 +160,15 @@ def _image_size(asked: Asked, speed: Speed, data: DataManager) -> float:
     return downscale(sides, [speed.updates(asked.minutes * 60, other) for other in DOWNSCALES])
 
 
-def _composed(asked: Asked, planned: Settings, measurement: Measurement) -> Composition:
-    """Compose the planned run.
+@contextmanager
+def _fitting(asked: Asked, planned: Settings) -> Iterator[None]:
+    """Compose a planned run inside.
 
     Raises:
         ConfigError: the parts do not fit the number of steps: they fitted another one.
     """
     try:
-        return measurement.composed(planned)
+        yield
     except ConfigError as error:
         raise ConfigError(
             f"{asked} leaves {planned.config.steps} steps: {error.message}",
@@ -226,7 +222,7 @@ def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
     if speed.updates(asked.minutes * 60, size) >= FEWEST_STEPS:
         return
     least = speed.seconds(FEWEST_STEPS, size)
-    busy = f", which does other work too ({speed.busy:.0f} times slower)" if speed.busy > 2 else ""
+    busy = " (it seems to be busy with other work)" if speed.busy > 2 else ""
     advice = "" if is_free else ", or smaller images: leave out downscale, and the plan chooses it"
     raise ConfigError(
         f"minutes={asked.minutes:g}: that is {asked.minutes * 60:.0f} s, and loading, measuring "
@@ -236,22 +232,28 @@ def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
     )
 
 
-def _held_back(asked: Asked, training: int, settings: Settings) -> dict[str, int]:
-    """The number of training views that a run with a goal holds back.
+def _held_back(asked: Asked, views: Views, settings: Settings) -> dict[str, int]:
+    """The number of training views that a run with a goal holds back, unless it is given.
 
     Raises:
-        ConfigError: there are too few views.
+        ConfigError: there are too few views, or none can be held back.
     """
-    if "held_back" in settings.given:
-        return {}
-    most = training // (1 + LEAST_LEFT)
-    if most < 1:
+    is_given, most = "held_back" in settings.given, len(views) // (1 + LEAST_LEFT)
+    if most < 1 and not is_given:
         raise ConfigError(
             f"until={asked.until} is judged on training views that the run holds back, and "
-            f"{training} are too few: expected at least {1 + LEAST_LEFT}.",
+            f"{len(views)} are too few: expected at least {1 + LEAST_LEFT}.",
             "Give minutes=M or steps=N instead.",
         )
-    return {"held_back": min(max(round(HELD_BACK_SHARE * training), 2), MOST_HELD_BACK, most)}
+    usual = min(max(round(HELD_BACK_SHARE * len(views)), 2), MOST_HELD_BACK, most)
+    count = settings.config.held_back if is_given else usual
+    if not HeldBack(views, count).views:
+        raise ConfigError(
+            f"until={asked.until}: no training view can be held back to measure it: each needs "
+            "others of its time and size, and held_back above 0.",
+            "Give a time instead: minutes=5.",
+        )
+    return {} if is_given else {"held_back": count}
 
 
 def _decisions(settings: Settings, speed: Speed, asked: Asked, size: float) -> dict[str, Any]:

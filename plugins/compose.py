@@ -161,6 +161,7 @@ class Composition:
             views=len(self.parts.data.views(Split.TRAIN)),
             step_costs=self.settings.config.step_costs(),
             image_stages=self.resolution.stages,
+            view_pixels=self.parts.data.views(Split.TRAIN).pixels,
         )
 
 

@@ -50,8 +50,6 @@ BACKGROUND_TOLERANCE = 0.015
 class FoundSurface:
     """Points of a capture by stereo; the same for all runs on it, whatever their image size."""
 
-    downscale: float
-    """The factor by which its images were shrunk."""
     points: SurfacePoints | str
     """All points, or in a clause why there are too few."""
 
@@ -70,18 +68,15 @@ def dense_count(view_pixels: int) -> int:
     return max(view_pixels // PIXELS_PER_POINT, 1) if view_pixels > 0 else 0
 
 
-def dense_downscale(data: DataManager, downscale: float) -> float:
-    """Factor by which images are to be shrunk for stereo; that of training does not matter.
-
-    It is a multiple of a quarter, so that it is the same for all sizes of a capture, whose pixels
-    are whole.
+def dense_downscale(full: DataManager) -> float:
+    """Factor by which images are to be shrunk for stereo: a multiple of a quarter.
 
     Args:
-        data: the capture as it is trained on.
-        downscale: the factor of its images.
+        full: the capture at its full size: sizes of shrunk images are rounded, and factors that
+            followed from them would differ between runs on one capture.
     """
-    pixels = data.views(Split.TRAIN).pixels
-    return max(1.0, round(4 * downscale * (pixels / VIEW_PIXELS) ** 0.5) / 4)
+    pixels = full.views(Split.TRAIN).pixels
+    return max(1.0, round(4 * (pixels / VIEW_PIXELS) ** 0.5) / 4)
 
 
 def dense_start(scene: Scene, found: SurfacePoints | str, most: int) -> DenseStart:

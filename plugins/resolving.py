@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -280,19 +280,31 @@ class Resolving:
 
     def _given_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
         """Keys whose value the user chose, and the choices that these values belong to."""
-        layers = {layer.source: layer for layer in self._given_layers}
-        given = {
-            key for key, source in sources.items() if source in layers and layers[source].gives(key)
-        }
-        given |= {key.partition(".")[0] for key in given} & {*SLOT_KEYS}
+        given = self._named_keys(sources)
+        given |= _slots(given)
         if "datamanager" in given:  # The user chose it for this data only.
             given.add("data")
         return tuple(key for key in sources if key in given)
 
     def _planned_keys(self, sources: Mapping[str, str]) -> tuple[str, ...]:
-        """Keys whose value a plan decided."""
-        planned = {layer.source: layer.planned for layer in self._given_layers}
-        return tuple(key for key, source in sources.items() if key in planned.get(source, ()))
+        """Keys whose value a plan decided, and choices that only these values belong to."""
+        layers = {layer.source: layer.planned for layer in self._given_layers}
+        planned = {key for key, source in sources.items() if key in layers.get(source, ())}
+        chosen = self._named_keys(sources) - planned
+        planned |= _slots(planned) - _slots(chosen) - chosen
+        return tuple(key for key in sources if key in planned)
+
+    def _named_keys(self, sources: Mapping[str, str]) -> set[str]:
+        """Keys whose value is in a layer that gives it."""
+        layers = {layer.source: layer for layer in self._given_layers}
+        return {
+            key for key, source in sources.items() if source in layers and layers[source].gives(key)
+        }
+
+
+def _slots(names: Iterable[str]) -> set[str]:
+    """The slots of some keys."""
+    return {key.partition(".")[0] for key in names} & {*SLOT_KEYS}
 
 
 def _presets(method: Spec, config: MethodConfig, layers: Sequence[Layer]) -> list[Layer]:

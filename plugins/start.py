@@ -32,23 +32,34 @@ def find_surface(
         settings: settings of the run.
         registry: the installed parts.
         data: the capture as it is trained on.
-        known: a surface of the capture, which is used if it is the one that would be found.
+        known: the surface of the capture, found by an earlier run on it.
     """
     config = settings.config
     if config.init != DENSE:
         return None
-    downscale = dense_downscale(data, config.downscale)
-    if known is not None and known.downscale == downscale:
+    if known is not None:
         return known
+    downscale = _stereo_downscale(settings, data)
     given = config.background != AUTO
     background = torch.tensor(parse_background(config.background)) if given else None
     images = data if downscale == config.downscale else open_data(settings, downscale)
     operators = choose_operators(registry, torch.device("cpu"))
     try:
-        return FoundSurface(downscale, dense_surface(images, background, operators))
+        return FoundSurface(dense_surface(images, background, operators))
     finally:
         if images is not data:
             images.close()
+
+
+def _stereo_downscale(settings: Settings, data: DataManager) -> float:
+    """Factor by which images of the capture are to be shrunk, whatever the size of training."""
+    if settings.config.downscale == 1:
+        return dense_downscale(data)
+    full = open_data(settings, 1.0)
+    try:
+        return dense_downscale(full)
+    finally:
+        full.close()
 
 
 def start_of(settings: Settings, scene: Scene, surface: FoundSurface | None) -> DenseStart:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import subprocess
 from importlib import metadata
 from pathlib import Path
 
+from gsfw.core.cores import cores
 from gsfw.plugins.specs import PROJECT
 
 SOURCE = Path(__file__).resolve().parents[1]
@@ -24,13 +24,6 @@ def origin() -> dict[str, str | int | None]:
         "cpu": processor(),
         "cores": cores(),
     }
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _commit() -> str | None:

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from gsfw.core.cores import cores
 from gsfw.plugins.config_file import read_config
-from gsfw.studies.origin import cores
 from gsfw.studies.planned_run import PlannedRun
 
 COMMAND = (sys.executable, "-m", "gsfw")

@@ -39,7 +39,7 @@ class Goal:
         """Start without a look.
 
         Args:
-            target: PSNR in dB to end at; ``None``: the run ends when more steps stop paying.
+            target: PSNR in dB at which the run is to end; ``None``: when more steps stop paying.
         """
         self._target = target
         self.looks: list[tuple[int, float]] = []

@@ -6,6 +6,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from gsfw.core.cores import cores
+
 THREADS = Path("/proc/self/task")
 """Threads of this process on Linux. The file ``schedstat`` of each has the nanoseconds in which it
 ran, and those in which it could have run and other work had its processor."""
@@ -18,16 +20,22 @@ class Work:
     ran: float = 0.0
     """Seconds on a processor, over all threads."""
     waited: float = 0.0
-    """Seconds in which a thread waited for a processor that had other work."""
+    """Seconds in which a thread waited for a processor, over all threads: for other processes, or
+    for other threads of this one."""
+    had: float = 0.0
+    """Seconds of the clock times the number of processors that this process may use."""
 
     def slowdown(self, before: Work) -> float:
         """Time of the work since ``before`` over that on an idle machine; 1 if it is not known.
 
-        Processors that this process has no use for change nothing.
+        Processors that this process has no use for change nothing. Threads that wait for one
+        another do not count: with all processors to itself, the process would have run for no more
+        than these had.
         """
         ran, waited = self.ran - before.ran, self.waited - before.waited
-        # Threads that have ended take their times with them.
-        return 1.0 + max(waited, 0.0) / ran if ran > 0 else 1.0
+        if ran <= 0:  # Threads that have ended take their times with them.
+            return 1.0
+        return max(min((ran + waited) / ran, (self.had - before.had) / ran), 1.0)
 
 
 class MachineClock:
@@ -48,7 +56,8 @@ class MachineClock:
     def work(self) -> Work:
         """The work of this process so far; reads a file for each thread."""
         times = [_schedstat(thread) for thread in _threads()]
-        return Work(sum((ran for ran, _ in times), 0.0), sum((wait for _, wait in times), 0.0))
+        ran, waited = (sum((pair[place] for pair in times), 0.0) for place in (0, 1))
+        return Work(ran, waited, cores() * self.seconds())
 
 
 def _threads() -> list[Path]:

@@ -21,9 +21,9 @@ UNIT = 1000
 """Paces are whole thousandths: positions are then exact on every machine."""
 SLOWEST, FASTEST = 50, 1_000_000
 """Bounds of a pace, in thousandths."""
-HASTE = 4 * UNIT
-"""Above this pace no rows are added and no opacities are reset: too few updates would follow, in
-which new rows are fitted and opacities recover."""
+HASTE = 4
+"""Above this times the planned pace no rows are added and no opacities are reset: too few updates
+would follow, in which new rows are fitted and opacities recover."""
 ALL_VIEWS = "all-views"
 """Word of a decision after which views that were held back are trained on too."""
 
@@ -132,9 +132,17 @@ class Pace:
         place = self._place(updates)
         return UNIT if place < 0 else self._decisions[place].thousandths
 
+    @property
+    def planned(self) -> int:
+        """The pace that the run was planned with, in thousandths: that of its first update.
+
+        It is one step per update, or more where a sampler needs more steps than there are updates.
+        """
+        return max(self.thousandths(0), UNIT)
+
     def hastens(self, updates: int) -> bool:
         """True if the update after so many updates must add no rows."""
-        return self.thousandths(updates) > HASTE
+        return self.thousandths(updates) > HASTE * self.planned
 
     def all_views(self, updates: int) -> bool:
         """True if views that were held back are trained on after so many updates."""

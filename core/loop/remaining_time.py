@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gsfw.core.callback import RunInfo
+from gsfw.core.loop.growth_limit import most_gaussians
 
 GROWTH_EXPONENT, PIXELS_EXPONENT = 0.5, 0.35
 """Exponents of the time of a step in the number of Gaussians and of pixels. Measured: 0.5 to 0.7
@@ -32,8 +33,6 @@ LEAST_STEPS, LEAST_SECONDS = 20, 2.0
 """Nothing is said before so many steps and seconds: the first steps decode images and warm up."""
 ENOUGH_STEPS = 10
 """Steps of a phase, or after the first pass, that say more than all that came before."""
-UNLIMITED = 1 << 62
-"""Gaussians of a strategy without a limit."""
 PARTS = 40
 """Parts of the remaining steps in the sum over them."""
 
@@ -161,9 +160,7 @@ class RemainingTime:
         """
         left = self._steps - now
         start, stop = self._refinement()
-        keys = ("strategy.max_gaussians", "strategy.cap_max")
-        limits = [int(self._settings.get(key) or 0) for key in keys]
-        most = max(min([limit for limit in limits if limit], default=UNLIMITED), gaussians)
+        most = max(most_gaussians(self._settings, self._run.view_pixels, gaussians), gaussians)
         total = 0.0
         for part in range(PARTS):
             step = now + left * (part + 0.5) / PARTS

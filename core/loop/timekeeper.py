@@ -30,10 +30,10 @@ LARGEST_CHANGE = 1.5
 """Factor by which one decision changes the pace at most in the first half of the time: first steps
 decode images and warm up, and a pause of some seconds is no reason to end soon."""
 TRUST = 2.0
-"""A pace above 1 exceeds it by this times the part of the time that has passed, at most, in the
-first half of it: until then costs of later steps are a guess, and rows grow, which haste spoils."""
+"""A pace exceeds the planned one by this times the part of the time that has passed, at most, in
+the first half of it: costs of later steps are a guess, and rows grow, which haste spoils."""
 SETTLING = 5
-"""Looks of a process to which that holds in any part of the time: the run may have been resumed."""
+"""Looks of a process in which ``LARGEST_CHANGE`` holds at any time: it may have been resumed."""
 FEWEST = 5
 """Steps between two looks at least."""
 GRACE = 0.03
@@ -57,6 +57,8 @@ class Standing:
     """Width of the images of the latest update over their full width."""
     thousandths: int
     """The pace of the latest update."""
+    planned: int = UNIT
+    """The pace that the run was planned with, in thousandths."""
 
 
 @dataclass(frozen=True)
@@ -183,13 +185,13 @@ class Timekeeper:
         change = needed / max(left, grace)
         if now + self._spent < self._limit / 2 or self._looks <= SETTLING:
             change = min(max(change, 1 / LARGEST_CHANGE), LARGEST_CHANGE)
-        return self._bounded(math.ceil(change * standing.thousandths), now + self._spent)
+        most = self._most(standing.planned, now + self._spent)
+        return _within(min(math.ceil(change * standing.thousandths), most))
 
-    def _bounded(self, thousandths: int, passed: float) -> int:
-        """A pace within its bounds after some seconds of the run."""
+    def _most(self, planned: int, passed: float) -> int:
+        """The highest pace after some seconds of a run, in thousandths."""
         part = (passed - self._began) / max(self._limit - self._began, 1e-9)
-        most = math.ceil((1 + TRUST * part) * UNIT) if part < 0.5 else FASTEST
-        return _within(min(thousandths, most))
+        return math.ceil((1 + TRUST * part) * planned) if part < 0.5 else FASTEST
 
     def reserved(self, standing: Standing) -> float:
         """Seconds that are kept for what comes after the last step."""

@@ -115,7 +115,8 @@ class Walk:
         now = self.pace.thousandths(self.updates - 1)
         decision = self._by_goal(steps - step, look) or self._by_schedule(step / steps, now)
         if decision is None and self.timekeeper is not None:
-            standing = Standing(self.updates, step, steps, gaussians, resolution, now)
+            planned = self.pace.planned
+            standing = Standing(self.updates, step, steps, gaussians, resolution, now, planned)
             decision = self._bounded(self.timekeeper.decide(standing), now)
         if decision is not None:
             self.pace.decide(decision)
@@ -123,11 +124,11 @@ class Walk:
     def _bounded(self, decision: Decision | None, now: int) -> Decision | None:
         """A decision by the clock; of a run with a goal, whose time need not be used up.
 
-        Its updates are steps of the schedule or more, and its last part is as short as it is.
+        Its pace is the planned one or higher, and its last part is as short as it is.
         """
         if decision is None or self.goal is None:
             return decision
-        least = UNIT if self.goal.reached is None else now
+        least = self.pace.planned if self.goal.reached is None else now
         thousandths = max(decision.thousandths, least)
         return None if thousandths == now else replace(decision, thousandths=thousandths)
 

@@ -10,6 +10,8 @@ from pathlib import Path, PurePosixPath
 
 import torch
 
+from gsfw.core.cores import cores
+
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 """Mount point of control groups in Linux, which limit the CPU time of containers."""
 MEMBERSHIP = Path("/proc/self/cgroup")
@@ -34,9 +36,7 @@ def num_threads() -> int:
 @lru_cache(maxsize=1)
 def _cores() -> int:
     """Cores that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):  # Not on macOS and Windows.
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return cores()
 
 
 @lru_cache(maxsize=1)

@@ -5,6 +5,7 @@ import torch
 
 from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Views
+from gsfw.core.loop.pace import Pace
 from gsfw.planning.length import enough_steps
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
@@ -34,6 +35,13 @@ def test_a_schedule_has_a_step_for_every_time(times):
     assert found["eval_every"] * 2 == found["steps"]
     assert found["downscale"] == 2.0
     assert (found == decided) == (times == 5), "left alone where it is enough"
+
+
+def test_a_longer_schedule_is_walked_through_at_a_higher_pace_from_the_first_update_on():
+    found = enough_steps({"steps": 40}, settings_of, views_at(150))
+    pace = Pace.parse(settings_of(found).config.pace)
+    assert found["steps"] > 40
+    assert pace.step(40) == found["steps"]
 
 
 def test_a_given_number_of_steps_is_left_alone():

@@ -11,12 +11,14 @@ from support.states import assert_same_bits
 
 from gsfw.commands.main import main
 from gsfw.core.datamanager import Split
+from gsfw.core.errors import ConfigError
 from gsfw.core.loop.machine_clock import MachineClock, Work
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.timekeeper import Ending
 from gsfw.core.loop.walk import Walk
 from gsfw.core.stereo.surface import SurfacePoints
 from gsfw.planning import trial
+from gsfw.planning.measurement import Measurement
 from gsfw.plugins import start
 from gsfw.plugins.compose import Composition
 
@@ -219,6 +221,24 @@ def test_too_few_views_to_hold_back_are_refused(machine, tmp_path, capsys):
     few = ("until=30", "datamanager.views=3")
     assert main([*RUN, *few, f"out={tmp_path / 'run'}"]) == 2
     assert "3 are too few: expected at least 4" in capsys.readouterr().err
+    assert not machine.tried, "before anything is measured"
+
+
+def test_parts_that_do_not_fit_the_steps_of_the_second_look_say_what_the_time_leaves(
+    machine, tmp_path, capsys, monkeypatch
+):
+    usual = Measurement.composed
+
+    def composed(self, settings):
+        if machine.tried:
+            raise ConfigError("refine_start has to be below refine_stop.", "Give another one.")
+        return usual(self, settings)
+
+    monkeypatch.setattr(Measurement, "composed", composed)
+    assert main([*RUN, "minutes=1", f"out={tmp_path / 'run'}"]) == 2
+    said = capsys.readouterr().err
+    assert "minutes=1 leaves" in said
+    assert "Give more minutes" in said
 
 
 def test_views_that_are_alone_at_their_time_cannot_judge_a_run(machine, tmp_path, capsys):
@@ -226,6 +246,7 @@ def test_views_that_are_alone_at_their_time_cannot_judge_a_run(machine, tmp_path
     assert main(["train", *SMALL, "method=spacetime", *moving, "until=20", f"out={tmp_path}"]) == 2
     said = capsys.readouterr().err
     assert "until=20: no training view can be held back" in said
+    assert not machine.tried, "before anything is measured"
     assert "minutes=5" in said
 
 

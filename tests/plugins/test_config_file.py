@@ -5,6 +5,7 @@ import yaml
 from support.fake_parts import FakePlugin, fake_registry, registry_of
 
 from gsfw.core.errors import ConfigError
+from gsfw.planning.asked import without
 from gsfw.plugins.config_file import read_config, write_config
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
 
@@ -115,6 +116,22 @@ def test_what_a_plan_decided_is_named_and_repeated(tmp_path):
     assert {"antialias", "seed", "steps"} <= set(again.given)
     changed = Layer(COMMAND_LINE, {"seed": "8"})
     assert set(resolve(fake_registry(), [read_config(path), changed]).planned) == {"steps"}
+
+
+@pytest.mark.parametrize("chosen", [{}, {"strategy.until": "90"}])
+def test_a_strategy_is_planned_that_is_named_for_planned_values_alone(tmp_path, chosen):
+    plan = {"strategy.every": "7"}
+    layers = [
+        Layer(COMMAND_LINE, {"method": "demo", **chosen}),
+        Layer("the plan", plan, given=frozenset(plan), planned=frozenset(plan)),
+    ]
+    path = tmp_path / "config.yaml"
+    path.write_text(write_config(resolve(fake_registry(), layers), ["train", "minutes=2"]))
+    again = read_config(path)
+    assert again.gives("strategy")
+    assert again.planned == {"strategy.every", *([] if chosen else ["strategy"])}
+    anew = resolve(fake_registry(), [without(again, again.planned)])
+    assert ("strategy" in anew.given) == bool(chosen), "free for another plan"
 
 
 def test_a_run_of_before_minutes_existed_repeats_with_its_steps(tmp_path):

@@ -168,14 +168,26 @@ def test_the_old_name_starts_from_dense_points():
     assert "init=stereo was renamed to init=dense." in run.notes()
 
 
-def test_images_for_stereo_are_the_same_whatever_the_size_of_training():
-    full = SyntheticConfig(width=400, height=300)
-    found = {
-        dense_downscale(full.build(DataRequest(None, downscale=divisor)), divisor)
-        for divisor in (1.0, 1.5, 2.0, 3.0, 7.0)
-    }
-    assert found == {2.5}
-    assert dense_downscale(SyntheticConfig(width=50, height=40).build(DataRequest(None)), 1.0) == 1
+def test_images_for_stereo_are_the_same_whatever_the_size_of_training(monkeypatch):
+    monkeypatch.setattr("gsfw.plugins.dense_points.VIEW_PIXELS", 100)
+    sizes = []
+
+    def surface(images, background, operators):
+        sizes.append(images.views(Split.TRAIN).cameras[0].width)
+        return "nothing is looked for"
+
+    monkeypatch.setattr("gsfw.plugins.start.dense_surface", surface)
+    # Shrunk images have whole pixels: 5 times 12 x 9 and 8 times 7 x 5 are not 58 x 43.
+    for divisor in ("1", "3", "5", "8"):
+        size = {"datamanager__width": "58", "datamanager__height": "43"}
+        composed(init="dense", downscale=divisor, **size)
+    assert len(sizes) == 4
+    assert len(set(sizes)) == 1
+
+
+def test_small_images_are_not_shrunk_for_stereo():
+    assert dense_downscale(SyntheticConfig(width=50, height=40).build(DataRequest(None))) == 1
+    assert dense_downscale(SyntheticConfig(width=400, height=300).build(DataRequest(None))) == 2.5
 
 
 def test_a_surface_that_was_found_for_one_image_size_serves_another(monkeypatch):

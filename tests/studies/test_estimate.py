@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 from support.small_study import plan, small_study
 
+from gsfw.core.cores import cores
 from gsfw.planning.asked import BOUND
 from gsfw.studies import origin as origin_module
-from gsfw.studies.origin import cores, origin
+from gsfw.studies.origin import origin
 from gsfw.studies.result import Result
 from gsfw.studies.run_process import threads_per_run
 from gsfw.studies.runner import START_SECONDS, STEP_SECONDS, Estimate

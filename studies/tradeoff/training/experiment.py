@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from gsfw.core.config import AUTO
+from gsfw.core.cores import cores
 from gsfw.core.maths.flip import unavailable
 from gsfw.core.random_start import random_count
 from gsfw.plugins.values import as_text
-from gsfw.studies.origin import cores, origin
+from gsfw.studies.origin import origin
 from gsfw.studies.planned_run import PlannedRun
 from gsfw.studies.result import Failure
 from gsfw.studies.runner import Ended

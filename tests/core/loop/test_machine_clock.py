@@ -16,13 +16,33 @@ def made_threads(folder, *times: tuple[float, float]) -> None:
         thread.joinpath("schedstat").write_text(f"{int(ran * 1e9)} {int(waited * 1e9)} 12\n")
 
 
-def test_threads_that_wait_for_processors_slow_a_run_down(tmp_path, monkeypatch):
+@pytest.fixture
+def clock(tmp_path, monkeypatch) -> MachineClock:
+    """A clock of a process on two cores; its threads are files that a test makes."""
     monkeypatch.setattr(machine_clock, "THREADS", tmp_path)
-    clock = MachineClock(time.perf_counter())
+    monkeypatch.setattr(machine_clock, "cores", lambda: 2)
+    made, now = MachineClock(time.perf_counter()), iter([0.0, 4.0])
+    monkeypatch.setattr(made, "seconds", lambda: next(now))
+    return made
+
+
+def test_threads_that_wait_for_processors_slow_a_run_down(clock, tmp_path):
     made_threads(tmp_path, (5.0, 1.0), (2.0, 0.0))
     before = clock.work()
     made_threads(tmp_path, (7.0, 3.0), (2.0, 0.0))
     assert clock.work().slowdown(before) == pytest.approx(2.0)
+
+
+def test_threads_that_wait_for_one_another_are_no_sign_of_other_work(clock, tmp_path):
+    before = clock.work()
+    made_threads(tmp_path, *[(4 / 3, 8 / 3)] * 6)  # Six threads on two cores, for 4 s.
+    assert clock.work().slowdown(before) == pytest.approx(1.0)
+
+
+def test_many_threads_beside_other_work_are_slowed_down_by_that_alone(clock, tmp_path):
+    before = clock.work()
+    made_threads(tmp_path, *[(1.0, 3.0)] * 6)  # Two other threads have a quarter of both cores.
+    assert clock.work().slowdown(before) == pytest.approx(4 / 3)
 
 
 def test_processors_without_work_are_no_sign_of_other_work(tmp_path, monkeypatch):
@@ -38,7 +58,7 @@ def test_processors_without_work_are_no_sign_of_other_work(tmp_path, monkeypatch
 def test_a_system_that_does_not_tell_has_no_other_work(tmp_path, monkeypatch):
     monkeypatch.setattr(machine_clock, "THREADS", tmp_path / "missing")
     clock = MachineClock(time.perf_counter())
-    assert clock.work() == Work()
+    assert clock.work().ran == clock.work().waited == 0
     assert clock.work().slowdown(Work()) == 1.0
 
 

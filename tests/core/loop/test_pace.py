@@ -57,6 +57,12 @@ def test_a_pace_above_four_steps_an_update_adds_no_rows():
     assert [pace.all_views(updates) for updates in (8, 9, 50)] == [False, True, True]
 
 
+def test_haste_is_that_beyond_the_planned_pace():
+    pace = Pace.parse(["0:8.000", "5:30.000", "9:33.000"])
+    assert pace.planned == 8 * UNIT
+    assert [pace.hastens(updates) for updates in (0, 5, 9)] == [False, False, True]
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "812", "812:1.25", "a:1.250", "5:0.000", f"5:{FASTEST}.000", "5:1.000:all", "-1:1.000"],

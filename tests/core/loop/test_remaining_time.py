@@ -87,6 +87,10 @@ def test_a_run_is_expected_to_cost_more_than_its_first_steps_as_it_grows():
     assert 1.4 < free < 2.0, "up to four times the rows, in half of the steps"
     limited = {**GROWING, "strategy.max_gaussians": 15_000}
     assert 1.1 < RemainingTime(run(settings=limited)).mean_cost(10_000) < 1.23
+    by_pixels = run(settings={**GROWING, "strategy.per_pixel": 0.5}, view_pixels=30_000)
+    alike = RemainingTime(run(settings=limited)).mean_cost(10_000)
+    assert RemainingTime(by_pixels).mean_cost(10_000) == alike
+    assert RemainingTime(by_pixels).mean_cost(20_000) == pytest.approx(1.0), "it has enough"
     stages = ((0, 4.0), (2500, 1.0))
     assert RemainingTime(run(image_stages=stages)).mean_cost(10_000) < 0.95
 

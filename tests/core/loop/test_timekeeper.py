@@ -34,7 +34,7 @@ class FakeClock(MachineClock):
         return self.now
 
     def work(self) -> Work:
-        return Work(self.ran, self.now - self.ran)
+        return Work(self.ran, self.now - self.ran, 2 * self.now)
 
     def go_on(self, seconds: float, share: float = 1.0) -> None:
         """Pass time, of which the process gets a share of a processor."""
@@ -55,11 +55,11 @@ class Walk:
 def walk(
     update_seconds: Callable[[float, int], float], steps: int = 2000, limit: float = LIMIT,
     ending: float = 0.0, gaussians: Callable[[int], int] = lambda step: 10_000,
-    run_settings: dict | None = None,
+    run_settings: dict | None = None, planned: Pace | None = None,
 ) -> Walk:  # fmt: skip
     """Walk through a schedule on a machine that takes some time for the update at a moment."""
     info = RunInfo(Path(), "3dgs", "toy", steps, 0, run_settings or {}, {})
-    clock, pace = FakeClock(), Pace()
+    clock, pace = FakeClock(), planned or Pace()
     remaining = RemainingTime(info, recent=0.1)
     timekeeper = Timekeeper(remaining, limit, Ending(seconds=ending), clock)
     step = updates = 0
@@ -70,8 +70,9 @@ def walk(
         clock.go_on(update_seconds(clock.now, gaussians(step)))
         spans.append(min(pace.span(updates), steps - step))
         standing = Standing(
-            updates + 1, step + spans[-1], steps, gaussians(step), 1.0, pace.thousandths(updates)
-        )
+            updates + 1, step + spans[-1], steps, gaussians(step), 1.0, pace.thousandths(updates),
+            pace.planned,
+        )  # fmt: skip
         updates, step = updates + 1, standing.step
         decision = timekeeper.decide(standing)
         if decision is not None:
@@ -200,4 +201,14 @@ def test_early_guesses_of_later_costs_hurry_no_run():
     early = [item for item in found.pace.decisions if item.update < 0.2 * found.updates]
     assert early
     assert max(item.thousandths for item in early) <= 1000 * (1 + TRUST * 0.25)
+    assert found.seconds == pytest.approx(LIMIT, rel=0.1)
+
+
+@pytest.mark.parametrize("speed", [0.8, 1.0, 1.25])
+def test_a_schedule_longer_than_its_updates_is_half_done_at_half_time(speed):
+    planned = Pace.parse(["0:8.000"])
+    found = walk(lambda now, rows: 0.05 / speed, steps=8 * 1200, planned=planned)
+    half = found.pace.step(round(0.5 * found.updates)) / (8 * 1200)
+    assert half == pytest.approx(0.5, abs=0.1)
+    assert not any(found.pace.hastens(updates) for updates in range(found.updates))
     assert found.seconds == pytest.approx(LIMIT, rel=0.1)

@@ -188,7 +188,8 @@ def test_a_sampler_without_a_schedule_shows_every_view_of_an_epoch_at_any_pace(t
 
 def test_in_haste_nothing_is_loaded_ahead(tmp_path):
     views = trainer(tmp_path).parts.data.views(Split.TRAIN)
-    walk = Walk(["0:500.000"], views)
+    walk = Walk(["1:500.000"], views)
+    walk.advance(1000)
     walk.next_views(UniformSampler(len(views), 1, seed=3), 0)
     assert walk.coming_views(UniformSampler(len(views), 1, seed=3), 4) == ()
 
