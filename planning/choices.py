@@ -13,6 +13,8 @@ from typing import Any
 
 from gsfw.core.capabilities import Feature
 from gsfw.core.config import AUTO, DENSE, RasterizerConfig
+from gsfw.core.loop.growth_limit import LIMITS
+from gsfw.core.scene import Scene
 from gsfw.plugins.automatic import USUAL_CHOICE
 from gsfw.plugins.keys import SLOT_KEYS, keys
 from gsfw.plugins.settings import METHOD_DEFAULT, Settings
@@ -54,19 +56,22 @@ NEEDED = {
     "strategy.budget": Feature.CONTRIBUTION,
 }
 """Features of the rasterizer that a choice needs."""
-LIMITS = ("strategy.max_gaussians", "strategy.cap_max")
-"""Keys of the largest number of Gaussians."""
 
 
-def chosen(settings: Settings, updates: float) -> dict[str, Any]:
-    """The settings to turn on in a run of so many updates."""
+def chosen(settings: Settings, updates: float, scene: Scene) -> dict[str, Any]:
+    """The settings to turn on in a run of so many updates.
+
+    Points that have times say more of motion than a surface of one time, and are kept.
+    """
     rasterizer = settings.config.rasterizer
     assert isinstance(rasterizer, RasterizerConfig)
     features = rasterizer.capabilities().features
     return {
         key: value
         for key, value in _row(updates).values.items()
-        if _is_free(settings, key) and NEEDED.get(key) in (None, *features)
+        if _is_free(settings, key)
+        and NEEDED.get(key) in (None, *features)
+        and (key != "init" or scene.point_times is None)
     }
 
 

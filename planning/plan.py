@@ -21,6 +21,7 @@ from gsfw.core.loop.held_back import LEAST_LEFT, HeldBack
 from gsfw.core.loop.machine_clock import MachineClock
 from gsfw.core.loop.remaining_time import RemainingTime
 from gsfw.core.loop.timekeeper import Timekeeper
+from gsfw.core.scene import Scene
 from gsfw.planning.asked import Asked, without
 from gsfw.planning.choices import DOWNSCALES, ENOUGH_UPDATES, chosen, downscale, limits
 from gsfw.planning.length import enough_steps
@@ -86,9 +87,11 @@ def make_plan(
     """
     settings = resolve(registry, layers)
     is_asked = any(key in layer.values for layer in layers for key in PLANNED_BY)
-    start = {key: value for key, value in chosen(settings, ENOUGH_UPDATES).items() if key == "init"}
-    first = resolve(registry, [*layers, Layer("a first look", start)])
-    measurement = Measurement(registry, clock, open_data(first))
+    measurement = Measurement(registry, clock, open_data(settings))
+    scene = measurement.data.scene
+    start = chosen(settings, ENOUGH_UPDATES, scene)
+    look = Layer("a first look", {key: start[key] for key in start if key == "init"})
+    first = resolve(registry, [*layers, look])
     views = measurement.data.views(Split.TRAIN)
     held_back = _held_back(asked, views, settings) if asked.until else {}
     is_free = "downscale" not in settings.given
@@ -98,7 +101,7 @@ def make_plan(
     speed = measurement.run(first, FIRST_LOOK)
     size = _image_size(asked, speed, measurement.data) if is_free else speed.downscale
     asked = _possible(asked, speed, size, is_free, is_asked)
-    decided = _decisions(settings, speed, asked, size)
+    decided = _decisions(settings, scene, speed, asked, size)
     settings_of = partial(_planned, registry, layers, asked)
     planned = settings_of(enough_steps(decided, settings_of, views))
     if size != speed.downscale:
@@ -107,7 +110,7 @@ def make_plan(
     with _fitting(asked, planned):
         speed = measurement.run(planned, min(seconds, LONGEST_TRIAL))
     asked = _possible(asked, speed, size, is_free, is_asked)
-    decided = _decisions(settings, speed, asked, size) | held_back
+    decided = _decisions(settings, scene, speed, asked, size) | held_back
     return _made(asked, layers, measurement, speed, decided, is_asked)
 
 
@@ -256,7 +259,9 @@ def _held_back(asked: Asked, views: Views, settings: Settings) -> dict[str, int]
     return {} if is_given else {"held_back": count}
 
 
-def _decisions(settings: Settings, speed: Speed, asked: Asked, size: float) -> dict[str, Any]:
+def _decisions(
+    settings: Settings, scene: Scene, speed: Speed, asked: Asked, size: float
+) -> dict[str, Any]:
     """The settings of a run at a divisor of the images."""
     limit = asked.minutes * 60
     # A busy machine may get idle, and a schedule with steps to spare is walked through faster; one
@@ -269,7 +274,7 @@ def _decisions(settings: Settings, speed: Speed, asked: Asked, size: float) -> d
     evaluations = min(int(EVALUATION_SHARE * limit / evaluation), MOST_EVALUATIONS)
     found = {
         **({} if "steps" in settings.given else {"steps": steps}),
-        **chosen(settings, updates),
+        **chosen(settings, updates, scene),
         **limits(settings, updates, speed.view_pixels(size), speed.gaussians),
     }
     if size != 1 and "downscale" not in settings.given:

@@ -1,6 +1,10 @@
 """What a planned run turns on: defaults alone, and only what its parts have."""
 
+from dataclasses import replace
+
 import pytest
+import torch
+from support.gaussians import toy_scene
 from support.small_captures import ring, write_transforms
 from support.small_scene import SMALL_SCENE
 
@@ -9,6 +13,7 @@ from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, Settings, resolve
 
+SCENE = toy_scene(3)
 METHODS = ("3dgs", "4dgs", "4d-rotor", "spacetime", "dynamic3dgs")
 
 
@@ -18,9 +23,9 @@ def settings(**values) -> Settings:
 
 
 def test_choices_replace_defaults_and_nothing_that_was_given():
-    assert chosen(settings(method="3dgs"), 20_000.0)["strategy.budget"] == "auto"
+    assert chosen(settings(method="3dgs"), 20_000.0, SCENE)["strategy.budget"] == "auto"
     given = settings(method="3dgs", init="points", **{"strategy.budget": "none"})
-    assert chosen(given, 20_000.0) == {"resolution_schedule": "auto"}
+    assert chosen(given, 20_000.0, SCENE) == {"resolution_schedule": "auto"}
 
 
 def test_a_strategy_is_chosen_where_neither_it_nor_a_setting_of_it_has_another_source(tmp_path):
@@ -28,14 +33,16 @@ def test_a_strategy_is_chosen_where_neither_it_nor_a_setting_of_it_has_another_s
 
     def strategy(**values) -> str | None:
         layer = Layer("the test", {"data": str(tmp_path), "device": "cpu", **values})
-        return chosen(resolve(installed(), [layer]), 2000.0).get("strategy")
+        return chosen(resolve(installed(), [layer]), 2000.0, SCENE).get("strategy")
 
     assert strategy(method="3dgs") == "error"
     assert strategy(method="3dgs", strategy="adc") is None, "given"
     assert strategy(method="3dgs", **{"strategy.grow_gradient": "1e-4"}) is None, "one of adc's"
     assert strategy(method="3dgs", preset="high") is None, "the preset's"
     assert strategy(method="4d-rotor") is None, "the method has settings for adc"
-    assert "strategy" not in chosen(settings(method="3dgs"), 2000.0), "so has the built-in scene"
+    assert "strategy" not in chosen(settings(method="3dgs"), 2000.0, SCENE), (
+        "so has the built-in scene"
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -45,15 +52,21 @@ def test_choices_are_keys_of_every_method_and_strategy(method, strategy):
     run = settings(method=method, strategy=strategy, **(moving if method != "3dgs" else {}))
     known = {key.name for key in keys(run.config)}
     for choice in CHOICES:
-        assert chosen(run, float(choice.updates)).keys() <= known
+        assert chosen(run, float(choice.updates), SCENE).keys() <= known
     assert limits(run, float(choice.updates), 1000, 500).keys() <= known
+
+
+def test_points_that_have_times_are_not_replaced_by_a_surface_of_one_time():
+    run = settings(method="3dgs")
+    assert chosen(run, 300.0, SCENE)["init"] == "dense"
+    assert "init" not in chosen(run, 300.0, replace(SCENE, point_times=torch.zeros(3)))
 
 
 def test_rows_follow_the_number_of_updates():
     run = settings(method="3dgs")
-    assert "resolution_schedule" not in chosen(run, 300.0)
-    assert "strategy.budget" not in chosen(run, 3000.0)
-    assert "strategy.budget" in chosen(run, 20_000.0)
+    assert "resolution_schedule" not in chosen(run, 300.0, SCENE)
+    assert "strategy.budget" not in chosen(run, 3000.0, SCENE)
+    assert "strategy.budget" in chosen(run, 20_000.0, SCENE)
 
 
 def test_a_limit_of_gaussians_follows_the_pixels_and_never_lies_below_the_start():
