@@ -154,7 +154,9 @@ def _check(
         return {**head, **document, "next": "", "sheet": ""}
     sheet, problem = _draw(examined, options.out) if options.out != "none" else ("", "")
     plan = examined.plan(given.get("method", ""))
-    following = {"next": plan.command(given), **_length(plan.settings(given))}
+    length = _length(plan.settings(given))
+    follows = plan.of_a_time() if length["next_minutes"] else plan
+    following = {"next": follows.command(given), **length}
     document = {**head, **report(examined, plan), **following, "sheet": sheet}
     return {**document, "sheet_problem": problem} if problem else document
 

@@ -123,6 +123,12 @@ def test_settings_of_training_are_taken_and_kept_in_the_suggestion(good, capsys)
     assert found["sheet"] == ""
 
 
+def test_a_size_of_images_is_suggested_for_runs_of_steps_alone(good, capsys, monkeypatch):
+    monkeypatch.setattr("gsfw.preparation.check.plan.LONG_SIDE", 32)
+    assert "downscale=" not in check(capsys, good, "out=none")["next"], "a plan chooses it"
+    assert "downscale=2" in check(capsys, good, "steps=100", "out=none")["next"]
+
+
 def test_the_suggestion_is_a_command_that_fits(good, capsys, tmp_path):
     command = check(capsys, good, "out=none")["next"].split()
     assert main([*command[1:], "--dry-run"]) == 0
