@@ -229,7 +229,7 @@ def _check_time(asked: Asked, speed: Speed, size: float, is_free: bool) -> None:
     advice = "" if is_free else ", or smaller images: leave out downscale, and the plan chooses it"
     raise ConfigError(
         f"minutes={asked.minutes:g}: that is {asked.minutes * 60:.0f} s, and loading, measuring "
-        f"and what follows the last step take about {speed.around(size):.0f} s on this machine"
+        f"and the work after the last step take about {speed.around(size):.0f} s on this machine"
         f"{busy}.",
         f"Give minutes={math.ceil(least * 1.2 / 6) / 10:g} or more{advice}.",
     )
