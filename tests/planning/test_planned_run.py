@@ -212,7 +212,7 @@ def test_a_quality_that_is_never_reached_ends_in_the_bound(machine, tmp_path):
 def test_a_time_that_loading_takes_is_refused_with_one_that_is_enough(machine, tmp_path, capsys):
     assert main([*RUN, "minutes=0.05", f"out={tmp_path / 'run'}"]) == 2
     said = capsys.readouterr().err
-    assert "minutes=0.05: that is 3 s, and loading, measuring and the work after the last step" in said
+    assert "minutes=0.05: that is 3 s, and loading, measuring and the work after" in said
     assert "Give minutes=" in said
     assert not (tmp_path / "run").exists()
 
