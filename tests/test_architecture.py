@@ -36,6 +36,9 @@ MAY_IMPORT = {
         *("gsfw.planning", "gsfw.plugins", "gsfw.rasterizers", "gsfw.studies"),
     },
     "commands": {"gsfw"},
+    "api": {"gsfw"},
+    "compat": {"gsfw.api", "gsfw.compat"},
+    "testing": {"gsfw"},
 }
 
 MAX_FILE_LINES = 400

@@ -1,0 +1,29 @@
+"""Data: captures, cameras, views, and the batches of a step."""
+
+from gsfw.core.batch import Batch
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.datamanager import DataManager, DataRequest, Split, Views, WrappedDataManager
+from gsfw.core.maths.similarity import Similarity
+from gsfw.core.scene import Scene
+from gsfw.datamanagers.capture import Capture
+from gsfw.datamanagers.capture_config import CaptureConfig
+from gsfw.datamanagers.frames import Frame, Recording
+from gsfw.datamanagers.lens import Lens
+
+__all__ = [
+    "Batch",
+    "CameraModel",
+    "Cameras",
+    "Capture",
+    "CaptureConfig",
+    "DataManager",
+    "DataRequest",
+    "Frame",
+    "Lens",
+    "Recording",
+    "Scene",
+    "Similarity",
+    "Split",
+    "Views",
+    "WrappedDataManager",
+]

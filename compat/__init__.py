@@ -1,0 +1,1 @@
+"""Interfaces of other projects' rasterizers, on any backend of gsfw."""
