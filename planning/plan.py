@@ -275,7 +275,7 @@ def _decisions(
     found = {
         **({} if "steps" in settings.given else {"steps": steps}),
         **chosen(settings, updates, scene),
-        **limits(settings, updates, speed.view_pixels(size), speed.gaussians),
+        **limits(settings, updates, scene, speed.view_pixels(size), speed.gaussians),
     }
     if size != 1 and "downscale" not in settings.given:
         found["downscale"] = size

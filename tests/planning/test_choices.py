@@ -13,7 +13,7 @@ from gsfw.plugins.keys import keys
 from gsfw.plugins.registry import installed
 from gsfw.plugins.settings import Layer, Settings, resolve
 
-SCENE = toy_scene(3)
+SCENE = replace(toy_scene(3), camera_centers=torch.arange(180.0).view(60, 3))
 METHODS = ("3dgs", "4dgs", "4d-rotor", "spacetime", "dynamic3dgs")
 
 
@@ -53,7 +53,7 @@ def test_choices_are_keys_of_every_method_and_strategy(method, strategy):
     known = {key.name for key in keys(run.config)}
     for choice in CHOICES:
         assert chosen(run, float(choice.updates), SCENE).keys() <= known
-    assert limits(run, float(choice.updates), 1000, 500).keys() <= known
+    assert limits(run, float(choice.updates), SCENE, 1000, 500).keys() <= known
 
 
 def test_points_that_have_times_are_not_replaced_by_a_surface_of_one_time():
@@ -71,11 +71,26 @@ def test_rows_follow_the_number_of_updates():
 
 def test_a_limit_of_gaussians_follows_the_pixels_and_never_lies_below_the_start():
     run = settings(method="3dgs", strategy="mcmc")
-    assert limits(run, 300.0, 50_000, 12_000) == {"strategy.cap_max": 40_000}
-    assert limits(run, 20_000.0, 50_000, 12_000) == {"strategy.cap_max": 100_000}
-    assert limits(run, 300.0, 1000, 12_000) == {"strategy.cap_max": 12_000}
+    assert limits(run, 300.0, SCENE, 50_000, 12_000) == {"strategy.cap_max": 40_000}
+    assert limits(run, 20_000.0, SCENE, 50_000, 12_000) == {"strategy.cap_max": 100_000}
+    assert limits(run, 300.0, SCENE, 1000, 12_000) == {"strategy.cap_max": 12_000}
     given = settings(method="3dgs", strategy="mcmc", **{"strategy.cap_max": "900000"})
-    assert limits(given, 300.0, 1000, 100) == {}
+    assert limits(given, 300.0, SCENE, 1000, 100) == {}
+
+
+def test_few_places_of_cameras_get_few_gaussians_with_few_coefficients():
+    run = settings(method="3dgs", strategy="mcmc")
+    array = replace(SCENE, camera_centers=SCENE.camera_centers[:10].repeat(24, 1))
+    assert limits(run, 20_000.0, array, 50_000, 12_000) == {
+        "strategy.cap_max": 25_000,
+        "sh_degree": 1,
+    }
+    alone = replace(SCENE, camera_centers=SCENE.camera_centers[:9])
+    assert limits(run, 20_000.0, alone, 50_000, 12_000)["sh_degree"] == 0
+    given = settings(method="3dgs", strategy="mcmc", sh_degree="3")
+    assert "sh_degree" not in limits(given, 20_000.0, alone, 50_000, 12_000)
+    moving = replace(array, num_times=24)
+    assert "sh_degree" not in limits(run, 20_000.0, moving, 50_000, 12_000)
 
 
 def test_images_are_as_large_as_the_time_allows():
