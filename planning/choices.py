@@ -7,7 +7,6 @@ have is left out. So they hold for every method and strategy, those of plugins i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -54,10 +53,8 @@ SHORTEST_SIDE = 120
 
 ENOUGH_PLACES = 40
 """Places of cameras below which Gaussians are limited in proportion: from few places more of them
-only fit each image by itself. Measured: garden_robot_mv, 9 cameras: 15.41 dB with 96,000 Gaussians,
-16.2 with 27,000 of one colour; fox, 43 places: no limit below 1 per pixel gained."""
-PLACES_PER_COEFFICIENT = 2.5
-"""Places of cameras for each coefficient of the colours, as the same two captures allow."""
+only fit each image by itself. Measured: garden_robot_mv, 9 places: 15.4 dB with 96,000 Gaussians,
+15.4 to 16.0 with 27,000 (seeds differ by 0.4); fox, 43 places: the limit is that of its pixels."""
 
 NEEDED = {
     "strategy": Feature.WEIGHTED_CONTRIBUTION,
@@ -86,24 +83,19 @@ def chosen(settings: Settings, updates: float, scene: Scene) -> dict[str, Any]:
 def limits(
     settings: Settings, updates: float, scene: Scene, view_pixels: int, start: int
 ) -> dict[str, int]:
-    """Limits of the number of Gaussians and of their colours, where the usual ones are larger.
+    """Limits of the number of Gaussians, where the usual ones are larger.
 
     Args:
         settings: of the run.
         updates: that it has.
-        scene: the capture; few places of cameras determine few Gaussians, and colours that hardly
-            depend on the view. Moving scenes were not measured, and keep their colours.
+        scene: the capture; few places of cameras determine few Gaussians.
         view_pixels: pixels of an image.
         start: number of Gaussians to start with.
     """
     places, flat = _places(scene), settings.flat()
     per_pixel = _row(updates).per_pixel * min(places / ENOUGH_PLACES, 1.0)
-    most = dict.fromkeys(LIMITS, max(int(per_pixel * view_pixels), start))
-    if not scene.is_dynamic:
-        most["sh_degree"] = max(math.isqrt(int(places / PLACES_PER_COEFFICIENT)) - 1, 0)
-    return {
-        key: value for key, value in most.items() if _is_free(settings, key) and flat[key] > value
-    }
+    most = max(int(per_pixel * view_pixels), start)
+    return {key: most for key in LIMITS if _is_free(settings, key) and flat[key] > most}
 
 
 def _places(scene: Scene) -> int:
