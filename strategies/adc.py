@@ -120,7 +120,7 @@ class AdaptiveDensityControl(DensityRefiner):
 
     def statistics(self, step: int) -> frozenset[Statistic]:
         """The screen gradient, while later refinements need it or the radii."""
-        needed = self._grows(step + 1) or self._config.prune_radius > 0
+        needed = self._grows(step + 1) or (self._may_grow and self._config.prune_radius > 0)
         if step + 1 >= self._config.refine_stop or not needed:
             return frozenset()
         return frozenset({Statistic.ABSGRAD if self._config.absgrad else Statistic.SCREEN_GRADIENT})
@@ -165,8 +165,9 @@ class AdaptiveDensityControl(DensityRefiner):
             table.edit(~splits, table.joined(copies, halves))
         born = torch.zeros(len(cloned) + COPIES * len(split), device=table.device)
         radii = torch.cat([seen.largest_radius[~splits], born])
-        resets_done = context.done > self._config.reset_every > 0
-        pruned = self.prune(table, model, self._kept(model, radii, resets_done=resets_done))
+        # Growth fills what large rows leave; where it has ended, they are the background.
+        prunes_large = self._may_grow and context.done > self._config.reset_every > 0
+        pruned = self.prune(table, model, self._kept(model, radii, prunes_large))
         return {"cloned": len(cloned), "split": len(split), "pruned": pruned}
 
     def _grows(self, done: int) -> bool:
@@ -201,7 +202,7 @@ class AdaptiveDensityControl(DensityRefiner):
         return grows & ~splits, grows & splits
 
     def _kept(
-        self, model: DensifiableModel, radii: Float[Tensor, " n"], resets_done: bool
+        self, model: DensifiableModel, radii: Float[Tensor, " n"], prunes_large: bool
     ) -> Bool[Tensor, " n"]:
         """Rows to keep."""
         config = self._config
@@ -209,9 +210,9 @@ class AdaptiveDensityControl(DensityRefiner):
         lifetimes = model.lifetimes() if config.prune_lifetime > 0 else None
         if lifetimes is not None:
             kept &= lifetimes * self._num_times >= config.prune_lifetime
-        if resets_done and config.prune_size > 0:
+        if prunes_large and config.prune_size > 0:
             kept &= model.sizes() <= config.prune_size * self._extent
-        if resets_done and config.prune_radius > 0:
+        if prunes_large and config.prune_radius > 0:
             kept &= radii <= config.prune_radius
         return kept
 

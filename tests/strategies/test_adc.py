@@ -146,6 +146,16 @@ def test_large_rows_are_pruned_after_the_first_reset(step, pruned):
     assert counts["pruned"] == pruned
 
 
+def test_large_rows_stay_once_a_budget_has_ended_growth():
+    """They are the background, and nothing would fill the hole."""
+    model = gaussians(4)
+    set_rows(model, [0.5, 0.001, 0.5, 0.5], [SMALL, SMALL, 0.11 * EXTENT, SMALL])
+    adc = strategy(reset_every=20, budget="100", budget_every=1000)
+    counts, _ = refined(adc, model, [LOW] * 4, step=59)
+    assert counts["pruned"] == 1, "the transparent one"
+    assert float(model.sizes().max()) > 0.1 * EXTENT
+
+
 def test_split_children_are_not_pruned_for_the_radius_of_their_parent():
     model = gaussians(3)
     set_rows(model, [0.5] * 3, [LARGE, SMALL, SMALL])
