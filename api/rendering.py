@@ -6,7 +6,12 @@ under ``RenderSettings``, and of models, whose ``splats`` fill in ``Splats``.
 
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.maths.rays import pixel_rays
-from gsfw.core.maths.rotations import multiply_quaternions, quaternions_of, rotation_matrices
+from gsfw.core.maths.rotations import (
+    multiply_quaternions,
+    quaternions_of,
+    rotation_matrices,
+    unit_matrices,
+)
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb, rgb_to_dc, sh_basis
 from gsfw.core.numerics import NumericsProfile
@@ -37,4 +42,5 @@ __all__ = [
     "rgb_to_dc",
     "rotation_matrices",
     "sh_basis",
+    "unit_matrices",
 ]
