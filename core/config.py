@@ -44,8 +44,10 @@ def steps_field(default: int, *, at_least: int = 0, floor: int = 0) -> Any:  # n
     Args:
         default: number of steps at the method's own default length.
         at_least: the smallest value that can be given.
-        floor: lower bound of rescaling (intervals in which statistics have to gather).
+        floor: lower bound of rescaling (intervals in which statistics have to gather); never below
+            ``at_least``.
     """
+    floor = max(floor, at_least)
     return number(default, at_least=at_least, metadata={"unit": "steps", "floor": floor})
 
 
