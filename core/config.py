@@ -112,7 +112,7 @@ NO_BUDGET = "none"
 
 @dataclass
 class StrategyConfig(SlotConfig, ABC):
-    """Settings of a density strategy, and of its budget."""
+    """Settings of a density strategy, chosen as ``strategy=NAME``, and of its budget."""
 
     budget: str = NO_BUDGET
     """Final number of Gaussians: none, auto (by the scene), a number, or megabytes as in 20MB."""
@@ -132,7 +132,7 @@ class StrategyConfig(SlotConfig, ABC):
 
 @dataclass
 class SamplerConfig(SlotConfig, ABC):
-    """Settings of a view sampler."""
+    """Settings of a view sampler, chosen as ``sampler=NAME``."""
 
     @abstractmethod
     def build(self, views: Views, seed: int, steps: int) -> Sampler:
@@ -150,7 +150,7 @@ class SamplerConfig(SlotConfig, ABC):
 
 @dataclass
 class RasterizerConfig(SlotConfig, ABC):
-    """Settings of a rasterizer."""
+    """Settings of a rasterizer, chosen as ``rasterizer=NAME``."""
 
     @abstractmethod
     def capabilities(self) -> Capabilities:
@@ -170,6 +170,7 @@ class Detection:
     """Result of checking a folder or file for a data set of some format."""
 
     recognised: bool
+    """True if this is a data set of the format."""
     looked_for: str
     """The sign of the format, as a phrase: "sparse/0/cameras.bin"."""
     found: str = ""
@@ -180,7 +181,7 @@ class Detection:
 
 @dataclass
 class DataManagerConfig(SlotConfig, ABC):
-    """Settings of a source of data."""
+    """Settings of a source of data, chosen as ``datamanager=NAME`` or by what ``data`` holds."""
 
     @classmethod
     @abstractmethod
