@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from importlib import metadata
 
-from packaging.specifiers import InvalidSpecifier, SpecifierSet
-from packaging.version import Version
-
 from gsfw.plugins.specs import PROJECT
 
 API_VERSION = "1.0"
 """Version of gsfw.api: a new name raises the second number, a removed or changed one the first."""
 
-TOO_OLD_FOR = (">=", ">", "==", "~=", "===")
+TOO_OLD_FOR = (">=", ">", "==", "~=")
 """Operators of ranges that a version may be too old for."""
 
 EXAMPLE = '">=1.0,<2"'
+"""A range, for messages."""
 
 
 class RangeError(ValueError):
@@ -36,6 +34,10 @@ def check_range(asked: object) -> str:
     Raises:
         RangeError: it is no range, or it does not allow this gsfw.
     """
+    # Here, as every verb would pay for the import.
+    from packaging.specifiers import InvalidSpecifier, SpecifierSet
+    from packaging.version import Version
+
     if not isinstance(asked, str):
         raise RangeError(f"its gsfw_requires_api returned {asked!r}, expected a text: {EXAMPLE}")
     try:
