@@ -14,6 +14,7 @@ from gsfw.core.maths.rotations import (
 )
 from gsfw.core.maths.similarity import Similarity
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb, rgb_to_dc, sh_basis
+from gsfw.core.maths.ssim import ssim_map
 from gsfw.core.numerics import NumericsProfile
 from gsfw.core.rasterizer import Rasterizer, StageTime
 from gsfw.core.render_output import RenderOutput, RenderStatistics
@@ -42,5 +43,6 @@ __all__ = [
     "rgb_to_dc",
     "rotation_matrices",
     "sh_basis",
+    "ssim_map",
     "unit_matrices",
 ]

@@ -9,7 +9,7 @@ SSIM in one native call.
 from gsfw.core.column import Column, Layout, Rows
 from gsfw.core.context import StepContext
 from gsfw.core.loop.optimizer import Optimizer
-from gsfw.core.maths.ssim import masked_mean, ssim, ssim_map
+from gsfw.core.maths.ssim import masked_mean, ssim
 from gsfw.core.method import Method
 from gsfw.core.model import Children, DensifiableModel, PrimitiveModel
 from gsfw.core.parameter_group import ParameterGroup
@@ -40,5 +40,4 @@ __all__ = [
     "StepContext",
     "masked_mean",
     "ssim",
-    "ssim_map",
 ]
