@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 from gsfw.commands.interface.arguments import Options, read
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.discovery import HOOK, PLUGIN
 from gsfw.plugins.loading import load_third_parties
 from gsfw.plugins.registry import SLOTS, Registry, did_you_mean, installed, package
+from gsfw.plugins.skipped import HOOK, PLUGIN
 from gsfw.plugins.specs import PROJECT, Spec
 from gsfw.plugins.versions import API_VERSION
 

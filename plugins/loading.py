@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from gsfw.core.config import CallbackConfig, CallbackConfigs
 from gsfw.plugins.conformance import problem_of, signature_problem
-from gsfw.plugins.discovery import import_advice, other_version
 from gsfw.plugins.registry import SLOTS, PartError, Registry, package
+from gsfw.plugins.skipped import import_advice, other_version
 from gsfw.plugins.specs import PROJECT, Spec
 
 if TYPE_CHECKING:

@@ -10,15 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from gsfw.core.errors import ConfigError
-from gsfw.plugins.discovery import (
-    HOOK,
-    PLUGIN,
-    BrokenPlugin,
-    Discovery,
-    PluginSource,
-    other_version,
-)
+from gsfw.plugins.discovery import Discovery, PluginSource
 from gsfw.plugins.plugin_path import FROM, VARIABLE, removal
+from gsfw.plugins.skipped import HOOK, PLUGIN, BrokenPlugin, other_version
 from gsfw.plugins.specs import PROJECT, Spec
 
 SLOTS = MappingProxyType(

@@ -3,7 +3,8 @@
 import pytest
 from support.fake_parts import FakePlugin, registry_of
 
-from gsfw.plugins.discovery import BUILTIN, Discovery, PluginSource, other_version
+from gsfw.plugins.discovery import BUILTIN, Discovery, PluginSource
+from gsfw.plugins.skipped import other_version
 from gsfw.plugins.specs import Spec, hookimpl
 
 
