@@ -89,6 +89,6 @@ def describe_model(path: Path) -> dict[str, Any]:
         "settings": {key: model.settings[key] for key in SHOWN if key in model.settings},
         "made_by": {
             "gsfw": header.get("gsfw"),
-            "package": f"{model.distribution} {model.distribution_version}",
+            "package": f"{model.distribution} {model.distribution_version}".strip(),
         },
     }

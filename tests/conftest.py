@@ -36,6 +36,9 @@ progress.PATIENCE = 1e6
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# Plugins of whoever runs the tests are none of their business.
+os.environ.pop("GSFW_PLUGIN_PATH", None)
+
 # Nothing that tests do is remembered in the home of whoever runs them.
 os.environ["GSFW_STATE_DIR"] = "none"
 

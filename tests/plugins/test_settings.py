@@ -1,9 +1,11 @@
 """Tests of gsfw.plugins.settings."""
 
+from dataclasses import dataclass
+
 import pytest
 from support.fake_parts import Demo, FakePlugin, fake_registry, registry_of
 
-from gsfw.core.config import MethodConfig, Rescaled
+from gsfw.core.config import MethodConfig, Rescaled, step_settings, steps_field
 from gsfw.core.errors import ConfigError
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.settings import COMMAND_LINE, Layer, Settings, resolve
@@ -153,6 +155,15 @@ def test_rescale_false_keeps_the_papers_absolute_steps():
     assert settings(steps="3000", rescale="false").flat()["strategy.until"] == 15_000
 
 
+def test_a_setting_is_not_rescaled_below_what_may_be_given():
+    @dataclass
+    class Patient:
+        wait: int = steps_field(500, at_least=20)
+        every: int = steps_field(100, at_least=1, floor=50)
+
+    assert step_settings(Patient()) == {"wait": (500, 20), "every": (100, 50)}
+
+
 def test_a_floor_never_raises_a_setting():
     found = settings(steps="300", eval_every="0")
     assert found.flat()["eval_every"] == 0
@@ -217,7 +228,7 @@ def test_a_plugin_whose_code_cannot_be_imported_is_named():
     assert said == (
         "method 'lost' (pkg1 1.0) cannot be used: "
         "ModuleNotFoundError: No module named 'no_such_module_of_gsfw'.\n"
-        "Install what pkg1 1.0 needs, or choose another method; see gsfw plugins."
+        "Install what it needs, or uninstall pkg1."
     )
 
 

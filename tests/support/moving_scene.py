@@ -64,7 +64,7 @@ class DriftingMethod(StaticGaussiansMethod):
             ),
             sh=sh.detach(),
         )
-        rates = self._config.optim.learning_rates(scene.extent)
+        rates = self.config.optim.learning_rates(scene.extent)
         velocities = torch.zeros_like(start.means)
         velocities[:, 0] = 0.3
         return DriftingGaussians(start, rates, velocities)
