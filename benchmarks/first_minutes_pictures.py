@@ -21,8 +21,8 @@ from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 
 from gsfw.commands.main import main as gsfw
-from gsfw.core.cameras import Cameras
 from gsfw.core.callback import Callback, Control, RunInfo
+from gsfw.core.cameras import Cameras
 from gsfw.core.datamanager import Split
 from gsfw.core.loop.model_handle import ModelHandle
 from gsfw.core.loop.run_folder import RunFolder
@@ -121,7 +121,7 @@ def report(run: Path, file: Path) -> Path | None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         shot = Path(folder) / "report.png"
-        subprocess.run(  # noqa: S603 - a script with fixed arguments
+        subprocess.run(
             [
                 *(browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--disable-gpu"),
                 *(f"--user-data-dir={folder}/profile", f"--window-size={WINDOW}"),
