@@ -1,6 +1,6 @@
 """Data: captures, cameras, views, and the batches of a step."""
 
-from gsfw.core.batch import Batch
+from gsfw.core.batch import Batch, Resampling, ViewMap
 from gsfw.core.cameras import CameraModel, Cameras
 from gsfw.core.datamanager import DataManager, DataRequest, Split, Views, WrappedDataManager
 from gsfw.core.maths.similarity import Similarity
@@ -21,9 +21,11 @@ __all__ = [
     "Frame",
     "Lens",
     "Recording",
+    "Resampling",
     "Scene",
     "Similarity",
     "Split",
+    "ViewMap",
     "Views",
     "WrappedDataManager",
 ]
