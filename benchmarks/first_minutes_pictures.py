@@ -32,7 +32,7 @@ from gsfw.plugins.settings import Layer, resolve
 
 STEPS = (0, 30, 100, 300, 1000)
 """Finished steps at which the model is shown."""
-PHOTOS = (0, 9, 20, 34)
+PHOTOS = (0, 9, 20, 47)
 """Training photos that are shown."""
 VIEW = 2
 """The held-out view that the model is shown from."""
@@ -95,7 +95,8 @@ def photos(file: Path) -> Path:
     registry = installed()
     run = compose(resolve(registry, [Layer("the script", {"method": "3dgs"})]), registry)
     batches = run.parts.data.load(Split.TRAIN, PHOTOS, torch.device("cpu"))
-    return sheet(file, [[picture(image) for batch in batches for image in batch.images]], [])
+    white = torch.ones(3)
+    return sheet(file, [[picture(image) for batch in batches for image in batch.target(white)]], [])
 
 
 def sheet(file: Path, rows: list[list[Image.Image]], captions: list[str]) -> Path:
