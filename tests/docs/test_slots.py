@@ -12,7 +12,7 @@ from gsfw.core.loop.run_folder import RunFolder
 
 pytestmark = pytest.mark.unchecked
 
-PAGES = sorted((PLUGINS / "slots").glob("*.md"))
+PAGES = [page for page in sorted((PLUGINS / "slots").glob("*.md")) if page.stem != "index"]
 
 
 def example(slot: str) -> ModuleType:
