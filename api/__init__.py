@@ -16,15 +16,17 @@ if TYPE_CHECKING:
     from gsfw.api.errors import *
     from gsfw.api.files import *
     from gsfw.api.gaussians3d import *
+    from gsfw.api.models import *
     from gsfw.api.registration import *
     from gsfw.api.rendering import *
+    from gsfw.api.runs import *
     from gsfw.api.training import *
     from gsfw.api.verbs import *
     from gsfw.api.watching import *
 
 GROUPS = (
     *("registration", "errors", "configuration", "training", "data", "rendering"),
-    *("files", "watching", "verbs", "gaussians3d"),
+    *("files", "watching", "verbs", "gaussians3d", "runs", "models"),
 )
 """The modules of this folder, the light ones first."""
 
