@@ -89,11 +89,11 @@ class Cameras:
     @staticmethod
     def look_at(
         positions: object,
-        target: Sequence[float] | Float[Tensor, " 3"] = (0.0, 0.0, 0.0),
+        target: Sequence[float | int] | Float[Tensor, " 3"] = (0.0, 0.0, 0.0),
         *,
         width: int,
         height: int,
-        up: Sequence[float] | Float[Tensor, " 3"] = (0.0, -1.0, 0.0),
+        up: Sequence[float | int] | Float[Tensor, " 3"] = (0.0, -1.0, 0.0),
         field_of_view: float = 50.0,
     ) -> Cameras:
         """Make pinhole cameras that look at a point.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import torch
 
 from gsfw.core.cameras import Cameras
@@ -49,12 +51,18 @@ def fitting_rasterizer(name: str, needs: Needs, device: torch.device) -> Rasteri
     Raises:
         ConfigError: there is no such backend, or it does not fit; names what it lacks.
     """
+    spec = installed().find("rasterizer", _fitting_name(name, needs, device.type))
+    config: RasterizerConfig = load("rasterizer", spec)()
+    return config.build(device)
+
+
+@lru_cache(maxsize=64)  # Loops of small renders would wait for it: it asks every backend.
+def _fitting_name(name: str, needs: Needs, device: str) -> str:
     registry = installed()
     able = rasterizer_capabilities(registry)
     if name == AUTO:
-        fits = fitting({"this render": needs}, able, device.type)
+        fits = fitting({"this render": needs}, able, device)
         name = fits[0] if fits else REFERENCE
-    spec = registry.find("rasterizer", name)
-    check_fit(name, {"this render": needs}, able, device.type)
-    config: RasterizerConfig = load("rasterizer", spec)()
-    return config.build(device)
+    registry.find("rasterizer", name)
+    check_fit(name, {"this render": needs}, able, device)
+    return name
