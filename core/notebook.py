@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 
+@runtime_checkable
 class Shown(Protocol):
     """An object that a notebook shows as HTML."""
 

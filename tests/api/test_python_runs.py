@@ -19,6 +19,9 @@ from gsfw.api import Callback, ConfigError, DataError, Run, load, train
 from gsfw.api import open as open_run
 from gsfw.commands.main import main
 
+pytestmark = pytest.mark.unchecked
+"""Whole runs; and type checks draw random numbers."""
+
 SMALL = dict(pair.split("=") for pair in SMALL_SCENE)
 
 
@@ -130,7 +133,7 @@ def test_missing_data_and_missing_runs_are_refused(finished_run, tmp_path):
         open_run(finished_run).resume(settings={"seed": 3}, progress=False)
 
 
-@pytest.mark.unchecked  # Type checks draw random numbers.
+@pytest.mark.slow
 def test_a_run_trains_to_its_end_with_the_bits_of_the_verb(tmp_path, capsys):
     before = states()
     run = quick(steps=6, settings={"callbacks.tensorboard.enabled": False})
