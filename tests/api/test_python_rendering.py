@@ -55,14 +55,16 @@ def test_splats_of_one_colour_fit_an_image_by_gradients():
     means = torch.rand(60, 3, generator=generator) * 2 - 1
     colors, shape = torch.full((60, 3), 0.5), torch.full((60, 4), -1.5)
     parameters = [tensor.requires_grad_() for tensor in (means, colors, shape)]
-    optimizer = torch.optim.Adam(parameters, lr=0.05)
     errors = []
     for _ in range(15):
-        splats = Splats(means, shape[:, 0].sigmoid(), colors, torch.ones(60, 4), shape[:, 1:].exp())
+        splats = Splats(
+            means, shape[:, 0].sigmoid(), colors, torch.ones(60, 4), shape[:, 1:].exp()
+        )
         error = (render(splats, camera).color[0] - photo).square().mean()
-        optimizer.zero_grad()
-        error.backward()
-        optimizer.step()
+        gradients = torch.autograd.grad(error, parameters)
+        with torch.no_grad():  # Importing torch's optimizers takes seconds.
+            for parameter, gradient in zip(parameters, gradients, strict=True):
+                parameter -= 0.05 * gradient.sign()
         errors.append(error.item())
     assert errors[-1] < 0.3 * errors[0]
 
