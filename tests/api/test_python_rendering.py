@@ -57,14 +57,12 @@ def test_splats_of_one_colour_fit_an_image_by_gradients():
     parameters = [tensor.requires_grad_() for tensor in (means, colors, shape)]
     errors = []
     for _ in range(15):
-        splats = Splats(
-            means, shape[:, 0].sigmoid(), colors, torch.ones(60, 4), shape[:, 1:].exp()
-        )
+        splats = Splats(means, shape[:, 0].sigmoid(), colors, torch.ones(60, 4), shape[:, 1:].exp())
         error = (render(splats, camera).color[0] - photo).square().mean()
         gradients = torch.autograd.grad(error, parameters)
         with torch.no_grad():  # Importing torch's optimizers takes seconds.
             for parameter, gradient in zip(parameters, gradients, strict=True):
-                parameter -= 0.05 * gradient.sign()
+                parameter.sub_(0.05 * gradient.sign())
         errors.append(error.item())
     assert errors[-1] < 0.3 * errors[0]
 
@@ -190,7 +188,7 @@ def test_a_model_and_its_splats_render_the_same_image_and_depth(tmp_path):
 
 
 def test_wrong_files_are_refused_with_the_remedy(splat_file, tmp_path):
-    with pytest.raises(DataError, match=r"there is no run .*splats.pyl. Did you mean 'splats.ply'"):
+    with pytest.raises(DataError, match=r"no run or splat file .*splats.pyl. Did you mean 'splats"):
         load(tmp_path / "splats.pyl")
     with pytest.raises(ConfigError, match=r"no exporter writes files that end in '.obj'"):
         load(splat_file).save(tmp_path / "mesh.obj")

@@ -125,7 +125,7 @@ def test_wrong_settings_are_refused_as_by_the_verb(given, message, tmp_path):
 def test_missing_data_and_missing_runs_are_refused(finished_run, tmp_path):
     with pytest.raises(DataError, match="data=nowhere: there is no such file or folder"):
         train(method="3dgs", data="nowhere", progress=False)
-    with pytest.raises(DataError, match="there is no run nothing"):
+    with pytest.raises(DataError, match="there is no run or splat file nothing"):
         open_run("nothing")
     with pytest.raises(ConfigError, match=r"is a model and no run.*\n.*gsfw.load\("):
         open_run(finished_run / "splats.ply")
