@@ -19,7 +19,7 @@ from gsfw.core.cameras import Cameras
 from gsfw.core.config import AUTO
 from gsfw.core.datamanager import Split
 from gsfw.core.embedded_image import image_element
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, without_inner_frames
 from gsfw.core.exchange import Exporter, ExportSource, Holds
 from gsfw.core.maths.camera_path import at_times
 from gsfw.core.render_output import RenderOutput, RenderStatistics
@@ -136,6 +136,7 @@ class Model:
         (path,) = paths(self._composition, what, FilmRule(frames, width=width, time=time))
         return self._in_world(path.cameras)
 
+    @without_inner_frames
     def render(
         self,
         cameras: Cameras | Sequence[Cameras],
@@ -197,6 +198,7 @@ class Model:
         statistics = _by_row(output.statistics, splats.rows, parts.model.num_rows)
         return replace(output, statistics=statistics)
 
+    @without_inner_frames
     def save(self, path: str | Path, *, time: float = 0.0) -> Path:
         """Write a file for other tools, or the whole model; return its path.
 
@@ -238,6 +240,7 @@ class Model:
         return f"<div>{head}</div><div>{image}</div>"
 
 
+@without_inner_frames
 def load(path: str | Path, *, device: str = AUTO) -> Model:
     """Load a model to render and to save.
 
@@ -255,6 +258,7 @@ def load(path: str | Path, *, device: str = AUTO) -> Model:
     return Model(open_run(found, installed(), changed), found.name)
 
 
+@without_inner_frames
 def render(
     source: Model | Splats,
     cameras: Cameras | Sequence[Cameras],

@@ -15,7 +15,7 @@ from gsfw.commands.interface.arguments import expanded, full_key
 from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console, LoggedWarnings, ProgramConsole
 from gsfw.core.config import AUTO
-from gsfw.core.errors import ConfigError
+from gsfw.core.errors import ConfigError, without_inner_frames
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.notebook import is_notebook
 from gsfw.plugins.registry import installed
@@ -39,6 +39,7 @@ _ALONE = threading.RLock()
 """Held while a run trains or is evaluated: both change settings of torch that all threads share."""
 
 
+@without_inner_frames
 def train(
     *,
     method: str,
@@ -90,6 +91,7 @@ def train(
     return _ended(code, Run(folder))
 
 
+@without_inner_frames
 def open(path: str | Path = "latest", *, data: str | Path | None = None, device: str = AUTO) -> Run:
     """Open a run that was trained here or elsewhere.
 
@@ -200,6 +202,7 @@ class Run:
         """Render the model, as ``Model.render``."""
         return self.model.render(cameras, time=time, background=background, depth=depth)
 
+    @without_inner_frames
     def evaluate(self, split: Literal["train", "eval"] = "eval") -> Evaluation:
         """Render the views of a split and compare them with their images; writes no file.
 
@@ -216,6 +219,7 @@ class Run:
         """Write splats or the whole model to a file, as ``Model.save``."""
         return self.model.save(path, time=time)
 
+    @without_inner_frames
     def resume(
         self,
         *,

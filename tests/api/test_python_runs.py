@@ -6,6 +6,7 @@ import os
 import random
 import signal
 import threading
+import traceback
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -119,6 +120,7 @@ def test_wrong_settings_are_refused_as_by_the_verb(given, message, tmp_path):
     with pytest.raises(ConfigError) as caught:
         train(**{"method": "3dgs", "steps": 4, "progress": False, **given})
     assert message in str(caught.value)
+    assert len(traceback.extract_tb(caught.tb)) == 2, "no frames inside of gsfw hide the caller's"
     assert list(tmp_path.iterdir()) == []
 
 
