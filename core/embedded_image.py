@@ -13,10 +13,12 @@ from torch import Tensor
 
 LONGEST_SIDE = 360
 """Longest side of an image in a notebook, in pixels: larger ones are shrunk."""
+QUALITY = 90
+"""WebP quality. A photo of fox takes a seventh of its PNG, and notebooks keep every output."""
 
 
 def image_element(image: Float[Tensor, "h w d"], title: str = "") -> str:
-    """An image as an HTML element that holds it as PNG.
+    """An image as an HTML element that holds it as WebP.
 
     Args:
         image: colours in [0, 1], others are clamped; with fewer than three channels the first one
@@ -28,10 +30,10 @@ def image_element(image: Float[Tensor, "h w d"], title: str = "") -> str:
     picture = Image.fromarray(data.expand(*data.shape[:2], 3).contiguous().numpy())
     picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
     buffer = io.BytesIO()
-    picture.save(buffer, "PNG")
+    picture.save(buffer, "WEBP", quality=QUALITY)
     content = base64.b64encode(buffer.getvalue()).decode("ascii")
     text = escape(title)
     return (
-        f'<img src="data:image/png;base64,{content}" title="{text}" alt="{text}" '
+        f'<img src="data:image/webp;base64,{content}" title="{text}" alt="{text}" '
         f'width="{picture.width}" height="{picture.height}" style="margin:2px">'
     )

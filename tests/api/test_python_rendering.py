@@ -200,7 +200,7 @@ def test_a_notebook_shows_the_first_images_of_a_render():
     camera = front_camera()
     many = Cameras.cat([camera] * 10)
     shown = render(random_splats(2), many)._repr_html_()
-    assert shown.count('<img src="data:image/png;base64,') == 8
+    assert shown.count('<img src="data:image/webp;base64,') == 8
     assert f"10 images of {camera.width} x {camera.height} pixels; the first 8 of them" in shown
     assert render(random_splats(2), camera)._repr_html_().startswith("<div>1 image of ")
     one_channel = replace(random_splats(2), colors=torch.ones(2, 1))
