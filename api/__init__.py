@@ -33,17 +33,19 @@ if TYPE_CHECKING:
     from gsfw.api.errors import *
     from gsfw.api.files import *
     from gsfw.api.gaussians3d import *
+    from gsfw.api.models import *
     from gsfw.api.operators import *
     from gsfw.api.progress import *
     from gsfw.api.registration import *
     from gsfw.api.rendering import *
+    from gsfw.api.runs import *
     from gsfw.api.training import *
     from gsfw.api.verbs import *
     from gsfw.api.watching import *
 
 GROUPS = (
     *("registration", "errors", "progress", "configuration", "rendering", "training", "watching"),
-    *("operators", "files", "data", "gaussians3d", "verbs"),
+    *("operators", "files", "data", "gaussians3d", "verbs", "runs", "models"),
 )
 """The modules of this folder, the light ones first."""
 

@@ -15,9 +15,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bars
 
 from gsfw.callbacks.live_line import GAP, Figures, LiveLine
+from gsfw.callbacks.notebook_line import NotebookLine
 from gsfw.core.callback import Callback, Control, RunInfo, StepReport
 from gsfw.core.loop.countdown import Countdown
 from gsfw.core.loop.evaluation import Evaluation
+from gsfw.core.notebook import is_notebook
 from gsfw.core.progress import Advance, shown_by
 
 SMOOTHING = 0.9
@@ -27,13 +29,17 @@ REFRESHES = 5.0
 
 
 class Progress(Callback):
-    """A live line on a terminal, or regular plain lines elsewhere; always on standard error."""
+    """A live line on a terminal or in a notebook; elsewhere regular plain lines.
+
+    Terminals and files get them on standard error.
+    """
 
     def __init__(self, seconds: float) -> None:
         """Write a plain line every ``seconds`` if there is no terminal."""
         self._seconds = seconds
         self._console = Console(stderr=True, highlight=False)
         self._live: Live | None = None
+        self._notebook: NotebookLine | None = None
         self._stages: Bars | None = None
         self._run: RunInfo | None = None
         self._last_line = 0.0
@@ -47,7 +53,10 @@ class Progress(Callback):
         self._figures = Figures(run.first_step, run.steps)
         for note in run.notes:
             self._say(f"note: {note}")
-        if self._console.is_terminal and not self._console.is_dumb_terminal:
+        if is_notebook():
+            self._notebook = NotebookLine(self._figures)
+            self._shown.enter_context(shown_by(self._notebook.stage))
+        elif self._console.is_terminal and not self._console.is_dumb_terminal:
             self._go_live()
 
     def _go_live(self) -> None:
@@ -92,9 +101,12 @@ class Progress(Callback):
         assert self._countdown is not None
         self._countdown.tick()
         self._figures.step = step
+        if self._notebook is not None:
+            self._figures.seconds_left = self._countdown.seconds()
+            self._notebook.refresh()
         now = time.monotonic()
         logged = step == 1 or step % int(self._run.settings.get("log_every", 1)) == 0
-        if self._live is None and not logged and now - self._last_line >= self._seconds:
+        if self._is_plain and not logged and now - self._last_line >= self._seconds:
             self._tell(now)
 
     def on_step(self, report: StepReport, control: Control) -> None:
@@ -111,8 +123,13 @@ class Progress(Callback):
         figures.resolution, figures.memory_mb = report.resolution, report.memory_mb
         now = time.monotonic()
         is_due = now - self._last_line >= self._seconds or report.step == self._run.steps
-        if self._live is None and is_due:
+        if self._is_plain and is_due:
             self._tell(now)
+
+    @property
+    def _is_plain(self) -> bool:
+        """True if lines are printed one below the other."""
+        return self._live is None and self._notebook is None
 
     def _tell(self, now: float) -> None:
         """Print a plain line."""
@@ -146,6 +163,9 @@ class Progress(Callback):
         if self._live is not None:
             self._live.stop()
             self._live = None
+        if self._notebook is not None:
+            self._notebook.close()
+            self._notebook = None
         sys.stderr.flush()
 
 

@@ -61,7 +61,7 @@ def run(arguments: list[str]) -> int:
             f"{found.name} has no held-out images to evaluate.",
             "Evaluate those it was trained on with split=train.",
         )
-    evaluation = _evaluate(restored, split)
+    evaluation = evaluate_run(restored, split)
     document = {
         "run": found.name,
         "step": restored.step,
@@ -83,7 +83,7 @@ def run(arguments: list[str]) -> int:
     return 0
 
 
-def _evaluate(restored: Restored, split: Split) -> Evaluation:
+def evaluate_run(restored: Restored, split: Split) -> Evaluation:
     """Evaluate and judge the views of a split."""
     from gsfw.core.loop.determinism import deterministic
     from gsfw.core.loop.evaluation import evaluate

@@ -184,7 +184,7 @@ class _Export:
         taken = RunSource(self.restored, options.time, edit=edit).snapshot()
         content, invisible = without_invisible(taken.content)
         path = self._path("splats")
-        with _readable_value_errors(path, options.format), stage(f"writing {path.name}"):
+        with readable_value_errors(path, options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
         splats, notes = content.splats, _notes(taken)
         for note in notes:
@@ -212,7 +212,7 @@ class _Export:
         source = RunSource(self.restored)
         sequence = SplatSequence(self.exporter, times, composition.scene.time_range, folder)
         about = {"method": composition.settings.method.name, "step": step}
-        with _readable_value_errors(folder, self.options.format):
+        with readable_value_errors(folder, self.options.format):
             written = sequence.write(lambda time: source.at(time).splat_file(), about)
             files = list(tracked(written, "writing splats", len(times)))
         count = sum(path.stat().st_size for path in files)
@@ -231,7 +231,7 @@ class _Export:
         if self.found.model_file is not None:
             raise ConfigError(f"{self.found.name} is a model file already.", "Copy it.")
         path = self._path("model")
-        with _readable_value_errors(path, self.options.format):
+        with readable_value_errors(path, self.options.format):
             model = RunSource(self.restored).stored_model()
             with stage(f"writing {path.name}"):
                 self.exporter.write(path, model)
@@ -245,7 +245,7 @@ class _Export:
         times = parse_times(self.options.times or ALL, self.restored.composition)
         content = RunSource(self.restored, times=times).track_file()
         path = self._path("tracks")
-        with _readable_value_errors(path, self.options.format), stage(f"writing {path.name}"):
+        with readable_value_errors(path, self.options.format), stage(f"writing {path.name}"):
             self.exporter.write(path, content)
         rows = content.tracks.opacities.shape[1]
         count = self._say(f"paths of {rows:,} Gaussians at {len(times)} times", path)
@@ -292,7 +292,7 @@ def _corrections(
 
 
 @contextmanager
-def _readable_value_errors(path: Path, form: str) -> Iterator[None]:
+def readable_value_errors(path: Path, form: str) -> Iterator[None]:
     """Turn an exporter's ValueError into a message for the user.
 
     Raises:

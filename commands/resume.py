@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, full_key, parse
+from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console
 from gsfw.core.errors import ConfigError
 from gsfw.core.progress import stage
@@ -60,39 +61,66 @@ def run(tokens: list[str]) -> int:
 
     load_torch()
 
-    from gsfw.commands.interface.new_run import OTHERS
     from gsfw.commands.interface.runs import find_run
-    from gsfw.core.files.folder_lock import only_one
+    from gsfw.commands.interface.training import run_training
 
     found = find_run(arguments.words[0], console.say)
+    command = ["resume", *tokens]
+    return resume_run(found, changed, command, Caller(console, run_training), began)
+
+
+def resume_run(
+    found: RunArgument,
+    changed: Mapping[str, Any],
+    command: Sequence[str],
+    caller: Caller,
+    began: float,
+) -> int:
+    """Continue a run, and hold its folder meanwhile; return the exit code.
+
+    Args:
+        found: the run, or a checkpoint of it.
+        changed: settings that change; checked by ``check_changeable``.
+        command: the command line.
+        caller: program that trains.
+        began: start of the command, as of ``time.perf_counter``.
+
+    Raises:
+        ConfigError: it is no run, or a setting is wrong.
+        DataError: it cannot be restored.
+    """
+    from gsfw.commands.interface.new_run import OTHERS
+    from gsfw.core.files.folder_lock import only_one
+
     if found.model_file is not None:
         raise ConfigError(
             f"{found.name} cannot go on: a model file has no optimizer and no images.",
             "Give the folder of the run that it was exported from.",
         )
     with only_one(found.folder.path, OTHERS, "Wait for it, or end it."):
-        return _go_on(found, changed, ["resume", *tokens], console, began)
+        return _go_on(found, changed, command, caller, began)
 
 
 def _go_on(
     found: RunArgument,
-    changed: Mapping[str, str],
-    command: list[str],
-    console: Console,
+    changed: Mapping[str, Any],
+    command: Sequence[str],
+    caller: Caller,
     began: float,
 ) -> int:
     """Restore a run and train on; return the exit code."""
     from gsfw.commands.interface.run_history import remember_run
-    from gsfw.commands.interface.training import describe, run_training
+    from gsfw.commands.interface.training import describe
     from gsfw.core.files.atomic import write_atomically
     from gsfw.core.loop.machine_clock import MachineClock
     from gsfw.planning.plan import resumed_timekeeper
     from gsfw.planning.record import read_plan, recorded
     from gsfw.plugins.config_file import write_config
-    from gsfw.plugins.loading import check_callbacks, make_callbacks
+    from gsfw.plugins.loading import check_callbacks
     from gsfw.plugins.restore import restore
     from gsfw.plugins.settings import COMMAND_LINE, Layer
 
+    console = caller.console
     with stage(f"opening {found.name}"):
         layer = Layer(COMMAND_LINE, changed)
         restored = restore(found.folder, installed(), found.checkpoint, layer)
@@ -102,7 +130,7 @@ def _go_on(
         console.warn(f"{change}: the result may differ in its last bits from an unstopped run's.")
     composition, folder = restored.composition, restored.folder
     check_callbacks(composition.settings.config.callbacks, installed())
-    callbacks = make_callbacks(composition.settings.config.callbacks, installed())
+    callbacks = caller.callbacks_of(composition.settings, installed())
     keeper = None if "steps" in changed else resumed_timekeeper(restored, MachineClock(began))
     trainer = composition.trainer(folder, callbacks, restored.step, keeper)
     trainer.load_state_dict(restored.state)
@@ -117,9 +145,9 @@ def _go_on(
     remember_run(folder.path)
     console.say(f"{describe(composition)}\ngoing on after step {restored.step}")
     if keeper is None:
-        return run_training(trainer, console)
+        return caller.run(trainer, console)
     with recorded(trainer, composition.settings, command, read_plan(folder)):
-        return run_training(trainer, console)
+        return caller.run(trainer, console)
 
 
 def _changed(arguments: Arguments) -> Mapping[str, str]:
@@ -132,13 +160,22 @@ def _changed(arguments: Arguments) -> Mapping[str, str]:
         problem = "RUN is missing" if not arguments.words else "more than one RUN is given"
         raise ConfigError(f"gsfw resume: {problem}.", "See gsfw resume --help.")
     changed = {full_key(key): text for key, text in arguments.values.items() if key not in FLAGS}
+    check_changeable(changed)
+    return changed
+
+
+def check_changeable(changed: Iterable[str]) -> None:
+    """Check that settings may change on resuming.
+
+    Raises:
+        ConfigError: one may not; names those that may.
+    """
     for key in changed:
         if key.partition(".")[0] not in CHANGEABLE:
             raise ConfigError(
                 f"{key} cannot change when a run goes on.{did_you_mean(key, CHANGEABLE)}",
                 f"Keys that may: {', '.join(CHANGEABLE)}.",
             )
-    return changed
 
 
 def _is_finished(restored: Restored, console: Console) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.arguments import FLAGS, Arguments, HelpRequested, layers, parse
+from gsfw.commands.interface.caller import Caller
 from gsfw.commands.interface.console import Console
 from gsfw.core.config import AUTO
 from gsfw.core.errors import ConfigError, UserError
@@ -16,8 +17,7 @@ from gsfw.core.progress import stage
 from gsfw.plugins.registry import Registry, installed
 
 if TYPE_CHECKING:
-    from gsfw.planning.plan import Plan
-    from gsfw.plugins.compose import Composition
+    from gsfw.commands.interface.new_training import NewTraining
     from gsfw.plugins.settings import Layer, Settings
 
 
@@ -27,67 +27,28 @@ def run(tokens: list[str]) -> int:
     arguments = parse(tokens)
     registry = installed()
     console = Console(arguments.flag("json"))
-    _announce(arguments, registry, console)
+    if not arguments.flag("help"):
+        announce(layers(arguments), registry, console)
     with stage("loading torch and the method"):
         settings = read_settings("train", arguments, registry)
-    from gsfw.commands.interface.new_run import check_free, default_folder, new_run_folder
-    from gsfw.commands.interface.run_history import remember_run
-    from gsfw.commands.interface.training import describe, run_training
-    from gsfw.core.files.atomic import write_atomically
-    from gsfw.planning.announcement import announcement
-    from gsfw.planning.record import plan_document, recorded
-    from gsfw.plugins.compose import check, compose
-    from gsfw.plugins.config_file import write_config
-    from gsfw.plugins.loading import check_callbacks, make_callbacks
-
-    check(settings, registry)
-    check_callbacks(settings.config.callbacks, registry)
-    out = settings.config.out
-    check_free(out)
-    plan = _plan(settings, arguments, registry, began)
-    composition = compose(settings, registry) if plan is None else plan.composition
-    settings = composition.settings
-    path = Path(out) if out else default_folder(composition.scene.name, settings.method.name)
-    console.say(describe(composition))
-    if plan is not None:
-        console.say(announcement(plan))
-    if arguments.flag("dry_run"):
-        return _tell_dry_run(composition, plan, path, time.perf_counter() - began, console)
-    with new_run_folder(path, is_chosen=bool(out)) as new:
-        write_atomically(new.folder.config, write_config(settings, ["train", *tokens]).encode())
-        remember_run(new.folder.path)
-        callbacks = make_callbacks(settings.config.callbacks, registry)
-        keeper = None if plan is None else plan.timekeeper
-        trainer = composition.trainer(new.folder, callbacks, timekeeper=keeper)
-        new.steps_done = lambda: trainer.step
-        if plan is None:
-            return run_training(trainer, console)
-        with recorded(trainer, settings, ["train", *tokens], plan_document(plan)):
-            return run_training(trainer, console)
-
-
-def _plan(
-    settings: Settings, arguments: Arguments, registry: Registry, began: float
-) -> Plan | None:
-    """The plan of a run that has to end in a time, or at a quality; ``None`` for other runs."""
-    from gsfw.core.loop.machine_clock import MachineClock
-    from gsfw.planning.asked import asked_of, spelled_out
-    from gsfw.planning.plan import make_plan
+    from gsfw.commands.interface.new_training import new_training
+    from gsfw.commands.interface.training import run_training
+    from gsfw.planning.asked import spelled_out
 
     given = spelled_out(layers(arguments))
-    asked = asked_of(settings, given)
-    return None if asked is None else make_plan(asked, given, registry, MachineClock(began))
+    new = new_training(settings, given, registry, ["train", *tokens], began)
+    console.say(str(new))
+    if arguments.flag("dry_run"):
+        return _tell_dry_run(new, time.perf_counter() - began, console)
+    code, _ = new.train(Caller(console, run_training), registry)
+    return code
 
 
-def _tell_dry_run(
-    composition: Composition, plan: Plan | None, path: Path, seconds: float, console: Console
-) -> int:
+def _tell_dry_run(new: NewTraining, seconds: float, console: Console) -> int:
     """Print whether a run would train, and its cost; return the exit code, as ``gsfw check``.
 
     Args:
-        composition: composition of the run.
-        plan: plan of a run that ends in a time; ``None`` for other runs.
-        path: path of its folder.
+        new: the run.
         seconds: time since the start of the process.
         console: console to print on.
     """
@@ -95,6 +56,7 @@ def _tell_dry_run(
     from gsfw.preparation.check.report import finding_lines
     from gsfw.studies.expectation import expect
 
+    composition, plan = new.composition, new.plan
     for note in composition.notes():
         console.say(f"note: {note}")
     findings = hopeless(composition.parts.data)
@@ -103,22 +65,22 @@ def _tell_dry_run(
         expected = replace(expected, seconds=60 * plan.asked.minutes)
     composition.parts.data.close()
     console.say(str(expected))
-    document = {"fits": not findings, "run": str(path), "settings": composition.settings.flat()}
+    document = {"fits": not findings, "run": str(new.path), "settings": composition.settings.flat()}
     for line in (line for finding in findings for line in finding_lines(finding.document())):
         console.say(line)
     if findings:
         console.say("the parts fit together, but this data set will not train: see gsfw check")
     else:
-        console.say(f"everything fits; without --dry-run the run would go to {path}")
+        console.say(f"everything fits; without --dry-run the run would go to {new.path}")
     documents = [finding.document() for finding in findings]
     console.result({**document, "findings": documents, "expected": expected.document()})
     return 1 if findings else 0
 
 
-def _announce(arguments: Arguments, registry: Registry, console: Console) -> None:
-    """Print method and data before torch is loaded; wrong arguments are reported later."""
-    values = {key: text for layer in layers(arguments) for key, text in layer.values.items()}
-    if values.get("method") in registry.slot("method") and not arguments.flag("help"):
+def announce(given: Sequence[Layer], registry: Registry, console: Console) -> None:
+    """Print method and data before torch is loaded; wrong settings are reported later."""
+    values = {key: value for layer in given for key, value in layer.values.items()}
+    if values.get("method") in registry.slot("method"):
         data = values.get("data") or "the built-in scene"
         device = values.get("device", AUTO)
         console.say(f"preparing method {values['method']} on {data}, device {device}")

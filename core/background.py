@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from gsfw.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 AUTO = "auto"
 """White where images have alpha, else black."""
@@ -31,3 +36,25 @@ def parse_background(text: str, has_alpha: bool = False) -> tuple[float, float, 
     if not all(math.isfinite(value) for value in (red, green, blue)):
         raise ConfigError(f"background={text}: expected three finite numbers.")
     return red, green, blue
+
+
+def background_tensor(
+    background: str | Sequence[float] | Tensor | None, usual: Tensor | None = None
+) -> Tensor | None:
+    """A background as a tensor on the CPU, float32.
+
+    Args:
+        background: as ``parse_background`` takes it, or a value for each channel; ``None`` for
+            the usual one.
+        usual: the usual one, which is returned as it is.
+
+    Raises:
+        ConfigError: it is neither a name nor numbers.
+    """
+    import torch
+
+    if background is None:
+        return usual
+    if isinstance(background, str):
+        return torch.tensor(parse_background(background))
+    return torch.as_tensor(background, dtype=torch.float32).flatten()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Any
@@ -43,6 +45,86 @@ class Cameras:
     """Capture time in [0, 1] over the whole data set; ``None`` for a static capture."""
     camera_index: Int[Tensor, " c"] | None = None
     """Number of the physical camera of each image; ``None`` when unknown."""
+
+    @staticmethod
+    def from_matrices(
+        world_to_camera: object,
+        intrinsics: object,
+        width: int,
+        height: int,
+        *,
+        model: CameraModel = CameraModel.PINHOLE,
+        time: object = None,
+    ) -> Cameras:
+        """Make cameras from matrices of any kind: tensors, NumPy arrays or lists.
+
+        Axes are OpenCV's: x right, y down, z forward. For camera-to-world matrices of OpenGL or
+        Blender (y up, z backward): ``diag([1, -1, -1, 1]) @ inv(camera_to_world)``.
+
+        Args:
+            world_to_camera: rigid transforms, [c, 4, 4] or [c, 3, 4]; without c for one camera.
+            intrinsics: [c, 3, 3] in pixels, or [3, 3] for all of them.
+            width: of the images, in pixels.
+            height: of the images, in pixels.
+            model: projection model.
+            time: capture times in [0, 1], [c] or one number; ``None`` for a static scene.
+
+        Raises:
+            ValueError: a shape is wrong; names it.
+        """
+        poses = torch.as_tensor(world_to_camera)
+        poses = poses if poses.is_floating_point() else poses.float()
+        poses = poses[None] if poses.dim() == 2 else poses
+        lenses = torch.as_tensor(intrinsics).to(poses)
+        if poses.dim() != 3 or poses.shape[1:] not in ((4, 4), (3, 4)):
+            raise ValueError(
+                f"world_to_camera: expected shape [c, 4, 4] or [c, 3, 4], found {[*poses.shape]}"
+            )
+        if poses.shape[1] == 3:
+            last = poses.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(len(poses), 1, 4)
+            poses = torch.cat([poses, last], dim=1)
+        if lenses.shape not in ((3, 3), (1, 3, 3), (len(poses), 3, 3)):
+            raise ValueError(
+                f"intrinsics: expected shape [3, 3] or [{len(poses)}, 3, 3], "
+                f"found {[*lenses.shape]}"
+            )
+        times = None if time is None else torch.as_tensor(time).to(poses).expand(len(poses))
+        return Cameras(poses, lenses.expand(len(poses), 3, 3), width, height, model, times)
+
+    @staticmethod
+    def look_at(
+        positions: object,
+        target: Sequence[float | int] | Float[Tensor, " 3"] = (0.0, 0.0, 0.0),
+        *,
+        width: int,
+        height: int,
+        up: Sequence[float | int] | Float[Tensor, " 3"] = (0.0, -1.0, 0.0),
+        field_of_view: float = 50.0,
+    ) -> Cameras:
+        """Make pinhole cameras that look at a point.
+
+        Args:
+            positions: [3] for one camera, or [c, 3]; a tensor, NumPy array or list.
+            target: the point, in the middle of the images.
+            width: of the images, in pixels.
+            height: of the images, in pixels.
+            up: upward direction; worlds of COLMAP and OpenCV have y downward.
+            field_of_view: angle from left to right, in degrees.
+
+        Raises:
+            ValueError: a camera is at the target, or looks along ``up``; or the angle is not
+                between 0 and 180.
+        """
+        from gsfw.core.maths.camera_path import look_at  # It imports this module.
+
+        if not 0 < field_of_view < 180:
+            raise ValueError(f"field_of_view: expected 0 to 180 degrees, found {field_of_view:g}")
+        places = torch.as_tensor(positions)
+        places = (places if places.is_floating_point() else places.float()).reshape(-1, 3)
+        poses = look_at(places, torch.as_tensor(target).to(places), torch.as_tensor(up).to(places))
+        focal = width / 2 / math.tan(math.radians(field_of_view) / 2)
+        lens = [[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]
+        return Cameras.from_matrices(poses, lens, width, height)
 
     def __len__(self) -> int:
         return self.world_to_camera.shape[0]

@@ -1,5 +1,14 @@
 """Errors with messages for the user."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
+
 
 class UserError(Exception):
     """An error that the user can correct: shown as one message without a traceback, exit code 2.
@@ -38,3 +47,19 @@ class TrainingError(UserError):
     """Training cannot continue, for instance because its steps are no longer finite."""
 
     exit_code = 1
+
+
+def without_inner_frames(function: Callable[Given, Answer]) -> Callable[Given, Answer]:
+    """Decorate a function for Python programs: the traceback of a ``UserError`` ends there.
+
+    The message says what to do; the frames inside of gsfw would only hide the user's own line.
+    """
+
+    @wraps(function)
+    def called(*args: Given.args, **kwargs: Given.kwargs) -> Answer:
+        try:
+            return function(*args, **kwargs)
+        except UserError as error:
+            raise error.with_traceback(None) from None
+
+    return called

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from gsfw.core.render_settings import Statistic
+
+MOST_IMAGES = 8
+"""Images of a render that a notebook shows."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,18 @@ class RenderStatistics:
             contribution=room(Statistic.CONTRIBUTION),
         )
 
+    def map(self, function: Callable[[Tensor], Tensor]) -> RenderStatistics:
+        """Apply ``function`` to every statistic that was measured."""
+        named = {item.name: getattr(self, item.name) for item in fields(self)}
+        measured = {name: value for name, value in named.items() if value is not None}
+        return replace(self, **{name: function(value) for name, value in measured.items()})
+
+    @staticmethod
+    def cat(parts: Sequence[RenderStatistics]) -> RenderStatistics:
+        """Join the statistics of several cameras; all have the same ones, of as many splats."""
+        names = [item.name for item in fields(RenderStatistics)]
+        return RenderStatistics(**{name: _joined(parts, name) for name in names})
+
     def where(self, finite: Bool[Tensor, ""]) -> RenderStatistics:
         """The same statistics, or zeros if ``finite`` is false; no synchronisation."""
         if finite.is_cpu and bool(finite):  # The host knows it without waiting.
@@ -80,3 +97,29 @@ class RenderOutput:
     """Depth in scene units; ``None`` when not requested."""
     extra: Float[Tensor, "c h w e"] | None = None
     """The splats' extra channels over background 0; ``None`` when they have none."""
+
+    @staticmethod
+    def cat(parts: Sequence[RenderOutput]) -> RenderOutput:
+        """Join the images of several cameras; all have the same outputs and size."""
+        statistics = RenderStatistics.cat([part.statistics for part in parts])
+        names = [item.name for item in fields(RenderOutput) if item.name != "statistics"]
+        return RenderOutput(statistics=statistics, **{n: _joined(parts, n) for n in names})
+
+    def _repr_html_(self) -> str:
+        """The first images, for notebooks."""
+        from gsfw.core.embedded_image import image_element  # Only notebooks need Pillow.
+
+        count, height, width = self.color.shape[:3]
+        more = f"; the first {MOST_IMAGES} of them" if count > MOST_IMAGES else ""
+        images = "".join(
+            image_element(self.color[index], f"camera {index}")
+            for index in range(min(count, MOST_IMAGES))
+        )
+        head = f"{count} image{'s' * (count != 1)} of {width} x {height} pixels{more}"
+        return f"<div>{head}</div><div>{images}</div>"
+
+
+def _joined(parts: Sequence[object], name: str) -> Any:  # noqa: ANN401 - a tensor, or None
+    """One field of several renders, camera after camera; ``None`` if they lack it."""
+    found = [getattr(part, name) for part in parts]
+    return None if found[0] is None else torch.cat(found)

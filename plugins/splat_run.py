@@ -97,11 +97,15 @@ class _SplatCapture(StoredCapture):
         )
 
 
+def inner_box(means: Float[Tensor, "n 3"]) -> Float64[Tensor, "2 3"]:
+    """The lowest and the highest corner of the box of nearly all Gaussians (``OUTSIDE``)."""
+    sample = means.double()[:: len(means) // 100_000 + 1]
+    return torch.quantile(sample, torch.tensor([OUTSIDE, 1 - OUTSIDE]).double(), dim=0)
+
+
 def _scene(path: Path, content: SplatFile) -> Scene:
     """The scene: around its middle, nearly all splats within a distance of about 1."""
-    means = content.splats.means.double()
-    sample = means[:: len(means) // 100_000 + 1]
-    ends = torch.quantile(sample, torch.tensor([OUTSIDE, 1 - OUTSIDE]).double(), dim=0)
+    ends = inner_box(content.splats.means)
     size = max(float((ends[1] - ends[0]).norm()) / 2, 1e-9)
     placed = Similarity(scale=size, translation=ends.mean(0))
     none = torch.zeros(0, 3)

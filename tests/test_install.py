@@ -22,6 +22,9 @@ def test_without_a_compiler_the_package_installs_as_pure_python(tmp_path):
     names = zipfile.ZipFile(built).namelist()
     assert "gsfw/core/loop/trainer.py" in names
     assert "gsfw/py.typed" in names
+    own = zipfile.ZipFile(built).read("gsfw/__init__.py").decode()
+    assert '"runs": ("Run", "open", "train")' in own
+    assert '__version__ = "${version}"' not in own
     assert not [name for name in names if name.endswith((".so", ".pyd", ".cpp"))]
     for path in (*ROOT.glob("kernels/cuda/sources/*"), *ROOT.glob("kernels/shared/*.h")):
         assert f"gsfw/{path.relative_to(ROOT)}" in names, "what CUDA kernels are compiled from"

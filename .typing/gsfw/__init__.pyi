@@ -1,3 +1,1 @@
-"""gsfw: Gaussian splatting, static and dynamic."""
-
-__version__: str
+../../package/gsfw/__init__.py

@@ -68,7 +68,7 @@ def parse(tokens: Sequence[str]) -> Arguments:
         token = "--help" if remaining[0] == "-h" else remaining[0]
         del remaining[0]
         if pair := _PAIR.fullmatch(token):
-            pairs.append((_key(pair[1]), _expanded(pair[2])))
+            pairs.append((_key(pair[1]), expanded(pair[2])))
         elif option := _OPTION.fullmatch(token):
             key = _key(option[1])
             if key in FLAGS:
@@ -76,7 +76,7 @@ def parse(tokens: Sequence[str]) -> Arguments:
             elif not remaining or _OPTION.match(remaining[0]):
                 raise ConfigError(f"{token}: a value is missing.", f"Write {key}=VALUE.")
             else:
-                pairs.append((key, _expanded(remaining.pop(0))))
+                pairs.append((key, expanded(remaining.pop(0))))
         else:
             words.append(token)
     return Arguments(tuple(words), tuple(pairs))
@@ -86,7 +86,7 @@ def _key(text: str) -> str:
     return text.replace("-", "_")
 
 
-def _expanded(text: str) -> str:
+def expanded(text: str) -> str:
     """Expand ``~/`` after a key, since most shells do not."""
     return str(Path(text).expanduser()) if text == "~" or text.startswith("~/") else text
 

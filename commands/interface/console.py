@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from gsfw.core.files.json_text import json_text
+from gsfw.core.notebook import is_notebook
 
 WIDTH_OF_FILES = 160
 """Width of a table without a terminal, in columns."""
@@ -62,6 +63,30 @@ class Console:
         if self.json_only:
             sys.stdout.write(json_text(document, indent=1) + "\n")
             sys.stdout.flush()
+
+
+class ProgramConsole(Console):
+    """The console of a Python program that calls gsfw: standard output and results are its own."""
+
+    def __init__(self, is_quiet: bool = False) -> None:
+        """Print for people, unless the program wants quiet."""
+        super().__init__()
+        self._is_quiet = is_quiet
+
+    def say(self, text: str = "") -> None:
+        """Print a line on standard error; in a notebook on standard output, which is not red."""
+        if not self._is_quiet:
+            stream = sys.stdout if is_notebook() else sys.stderr
+            stream.write(f"{text}\n")
+            stream.flush()
+
+    def warn(self, text: str) -> None:
+        """Print a line on standard error."""
+        if not self._is_quiet:
+            super().warn(text)
+
+    def result(self, document: Mapping[str, Any] | Sequence[Any]) -> None:
+        """Print nothing: functions return their results."""
 
 
 def render_table(

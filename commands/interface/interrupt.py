@@ -9,7 +9,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
@@ -31,8 +31,20 @@ class Interrupt:
     received: bool = False
 
 
+def unclaimed_signals() -> tuple[signal.Signals, ...]:
+    """SIGINT where it would raise ``KeyboardInterrupt``: the signal that gsfw may take over.
+
+    A program has handlers of its own, and threads but the main one cannot set any.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    is_free = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    return (signal.SIGINT,) if is_main and is_free else ()
+
+
 @contextmanager
-def stop_on_signal(control: Control) -> Iterator[Interrupt]:
+def stop_on_signal(
+    control: Control, signals: Sequence[signal.Signals] = SIGNALS
+) -> Iterator[Interrupt]:
     """Request a stop of the run at the first signal; raise ``KeyboardInterrupt`` at the second."""
     interrupt = Interrupt()
 
@@ -44,7 +56,7 @@ def stop_on_signal(control: Control) -> Iterator[Interrupt]:
         control.request_stop(f"interrupted by {name}")
         sys.stderr.write("\nstopping after this step, with a checkpoint; once more stops at once\n")
 
-    before = {number: signal.signal(number, stop) for number in SIGNALS}
+    before = {number: signal.signal(number, stop) for number in signals}
     try:
         yield interrupt
     finally:

@@ -10,6 +10,7 @@ from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING
 
 from gsfw.commands.interface.console import Console
+from gsfw.core.notebook import is_notebook
 from gsfw.core.progress import Advance, stage
 
 if TYPE_CHECKING:
@@ -56,9 +57,10 @@ class SlowStages:
 
     def _show_lines(self, counter: _Counter, ended: Event) -> None:
         wait = PATIENCE
+        stream = sys.stdout if is_notebook() else sys.stderr  # Notebooks show errors in red.
         while not ended.wait(wait):
-            sys.stderr.write(f"{counter}\n")
-            sys.stderr.flush()
+            stream.write(f"{counter}\n")
+            stream.flush()
             wait = LINES
 
     def _show_bar(self, counter: _Counter, ended: Event) -> None:

@@ -66,7 +66,8 @@ def find_run(text: str, say: Callable[[str], None], splats: bool = False) -> Run
     if splats and path.is_file():
         return RunArgument(RunFolder(path.parent), None, splat_file=path)
     if not path.exists():
-        raise DataError(f"there is no run {text}.{_nearest(path)}", _advice())
+        kind = "run or splat file" if splats else "run"
+        raise DataError(f"there is no {kind} {text}.{_nearest(path)}", _advice())
     folder = RunFolder(path)
     if not folder.config.is_file():
         refuse_unread_splats(path)

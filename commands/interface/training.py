@@ -62,25 +62,38 @@ def run_training(trainer: Trainer, console: Console) -> int:
     Raises:
         TrainingError: the GPU's memory is full, or steps are no longer finite.
     """
-    folder = trainer.folder
     keep_freed_memory()
+    recorded = tracebacks_in(trainer.folder, lambda: trainer.step > 0)
+    with stop_on_signal(trainer.control) as interrupt, recorded:
+        summary = train_to_end(trainer, console)
+    console.result({**summary, "run": str(trainer.folder.path)})
+    return INTERRUPTED if interrupt.received and not summary["completed"] else 0
+
+
+def train_to_end(trainer: Trainer, console: Console) -> Mapping[str, Any]:
+    """Train to the end, or until a stop is requested; write and print the results.
+
+    Returns:
+        The summary of the run.
+
+    Raises:
+        TrainingError: the GPU's memory is full, or steps are no longer finite.
+    """
+    folder = trainer.folder
     report = RequirementsReport(trainer)
     console.say(f"watch it: tensorboard --logdir {quoted(folder)}")
     try:
-        recorded = tracebacks_in(folder, lambda: trainer.step > 0)
-        with stop_on_signal(trainer.control) as interrupt, recorded:
-            summary = _fit(trainer, report)
-            ending = Ending(report.headline)
-            if summary["completed"]:
-                ending.invisible = write_splats(trainer, console)
-                ending.learnt = write_corrections(trainer.parts, folder.path)
-                if trainer.info.settings["report"]:
-                    report_training(trainer)
+        summary = _fit(trainer, report)
+        ending = Ending(report.headline)
+        if summary["completed"]:
+            ending.invisible = write_splats(trainer, console)
+            ending.learnt = write_corrections(trainer.parts, folder.path)
+            if trainer.info.settings["report"]:
+                report_training(trainer)
     finally:
         trainer.parts.data.close()
     _tell(summary, trainer, console, ending)
-    console.result({**summary, "run": str(folder.path)})
-    return INTERRUPTED if interrupt.received and not summary["completed"] else 0
+    return summary
 
 
 def _fit(trainer: Trainer, report: RequirementsReport) -> dict[str, Any]:

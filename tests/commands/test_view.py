@@ -25,7 +25,7 @@ def test_help_imports_neither_torch_nor_viser():
     [
         (("view",), "RUN|FILE ... is missing"),
         (("view", "a", "b", "c"), "shows one or two"),
-        (("view", "nowhere"), "there is no run nowhere"),
+        (("view", "nowhere"), "there is no run or splat file nowhere"),
         (("view", "nowhere", "port=70000"), "from 0 to 65535"),
     ],
 )

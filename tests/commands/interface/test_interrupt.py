@@ -1,6 +1,8 @@
 """Tests of gsfw.commands.interface.interrupt."""
 
+import os
 import signal
+import threading
 
 import pytest
 
@@ -9,6 +11,7 @@ from gsfw.commands.interface.interrupt import (
     interrupted_once,
     leave_on_signal,
     stop_on_signal,
+    unclaimed_signals,
 )
 from gsfw.core.callback import Control
 
@@ -74,3 +77,20 @@ def test_training_still_stops_after_its_step():
     with leave_on_signal(), stop_on_signal(control):
         signal.raise_signal(signal.SIGTERM)
     assert control.stop_reason == "interrupted by SIGTERM"
+
+
+def test_only_a_signal_without_a_handler_is_taken_from_a_program_and_in_its_main_thread():
+    assert unclaimed_signals() == (signal.SIGINT,)
+    found: list[object] = []
+    thread = threading.Thread(target=lambda: found.append(unclaimed_signals()))
+    thread.start()
+    thread.join()
+    before = signal.signal(signal.SIGINT, lambda number, frame: None)
+    try:
+        found.append(unclaimed_signals())
+        with stop_on_signal(Control(), unclaimed_signals()) as interrupt:
+            os.kill(os.getpid(), signal.SIGINT)
+        assert not interrupt.received, "the program's own handler got it"
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert found == [(), ()]

@@ -1,0 +1,333 @@
+"""Models: load, render and save splats of any origin; differentiable renders of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from gsfw.commands.export import readable_value_errors
+from gsfw.commands.interface.runs import find_run, open_run
+from gsfw.core.background import background_tensor
+from gsfw.core.cameras import Cameras
+from gsfw.core.config import AUTO
+from gsfw.core.datamanager import Split
+from gsfw.core.embedded_image import image_element
+from gsfw.core.errors import ConfigError, without_inner_frames
+from gsfw.core.exchange import Exporter, ExportSource, Holds
+from gsfw.core.maths.camera_path import at_times
+from gsfw.core.render_output import RenderOutput, RenderStatistics
+from gsfw.core.render_settings import Depth, RenderSettings
+from gsfw.core.splats import Splats
+from gsfw.formats.visible_splats import without_invisible
+from gsfw.plugins.compose import Composition
+from gsfw.plugins.fitting_rasterizer import fitting_rasterizer, render_needs
+from gsfw.plugins.loading import load_all
+from gsfw.plugins.registry import installed
+from gsfw.plugins.restore import Restored
+from gsfw.plugins.run_source import RunSource, data_times, is_dynamic
+from gsfw.plugins.settings import COMMAND_LINE, Layer
+from gsfw.plugins.splat_run import inner_box
+from gsfw.rendering.camera_batches import by_time, in_frame, one_batch
+from gsfw.rendering.paths import FilmRule, paths
+
+__all__ = ["Model", "load", "render"]
+
+
+@final
+class Model:
+    """A trained model, or the splats of a file; made by ``gsfw.load`` and ``Run.model``.
+
+    Positions, cameras and depths are in the world of the data, as in exported files.
+    """
+
+    def __init__(self, restored: Restored, name: str) -> None:
+        """Take a restored run; ``name`` is its path."""
+        self._restored, self.name = restored, name
+
+    @property
+    def _composition(self) -> Composition:
+        return self._restored.composition
+
+    @property
+    def method(self) -> str:
+        """Name of the method that renders it."""
+        return self._composition.settings.method.name
+
+    @property
+    def device(self) -> torch.device:
+        """Device of its tensors."""
+        return self._composition.parts.device
+
+    @property
+    def num_gaussians(self) -> int:
+        """Number of Gaussians."""
+        return self._composition.parts.model.num_rows
+
+    @property
+    def is_dynamic(self) -> bool:
+        """True if it may change with time."""
+        return is_dynamic(self._composition)
+
+    @property
+    def antialias(self) -> bool:
+        """True if it is rendered with Mip-Splatting's 2D filter."""
+        return self._composition.plan.settings.antialias
+
+    @cached_property
+    def bounds(self) -> Float[Tensor, "2 3"]:
+        """The lowest and the highest corner of the box of nearly all Gaussians, float64, CPU.
+
+        It leaves out those beyond the outermost 2 % on each side of each axis, which float far
+        away; of a dynamic model at time 0.
+        """
+        return inner_box(self._world_splats(None).means)
+
+    def _world_splats(self, time: float | None) -> Splats:
+        return RunSource(self._restored, time or 0.0).splat_file().splats
+
+    def splats(self, time: float | None = None) -> Splats:
+        """The activated Gaussians, float32, without gradients.
+
+        Rows that are not finite are left out. float32 is coarse where coordinates are large, as in
+        georeferenced captures; ``Model.render`` is exact there.
+
+        Args:
+            time: in [0, 1]; ``None`` for 0. A static model ignores it.
+        """
+        return self._world_splats(time).map(torch.Tensor.float).to(self.device)
+
+    def cameras(self, split: Literal["train", "eval"] = "train") -> tuple[Cameras, ...]:
+        """The cameras of the capture, one per view; float64 and on the CPU.
+
+        Cameras of a splat file stand around it: 24 to train on, and one held out.
+        """
+        views = self._composition.parts.data.views(Split(split))
+        return tuple(self._in_world(camera) for camera in views.cameras)
+
+    def camera_path(
+        self,
+        what: Literal[
+            "orbit", "path", "spiral", "time", "orbit-time", "path-time", "spiral-time"
+        ] = "orbit",
+        *,
+        frames: int = 60,
+        width: int = 0,
+        time: float = 0.0,
+    ) -> Cameras:
+        """The cameras of a film, one per frame; float64 and on the CPU.
+
+        Args:
+            what: as of ``gsfw render what=``: orbit (around the scene), path (through the views),
+                spiral, time (from one camera), or with time passing too.
+            frames: number of frames.
+            width: of the images in pixels; 0 for that of the views.
+            time: of all frames, in [0, 1], of a dynamic model.
+
+        Raises:
+            ConfigError: time is to pass in a static model.
+        """
+        (path,) = paths(self._composition, what, FilmRule(frames, width=width, time=time))
+        return self._in_world(path.cameras)
+
+    @without_inner_frames
+    def render(
+        self,
+        cameras: Cameras | Sequence[Cameras],
+        *,
+        time: float | None = None,
+        background: str | Sequence[float] | Tensor | None = None,
+        depth: bool = False,
+        rasterizer: str = AUTO,
+    ) -> RenderOutput:
+        """Render images, without gradients; statistics are those of each Gaussian of the model.
+
+        Args:
+            cameras: in the world of the data, of one image size.
+            time: in [0, 1]; ``None`` for the times of the cameras, or 0 where they have none.
+            background: white, black, "r,g,b" or three numbers in [0, 1]; ``None`` for that of the
+                training.
+            depth: true to render expected depth, too.
+            rasterizer: name of a backend; auto for the model's own.
+
+        Raises:
+            ConfigError: the cameras differ in size, or the rasterizer or background cannot be used.
+        """
+        joined = self._in_scene(one_batch(cameras))
+        if time is not None:
+            joined = at_times(joined, [time] * len(joined))
+        settings = self._settings(background, depth)
+        with torch.no_grad():
+            outputs = [
+                self._render(joined.select(group), settings, rasterizer)
+                for group in by_time(joined)
+            ]
+        output = outputs[0] if len(outputs) == 1 else RenderOutput.cat(outputs)
+        if output.depth is None:
+            return output
+        return replace(output, depth=output.depth * self._composition.scene.world_from_scene.scale)
+
+    def _settings(
+        self, background: str | Sequence[float] | Tensor | None, depth: bool
+    ) -> RenderSettings:
+
+        parts, settings = self._composition.parts, self._composition.plan.settings
+        kind = Depth.EXPECTED if depth else Depth.NONE
+        color = background_tensor(background, settings.background)
+        color = None if color is None else color.to(parts.device)
+        return parts.method.render_settings(replace(settings, background=color, depth=kind), None)
+
+    def _render(self, cameras: Cameras, settings: RenderSettings, rasterizer: str) -> RenderOutput:
+        """Render cameras of one time."""
+        parts = self._composition.parts
+        splats = parts.model.splats(None if cameras.time is None else cameras.time[0], cameras)
+        backend = parts.rasterizer
+        if rasterizer != AUTO:
+            backend = fitting_rasterizer(
+                rasterizer, render_needs(splats, cameras, settings), parts.device
+            )
+        output = parts.model.decode(backend.render(splats, cameras, settings), cameras)
+        if splats.rows is None:
+            return output
+        statistics = _by_row(output.statistics, splats.rows, parts.model.num_rows)
+        return replace(output, statistics=statistics)
+
+    @without_inner_frames
+    def save(self, path: str | Path, *, time: float = 0.0) -> Path:
+        """Write a file for other tools, or the whole model; return its path.
+
+        Args:
+            path: the suffix chooses the format: .ply for splats at one time, .gsfw for the whole
+                model, or that of another installed exporter.
+            time: in [0, 1], for the splats of a dynamic model.
+
+        Raises:
+            ConfigError: no exporter writes such files.
+            DataError: the format cannot hold this model.
+            OutputError: the file cannot be written.
+        """
+        path = Path(path).expanduser()
+        exporter = _exporter(path)
+        source: ExportSource = RunSource(self._restored, time, data_times(self._composition))
+        with readable_value_errors(path, path.suffix):
+            if exporter.holds is Holds.SPLATS:
+                source, _ = without_invisible(source.splat_file())
+            exporter.write(path, source)
+        return path
+
+    def _in_world(self, cameras: Cameras) -> Cameras:
+        return in_frame(cameras, self._composition.scene.world_from_scene)
+
+    def _in_scene(self, cameras: Cameras) -> Cameras:
+
+        moved = in_frame(cameras, self._composition.scene.world_from_scene.inverse())
+        return moved.to(self.device, torch.float32)
+
+    def __repr__(self) -> str:
+        return f"<gsfw.Model {self.name}: {self.num_gaussians:,} Gaussians, method {self.method}>"
+
+    def _repr_html_(self) -> str:
+        """The first view, for notebooks."""
+        camera = next(iter(self.cameras()), None)
+        head = f"{self.num_gaussians:,} Gaussians of method {self.method}"
+        image = "" if camera is None else image_element(self.render(camera).color[0])
+        return f"<div>{head}</div><div>{image}</div>"
+
+
+@without_inner_frames
+def load(path: str | Path, *, device: str = AUTO) -> Model:
+    """Load a model to render and to save.
+
+    Args:
+        path: a splat file of any tool (.ply), a model file (.gsfw), the folder of a run, a
+            checkpoint, or "latest".
+        device: auto, cpu, cuda or cuda:N; auto keeps that of the training for a run.
+
+    Raises:
+        DataError: there is no such file, it is damaged, or of an unknown format.
+        ConfigError: the settings of a run no longer resolve (a plugin is missing).
+    """
+    found = find_run(str(Path(path).expanduser()), lambda line: None, splats=True)
+    changed = None if device == AUTO else Layer(COMMAND_LINE, {"device": device})
+    return Model(open_run(found, installed(), changed), found.name)
+
+
+@without_inner_frames
+def render(
+    source: Model | Splats,
+    cameras: Cameras | Sequence[Cameras],
+    *,
+    time: float | None = None,
+    background: str | Sequence[float] | Tensor | None = None,
+    antialias: bool = False,
+    depth: bool = False,
+    rasterizer: str = AUTO,
+) -> RenderOutput:
+    """Render splats, differentiably, or a model.
+
+    Images of splats are differentiable with respect to every tensor of ``Splats`` and to the poses
+    of the cameras; the tensors choose device and precision (float32, or float64 for checks).
+
+    Args:
+        source: splats, or a model (then as ``Model.render``).
+        cameras: of one image size.
+        time: in [0, 1], for dynamic models only.
+        background: white, black, "r,g,b", or a number in [0, 1] for each channel; ``None`` for
+            black, or for that of the training of a model.
+        antialias: true for Mip-Splatting's 2D filter; a model has its own setting.
+        depth: true to render expected depth, too.
+        rasterizer: name of a backend; auto for the fastest one that fits.
+
+    Raises:
+        ConfigError: the cameras differ in size, or the rasterizer or background cannot be used.
+        ValueError: a tensor has a wrong shape, type or value; names it.
+    """
+    if isinstance(source, Model):
+        if antialias:
+            raise ConfigError("render: antialias is a model's own setting.", "Leave it out.")
+        return source.render(
+            cameras, time=time, background=background, depth=depth, rasterizer=rasterizer
+        )
+
+    if time is not None:
+        raise ConfigError("render: splats are those of one time already.", "Leave out time.")
+    means = source.means
+    batch = one_batch(cameras).to(means.device, means.dtype)
+    color = background_tensor(background, None)
+    settings = RenderSettings(
+        background=None if color is None else color.to(means),
+        antialias=antialias,
+        depth=Depth.EXPECTED if depth else Depth.NONE,
+    )
+    backend = fitting_rasterizer(rasterizer, render_needs(source, batch, settings), means.device)
+    return backend.render(source, batch, settings)
+
+
+def _by_row(statistics: RenderStatistics, rows: Tensor, count: int) -> RenderStatistics:
+    """Statistics of splats as those of all rows of a model; zeros for rows that are absent."""
+    return statistics.map(
+        lambda values: values.new_zeros(len(values), count).index_copy(1, rows, values)
+    )
+
+
+def _exporter(path: Path) -> Exporter:
+    """The exporter of a suffix.
+
+    Raises:
+        ConfigError: there is none; lists the suffixes.
+    """
+    kinds: dict[str, type[Exporter]] = load_all("exporter", installed())
+    for kind in kinds.values():
+        if kind.suffix == path.suffix.lower():
+            return kind()
+    known = ", ".join(dict.fromkeys(kind.suffix for kind in kinds.values()))
+    raise ConfigError(
+        f"{path}: no exporter writes files that end in {path.suffix!r}.",
+        f"Suffixes that can be written: {known}.",
+    )

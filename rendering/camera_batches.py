@@ -1,0 +1,53 @@
+"""Camera batches: cameras of a user's own, joined, grouped by time, and moved between frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+
+from gsfw.core.cameras import CameraModel, Cameras
+from gsfw.core.errors import ConfigError
+from gsfw.core.maths.similarity import Similarity
+
+
+def one_batch(cameras: Cameras | Sequence[Cameras]) -> Cameras:
+    """All cameras in one batch.
+
+    Raises:
+        ConfigError: there are none, or they differ in size or model.
+    """
+    if isinstance(cameras, Cameras):
+        return cameras
+    if len(cameras) == 0:
+        raise ConfigError("render: expected at least one camera, found none.")
+    try:
+        return Cameras.cat(list(cameras))
+    except ValueError as error:
+        raise ConfigError(
+            f"render: {error}.", "Render them one at a time: [render(it, camera) for camera in ...]"
+        ) from None
+
+
+def by_time(cameras: Cameras) -> list[list[int]]:
+    """Indices of neighbouring cameras of one time."""
+    if cameras.time is None:
+        return [list(range(len(cameras)))]
+    times, groups = cameras.time.tolist(), list[list[int]]()
+    for index, time in enumerate(times):
+        if index and time == times[index - 1]:
+            groups[-1].append(index)
+        else:
+            groups.append([index])
+    return groups
+
+
+def in_frame(cameras: Cameras, frame: Similarity) -> Cameras:
+    """The cameras in the frame that a similarity leads to, float64, on the CPU."""
+    cameras = cameras.to("cpu", torch.float64)
+    intrinsics = cameras.intrinsics.clone()
+    if cameras.model is CameraModel.ORTHOGRAPHIC:  # In pixels per unit of length.
+        intrinsics[:, [0, 1], [0, 1]] /= frame.scale
+    poses = frame.camera(cameras.world_to_camera)
+    return replace(cameras, world_to_camera=poses, intrinsics=intrinsics)

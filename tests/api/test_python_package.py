@@ -1,0 +1,71 @@
+"""Tests of package/gsfw/__init__.py, from which the build makes the package's own module."""
+
+import ast
+import subprocess
+import sys
+from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = ROOT / "package" / "gsfw" / "__init__.py"
+
+
+def package() -> ModuleType:
+    """The module, which need not be the installed one."""
+    spec = spec_from_file_location("gsfw_of_the_tree", SOURCE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def for_type_checkers() -> set[tuple[str, str]]:
+    """Module and name of each import that only type checkers see."""
+    return {
+        (node.module, alias.name)
+        for node in ast.walk(ast.parse(SOURCE.read_text()))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gsfw.api.")
+        for alias in node.names
+    }
+
+
+def test_every_name_is_that_of_the_public_interface():
+    module = package()
+    names = [name for name in dir(module) if name != "__version__"]
+    assert {"train", "open", "load", "render", "Cameras", "Splats"} <= set(names)
+    interface = import_module("gsfw.api")
+    for name in names:
+        assert getattr(module, name) is getattr(interface, name), name
+    with pytest.raises(AttributeError, match="module 'gsfw' has no attribute 'trian'"):
+        _ = module.trian
+
+
+def test_type_checkers_see_every_name():
+    groups = package()._GROUPS
+    assert for_type_checkers() == {
+        (f"gsfw.api.{group}", name) for group, names in groups.items() for name in names
+    }
+    assert (ROOT / ".typing" / "gsfw" / "__init__.pyi").read_text() == SOURCE.read_text()
+
+
+def test_the_build_makes_the_package_from_it():
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 cannot read TOML")
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["scikit-build"]
+    generated = {item["path"]: item for item in settings["generate"]}
+    assert generated["gsfw/__init__.py"]["template-path"] == str(SOURCE.relative_to(ROOT))
+    assert '__version__ = "${version}"' in SOURCE.read_text()
+
+
+def test_importing_it_and_looking_up_train_import_no_torch():
+    code = (
+        "import runpy, sys\n"
+        f"names = runpy.run_path({str(SOURCE)!r})\n"
+        "assert names['__getattr__']('train') and names['__getattr__']('open')\n"
+        "assert not {'torch', 'numpy', 'rich'} & set(sys.modules), 'heavy'"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
