@@ -10,7 +10,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gsfw.api.data import Cameras as Cameras
     from gsfw.api.errors import ConfigError as ConfigError
     from gsfw.api.errors import DataError as DataError
     from gsfw.api.errors import OutputError as OutputError
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from gsfw.api.models import Model as Model
     from gsfw.api.models import load as load
     from gsfw.api.models import render as render
+    from gsfw.api.rendering import Cameras as Cameras
     from gsfw.api.rendering import RenderOutput as RenderOutput
     from gsfw.api.rendering import Sh as Sh
     from gsfw.api.rendering import Splats as Splats
@@ -30,13 +30,12 @@ if TYPE_CHECKING:
 __version__ = "${version}"
 
 _GROUPS = {
-    "data": ("Cameras",),
     "errors": (
         *("ConfigError", "DataError", "OutputError", "TrainingError", "UnavailableError"),
         "UserError",
     ),
     "models": ("Model", "load", "render"),
-    "rendering": ("RenderOutput", "Sh", "Splats"),
+    "rendering": ("Cameras", "RenderOutput", "Sh", "Splats"),
     "runs": ("Run", "open", "train"),
 }
 """The names, by the module of ``gsfw.api`` that has them."""
