@@ -5,7 +5,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 
-DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 HEADING = re.compile(r"^#+ +(.*?) *$", re.MULTILINE)
@@ -46,4 +46,4 @@ def test_every_document_can_be_reached_from_the_readme():
             path = (document.parent / link.partition("#")[0]).resolve()
             if path.suffix == ".md" and path.is_file() and path not in found:
                 pending.append(path)
-    assert set((ROOT / "docs").glob("*.md")) <= found
+    assert set((ROOT / "docs").rglob("*.md")) <= found
