@@ -75,7 +75,7 @@ def _class(name: str, found: type[Any]) -> Iterator[str]:
     if rows:
         yield table(["attribute", "type", "default", "meaning"], rows)
     for method in methods(found):
-        yield f"#### {name}.{method.name}"
+        yield f"### {name}.{method.name}"
         yield from _function(method.name, method.function, method.decorators)
 
 
