@@ -12,12 +12,16 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
         "guides": (
             "Guides",
             (
-                *("data", "prepare", "minutes", "dense-start", "growth", "requirements"),
-                *("moving-scenes", "viewer", "render", "report", "terminal", "studies"),
-                *("model-file", "python", "existing-code", "cuda", "gpu"),
+                *("data", "prepare", "settings", "minutes", "run-outputs", "viewer", "render"),
+                *("report", "terminal", "moving-scenes", "dense-start", "growth"),
+                *("requirements", "model-file", "python", "existing-code", "studies"),
+                *("benchmarks", "cuda", "gpu"),
             ),
         ),
-        "explain": ("Explanations", ("how-splatting-works", "one-step", "numerics")),
+        "explain": (
+            "Explanations",
+            ("how-splatting-works", "numerics", "one-step", "architecture"),
+        ),
         "plugins": (
             "Plugins",
             ("index", "first-plugin", "slots", "recipes", "conformance", "versions-and-shipping"),
@@ -26,7 +30,12 @@ SECTIONS: Mapping[str, tuple[str, Sequence[str]]] = MappingProxyType(
         "results": (
             "Results",
             (
-                *("performance", "what-accuracy-costs", "moving-scenes-measured"),
+                *(
+                    "expected-results",
+                    "performance",
+                    "what-accuracy-costs",
+                    "moving-scenes-measured",
+                ),
                 *("stress", "findings"),
             ),
         ),

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from gsfw.plugins.discovery import Discovery
+from gsfw.plugins.registry import Registry
+
 
 def write_reference(folder: Path) -> None:
     """Write all generated pages below a folder."""
@@ -14,20 +17,20 @@ def write_reference(folder: Path) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def reference_pages() -> Iterator[tuple[str, str]]:
-    """Names within docs/reference, without the suffix, and texts of all generated pages.
+def built_in() -> Registry:
+    """The parts that gsfw itself brings, whatever else is installed."""
+    discovery = Discovery()
+    discovery.load_builtin()
+    return Registry(discovery)
 
-    They are those of the parts that gsfw itself brings, whatever else is installed.
-    """
-    from gsfw.plugins.discovery import Discovery
-    from gsfw.plugins.registry import Registry
+
+def reference_pages() -> Iterator[tuple[str, str]]:
+    """Names within docs/reference, without the suffix, and texts of all generated pages."""
     from reference.interface import interface_pages
     from reference.settings import settings_pages
     from reference.verbs import verbs_page
 
-    discovery = Discovery()
-    discovery.load_builtin()
-    registry = Registry(discovery)
+    registry = built_in()
     yield "verbs", verbs_page(registry)
     for name, text in settings_pages(registry):
         yield f"settings/{name}", text
