@@ -105,6 +105,28 @@ def test_every_command_of_a_block_is_understood(places, monkeypatch):
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "gsfw trian method=3dgs",
+        "gsfw train method=3dgs stratgy=mcmc",
+        "gsfw train method=3dgs strategy.cap_max=2",
+        "gsfw train method=3dgs strategy=mcmc strategy.cap_max=many",
+        "gsfw train method=3dgs data=nowhere",
+        "gsfw render RUN chanel=depth",
+        "gsfw runs sort=size",
+        "gsfw prepare photos out=scene train=true steps=few",
+        "gsfw check DIR imagse=all",
+        "gsfw resume latest sh_degree=1",
+        "gsfw tradeoff data=DIR budget.minuts=3",
+        "X=1 gsfw eval latest data=DIR &&  gsfw eval latst=1 > file # a comment isn't read",
+    ],
+)
+def test_a_wrong_command_is_found(line, places, monkeypatch):
+    monkeypatch.chdir(places)
+    assert len(lies(commands(line, "a page"))) == 1
+
+
 def test_every_command_within_a_sentence_is_understood(places, monkeypatch):
     monkeypatch.chdir(places)
     found = [completed(command) for page in PAGES for command in spans(page)]

@@ -15,7 +15,7 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 
-RUN = "<!-- run -->"
+_RUN = re.compile(r"<!-- run -->\s*$")
 """The line before a block that a test runs; readers do not see it."""
 
 _FENCE = re.compile(r"^( *)(```+)(\w*)[^\n]*\n(.*?)^\1\2$", re.MULTILINE | re.DOTALL)
@@ -50,7 +50,7 @@ def blocks(page: Path) -> list[Block]:
             text.count("\n", 0, fence.start()) + 1,
             fence[3],
             re.sub(f"^{fence[1]}", "", fence[4], flags=re.MULTILINE),
-            text[: fence.start()].rstrip().endswith(RUN),
+            _RUN.search(text, 0, fence.start()) is not None,
         )
         for fence in _FENCE.finditer(text)
     ]
