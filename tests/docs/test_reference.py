@@ -49,7 +49,7 @@ def test_every_setting_of_every_part_is_there_with_a_sentence(generated):
 
 
 def test_a_setting_has_type_default_and_range(generated):
-    text = generated["settings/strategy"]
+    text = generated["settings/strategy"].replace("\N{NO-BREAK SPACE}", " ")
     assert "| `strategy.budget_share` | number | `0.025` | > 0, < 1 | Under" in text
     assert "| `strategy.refine_every` | steps | `100` | ≥ 1 | Steps" in text
 

@@ -19,7 +19,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _cell(text: str) -> str:
-    return " ".join(text.replace("|", r"\|").split())
+    return re.sub(r"[ \n]+", " ", text.replace("|", r"\|")).strip(" \n")
 
 
 def code(text: str) -> str:

@@ -83,6 +83,11 @@ def _described(spec: Spec) -> str:
     return f"{spec.description} ({spec.paper})" if spec.paper else spec.description
 
 
+def _sentence(spec: Spec) -> str:
+    text = prose(_described(spec))
+    return f"{text[:1].upper()}{text[1:]}."
+
+
 def _methods(registry: Registry) -> tuple[list[Row], dict[str, tuple[Spec, list[Row]]]]:
     """The settings that all methods share, and those of each that differ from them."""
     specs = registry.slot("method")
@@ -120,9 +125,8 @@ def _range(key: Key) -> str:
     if bounds is None:
         return ""
     signs = {"≥": bounds.at_least, ">": bounds.above, "≤": bounds.at_most, "<": bounds.below}
-    return ", ".join(
-        f"{sign} {as_text(bound)}" for sign, bound in signs.items() if bound not in (None, math.inf)
-    )
+    given = {sign: bound for sign, bound in signs.items() if bound not in (None, math.inf)}
+    return ", ".join(f"{sign}\N{NO-BREAK SPACE}{as_text(bound)}" for sign, bound in given.items())
 
 
 def _tables(rows: Iterable[Row]) -> str:
@@ -200,7 +204,7 @@ def _plain(value: object) -> str:
 def _slot_page(slot: str, title: str, introduction: str, registry: Registry) -> str:
     lines = [f"# {title}", "", introduction, ""]
     for name, kind in load_all(slot, registry).items():
-        lines += [f"## {name}", "", f"{prose(_described(registry.slot(slot)[name]))}.", ""]
+        lines += [f"## {name}", "", _sentence(registry.slot(slot)[name]), ""]
         rows = list(_rows(kind(), f"{slot}."))
         lines += [table(HEADER, rows) if rows else "It has no settings.\n"]
     return "\n".join(lines)
@@ -218,6 +222,6 @@ def _callbacks_page(registry: Registry) -> str:
     for name, spec in registry.slot("callback").items():
         config = getattr(configs, name.replace("-", "_"), None)
         rows = [] if config is None else list(_rows(config, f"callbacks.{name}."))
-        lines += [f"## {name}", "", f"{prose(_described(spec))}.", ""]
+        lines += [f"## {name}", "", _sentence(spec), ""]
         lines += [table(HEADER, rows) if rows else "It has no settings.\n"]
     return "\n".join(lines)

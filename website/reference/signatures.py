@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
+from enum import Enum
 from inspect import Parameter, Signature
 from typing import Any
 
@@ -22,7 +23,7 @@ def signature(name: str, found: Any) -> str:  # noqa: ANN401 - anything that can
     """A call with names and types, on one line, or with a line for each argument."""
     found_signature = inspect.signature(found)
     arguments = [
-        item.replace(annotation=_plain(item.annotation))
+        item.replace(annotation=_plain(item.annotation), default=_default(item.default))
         for item in found_signature.parameters.values()
         if item.name not in ("self", "cls")
     ]
@@ -44,6 +45,11 @@ def shown(annotation: Any) -> str:  # noqa: ANN401 - any annotation
 def _plain(annotation: Any) -> Any:  # noqa: ANN401 - any annotation
     """Annotations are text where they are not evaluated: shown without quotes."""
     return _Plain(annotation) if isinstance(annotation, str) else annotation
+
+
+def _default(value: Any) -> Any:  # noqa: ANN401 - any default
+    """Members of enumerations are shown by their names."""
+    return _Plain(value) if isinstance(value, Enum) else value
 
 
 def _arguments(arguments: list[Parameter]) -> Iterator[str]:
