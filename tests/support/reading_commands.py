@@ -54,7 +54,11 @@ def read_command(words: Sequence[str]) -> None:
         case "open":
             read("view", ViewOptions, tokens or [LATEST])
         case _:
-            read(name, _options(spec), tokens)
+            kind = _options(spec)
+            if tokens and (other := _options(spec, tokens[0])) is not kind:
+                read(f"{name} {tokens[0]}", other, tokens[1:])
+            else:
+                read(name, kind, tokens)
 
 
 def _read_settings(tokens: Sequence[str]) -> None:
@@ -84,10 +88,10 @@ def _read_tradeoff(tokens: Sequence[str]) -> None:
     _read_settings([f"{key}={value}" for key, value in given.items()])
 
 
-def _options(spec: Spec) -> type[Options]:
-    """The options of a verb, which it names when it is asked for help."""
+def _options(spec: Spec, *words: str) -> type[Options]:
+    """The options of a verb, or of its form with these words, named when it is asked for help."""
     try:
-        spec.load()(["--help"])
+        spec.load()([*words, "--help"])
     except HelpRequested as wanted:
         (kind,) = wanted.options
         return kind

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import fields
+from itertools import starmap
 from typing import Any
 
 from gsfw.commands.interface.arguments import HelpRequested, Options
@@ -34,16 +36,28 @@ def verbs_page(registry: Registry) -> str:
 
 def _section(verb: str, run: Any) -> str:  # noqa: ANN401 - a function of a plugin
     help_of_verb = _help(run)
-    kinds = help_of_verb.options
-    if not kinds:
+    if not help_of_verb.options:
         return f"## {verb}\n\n```text\n{help_of_verb}\n```\n"
-    return f"## {verb}\n\n" + "\n".join(_options(verb, kind) for kind in kinds)
+    return f"## {verb}\n\n" + "\n".join(starmap(_options, _forms(verb, run)))
 
 
-def _help(run: Any) -> HelpRequested:  # noqa: ANN401 - a function of a plugin
+def _forms(verb: str, run: Any) -> Iterator[tuple[str, type[Options]]]:  # noqa: ANN401 - a function
+    """The verb with its options, then its forms with a word and other options ("plugins check")."""
+    kinds = _help(run).options
+    for kind in kinds:
+        yield verb, kind
+    examples = (line.split() for kind in kinds for line in kind.examples)
+    seconds = dict.fromkeys(words[2] for words in examples if len(words) > 2)
+    for word in filter(str.isalpha, seconds):
+        for kind in _help(run, word).options:
+            if kind not in kinds:
+                yield f"{verb} {word}", kind
+
+
+def _help(run: Any, *words: str) -> HelpRequested:  # noqa: ANN401 - a function of a plugin
     try:
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-            run(["--help"])
+            run([*words, "--help"])
     except HelpRequested as wanted:
         return wanted
     raise ValueError(f"{run} has no help")
