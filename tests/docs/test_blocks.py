@@ -25,11 +25,15 @@ SHORTER = {
 ADDED = {
     "bench": ("repeats=1", "size=64x48", "workload=random:1000"),
     "prepare": ("jobs=1",),
+    "runs": ("yes=true",),
     "render": ("frames=2", "width=32"),
     "tradeoff": ("axes=sh", "views=2", "repeats=1"),
     "train": ("steps=20",),
 }
 """Settings that a command gets besides, unless it has them."""
+
+DATA = ("DIR", "DATA", "scene", "path/to/capture")
+"""Names of static data sets on the pages."""
 
 STATIC, MOVING = ("RUN", "runs/first", "runs/second", "runs/x"), ("runs/moving",)
 """Names of runs on the pages."""
@@ -39,13 +43,14 @@ STATIC, MOVING = ("RUN", "runs/first", "runs/second", "runs/x"), ("runs/moving",
 def runs(tmp_path_factory):
     """Small runs under the names of the pages, photos, and a capture DIR."""
     folder = tmp_path_factory.mktemp("pages")
-    for name in ("DIR", "DATA"):
+    for name in DATA:
         write_ball(folder / name)
     moving = write_moving(folder / "path/to/the/capture", (0.0, 0.5, 1.0), cameras=4)
     captured.write(folder / "photos", captured.photos(captured.arc(8)), ".jpg")
     small = ("steps=10", "eval_every=0", "report=false", "device=cpu")
     for name in STATIC:
         assert main(["train", "method=3dgs", *SMALL_SCENE, *small, f"out={folder / name}"]) == 0
+    shutil.copy(folder / STATIC[0] / "splats.ply", folder)
     for name in MOVING:
         words = ["method=spacetime", f"data={moving}", *small, f"out={folder / name}"]
         assert main(["train", *words]) == 0
@@ -62,6 +67,10 @@ def shorter(command: Command) -> list[str]:
     verb, *words = command.words[1:]
     words = [SHORTER.get(word.partition("=")[0], word) if "=" in word else word for word in words]
     keys = {word.partition("=")[0] for word in words}
+    if verb == "train" and not keys & {"data", "config", "help"}:
+        words += SMALL_SCENE
+    if "what=views" in words:  # They have the size of the photos.
+        keys |= {"frames", "width"}
     added = [word for word in ADDED.get(verb, ()) if word.partition("=")[0] not in keys]
     if verb == "prepare" and "train=true" in words:
         return [verb, *added, *words]
@@ -72,6 +81,8 @@ def shorter(command: Command) -> list[str]:
 def test_the_blocks_of_a_page_run(page, runs, tmp_path, monkeypatch):
     folder = tmp_path / "page"
     shutil.copytree(runs, folder)
+    if any("out=scene" in block.text for block in blocks(page) if block.runs):
+        shutil.rmtree(folder / "scene")
     monkeypatch.chdir(folder)
     names = {}
     for block in blocks(page):
