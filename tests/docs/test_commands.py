@@ -75,6 +75,8 @@ def completed(command: Command) -> Command:
     if verb != "train" and not any(re.match(r"[^-=]+$", word) for word in words):
         words += {"check": ["DIR"], "prepare": ["photos"]}.get(verb, [])
         words += ["latest"] if verb in OF_A_RUN else []
+    if (verb, words) == ("plugins", ["check"]):
+        words.append("my-method")
     return Command(command.place, ("gsfw", verb, *words))
 
 
