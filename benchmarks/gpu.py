@@ -1,10 +1,10 @@
 """Measures gsfw on a machine with a GPU: agreement, speed beside gsplat, training; one table.
 
 It needs Python 3.11 or newer, a CUDA build of torch and what gsfw depends on, but no compiler, no
-native module and no network; docs/gpu.md says how to bring the rest along. Each part is a process
-of its own with its own time, and results are written as they come. Exit code: 0 when every part
-gave a result or was left out for a stated reason, 1 when one failed, 2 for a wrong option, 3 when
-there is no GPU.
+native module and no network; docs/guides/gpu.md says how to bring the rest along. Each part is a
+process of its own with its own time, and results are written as they come. Exit code: 0 when every
+part gave a result or was left out for a stated reason, 1 when one failed, 2 for a wrong option, 3
+when there is no GPU.
 """
 
 from __future__ import annotations

@@ -1,3 +1,3 @@
 #!/usr/bin/env bash
-# Measures gsfw on a machine with a GPU, in one command; docs/gpu.md says how.
+# Measures gsfw on a machine with a GPU, in one command; docs/guides/gpu.md says how.
 exec "${PYTHON:-python3}" "$(dirname "$0")/gpu.py" "$@"

@@ -2,10 +2,10 @@
 
     OMP_NUM_THREADS=1 python benchmarks/projection_accuracy.py [FOLDER]
 
-writes projection-accuracy.png and splatting-and-volume.png to FOLDER (docs/ when left out) and
-prints the tables of docs/what-accuracy-costs.md; about a minute and a half on one core. All is in
-float64 but the native kernels; times are CPU time, and errors are those of the pixels that any of
-the images has drawn, as PSNR of colours in [0, 1].
+writes projection-accuracy.png and splatting-and-volume.png to FOLDER (docs/images when left out)
+and prints the tables of docs/results/what-accuracy-costs.md; about a minute and a half on one core.
+All is in float64 but the native kernels; times are CPU time, and errors are those of the pixels
+that any of the images has drawn, as PSNR of colours in [0, 1].
 """
 
 from __future__ import annotations
@@ -282,8 +282,8 @@ def opacities() -> str:
 
 
 if __name__ == "__main__":
-    docs = Path(__file__).resolve().parents[1] / "docs"
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else docs
+    images = Path(__file__).resolve().parents[1] / "docs" / "images"
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else images
     tables, plots = projection()
     write_figure(folder / "projection-accuracy.png", line_figure(plots))
     print(tables)  # noqa: T201 - what it is for

@@ -16,7 +16,7 @@ def gsfw_commands() -> list[Spec]:
         Spec("render", "render images of a run", "gsfw.commands.render:run"),
         Spec("report", "write one page of a run, or of several", "gsfw.commands.report:run"),
         Spec("view", "look at a trained model in the browser", "gsfw.commands.view:run"),
-        Spec("open", "the same for the latest run", "gsfw.commands.open:run"),
+        Spec("open", "show the latest run in the browser", "gsfw.commands.open:run"),
         Spec("export", "write a run's splats to a file", "gsfw.commands.export:run"),
         Spec("info", "describe a splat file, a run or a data set", "gsfw.commands.info:run"),
         Spec("runs", "list, compare and remove runs", "gsfw.commands.runs:run"),

@@ -1,7 +1,7 @@
 """The model file of gsfw: a whole model, static or moving, that renders without its data set.
 
-An archive of arrays with a header; docs/model-file.md describes both. Reading one runs no code of
-the file: it holds numbers and names, and its method has to be installed.
+An archive of arrays with a header; docs/guides/model-file.md describes both. Reading one runs no
+code of the file: it holds numbers and names, and its method has to be installed.
 """
 
 from __future__ import annotations

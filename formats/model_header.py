@@ -1,4 +1,4 @@
-"""ModelHeader: the header of a model file, as plain data; docs/model-file.md describes it."""
+"""ModelHeader: the plain-data header of a model file; docs/guides/model-file.md describes it."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import inspect
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from typing import Any, get_type_hints
 
 from gsfw.plugins.values import as_text
@@ -93,6 +94,7 @@ def field_help(kind: type[Any]) -> dict[str, str]:
     return found
 
 
+@cache
 def _own_field_help(kind: type) -> dict[str, str]:
     try:
         source = textwrap.dedent(inspect.getsource(kind))

@@ -137,12 +137,12 @@ def camera_path_of(document: object, source: str) -> CameraPath:
     if not isinstance(document, dict) or "key_frames" not in document:
         raise DataError(
             f"{source} is no camera path of gsfw: it has no key frames.",
-            "The viewer writes one under Path; docs/render.md has its layout.",
+            "The viewer writes one under Path; docs/guides/render.md has its layout.",
         )
     if document.get("schema") != SCHEMA:
         raise DataError(
             f"{source}: expected a camera path of schema {SCHEMA}, found {document.get('schema')}.",
-            "Write it with the viewer of this version; docs/render.md has its layout.",
+            "Write it with the viewer of this version; docs/guides/render.md has its layout.",
         )
     listed = document["key_frames"]
     if not isinstance(listed, list) or not listed:
@@ -176,7 +176,7 @@ def _check_moments(moments: Sequence[float | None], source: str) -> None:
 
 def _key_frame(item: object, source: str) -> KeyFrame:
     if not isinstance(item, dict):
-        raise DataError(f"{source} is no object.", "docs/render.md has the layout.")
+        raise DataError(f"{source} is no object.", "docs/guides/render.md has the layout.")
     time, seconds = item.get("time"), item.get("seconds")
     return KeyFrame(
         pose(item.get("camera_to_world"), source),

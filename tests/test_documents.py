@@ -1,49 +1,77 @@
-"""Links of README, CONTRIBUTING and docs/ lead somewhere."""
+"""Links of README, CONTRIBUTING and docs/ lead somewhere, and every page is on the site."""
 
 import re
+import shutil
 from pathlib import Path
 
+from navigation import SECTIONS, add_tables_of_contents
+from support.links import anchors, is_external, links
+
 ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
 
-DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    *sorted(ROOT.glob("*.md")),
+    *sorted(DOCS.rglob("*.md")),
+    *sorted((ROOT / "benchmarks").rglob("*.md")),
+]
 
-LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
-HEADING = re.compile(r"^#+ +(.*?) *$", re.MULTILINE)
-
-
-def anchors(document: Path) -> set[str]:
-    """What links within a document may name: its headings, as GitHub spells them."""
-    headings = HEADING.findall(document.read_text(encoding="utf-8"))
-    words = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
-    return {heading.replace(" ", "-") for heading in words}
+GENERATED = ("verbs.md", "settings/", "api/")
+"""Generated pages below docs/reference; tests/docs/test_reference.py follows links to them."""
 
 
 def leads_nowhere(document: Path, link: str) -> bool:
     """Whether a link to a file or a heading of this repository has no such thing."""
-    if "://" in link or link.startswith("mailto:"):
-        return False
     name, _, anchor = link.partition("#")
-    path = document.parent / name if name else document
-    return not path.exists() or bool(anchor and anchor not in anchors(path))
+    path = (document.parent / name).resolve() if name else document
+    if path.is_relative_to(DOCS / "reference"):
+        generated = path.relative_to(DOCS / "reference").as_posix().startswith(GENERATED)
+        if generated and document.is_relative_to(DOCS):
+            return False
+    return not path.exists() or bool(anchor and anchor not in anchors(path.read_text("utf-8")))
 
 
 def test_every_link_within_the_documents_leads_somewhere():
     broken = [
         f"{document.relative_to(ROOT)}: {link}"
         for document in DOCUMENTS
-        for link in LINK.findall(document.read_text(encoding="utf-8"))
-        if leads_nowhere(document, link)
+        for link in links(document.read_text(encoding="utf-8"))
+        if not is_external(link) and leads_nowhere(document, link)
     ]
     assert not broken
 
 
-def test_every_document_can_be_reached_from_the_readme():
-    found, pending = set(), [ROOT / "README.md"]
-    while pending:
-        document = pending.pop()
-        found.add(document)
-        for link in LINK.findall(document.read_text(encoding="utf-8")):
-            path = (document.parent / link.partition("#")[0]).resolve()
-            if path.suffix == ".md" and path.is_file() and path not in found:
-                pending.append(path)
-    assert set((ROOT / "docs").glob("*.md")) <= found
+def test_pages_of_the_site_link_to_nothing_outside_of_docs():
+    outside = [
+        f"{document.relative_to(ROOT)}: {link}"
+        for document in DOCS.rglob("*.md")
+        for link in links(document.read_text(encoding="utf-8"))
+        if not is_external(link)
+        and not (document.parent / link.partition("#")[0]).resolve().is_relative_to(DOCS)
+    ]
+    assert not outside
+
+
+def test_the_readme_leads_to_the_front_page_and_to_every_section():
+    targets = {link.partition("#")[0] for link in links((ROOT / "README.md").read_text("utf-8"))}
+    assert "docs/index.md" in targets
+    folders = {Path(target).parts[1] for target in targets if target.startswith("docs/")}
+    assert {"start", "guides", "explain", "plugins", "results"} <= folders
+
+
+def test_every_page_is_in_the_navigation_of_the_site_once(tmp_path):
+    pages = tmp_path / "docs"
+    shutil.copytree(DOCS, pages, ignore=shutil.ignore_patterns("images"))
+    add_tables_of_contents(pages)
+    entries = []
+    for page in pages.rglob("*.md"):
+        for table in re.findall(r"^```{toctree}\n(.*?)^```", page.read_text("utf-8"), re.M | re.S):
+            names = [line for line in table.splitlines() if line and not line.startswith(":")]
+            entries += [(page.parent / f"{name}.md").relative_to(pages) for name in names]
+    found = {page.relative_to(pages) for page in pages.rglob("*.md")} - {Path("index.md")}
+    assert sorted(entries) == sorted(found)
+
+
+def test_every_folder_of_pages_is_a_section():
+    folders = {page.relative_to(DOCS).parts[0] for page in DOCS.glob("*/**/*.md")}
+    assert folders <= set(SECTIONS)

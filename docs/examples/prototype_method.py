@@ -1,6 +1,6 @@
 """A prototype method: isotropic blobs with their own model, loss and schedule, for strategy=none.
 
-Try it: put this file on the Python path, register it as docs/extending.md says, then
+Try it: put this file on the Python path, register it as docs/plugins/index.md says, then
 ``gsfw train method=blobs strategy=none``.
 """
 

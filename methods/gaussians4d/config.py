@@ -159,10 +159,10 @@ class DeformationConfig(MovingConfig):
     }
     """default: Wu et al. 2024 with the released code's limit on the number of splats, without
     opacity resets, which hurt scenes that move, and with other defaults for the loss, the planes
-    and their rate (docs/moving-scenes.md); fast: a third of the steps, half the features; mlp:
-    Yang et al. 2024, whose network is slow on a CPU. Its schedule is theirs, but opacities are not
-    reset, and the rate of the network decays to a tenth, not to 1/500, with which short runs stop
-    to learn."""
+    and their rate (docs/guides/moving-scenes.md); fast: a third of the steps, half the features;
+    mlp: Yang et al. 2024, whose network is slow on a CPU. Its schedule is theirs, but opacities are
+    not reset, and the rate of the network decays to a tenth, not to 1/500, with which short runs
+    stop to learn."""
 
     steps: int = DEFAULT_STEPS
     """Training steps. Schedules follow in proportion, unless rescale=false."""

@@ -39,7 +39,7 @@ def report_unreadable(error: DataError) -> dict[str, Any]:
         weight=Weight.STOP,
         found=error.message,
         why="Training ends with this error.",
-        advice=error.advice or "See gsfw info, and docs/data.md for what a format needs.",
+        advice=error.advice or "See gsfw info, and docs/guides/data.md for what a format needs.",
     )
     return {"verdict": Verdict.of([finding]).value, "findings": [finding.document()]}
 

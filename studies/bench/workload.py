@@ -215,9 +215,9 @@ def scattered(
 ) -> tuple[Splats, Cameras]:
     """Random splats in front of one camera and around its image; the same for the same seed.
 
-    Sizes and opacities are distributed as in the workload "garden" of docs/performance.md. Sizes
-    shrink with the square root of the number of splats, so that 50 to 62 of them contribute to each
-    pixel of any image, from 100,000 to 5,000,000 splats.
+    Sizes and opacities are distributed as in the workload "garden" of docs/results/performance.md.
+    Sizes shrink with the square root of the number of splats, so that 50 to 62 of them contribute
+    to each pixel of any image, from 100,000 to 5,000,000 splats.
     """
     generator = torch.Generator(device).manual_seed(seed)
 

@@ -19,7 +19,7 @@ from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.plugins.registry import installed
 from gsfw.plugins.restore import restore
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "model-file.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "guides" / "model-file.md"
 
 MOVING = (
     "datamanager.views=6", "datamanager.eval_views=2", "datamanager.width=32",

@@ -1,4 +1,4 @@
-"""docs/render.md: its commands run, and it has every option, channel and format."""
+"""docs/guides/render.md: its commands run, and it has every option, channel and format."""
 
 import json
 import re
@@ -14,7 +14,7 @@ from gsfw.rendering.channels import CHANNELS
 from gsfw.rendering.color_maps import COLOR_MAPS
 from gsfw.rendering.path_files import read_path_file
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "render.md").read_text()
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "guides" / "render.md").read_text()
 
 COMMANDS = re.findall(r"^gsfw render .*?(?=\s+#|$)", PAGE, re.MULTILINE)
 
