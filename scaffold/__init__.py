@@ -1,0 +1,1 @@
+"""What ``gsfw new`` writes: a package for each kind of part, which works as it is written."""

@@ -1,0 +1,181 @@
+"""Rasterizer my-part: plain torch, tile by tile, differentiated by autograd.
+
+It renders pinhole cameras on any device: colours and extra channels, with gradients of the splats
+and the statistic of the screen gradient. It does not antialias, and has no depth images, covariance
+form, pose gradients or contributions. ``capabilities`` says so: gsfw refuses a run that needs more.
+Equations are those of Kerbl et al. 2023, constants those of ``settings.profile``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from gsfw.api import (
+    CameraModel,
+    Cameras,
+    Capabilities,
+    Feature,
+    NumericsProfile,
+    Rasterizer,
+    RasterizerConfig,
+    RenderOutput,
+    RenderSettings,
+    RenderStatistics,
+    Sh,
+    Splats,
+    number,
+    rotation_matrices,
+    sh_basis,
+)
+from torch import Tensor
+from torch.nn.functional import normalize
+
+FEATURES = frozenset({Feature.GRADIENT, Feature.SH, Feature.EXTRA, Feature.SCREEN_GRADIENT})
+
+
+@dataclass
+class MyPartConfig(RasterizerConfig):
+    """Settings of rasterizer my-part."""
+
+    tile: int = number(32, at_least=1)
+    """Side of a tile in pixels: large tiles take more memory, small ones more time."""
+
+    def capabilities(self) -> Capabilities:
+        """Abilities on this machine."""
+        return MyPart.capabilities()
+
+    def build(self, device: torch.device) -> Rasterizer:
+        """Build the rasterizer, which renders wherever its inputs are."""
+        return MyPart(self.tile)
+
+
+class MyPart(Rasterizer):
+    """Projects all splats, then blends those that reach a tile, from front to back."""
+
+    def __init__(self, tile: int = 32) -> None:
+        self._tile = tile
+
+    @classmethod
+    def capabilities(cls) -> Capabilities:
+        """Abilities on this machine; rasterizer=auto prefers all that are built in."""
+        pinhole = frozenset({CameraModel.PINHOLE})
+        return Capabilities(frozenset({"cpu", "cuda"}), pinhole, FEATURES, preference=-1)
+
+    def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
+        statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
+        views = range(len(cameras))
+        images = torch.stack([self._view(splats, cameras, settings, statistics, i) for i in views])
+        color, extra, alpha = images.tensor_split((splats.channels, -1), dim=3)
+        if settings.background is not None:
+            color = color + (1 - alpha) * settings.background
+        return RenderOutput(color, alpha, statistics, extra=None if splats.extra is None else extra)
+
+    def _view(
+        self,
+        splats: Splats,
+        cameras: Cameras,
+        settings: RenderSettings,
+        statistics: RenderStatistics,
+        i: int,
+    ) -> Tensor:
+        """The image of camera ``i``, [h, w, d]: colours, extra channels, alpha; over zeros."""
+        depths, centers, covariances = _project(splats, cameras, settings, i)
+        reach = _reach(splats.opacities, covariances, settings.profile)
+        size = centers.new_tensor([cameras.width, cameras.height])
+        # The pixels in the bounding box of each splat; the centre of the first is at 0.5.
+        first = (centers - reach - 0.5).ceil().clamp_min(0)
+        last = (centers + reach - 0.5).floor().minimum(size - 1)
+        shown = (depths > settings.near) & (depths < settings.far) & (first <= last).all(dim=1)
+        statistics.visible[i], statistics.radii[i] = shown, torch.where(shown, reach.amax(1), 0.0)
+        if statistics.screen_gradient is not None and centers.requires_grad:
+            _record(statistics.screen_gradient[i], centers, size)
+        order = shown.nonzero()[:, 0]
+        order = order[depths[order].argsort(stable=True)]
+        opaque = splats.opacities.new_ones(len(splats), 1)
+        extra = [] if splats.extra is None else [splats.extra]
+        channels = torch.cat([_colors(splats, cameras.centers[i]), *extra, opaque], dim=1)
+        rows = []
+        for top in range(0, cameras.height, self._tile):
+            y = torch.arange(top, min(top + self._tile, cameras.height), device=size.device)
+            cells = []
+            for left in range(0, cameras.width, self._tile):
+                x = torch.arange(left, min(left + self._tile, cameras.width), device=size.device)
+                begin, end = size.new_tensor([left, top]), size.new_tensor([x[-1], y[-1]])
+                near = order[((first <= end) & (last >= begin)).all(dim=1)[order]]
+                pixels = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=2).to(size) + 0.5
+                shape = centers[near], covariances[near], splats.opacities[near]
+                cells.append(_blend(pixels, *shape, channels[near], settings.profile))
+            rows.append(torch.cat(cells, dim=1))
+        return torch.cat(rows, dim=0)
+
+
+def _project(
+    splats: Splats, cameras: Cameras, settings: RenderSettings, i: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Depths [n], centres [n, 2] in pixels, covariances [n, 2, 2] in pixels squared."""
+    assert splats.quats is not None  # By ``FEATURES``: no covariance form.
+    assert splats.scales is not None
+    pose, intrinsics = cameras.world_to_camera[i], cameras.intrinsics[i]
+    points = splats.means @ pose[:3, :3].T + pose[:3, 3]
+    depths = points[:, 2]
+    safe = torch.where(depths > settings.near, depths, 1.0)[:, None]
+    slopes, focal, middle = points[:, :2] / safe, intrinsics.diagonal()[:2], intrinsics[:2, 2]
+    size = middle.new_tensor([cameras.width, cameras.height])
+    margin = settings.profile.jacobian_margin * size
+    # Far outside of the image the linear approximation explodes.
+    limited = slopes.clamp(-(middle + margin) / focal, (size - middle + margin) / focal)
+    identity = torch.eye(2, dtype=points.dtype, device=points.device)
+    parts = [identity.expand(len(points), 2, 2), -limited[:, :, None]]
+    jacobian = (focal / safe)[:, :, None] * torch.cat(parts, dim=2)
+    axes = jacobian @ pose[:3, :3] @ (rotation_matrices(splats.quats) * splats.scales[:, None])
+    covariances = axes @ axes.transpose(1, 2) + settings.profile.dilation * identity
+    return depths, slopes * focal + middle, covariances
+
+
+@torch.no_grad()
+def _reach(opacities: Tensor, covariances: Tensor, profile: NumericsProfile) -> Tensor:
+    """Half sides of the boxes in which splats are opaque enough, [n, 2]; below 0 for nowhere."""
+    least = opacities.new_tensor(profile.alpha_min)
+    squares = 2 * (opacities.clamp_min(1e-30) / least).log()
+    sides = squares.clamp_min(0)[:, None] * covariances.diagonal(dim1=1, dim2=2)
+    return torch.where(squares[:, None] < 0, -torch.inf, sides.sqrt())
+
+
+def _record(statistic: Tensor, centers: Tensor, size: Tensor) -> None:
+    """Let the backward pass write the length of each centre's gradient, in NDC."""
+
+    def hook(gradient: Tensor) -> None:
+        statistic.copy_((gradient * size / 2).norm(dim=1))
+
+    centers.register_hook(hook)
+
+
+def _colors(splats: Splats, center: Tensor) -> Tensor:
+    """Colours [n, d] of the splats, seen from a camera's centre."""
+    if not isinstance(splats.colors, Sh):
+        return splats.colors
+    coefficients = splats.colors.dense()
+    basis = sh_basis(splats.colors.degree, normalize(splats.means - center, dim=1))
+    values = (basis[:, : coefficients.shape[1], None] * coefficients).sum(dim=1)
+    return (0.5 + values).clamp_min(0)
+
+
+def _blend(
+    pixels: Tensor,
+    centers: Tensor,
+    covariances: Tensor,
+    opacities: Tensor,
+    channels: Tensor,
+    profile: NumericsProfile,
+) -> Tensor:
+    """Blend splats, sorted from front to back, at pixels [h, w, 2] into [h, w, d]."""
+    offsets = pixels[:, :, None] - centers
+    inverses = torch.linalg.inv(covariances)
+    distances = torch.einsum("hwni,nij,hwnj->hwn", offsets, inverses, offsets)
+    alphas = (opacities * (-0.5 * distances).exp()).clamp_max(profile.alpha_max)
+    alphas = torch.where(alphas >= profile.alpha_min, alphas, 0.0)
+    left = torch.cumprod(1 - alphas, dim=2)
+    ahead = torch.cat([torch.ones_like(left[:, :, :1]), left[:, :, :-1]], dim=2)
+    weights = torch.where(left > profile.transmittance_min, alphas * ahead, 0.0)
+    return weights @ channels
