@@ -86,7 +86,8 @@ class MyPart(Rasterizer):
         # The pixels in the bounding box of each splat; the centre of the first is at 0.5.
         first = (centers - reach - 0.5).ceil().clamp_min(0)
         last = (centers + reach - 0.5).floor().minimum(size - 1)
-        shown = (depths > settings.near) & (depths < settings.far) & (first <= last).all(dim=1)
+        inside = (centers + reach > 0) & (centers - reach < size)
+        shown = (depths >= settings.near) & (depths <= settings.far) & inside.all(dim=1)
         statistics.visible[i], statistics.radii[i] = shown, torch.where(shown, reach.amax(1), 0.0)
         if statistics.screen_gradient is not None and centers.requires_grad:
             _record(statistics.screen_gradient[i], centers, size)
@@ -119,10 +120,10 @@ def _project(
     pose, intrinsics = cameras.world_to_camera[i], cameras.intrinsics[i]
     points = splats.means @ pose[:3, :3].T + pose[:3, 3]
     depths = points[:, 2]
-    safe = torch.where(depths > settings.near, depths, 1.0)[:, None]
+    safe = torch.where(depths >= settings.near, depths, 1.0)[:, None]
     slopes, focal, middle = points[:, :2] / safe, intrinsics.diagonal()[:2], intrinsics[:2, 2]
     size = middle.new_tensor([cameras.width, cameras.height])
-    margin = settings.profile.jacobian_margin * size
+    margin = 0.5 * settings.profile.jacobian_margin * size
     # Far outside of the image the linear approximation explodes.
     limited = slopes.clamp(-(middle + margin) / focal, (size - middle + margin) / focal)
     identity = torch.eye(2, dtype=points.dtype, device=points.device)

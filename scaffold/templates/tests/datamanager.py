@@ -43,5 +43,5 @@ def test_a_camera_that_is_no_transform_is_named(tmp_path):
     content = json.loads((capture(tmp_path) / datamanager.POSES).read_text())
     content["frames"][2]["world_to_camera"][0][0] = 5
     (tmp_path / datamanager.POSES).write_text(json.dumps(content))
-    with pytest.raises(DataError, match="frame 2: world_to_camera"):
+    with pytest.raises(DataError, match="frame 2: the pose is not rigid"):
         datamanager.MyPartConfig().recording(tmp_path, downscale=1)
