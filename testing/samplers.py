@@ -55,7 +55,9 @@ def _seed_decides(subject: Subject) -> None:
         first = _drawn(_built(subject), STEPS)
         torch.manual_seed(2)
         second = _drawn(_built(subject), STEPS)
-    step = next((n for n, pair in enumerate(zip(first, second, strict=True)) if len({*pair}) > 1), -1)
+    step = next(
+        (n for n, pair in enumerate(zip(first, second, strict=True)) if len({*pair}) > 1), -1
+    )
     require(
         first == second,
         f"with one seed, step {step} has the views {first[step]}, and then {second[step]}.",

@@ -61,7 +61,9 @@ def _tracks() -> TrackFile:
     positions = torch.rand(3, COUNT, 3, generator=generator, dtype=torch.float64)
     opacities = torch.rand(3, COUNT, generator=generator)
     tracks = Tracks((0.0, 0.5, 1.0), positions, opacities)
-    return TrackFile(tracks, torch.zeros(3, dtype=torch.float64), (0.0, 1.0, 2.0), opacities.new_zeros(COUNT, 3))
+    return TrackFile(
+        tracks, torch.zeros(3, dtype=torch.float64), (0.0, 1.0, 2.0), opacities.new_zeros(COUNT, 3)
+    )
 
 
 def _model(subject: Subject) -> ExportSource:
