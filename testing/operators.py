@@ -1,0 +1,7 @@
+"""Promises of operators."""
+
+from __future__ import annotations
+
+from gsfw.testing.promise import Promise
+
+PROMISES: tuple[Promise, ...] = ()
