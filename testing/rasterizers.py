@@ -8,7 +8,8 @@ from functools import lru_cache, partial
 import torch
 from torch import Tensor
 
-from gsfw.core.capabilities import SPLATTING, CameraModel, Determinism, Feature
+from gsfw.core.cameras import CameraModel
+from gsfw.core.capabilities import SPLATTING, Determinism, Feature
 from gsfw.core.numerics import DEFAULT, PROFILES
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.splats import Splats

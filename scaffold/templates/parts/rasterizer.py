@@ -32,6 +32,8 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 FEATURES = frozenset({Feature.GRADIENT, Feature.SH, Feature.EXTRA, Feature.SCREEN_GRADIENT})
+LONGEST = 1e9
+"""Largest standard deviation, in scene units and in pixels: its fourth power fits float32."""
 
 
 @dataclass
@@ -80,15 +82,17 @@ class MyPart(Rasterizer):
         i: int,
     ) -> Tensor:
         """The image of camera ``i``, [h, w, d]: colours, extra channels, alpha; over zeros."""
-        depths, centers, covariances = _project(splats, cameras, settings, i)
-        reach = _reach(splats.opacities, covariances, settings.profile)
+        depths, centers, ellipses = _project(splats, cameras, settings, i)
+        reach = _reach(splats.opacities, ellipses, settings.profile)
         size = centers.new_tensor([cameras.width, cameras.height])
         # The pixels in the bounding box of each splat; the centre of the first is at 0.5.
         first = (centers - reach - 0.5).ceil().clamp_min(0)
         last = (centers + reach - 0.5).floor().minimum(size - 1)
         inside = (centers + reach > 0) & (centers - reach < size)
         shown = (depths >= settings.near) & (depths <= settings.far) & inside.all(dim=1)
-        statistics.visible[i], statistics.radii[i] = shown, torch.where(shown, reach.amax(1), 0.0)
+        # Without cut-offs splats have no border, and count as large as the image.
+        radii = torch.where(reach.isinf(), 0.5 * size, reach).amax(dim=1)
+        statistics.visible[i], statistics.radii[i] = shown, torch.where(shown, radii, 0.0)
         if statistics.screen_gradient is not None and centers.requires_grad:
             _record(statistics.screen_gradient[i], centers, size)
         order = shown.nonzero()[:, 0]
@@ -105,7 +109,7 @@ class MyPart(Rasterizer):
                 begin, end = size.new_tensor([left, top]), size.new_tensor([x[-1], y[-1]])
                 near = order[((first <= end) & (last >= begin)).all(dim=1)[order]]
                 pixels = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=2).to(size) + 0.5
-                shape = centers[near], covariances[near], splats.opacities[near]
+                shape = centers[near], ellipses[near], splats.opacities[near]
                 cells.append(_blend(pixels, *shape, channels[near], settings.profile))
             rows.append(torch.cat(cells, dim=1))
         return torch.cat(rows, dim=0)
@@ -114,7 +118,11 @@ class MyPart(Rasterizer):
 def _project(
     splats: Splats, cameras: Cameras, settings: RenderSettings, i: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Depths [n], centres [n, 2] in pixels, covariances [n, 2, 2] in pixels squared."""
+    """Depths [n], centres [n, 2] in pixels, and ellipses [n, 4].
+
+    An ellipse is a covariance in pixels squared: xx, xy, yy, and its determinant, which is made of
+    the axes since the difference of products loses the digits of needles.
+    """
     assert splats.quats is not None  # By ``FEATURES``: no covariance form.
     assert splats.scales is not None
     pose, intrinsics = cameras.world_to_camera[i], cameras.intrinsics[i]
@@ -129,18 +137,23 @@ def _project(
     identity = torch.eye(2, dtype=points.dtype, device=points.device)
     parts = [identity.expand(len(points), 2, 2), -limited[:, :, None]]
     jacobian = (focal / safe)[:, :, None] * torch.cat(parts, dim=2)
-    axes = jacobian @ pose[:3, :3] @ (rotation_matrices(splats.quats) * splats.scales[:, None])
-    covariances = axes @ axes.transpose(1, 2) + settings.profile.dilation * identity
-    return depths, slopes * focal + middle, covariances
+    scales = splats.scales.clamp(max=LONGEST)[:, None]
+    axes = jacobian @ pose[:3, :3] @ (rotation_matrices(splats.quats) * scales)
+    first, second = axes.clamp(-LONGEST, LONGEST).unbind(1)
+    xx, xy, yy = (first * first).sum(1), (first * second).sum(1), (second * second).sum(1)
+    spread = settings.profile.dilation
+    determinants = torch.linalg.cross(first, second).square().sum(1) + spread * (xx + yy + spread)
+    ellipses = torch.stack([xx + spread, xy, yy + spread, determinants], dim=1)
+    return depths, slopes * focal + middle, ellipses
 
 
 @torch.no_grad()
-def _reach(opacities: Tensor, covariances: Tensor, profile: NumericsProfile) -> Tensor:
+def _reach(opacities: Tensor, ellipses: Tensor, profile: NumericsProfile) -> Tensor:
     """Half sides of the boxes in which splats are opaque enough, [n, 2]; below 0 for nowhere."""
     least = opacities.new_tensor(profile.alpha_min)
     squares = 2 * (opacities.clamp_min(1e-30) / least).log()
-    sides = squares.clamp_min(0)[:, None] * covariances.diagonal(dim1=1, dim2=2)
-    return torch.where(squares[:, None] < 0, -torch.inf, sides.sqrt())
+    sides = squares.clamp_min(0)[:, None] * ellipses[:, 0:3:2]
+    return torch.where(squares[:, None] < 0, -1e30, sides.sqrt())
 
 
 def _record(statistic: Tensor, centers: Tensor, size: Tensor) -> None:
@@ -165,18 +178,21 @@ def _colors(splats: Splats, center: Tensor) -> Tensor:
 def _blend(
     pixels: Tensor,
     centers: Tensor,
-    covariances: Tensor,
+    ellipses: Tensor,
     opacities: Tensor,
     channels: Tensor,
     profile: NumericsProfile,
 ) -> Tensor:
     """Blend splats, sorted from front to back, at pixels [h, w, 2] into [h, w, d]."""
-    offsets = pixels[:, :, None] - centers
-    inverses = torch.linalg.inv(covariances)
-    distances = torch.einsum("hwni,nij,hwnj->hwn", offsets, inverses, offsets)
-    alphas = (opacities * (-0.5 * distances).exp()).clamp_max(profile.alpha_max)
+    x, y = (pixels[:, :, None] - centers).unbind(3)
+    xx, xy, _, determinants = ellipses.unbind(1)
+    # Independent and of variance 1: along x, and what y has besides.
+    u, v = x * xx.rsqrt(), (y - x * (xy / xx)) * (xx / determinants).sqrt()
+    alphas = (opacities * (-0.5 * (u * u + v * v)).exp()).clamp_max(profile.alpha_max)
     alphas = torch.where(alphas >= profile.alpha_min, alphas, 0.0)
     left = torch.cumprod(1 - alphas, dim=2)
     ahead = torch.cat([torch.ones_like(left[:, :, :1]), left[:, :, :-1]], dim=2)
-    weights = torch.where(left > profile.transmittance_min, alphas * ahead, 0.0)
+    weights = alphas * ahead
+    if profile.transmittance_min > 0:  # A pixel ends before the splat that would hide the rest.
+        weights = torch.where(left > profile.transmittance_min, weights, 0.0)
     return weights @ channels
