@@ -47,10 +47,10 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
         "rasterizer": Kind(
             "rasterizer",
-            "renders in plain torch, tile by tile",
+            "renders in plain torch, row by row",
             "rasterizer:MyPartConfig",
             "gsfw train method=3dgs rasterizer=my-part downscale=8 steps=100",
-            "Start with `MyPart._view`. Add to `FEATURES` what it can do; gsfw asks for no more.",
+            "Start with `_view`. Add to `FEATURES` what it can do; gsfw asks for no more.",
         ),
         "datamanager": Kind(
             "data manager",

@@ -1,4 +1,4 @@
-"""Rasterizer my-part: plain torch, tile by tile, differentiated by autograd.
+"""Rasterizer my-part: plain torch, row by row, differentiated by autograd.
 
 It renders pinhole cameras on any device: colours and extra channels, with gradients of the splats
 and the statistic of the screen gradient. It does not antialias, and has no depth images, covariance
@@ -24,7 +24,6 @@ from gsfw.api import (
     RenderStatistics,
     Sh,
     Splats,
-    number,
     rotation_matrices,
     sh_basis,
 )
@@ -38,10 +37,7 @@ LONGEST = 1e9
 
 @dataclass
 class MyPartConfig(RasterizerConfig):
-    """Settings of rasterizer my-part."""
-
-    tile: int = number(32, at_least=1)
-    """Side of a tile in pixels: large tiles take more memory, small ones more time."""
+    """Settings of rasterizer my-part: none yet."""
 
     def capabilities(self) -> Capabilities:
         """Abilities on this machine."""
@@ -49,14 +45,11 @@ class MyPartConfig(RasterizerConfig):
 
     def build(self, device: torch.device) -> Rasterizer:
         """Build the rasterizer, which renders wherever its inputs are."""
-        return MyPart(self.tile)
+        return MyPart()
 
 
 class MyPart(Rasterizer):
-    """Projects all splats, then blends those that reach a tile, from front to back."""
-
-    def __init__(self, tile: int = 32) -> None:
-        self._tile = tile
+    """Projects all splats, then blends those that reach a row of pixels, from front to back."""
 
     @classmethod
     def capabilities(cls) -> Capabilities:
@@ -67,52 +60,43 @@ class MyPart(Rasterizer):
     def _render(self, splats: Splats, cameras: Cameras, settings: RenderSettings) -> RenderOutput:
         statistics = RenderStatistics.zeros(splats.means, len(cameras), settings.statistics)
         views = range(len(cameras))
-        images = torch.stack([self._view(splats, cameras, settings, statistics, i) for i in views])
+        images = torch.stack([_view(splats, cameras, settings, statistics, i) for i in views])
         color, extra, alpha = images.tensor_split((splats.channels, -1), dim=3)
         if settings.background is not None:
             color = color + (1 - alpha) * settings.background
         return RenderOutput(color, alpha, statistics, extra=None if splats.extra is None else extra)
 
-    def _view(
-        self,
-        splats: Splats,
-        cameras: Cameras,
-        settings: RenderSettings,
-        statistics: RenderStatistics,
-        i: int,
-    ) -> Tensor:
-        """The image of camera ``i``, [h, w, d]: colours, extra channels, alpha; over zeros."""
-        depths, centers, ellipses = _project(splats, cameras, settings, i)
-        reach = _reach(splats.opacities, ellipses, settings.profile)
-        size = centers.new_tensor([cameras.width, cameras.height])
-        # The pixels in the bounding box of each splat; the centre of the first is at 0.5.
-        first = (centers - reach - 0.5).ceil().clamp_min(0)
-        last = (centers + reach - 0.5).floor().minimum(size - 1)
-        inside = (centers + reach > 0) & (centers - reach < size)
-        shown = (depths >= settings.near) & (depths <= settings.far) & inside.all(dim=1)
-        # Without cut-offs splats have no border, and count as large as the image.
-        radii = torch.where(reach.isinf(), 0.5 * size, reach).amax(dim=1)
-        statistics.visible[i], statistics.radii[i] = shown, torch.where(shown, radii, 0.0)
-        if statistics.screen_gradient is not None and centers.requires_grad:
-            _record(statistics.screen_gradient[i], centers, size)
-        order = shown.nonzero()[:, 0]
-        order = order[depths[order].argsort(stable=True)]
-        opaque = splats.opacities.new_ones(len(splats), 1)
-        extra = [] if splats.extra is None else [splats.extra]
-        channels = torch.cat([_colors(splats, cameras.centers[i]), *extra, opaque], dim=1)
-        rows = []
-        for top in range(0, cameras.height, self._tile):
-            y = torch.arange(top, min(top + self._tile, cameras.height), device=size.device)
-            cells = []
-            for left in range(0, cameras.width, self._tile):
-                x = torch.arange(left, min(left + self._tile, cameras.width), device=size.device)
-                begin, end = size.new_tensor([left, top]), size.new_tensor([x[-1], y[-1]])
-                near = order[((first <= end) & (last >= begin)).all(dim=1)[order]]
-                pixels = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=2).to(size) + 0.5
-                shape = centers[near], ellipses[near], splats.opacities[near]
-                cells.append(_blend(pixels, *shape, channels[near], settings.profile))
-            rows.append(torch.cat(cells, dim=1))
-        return torch.cat(rows, dim=0)
+
+def _view(
+    splats: Splats,
+    cameras: Cameras,
+    settings: RenderSettings,
+    statistics: RenderStatistics,
+    i: int,
+) -> Tensor:
+    """The image of camera ``i``, [h, w, d]: colours, extra channels, alpha; over zeros."""
+    depths, centers, ellipses = _project(splats, cameras, settings, i)
+    size = centers.new_tensor([cameras.width, cameras.height])
+    reach = _reach(splats.opacities, ellipses, settings.profile)
+    inside = (centers + reach > 0) & (centers - reach < size)
+    shown = (depths >= settings.near) & (depths <= settings.far) & inside.all(dim=1)
+    # Without cut-offs splats have no border, and count as large as the image.
+    radii = torch.where(reach.isinf(), 0.5 * size, reach).amax(dim=1)
+    statistics.visible[i], statistics.radii[i] = shown, torch.where(shown, radii, 0.0)
+    if statistics.screen_gradient is not None and centers.requires_grad:
+        _record(statistics.screen_gradient[i], centers, size)
+    opaque = splats.opacities.new_ones(len(splats), 1)
+    extra = [] if splats.extra is None else [splats.extra]
+    channels = torch.cat([_colors(splats, cameras.centers[i]), *extra, opaque], dim=1)
+    order = depths.argsort(stable=True)
+    x = torch.arange(cameras.width, device=size.device).to(size) + 0.5
+    rows = []
+    for y in (row + 0.5 for row in range(cameras.height)):
+        near = order[(shown & ((centers[:, 1] - y).abs() <= reach[:, 1]))[order]]
+        pixels = torch.stack([x, torch.full_like(x, y)], dim=1)
+        shape = centers[near], ellipses[near], splats.opacities[near]
+        rows.append(_blend(pixels, *shape, channels[near], settings.profile))
+    return torch.stack(rows)
 
 
 def _project(
@@ -183,15 +167,15 @@ def _blend(
     channels: Tensor,
     profile: NumericsProfile,
 ) -> Tensor:
-    """Blend splats, sorted from front to back, at pixels [h, w, 2] into [h, w, d]."""
-    x, y = (pixels[:, :, None] - centers).unbind(3)
+    """Blend splats, sorted from front to back, at pixels [p, 2] into [p, d]."""
+    x, y = (pixels[:, None] - centers).unbind(2)
     xx, xy, _, determinants = ellipses.unbind(1)
     # Independent and of variance 1: along x, and what y has besides.
     u, v = x * xx.rsqrt(), (y - x * (xy / xx)) * (xx / determinants).sqrt()
     alphas = (opacities * (-0.5 * (u * u + v * v)).exp()).clamp_max(profile.alpha_max)
     alphas = torch.where(alphas >= profile.alpha_min, alphas, 0.0)
-    left = torch.cumprod(1 - alphas, dim=2)
-    ahead = torch.cat([torch.ones_like(left[:, :, :1]), left[:, :, :-1]], dim=2)
+    left = torch.cumprod(1 - alphas, dim=1)
+    ahead = torch.cat([torch.ones_like(left[:, :1]), left[:, :-1]], dim=1)
     weights = alphas * ahead
     if profile.transmittance_min > 0:  # A pixel ends before the splat that would hide the rest.
         weights = torch.where(left > profile.transmittance_min, weights, 0.0)

@@ -15,6 +15,6 @@ def test_a_splat_before_the_camera_is_brightest_at_its_centre():
     means, quats = torch.tensor([[0.0, 0.0, 2.0]]), torch.tensor([[1.0, 0.0, 0.0, 0.0]])
     red = torch.tensor([[1.0, 0.0, 0.0]])
     splats = Splats(means, torch.tensor([0.5]), red, quats, torch.full((1, 3), 0.2))
-    output = MyPart(tile=8).render(splats, cameras)
+    output = MyPart().render(splats, cameras)
     assert output.alpha.argmax() == 8 * 17 + 8
     torch.testing.assert_close(output.color[0, 8, 8], torch.tensor([0.5, 0.0, 0.0]))
