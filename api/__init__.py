@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from gsfw.api.errors import *
     from gsfw.api.files import *
     from gsfw.api.gaussians3d import *
+    from gsfw.api.moving import *
     from gsfw.api.operators import *
     from gsfw.api.progress import *
     from gsfw.api.registration import *
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 GROUPS = (
     *("registration", "errors", "progress", "configuration", "rendering", "training", "watching"),
-    *("operators", "files", "data", "gaussians3d", "verbs"),
+    *("operators", "files", "data", "gaussians3d", "moving", "verbs"),
 )
 """The modules of this folder, the light ones first."""
 
