@@ -86,8 +86,12 @@ class BrokenPlugin:
     @property
     def skipped(self) -> str:
         """What is skipped and why, as a phrase without a period."""
-        package = f"{self.distribution} {self.version}".strip()
-        return f"{self.kind} {self.name!r} ({package}) is skipped: {self.reason}"
+        return f"{self.kind} {self.name!r} ({self.package}) is skipped: {self.reason}"
+
+    @property
+    def package(self) -> str:
+        """Package and version: "gsfw-dots 0.3"."""
+        return f"{self.distribution} {self.version}".strip()
 
     def comes_from(self, package: str) -> bool:
         """True if a package such as "gsfw-dots 0.3", of any version, is that of this plugin."""
@@ -222,7 +226,7 @@ class Discovery:
         try:
             asked = function()
         except (Exception, SystemExit) as error:
-            raise RangeError(f"{REQUIRES_API} {_raised(error)}") from error
+            raise RangeError(f"its {REQUIRES_API} {_raised(error)}") from error
         return check_range(asked)
 
     def _implementations(self, hook: str) -> dict[str, Callable[[], Any]]:

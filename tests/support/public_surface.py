@@ -47,13 +47,23 @@ def file_of(module: str) -> Path:
     return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
+@cache
+def imports(path: Path) -> dict[str, tuple[str, str]]:
+    """Module and name of everything that a file imports from gsfw, anywhere in it."""
+    return {
+        alias.asname or alias.name: (str(node.module), alias.name)
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gsfw")
+        for alias in node.names
+    }
+
+
+@cache
 def find(path: Path, name: str) -> Place | None:
     """The definition of a name that a file defines or imports from gsfw; ``None`` for others."""
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gsfw"):
-            for alias in node.names:
-                if (alias.asname or alias.name) == name:
-                    return find(file_of(str(node.module)), alias.name)
+    if name in imports(path):
+        module, original = imports(path)[name]
+        return find(file_of(module), original)
     for statement in tree(path).body:
         if isinstance(statement, ast.ClassDef | ast.FunctionDef):
             names = [statement.name]
@@ -76,6 +86,7 @@ def groups() -> dict[str, tuple[str, ...]]:
     return found
 
 
+@cache
 def public_names() -> frozenset[str]:
     """All public names."""
     return frozenset(name for names in groups().values() for name in names)
