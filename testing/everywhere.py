@@ -15,7 +15,7 @@ import yaml
 
 from gsfw.core.errors import UserError
 from gsfw.plugins.conformance import problem_of
-from gsfw.plugins.keys import Key, keys
+from gsfw.plugins.keys import Key, field_help, keys
 from gsfw.plugins.registry import PartError
 from gsfw.plugins.values import as_text, parse, plain
 from gsfw.testing.promise import NotApplicable, Promise, require
@@ -95,14 +95,18 @@ def _settings_round_trip(subject: Subject) -> None:
 
 
 def _settings_are_documented(subject: Subject) -> None:
-    for key in settings_of(subject):
+    owners = {key.owner: key.name for key in settings_of(subject)}
+    for owner in owners:
         try:
-            inspect.getsource(key.owner)
+            inspect.getsource(owner)
         except (OSError, TypeError):
             raise NotApplicable("the source of the configuration is not available") from None
+    explained = {owner: field_help(owner) for owner in owners}
+    for key in settings_of(subject):
+        text = explained[key.owner].get(key.name.rpartition(".")[2], "")
         require(
-            key.help.endswith("."),
-            f"the explanation of setting {key.name} is {key.help!r}.",
+            text.endswith("."),
+            f"the explanation of setting {key.name} is {text!r}.",
             'Write one sentence in """...""" below the field, with a period at its end.',
         )
 

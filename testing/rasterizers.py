@@ -19,6 +19,7 @@ from gsfw.studies.entrants import Entrant, entrant_of
 from gsfw.studies.stress.case import Drawing, Section, StressCase, front_camera, random_splats
 from gsfw.studies.stress.catalogue import CASES
 from gsfw.studies.stress.catalogue.variants import EVERYTHING
+from gsfw.studies.stress.claimed import left_out, without
 from gsfw.studies.stress.drawn import draw_everything, mixed, same_bits
 from gsfw.studies.stress.measure import Oracle, measure
 from gsfw.testing.promise import NotApplicable, Promise, require
@@ -27,7 +28,7 @@ from gsfw.testing.trial import Losses, trial
 
 SAMPLE = 5
 """Every fifth case of each section is drawn here; ``gsfw stress`` draws them all."""
-LARGE = ("image/16384x64", "layers/")
+LARGE = ("image/16384x64", "layers/100000", "layers/5000")
 """Cases that take long in plain torch."""
 SIZES = ((1, 1), (17, 5), (33, 31), (16, 16))
 """Widths and heights, most of them no multiples of a tile."""
@@ -35,7 +36,6 @@ STEP = {torch.float32: 1e-3, torch.float64: 1e-6}
 """Half the distance of the two images of a finite difference."""
 SLOPE = {torch.float32: 3e-2, torch.float64: 1e-6}
 """Largest relative error of a derivative along a random direction."""
-SETTINGS_ADVICE = "See the case with gsfw stress rasterizer={0} only={1}"
 
 
 @lru_cache(maxsize=1)
@@ -113,16 +113,11 @@ def _ordinary(
     poses = front_camera(width, height).select([0] * views)
     shift = torch.zeros_like(poses.world_to_camera)
     shift[:, 0, 3] = 0.1 * torch.arange(views)
-    model = (
-        CameraModel.PINHOLE
-        if CameraModel.PINHOLE in able.camera_models
-        else min(able.camera_models, key=str)
-    )
+    models = able.camera_models
+    model = CameraModel.PINHOLE if CameraModel.PINHOLE in models else min(models, key=str)
     cameras = replace(poses, world_to_camera=poses.world_to_camera + shift, model=model)
     profile = PROFILES.get(able.profile, DEFAULT)
     drawing = Drawing(splats, cameras, replace(EVERYTHING, near=0.01, profile=profile))
-    from gsfw.studies.stress.claimed import left_out, without
-
     case = StressCase("shape/ordinary", lambda: drawing)
     drawing = without(drawing, left_out(case, drawing, able))
     return drawing.double() if dtype == torch.float64 else drawing

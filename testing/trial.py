@@ -14,20 +14,20 @@ from torch import Tensor
 from gsfw.core.callback import Callback, Control, StepReport
 from gsfw.core.config import MethodConfig, replace_at
 from gsfw.core.datamanager import DataManager, DataRequest, Split
-from gsfw.core.errors import ConfigError
 from gsfw.core.loop.run_folder import RunFolder, read_checkpoint
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.ranges import check_ranges
 from gsfw.datamanagers.synthetic.config import SyntheticConfig
 from gsfw.plugins.compose import Composition, compose
 from gsfw.plugins.config_file import write_config
+from gsfw.plugins.opening import open_data
 from gsfw.plugins.registry import Registry
 from gsfw.plugins.restore import restore
-from gsfw.plugins.settings import Layer, resolve
+from gsfw.plugins.settings import Layer, Settings, resolve
 from gsfw.testing.subject import Subject
 
-STEPS, HALF = 20, 10
-"""Length of a trial, and the step at which it is interrupted."""
+STEPS = 20
+"""Length of a trial, unless a check has its own."""
 
 SCENE: Mapping[str, object] = {
     "datamanager": "synthetic",
@@ -78,26 +78,47 @@ class Trial:
     """All given settings, by dotted key."""
     folder: Path
 
+    def settings(self) -> Settings:
+        """All settings of the run.
+
+        Raises:
+            ConfigError: a setting is unknown or wrong.
+        """
+        return resolve(self.registry, [Layer("the settings of the check", self.values)])
+
+    def data(self) -> DataManager:
+        """The data of the run."""
+        return open_data(self.settings())
+
     def composition(self, data: DataManager | None = None) -> Composition:
         """Build the run.
+
+        Args:
+            data: replaces the data of the settings; ``None`` for these.
 
         Raises:
             ConfigError: the parts do not fit together.
         """
-        settings = resolve(self.registry, [Layer("the trial's settings", self.values)])
-        return compose(settings, self.registry, data=data)
+        return compose(self.settings(), self.registry, data=data)
 
-    def trainer(self, callbacks: Sequence[Callback] = ()) -> Trainer:
-        """A trainer before its first step."""
-        composition, folder = self.composition(), RunFolder(self.folder)
+    def trainer(
+        self, callbacks: Sequence[Callback] = (), data: DataManager | None = None
+    ) -> Trainer:
+        """A trainer before its first step; ``data`` as for ``composition``.
+
+        Raises:
+            ConfigError: the parts do not fit together.
+        """
+        composition, folder = self.composition(data), RunFolder(self.folder)
         folder.path.mkdir(parents=True, exist_ok=True)
-        folder.config.write_text(write_config(composition.settings, ["trial"]))
+        folder.config.write_text(write_config(composition.settings, ["check"]))
         return composition.trainer(folder, callbacks)
 
-    def resumed(self, checkpoint: Path | None = None) -> Trainer:
-        """A trainer that continues from a checkpoint; ``None`` for the latest."""
-        restored = restore(RunFolder(self.folder), self.registry, checkpoint)
-        trainer = restored.composition.trainer(restored.folder, (), restored.step)
+    def resumed(self, step: int, callbacks: Sequence[Callback] = ()) -> Trainer:
+        """A trainer that continues from the checkpoint after ``step`` steps."""
+        folder = RunFolder(self.folder)
+        restored = restore(folder, self.registry, folder.checkpoint(step))
+        trainer = restored.composition.trainer(restored.folder, callbacks, restored.step)
         trainer.load_state_dict(restored.state)
         return trainer
 
@@ -203,14 +224,3 @@ class Builder:
 def request_of(subject: Subject, **changes: Any) -> DataRequest:  # noqa: ANN401 - fields
     """The request for the data of a subject."""
     return replace(DataRequest(subject.data, eval_every_nth=3), **changes)
-
-
-def refusal(error: Exception) -> str:
-    """The sentence of a refusal.
-
-    Raises:
-        Exception: ``error`` itself, if it is no message for the user.
-    """
-    if not isinstance(error, ConfigError):
-        raise error
-    return error.message
