@@ -1,1 +1,1 @@
-"""What ``gsfw new`` writes: a package for each kind of part, which works as it is written."""
+"""Packages that ``gsfw new`` writes, one for each kind of part; they work as they are written."""

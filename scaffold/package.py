@@ -85,7 +85,7 @@ def _spellings(name: PartName) -> dict[str, str]:
 
 
 def _words(slot: str, name: PartName, kind: Kind, like: str, base: Base | None) -> dict[str, str]:
-    """What stands for each word of the templates."""
+    """The text of each word of the templates."""
     named = kind_with_name(kind, name)
     of_base = {} if base is None else {"BaseConfig": base.config, "BaseMethod": base.method}
     return {

@@ -73,7 +73,7 @@ def _frame(folder: Path, where: str, entry: Any) -> Frame:
     """
     try:
         name = str(entry["image"])
-        numbers = [float(entry[key]) for key in ("fx", "fy", "cx", "cy")]
+        fx, fy, cx, cy = (float(entry[key]) for key in ("fx", "fy", "cx", "cy"))
         pose = torch.tensor(entry["world_to_camera"], dtype=torch.float64)
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(
@@ -83,6 +83,6 @@ def _frame(folder: Path, where: str, entry: Any) -> Frame:
     if pose.shape != (4, 4):
         raise DataError(f"{where}: world_to_camera has shape {[*pose.shape]}, expected [4, 4].")
     header = read_header(folder / name)
-    lens = Lens(*numbers, header.width, header.height, source=where)
+    lens = Lens(fx, fy, cx, cy, header.width, header.height, source=where)
     lens.check()
     return Frame(name, folder / name, header, lens, pose_from_opencv(pose, where))

@@ -54,7 +54,8 @@ class MyPartGaussians(StaticGaussians):
 
     def splats(self, time: Tensor | None = None, cameras: Cameras | None = None) -> Splats:
         """The activated Gaussians, with their brightness as an extra channel."""
-        return replace(super().splats(time, cameras), extra=self.extra["brightness"].values)
+        brightness = self.columns()["brightness"].values
+        return replace(super().splats(time, cameras), extra=brightness)
 
 
 class MyPartCanonical(StaticGaussiansMethod):
