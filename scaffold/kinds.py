@@ -14,7 +14,7 @@ class Kind:
     title: str
     """As of a person: "data manager"."""
     summary: str
-    """What the generated part does, for lists of parts and for the package."""
+    """Description of the generated part, for lists of parts and for the package."""
     target: str
     """Class or function that is registered, as "module:Name" in the package."""
     command: str
