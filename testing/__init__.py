@@ -30,7 +30,7 @@ from gsfw.testing.checks import (
 )
 from gsfw.testing.promise import BrokenPromise, NotApplicable, Outcome, Promise, Verdict
 from gsfw.testing.pytest_tests import conformance
-from gsfw.testing.subject import Subject, find_subject, parts_of
+from gsfw.testing.subject import Subject, find_subject, parts_of, subjects_named
 
 __all__ = [
     "BrokenPromise",
@@ -58,4 +58,5 @@ __all__ = [
     "outcomes",
     "parts_of",
     "promises",
+    "subjects_named",
 ]

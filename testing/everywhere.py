@@ -151,7 +151,7 @@ def settings_of(subject: Subject) -> Iterator[Key]:
     """
     kind: Any = subject.target
     if not (isinstance(kind, type) and is_dataclass(kind)):
-        raise NotApplicable(f"a {subject.slot} without a configuration has no settings")
+        raise NotApplicable(f"this {subject.slot} has no settings")
     return keys(kind())
 
 

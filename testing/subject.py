@@ -193,6 +193,33 @@ def parts_of(
     return parts
 
 
+def subjects_named(
+    name: str,
+    slot: str = "",
+    *,
+    data: Path | str | None = None,
+    settings: Sequence[str] = (),
+) -> list[Subject]:
+    """All parts of a name; of a plugin of this name if no part has it.
+
+    Args:
+        name: a registered name, an installed distribution, or a module with hooks.
+        slot: kind of the part; empty for all.
+        data: as for ``find_subject``.
+        settings: as for ``find_subject``.
+
+    Raises:
+        ConfigError: there is no such part or plugin.
+    """
+    if slot:
+        return [find_subject(slot, name, data=data, settings=settings)]
+    registry = installed()
+    slots = [kind for kind in SLOTS if name in registry.slot(kind)]
+    if not slots:
+        return parts_of(name, data=data, settings=settings)
+    return [find_subject(kind, name, data=data, settings=settings) for kind in slots]
+
+
 def _is_module(name: str) -> bool:
     try:
         import_module(name)
