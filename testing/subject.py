@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +22,7 @@ from gsfw.plugins.specs import PROJECT, Spec
 Value = TypeVar("Value")
 
 
-@dataclass
+@dataclass(eq=False)
 class Subject:
     """A registered part, and what its checks share."""
 
@@ -63,13 +65,12 @@ class Subject:
         return found or ((self.plugin,) if self.plugin else ())
 
     @cached_property
-    def _folder(self) -> tempfile.TemporaryDirectory[str]:
-        return tempfile.TemporaryDirectory(prefix="gsfw-conformance-", ignore_cleanup_errors=True)
-
-    @property
     def workspace(self) -> Path:
-        """An empty folder for files of the checks; removed with the subject."""
-        return Path(self._folder.name)
+        """A folder for files of the checks; removed with the subject."""
+        folder = tempfile.mkdtemp(prefix="gsfw-conformance-")
+        # A TemporaryDirectory would warn when it is collected: an error in some tests.
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        return Path(folder)
 
     def once(self, name: str, make: Callable[[], Value]) -> Value:
         """A value that several checks use, made at its first use."""
