@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 
 import torch
 
 from gsfw.core.config import MethodConfig
 from gsfw.core.errors import ConfigError
+from gsfw.core.loop.resolution import MIN_SIDE, ResolutionSchedule
 from gsfw.core.loop.run_folder import RunFolder
 from gsfw.core.loop.trainer import Trainer
 from gsfw.core.maths.frame import transform_splats
@@ -154,11 +156,16 @@ def _runs_with(strategy: str, subject: Subject) -> None:
 
 def _resolution_schedule(subject: Subject) -> None:
     watch = TableWatch()
-    changes = {"resolution_schedule": "auto", "resolution_steps": SHORT, "steps": 2 * SHORT}
+    changes = {"steps": 2 * SHORT, "resolution_schedule": "auto", "resolution_steps": SHORT}
+    if subject.data is None:
+        changes |= {"datamanager.width": 2 * MIN_SIDE, "datamanager.height": 2 * MIN_SIDE}
     try:
         trainer = method_trial(subject, "coarse", changes).trainer([watch])
     except ConfigError as refusal:
         raise NotApplicable(f"it is refused: {refusal.message}") from refusal
+    # The measured schedule of a run this short is at full size from its first step.
+    coarse = ResolutionSchedule(((0, 2.0), (SHORT, 1.0)))
+    trainer.plan = replace(trainer.plan, resolution=coarse)
     watched(trainer, watch)
 
 

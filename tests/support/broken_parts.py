@@ -1,6 +1,7 @@
 """Parts that each break one promise of the conformance kit, for the tests that it is noticed."""
 
 import random
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -14,6 +15,7 @@ from gsfw.core.config import Detection, RasterizerConfig, SamplerConfig, Strateg
 from gsfw.core.datamanager import WrappedDataManager
 from gsfw.core.errors import DataError
 from gsfw.core.exchange import Exporter
+from gsfw.core.loop.resolution import MIN_SIDE
 from gsfw.core.metrics import Metric, Psnr
 from gsfw.core.operators import Operators
 from gsfw.core.rasterizer import Rasterizer
@@ -23,7 +25,8 @@ from gsfw.formats.ply import PlyExporter, PlyImporter
 from gsfw.methods.gaussians3d.config import StaticGaussiansConfig
 from gsfw.methods.gaussians3d.method import StaticGaussiansMethod
 from gsfw.methods.gaussians3d.model import StaticGaussians
-from gsfw.plugins.specs import Spec
+from gsfw.plugins.registry import SLOTS
+from gsfw.plugins.specs import Spec, hookimpl
 from gsfw.rasterizers.reference.rasterizer import ReferenceRasterizer
 from gsfw.samplers.uniform import UniformConfig
 
@@ -44,8 +47,6 @@ class Plugin:
 
 
 def _hook(slot: str):
-    from gsfw.plugins.specs import hookimpl
-
     def specs(self):
         return [
             Spec(f"breaks-{promise}", promise, f"{__name__}:{kind.__qualname__}")
@@ -56,12 +57,8 @@ def _hook(slot: str):
     return hookimpl(specs)
 
 
-for _slot in (
-    *("method", "strategy", "rasterizer", "datamanager", "sampler"),
-    *("exporter", "importer", "metric", "callback", "command"),
-):
-    setattr(Plugin, f"gsfw_{_slot}s", _hook(_slot))
-Plugin.gsfw_operators = _hook("operators")  # type: ignore[attr-defined]
+for _slot, _name in SLOTS.items():
+    setattr(Plugin, _name, _hook(_slot))
 
 
 # Every kind.
@@ -164,7 +161,7 @@ class Partial(_Changed):
 @dataclass
 class Advancing(_Changed):
     def change(self, sampler, count):
-        sampler.peek = lambda number: [sampler.next() for _ in range(number)][0]
+        sampler.peek = lambda number: sampler.next()
         return sampler
 
 
@@ -241,7 +238,8 @@ def silent(arguments):
 
 
 def careless(arguments):
-    return ("--help" in arguments and print("help of this verb")) or 0
+    sys.stdout.write("help of this verb" if "--help" in arguments else "")
+    return 0
 
 
 BROKEN["command", "shows-help"] = silent  # type: ignore[assignment]
@@ -305,9 +303,7 @@ def _dark_if_empty(self, found, splats, cameras):
 
 def _wrong_at_the_edge(self, found, splats, cameras):
     color = found.color.clone()
-    color[:, :, cameras.width // 16 * 16 :] = (
-        0.0 if cameras.width % 16 == 1 else color[:, :, cameras.width // 16 * 16 :]
-    )
+    color[:, :, cameras.width // 16 * 16 :] += 0.1 * (cameras.width > 16)
     return replace(found, color=color)
 
 
@@ -466,7 +462,7 @@ class _Refiner(Refiner):
         self._edit = edit
 
     def refine(self, context):
-        return {} if context.done % 20 else self._edit(context)
+        return {} if context.done % 10 else self._edit(context)
 
 
 def _strategy(promise: str, edit):
@@ -486,11 +482,7 @@ def _clone(context):
 
 
 def _by_hand(context):
-    column = context.model.columns()[
-        "opacities"
-        if "opacities" in context.model.columns()
-        else next(iter(context.model.columns()))
-    ]
+    column = next(iter(context.model.columns().values()))
     with torch.no_grad():
         column.values[0] = torch.nan
     return {}
@@ -587,7 +579,7 @@ def _needs_neighbours(self, scene, operators, generator, initial):
 
 
 def _not_small(self, context):
-    assert context.batch.cameras.width == 24, "the full size"
+    assert context.batch.cameras.width == 2 * MIN_SIDE, "the full size"
     return StaticGaussiansMethod.losses(self, context)
 
 

@@ -58,6 +58,7 @@ def test_every_promise_has_a_fault_that_breaks_it():
     assert not missing
 
 
+@pytest.mark.slow
 def test_a_registration_that_imports_torch_is_found_out():
     subject = find_subject("metric", "heavy", plugin="support.heavy_registration")
     (promise,) = (item for item in promises("metric") if item.name == "registration-is-light")
