@@ -171,19 +171,19 @@ def parts_of(
     registry = registry_with(plugin)
     place = None if data is None else Path(data)
 
-    def found() -> list[Subject]:
+    def found(*owners: str) -> list[Subject]:
         return [
             Subject(slot, spec, registry, place, tuple(settings), _module_name(plugin))
             for slot in SLOTS
             for spec in registry.slot(slot).values()
             if spec.distribution != PROJECT
-            and name in (spec.distribution, spec.target.partition(":")[0].partition(".")[0])
+            and {spec.distribution, spec.target.partition(":")[0].partition(".")[0]} & {*owners}
         ]
 
-    parts = found()
+    parts = found(name)
     if not parts and plugin is None and _is_module(name):
         plugin, registry = name, registry_with(name)
-        parts = found()
+        parts = found(name, name.partition(".")[0])
     if not parts:
         broken = " ".join(str(item) for item in registry.broken if item.distribution == name)
         third_parties = ", ".join(registry.third_parties()) or "none"
