@@ -179,12 +179,12 @@ def _downscale_halves(subject: Subject) -> None:
             "Shrink images by request.downscale, and intrinsics by the ratio of the sizes.",
         )
     if full.has_images:
-        for one, other in zip(_loaded(full), _loaded(half), strict=True):
-            apart = (one.images.mean() - other.images.mean()).abs().item()
+        for whole, shrunk in zip(_loaded(full), _loaded(half), strict=True):
+            apart = (whole.images.mean() - shrunk.images.mean()).abs().item()
             require(
-                other.images.shape[1:3] == (other.cameras.height, other.cameras.width)
+                shrunk.images.shape[1:3] == (shrunk.cameras.height, shrunk.cameras.width)
                 and apart < 0.05,
-                f"the shrunk image has the shape {tuple(other.images.shape)}, and its mean is off "
+                f"the shrunk image has the shape {tuple(shrunk.images.shape)}, and its mean is off "
                 f"by {apart:.2g}.",
                 "Average areas of pixels, as WrappedDataManager and Capture do.",
             )

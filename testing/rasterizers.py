@@ -8,7 +8,8 @@ from functools import lru_cache, partial
 import torch
 from torch import Tensor
 
-from gsfw.core.capabilities import SPLATTING, CameraModel, Determinism, Feature
+from gsfw.core.cameras import CameraModel
+from gsfw.core.capabilities import SPLATTING, Determinism, Feature
 from gsfw.core.numerics import DEFAULT, PROFILES
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.splats import Splats
@@ -249,11 +250,10 @@ def _finite_difference(
             output = rasterizer.render(splats, views, drawing.settings)
             double = replace(
                 output,
-                **{
-                    key: None if image is None else image.double()
-                    for key in ("color", "alpha", "depth", "extra")
-                    for image in [getattr(output, key)]
-                },
+                color=output.color.double(),
+                alpha=output.alpha.double(),
+                depth=None if output.depth is None else output.depth.double(),
+                extra=None if output.extra is None else output.extra.double(),
             )
             return mixed(double).item()
 
