@@ -18,16 +18,27 @@ from gsfw.plugins.versions import API_VERSION
 
 @dataclass(kw_only=True)
 class PluginsOptions(Options):
-    """List the installed parts, slot by slot, and the broken plugins, which are skipped."""
+    """List the installed parts, slot by slot, and the broken plugins, which are skipped.
 
-    examples: ClassVar[tuple[str, ...]] = ("gsfw plugins", "gsfw plugins slot=strategy")
+    ``gsfw plugins check NAME`` checks a part, or all parts of a plugin.
+    """
+
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw plugins",
+        "gsfw plugins slot=strategy",
+        "gsfw plugins check NAME",
+    )
 
     slot: str = ""
     """Only this slot: method, rasterizer, strategy, ... Empty: all."""
 
 
 def run(tokens: list[str]) -> int:
-    """List the installed parts."""
+    """List the installed parts, or check some: ``gsfw plugins check NAME``."""
+    if tokens[:1] == ["check"]:
+        from gsfw.commands.plugin_check import run as check
+
+        return check(tokens[1:])
     options = read("plugins", PluginsOptions, tokens)
     if options.slot and options.slot not in SLOTS:
         raise ConfigError(

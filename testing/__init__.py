@@ -28,9 +28,16 @@ from gsfw.testing.checks import (
     outcomes,
     promises,
 )
-from gsfw.testing.promise import BrokenPromise, NotApplicable, Outcome, Promise, Verdict
+from gsfw.testing.promise import (
+    BrokenPromise,
+    NotApplicable,
+    Outcome,
+    Promise,
+    Verdict,
+    require,
+)
 from gsfw.testing.pytest_tests import conformance
-from gsfw.testing.subject import Subject, find_subject, parts_of
+from gsfw.testing.subject import Subject, find_subject, parts_of, subjects_named
 
 __all__ = [
     "BrokenPromise",
@@ -58,4 +65,6 @@ __all__ = [
     "outcomes",
     "parts_of",
     "promises",
+    "require",
+    "subjects_named",
 ]

@@ -48,12 +48,18 @@ def promises(slot: str) -> tuple[Promise, ...]:
     return (*EVERYWHERE, *own)
 
 
-def outcomes(subject: Subject) -> Iterator[Outcome]:
-    """Check every promise of a part; yields each outcome at once.
+def outcomes(subject: Subject, only: Sequence[str] = ()) -> Iterator[Outcome]:
+    """Check the promises of a part; yields each outcome at once.
 
     If the part cannot be loaded, only the promises about its registration are checked.
+
+    Args:
+        subject: the part.
+        only: names of promises; empty for all.
     """
     for promise in promises(subject.slot):
+        if only and promise.name not in only:
+            continue
         outcome = promise.check(subject)
         yield outcome
         if promise.is_required and outcome.verdict is Verdict.BROKEN:

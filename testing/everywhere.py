@@ -9,14 +9,17 @@ import sys
 from collections.abc import Iterator
 from dataclasses import is_dataclass
 from functools import lru_cache
+from importlib import import_module
 from typing import Any
 
 import yaml
 
 from gsfw.core.errors import UserError
+from gsfw.plugins import hooks
 from gsfw.plugins.conformance import problem_of
 from gsfw.plugins.keys import Key, field_help, keys
 from gsfw.plugins.registry import PartError
+from gsfw.plugins.specs import PROJECT
 from gsfw.plugins.values import as_text, parse, plain
 from gsfw.testing.promise import NotApplicable, Promise, require
 from gsfw.testing.subject import Subject
@@ -33,6 +36,9 @@ for name in json.loads(sys.argv[2]):
 print(json.dumps([name for name in json.loads(sys.argv[3]) if name in sys.modules]))
 """
 """Program that imports modules and prints the heavy ones among all that were imported."""
+
+REQUIRES_API = "gsfw_requires_api"
+"""The hook that returns the range of API versions."""
 
 NUMBERS = ("-1", "0", "inf")
 """Values that some numeric settings cannot have."""
@@ -145,8 +151,21 @@ def settings_of(subject: Subject) -> Iterator[Key]:
     """
     kind: Any = subject.target
     if not (isinstance(kind, type) and is_dataclass(kind)):
-        raise NotApplicable(f"a {subject.slot} without a configuration has no settings")
+        raise NotApplicable(f"this {subject.slot} has no settings")
     return keys(kind())
+
+
+def _states_its_api_range(subject: Subject) -> None:
+    hook = getattr(hooks, REQUIRES_API, None)
+    if hook is None or subject.spec.distribution == PROJECT or not subject.registrations:
+        raise NotApplicable("it is part of gsfw, or no module")
+    for name in subject.registrations:
+        stated = getattr(import_module(name), REQUIRES_API, None)
+        require(
+            stated is not None and isinstance(stated(), str),
+            f"{name} states no range of versions of gsfw.api.",
+            f'Add a hook to it: @hookimpl def {REQUIRES_API}() -> str: return ">=1.0,<2".',
+        )
 
 
 EVERYWHERE = (
@@ -160,6 +179,12 @@ EVERYWHERE = (
         "The target can be imported, and all its methods take the arguments of gsfw's calls.",
         _fits_its_contract,
         is_required=True,
+    ),
+    Promise(
+        "states-its-api-range",
+        "The plugin states the versions of gsfw.api that it is made for. (A range that is not met "
+        "keeps it from being loaded.)",
+        _states_its_api_range,
     ),
     Promise(
         "settings-round-trip",

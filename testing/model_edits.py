@@ -35,18 +35,18 @@ def _edits_keep_columns(subject: Subject) -> None:
     rows = torch.arange(min(3, model.num_rows))
     generator = torch.Generator().manual_seed(0)
     points = torch.zeros(2, 3)
+    # New rows by the name of their function, and the number of rows that they add.
     children: dict[str, tuple[Children, int]] = {
         "clone_rows": (model.clone_rows(rows), len(rows)),
         "split_rows": (model.split_rows(rows, 2, generator), 2 * len(rows)),
         "rows_at": (model.rows_at(points, points + 0.5, torch.full((2,), 0.1), 0.5), 2),
-        "relocated": (model.relocated(rows, torch.full_like(rows, 2)), len(rows)),
+        "relocated": (model.relocated(rows, torch.full_like(rows, 2)), 0),
     }
     for name, (made, count) in children.items():
         before = len(table)
         try:
             if name == "relocated":
                 table.replace(rows, made)
-                count = 0
             else:
                 table.append(made)
         except ValueError as error:

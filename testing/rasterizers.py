@@ -250,11 +250,10 @@ def _finite_difference(
             output = rasterizer.render(splats, views, drawing.settings)
             double = replace(
                 output,
-                **{
-                    key: None if image is None else image.double()
-                    for key in ("color", "alpha", "depth", "extra")
-                    for image in [getattr(output, key)]
-                },
+                color=output.color.double(),
+                alpha=output.alpha.double(),
+                depth=None if output.depth is None else output.depth.double(),
+                extra=None if output.extra is None else output.extra.double(),
             )
             return mixed(double).item()
 

@@ -12,6 +12,7 @@ import torch
 
 from gsfw.core.batch import Batch
 from gsfw.core.callback import Callback, Control
+from gsfw.core.config import step_settings
 from gsfw.core.datamanager import Split, WrappedDataManager
 from gsfw.core.errors import ConfigError
 from gsfw.core.loop.trainer import Trainer
@@ -23,11 +24,15 @@ from gsfw.testing.subject import Subject
 from gsfw.testing.table_checks import check_table
 from gsfw.testing.trial import MOTION, Changes, Trial, difference, trial
 
-STEPS, HALF = 240, 150
-"""Length of the runs, in which schedules of 30,000 steps are scaled down, and of their half."""
+STEPS, HALF = 60, 40
+"""Length of the runs, and the step from which one is resumed."""
+LEAST = 6
+"""Shortest interval of the shortened schedules."""
+USUAL_STEPS = 30_000
+"""Length of the runs that the defaults of strategies are meant for."""
 NOT_FINITE_EVERY = 7
 """Every seventh load of images of the run with broken steps has NaN."""
-MOST = 100
+MOST = 90
 """Rows under a limit; the runs start with 80."""
 
 
@@ -96,7 +101,17 @@ def watched(trainer: Trainer, watch: TableWatch) -> list[int]:
 
 
 def _run(subject: Subject, name: str, changes: Changes, method: str = "3dgs") -> Trial:
-    return trial(subject, name, {"strategy": subject.name, "steps": STEPS, **changes}, method)
+    """A run with the strategy, whose schedule is shortened so that all of it comes to pass.
+
+    Rescaling by steps= would keep the lower bounds of intervals, and such a run would edit nothing.
+    """
+    schedule = {
+        f"strategy.{key}": max(round(steps * STEPS / USUAL_STEPS), LEAST)
+        for key, (steps, _) in step_settings(subject.target()).items()
+        if steps and not any(item.startswith(f"strategy.{key}=") for item in subject.settings)
+    }
+    given = {"strategy": subject.name, "steps": STEPS, **schedule, **changes}
+    return trial(subject, name, given, method)
 
 
 def _runs_with(method: str, changes: Changes, subject: Subject) -> None:

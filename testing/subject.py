@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +22,7 @@ from gsfw.plugins.specs import PROJECT, Spec
 Value = TypeVar("Value")
 
 
-@dataclass
+@dataclass(eq=False)
 class Subject:
     """A registered part, and what its checks share."""
 
@@ -63,13 +65,12 @@ class Subject:
         return found or ((self.plugin,) if self.plugin else ())
 
     @cached_property
-    def _folder(self) -> tempfile.TemporaryDirectory[str]:
-        return tempfile.TemporaryDirectory(prefix="gsfw-conformance-", ignore_cleanup_errors=True)
-
-    @property
     def workspace(self) -> Path:
-        """An empty folder for files of the checks; removed with the subject."""
-        return Path(self._folder.name)
+        """A folder for files of the checks; removed with the subject."""
+        folder = tempfile.mkdtemp(prefix="gsfw-conformance-")
+        # A TemporaryDirectory would warn when it is collected: an error in some tests.
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        return Path(folder)
 
     def once(self, name: str, make: Callable[[], Value]) -> Value:
         """A value that several checks use, made at its first use."""
@@ -170,19 +171,19 @@ def parts_of(
     registry = registry_with(plugin)
     place = None if data is None else Path(data)
 
-    def found() -> list[Subject]:
+    def found(*owners: str) -> list[Subject]:
         return [
             Subject(slot, spec, registry, place, tuple(settings), _module_name(plugin))
             for slot in SLOTS
             for spec in registry.slot(slot).values()
             if spec.distribution != PROJECT
-            and name in (spec.distribution, spec.target.partition(":")[0].partition(".")[0])
+            and {spec.distribution, spec.target.partition(":")[0].partition(".")[0]} & {*owners}
         ]
 
-    parts = found()
+    parts = found(name)
     if not parts and plugin is None and _is_module(name):
         plugin, registry = name, registry_with(name)
-        parts = found()
+        parts = found(name, name.partition(".")[0])
     if not parts:
         broken = " ".join(str(item) for item in registry.broken if item.distribution == name)
         third_parties = ", ".join(registry.third_parties()) or "none"
@@ -191,6 +192,33 @@ def parts_of(
             f"Installed plugins: {third_parties}. See gsfw plugins.",
         )
     return parts
+
+
+def subjects_named(
+    name: str,
+    slot: str = "",
+    *,
+    data: Path | str | None = None,
+    settings: Sequence[str] = (),
+) -> list[Subject]:
+    """All parts of a name; of a plugin of this name if no part has it.
+
+    Args:
+        name: a registered name, an installed distribution, or a module with hooks.
+        slot: kind of the part; empty for all.
+        data: as for ``find_subject``.
+        settings: as for ``find_subject``.
+
+    Raises:
+        ConfigError: there is no such part or plugin.
+    """
+    if slot:
+        return [find_subject(slot, name, data=data, settings=settings)]
+    registry = installed()
+    slots = [kind for kind in SLOTS if name in registry.slot(kind)]
+    if not slots:
+        return parts_of(name, data=data, settings=settings)
+    return [find_subject(kind, name, data=data, settings=settings) for kind in slots]
 
 
 def _is_module(name: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import torch
 
@@ -278,9 +279,7 @@ COLOUR = (
         for count in CHANNELS
     ),
     *(
-        StressCase(
-            f"colour/degree-{degree}", lambda degree=degree: _degree(degree), about=HARMONICS
-        )  # type: ignore[misc]
+        StressCase(f"colour/degree-{degree}", partial(_degree, degree), about=HARMONICS)
         for degree in range(5)
     ),
     StressCase("colour/ragged", _ragged),
