@@ -71,7 +71,12 @@ def test_linters_have_nothing_to_say(tmp_path):
 @pytest.mark.slow
 def test_types_are_right(tmp_path):
     # One configuration for all: that of the packages.
-    options = ["--strict", "--allow-subclassing-any", "--allow-untyped-calls"]
+    options = [
+        "--follow-imports=silent",
+        "--strict",
+        "--allow-subclassing-any",
+        "--allow-untyped-calls",
+    ]
     for slot, like in EACH:
         name = PartName(f"my-{like or slot}")
         write_package(tmp_path / name.dashed, package_files(slot, name, like))
