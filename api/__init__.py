@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from gsfw.api.files import *
     from gsfw.api.gaussians3d import *
     from gsfw.api.models import *
+    from gsfw.api.moving import *
     from gsfw.api.operators import *
     from gsfw.api.progress import *
     from gsfw.api.registration import *
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 GROUPS = (
     *("registration", "errors", "progress", "configuration", "rendering", "training", "watching"),
-    *("operators", "files", "data", "gaussians3d", "verbs", "runs", "models"),
+    *("operators", "files", "data", "gaussians3d", "moving", "verbs", "runs", "models"),
 )
 """The modules of this folder, the light ones first."""
 

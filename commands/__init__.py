@@ -34,6 +34,9 @@ def gsfw_commands() -> list[Spec]:
         ),
         Spec("bench", "measure how fast drawing and training are here", "gsfw.commands.bench:run"),
         Spec("completion", "complete command lines in a shell", "gsfw.commands.completion:run"),
+        Spec(
+            "new", "write a package with a part of your own, to be changed", "gsfw.commands.new:run"
+        ),
         Spec("plugins", "list what is installed, slot by slot", "gsfw.commands.plugins:run"),
         Spec("config", "show every setting, and where it came from", "gsfw.commands.config:run"),
         Spec("doctor", "check what works on this machine, and why not", "gsfw.commands.doctor:run"),

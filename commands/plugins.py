@@ -23,16 +23,26 @@ class PluginsOptions(Options):
     GSFW_PLUGIN_PATH=PLACE:PLACE adds plugins that are not installed: a file, the folder of a
     package, or a source tree with pyproject.toml. GSFW_PLUGINS=NAME,NAME loads only these of the
     installed ones, GSFW_DISABLE_PLUGINS=1 none at all.
+
+    ``gsfw plugins check NAME`` checks a part, or all parts of a plugin.
     """
 
-    examples: ClassVar[tuple[str, ...]] = ("gsfw plugins", "gsfw plugins slot=strategy")
+    examples: ClassVar[tuple[str, ...]] = (
+        "gsfw plugins",
+        "gsfw plugins slot=strategy",
+        "gsfw plugins check NAME",
+    )
 
     slot: str = ""
     """Only this slot: method, rasterizer, strategy, ... Empty: all."""
 
 
 def run(tokens: list[str]) -> int:
-    """List the installed parts."""
+    """List the installed parts, or check some: ``gsfw plugins check NAME``."""
+    if tokens[:1] == ["check"]:
+        from gsfw.commands.plugin_check import run as check
+
+        return check(tokens[1:])
     options = read("plugins", PluginsOptions, tokens)
     if options.slot and options.slot not in SLOTS:
         raise ConfigError(

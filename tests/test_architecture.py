@@ -39,6 +39,7 @@ MAY_IMPORT = {
     "api": {"gsfw"},
     "compat": {"gsfw.api", "gsfw.compat"},
     "testing": {"gsfw"},
+    "scaffold": {"gsfw.core", "gsfw.plugins", "gsfw.scaffold", "gsfw.api", "gsfw.testing"},
 }
 
 MAX_FILE_LINES = 400

@@ -28,6 +28,8 @@ def test_without_a_compiler_the_package_installs_as_pure_python(tmp_path):
     assert not [name for name in names if name.endswith((".so", ".pyd", ".cpp"))]
     for path in (*ROOT.glob("kernels/cuda/sources/*"), *ROOT.glob("kernels/shared/*.h")):
         assert f"gsfw/{path.relative_to(ROOT)}" in names, "what CUDA kernels are compiled from"
+    for path in ROOT.glob("scaffold/templates/*/*.*"):
+        assert f"gsfw/{path.relative_to(ROOT)}" in names, "what gsfw new writes packages of"
     for path in ROOT.glob("reports/page.*"):
         assert f"gsfw/{path.relative_to(ROOT)}" in names, "style and script of reports"
 

@@ -24,6 +24,7 @@ from gsfw.plugins.keys import SLOT_KEYS, Key, keys
 from gsfw.plugins.loading import callback_configs, load_all
 from gsfw.plugins.registry import SLOTS, Registry
 from gsfw.rendering.channels import CHANNELS
+from gsfw.scaffold.kinds import KINDS
 
 START, FILE = "-", "@"
 FILES = ("data", "out", "config", "init", "images", "masks")
@@ -32,9 +33,13 @@ FLAG_KEYS = ("json", "debug")
 SETTINGS_VERBS = ("train", "config")
 """Verbs that take every setting of a method."""
 DEVICES = (AUTO, "cpu", "cuda")
-VERB_SLOTS = {("export", "format"): "exporter", ("info", "format"): "datamanager"}
+VERB_SLOTS = {
+    ("export", "format"): "exporter",
+    ("info", "format"): "datamanager",
+    ("new", "like"): "method",
+}
 """Keys of verbs whose values are names of a slot of another name."""
-ACTIONS = {"config": ("show",), "completion": ("bash", "zsh", "fish")}
+ACTIONS = {"config": ("show",), "completion": ("bash", "zsh", "fish"), "new": tuple(KINDS)}
 """Bare words of verbs that take no run."""
 
 

@@ -35,13 +35,15 @@ class MovingMethod(Method):
 
     name: ClassVar[str]
     """Name of the method, as in ``method=NAME``."""
+    canonical_method: ClassVar[type[StaticGaussiansMethod]] = StaticGaussiansMethod
+    """Class that makes the canonical Gaussians; derive from it to give them more columns."""
 
     def __init__(self, canonical: GaussiansConfig, settling: MovingConfig | None = None) -> None:
         """Store the settings of the canonical Gaussians, and of static rows.
 
         Without the latter no rows are static, and the model need not be ``MovingGaussians``.
         """
-        self._static = StaticGaussiansMethod(canonical)
+        self._static = self.canonical_method(canonical)
         self._settling = settling
 
     def check_scene(self, scene: Scene) -> None:

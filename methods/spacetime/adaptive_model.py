@@ -101,7 +101,7 @@ class AdaptiveSpacetimeGaussians(SpacetimeGaussians):
         time = centers.new_zeros(()) if time is None else time.to(centers)
         still, elapsed = self.canonical.splats(), time - centers
         assert still.quats is not None
-        quats, extra = still.quats, None
+        quats, extra = still.quats, still.extra
         if "spins" in self.temporal:
             quats = self._turned(quats, "spins", elapsed)
         if self.features is not None:

@@ -150,7 +150,7 @@ class SpacetimeGaussians(MovingGaussians):
             splats = replace(splats.take(rows), rows=rows)
             elapsed = elapsed.index_select(0, rows)
         assert splats.quats is not None
-        quats, extra = splats.quats, None
+        quats, extra = splats.quats, splats.extra
         if "spins" in self.temporal:
             quats = self.moved(quats, self._values("spins", rows) * elapsed[:, None])
         if self.features is not None:

@@ -1,0 +1,89 @@
+"""Method my-part: 3dgs with one more trained column.
+
+Each Gaussian has a brightness of its own, which is rendered as an extra channel and fitted to that
+of the photos. Density control, the optimizer, checkpoints and model files include the column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from gsfw.api import (
+    Batch,
+    Cameras,
+    Column,
+    Feature,
+    LearningRate,
+    Method,
+    Needs,
+    RenderOutput,
+    Scene,
+    Splats,
+    StaticGaussians,
+    StaticGaussiansConfig,
+    StaticGaussiansMethod,
+    StepContext,
+    masked_mean,
+    number,
+)
+from torch import Tensor
+
+
+@dataclass
+class MyPartConfig(StaticGaussiansConfig):
+    """Settings of method my-part, besides those of 3dgs."""
+
+    brightness_weight: float = number(0.1, at_least=0, at_most=100)
+    """Weight of the brightness in the loss."""
+    brightness_lr: float = number(0.01, above=0, at_most=1)
+    """Learning rate of the brightness."""
+
+    def needs(self) -> Needs:
+        """The needs of 3dgs, and the extra channel of the brightness."""
+        return super().needs() | Needs(features=frozenset({Feature.EXTRA}), extra_channels=1)
+
+    def build(self) -> Method:
+        """Build the method."""
+        return MyPart(self)
+
+
+class MyPartGaussians(StaticGaussians):
+    """Gaussians with a brightness."""
+
+    def splats(self, time: Tensor | None = None, cameras: Cameras | None = None) -> Splats:
+        """The activated Gaussians, with their brightness as an extra channel."""
+        brightness = self.columns()["brightness"].values
+        return replace(super().splats(time, cameras), extra=brightness)
+
+
+class MyPart(StaticGaussiansMethod):
+    """Trains the brightness beside everything else."""
+
+    model_class = MyPartGaussians
+
+    def __init__(self, config: MyPartConfig) -> None:
+        super().__init__(config, config.ignore_time)
+        self._settings = config
+
+    def extra_columns(self, scene: Scene, count: int) -> Mapping[str, Column]:
+        """The brightness of ``count`` rows, [count, 1]: medium at first."""
+        start = scene.point_colors.new_full((count, 1), 0.5)
+        return {"brightness": Column(start, LearningRate(self._settings.brightness_lr))}
+
+    def losses(self, context: StepContext) -> Mapping[str, Tensor]:
+        """The losses of 3dgs, and the mean error of the brightness."""
+        error = _error(context.rendered, context.target)
+        term = self._settings.brightness_weight * masked_mean(error, context.batch.valid)
+        return {**super().losses(context), "brightness": term}
+
+    def view_metrics(self, batch: Batch, rendered: RenderOutput) -> Mapping[str, float]:
+        """The mean error of the brightness in a held-out view."""
+        error = masked_mean(_error(rendered, batch.images), batch.valid)
+        return {"brightness_error": float(error)}
+
+
+def _error(rendered: RenderOutput, images: Tensor) -> Tensor:
+    """Absolute error of the brightness, [c, h, w, 1]."""
+    assert rendered.extra is not None  # By ``splats``.
+    return (rendered.extra - images.mean(dim=3, keepdim=True)).abs()

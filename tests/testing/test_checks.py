@@ -1,0 +1,121 @@
+"""Tests of gsfw.testing: outcomes, checks by name, and tests of pytest made of promises."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.broken_parts import Plugin
+
+from gsfw.core.errors import ConfigError
+from gsfw.plugins.registry import SLOTS
+from gsfw.testing import (
+    ConformanceError,
+    Verdict,
+    check_metric,
+    check_sampler,
+    conformance,
+    find_subject,
+    outcomes,
+    parts_of,
+    promises,
+    subjects_named,
+)
+
+pytestmark = pytest.mark.unchecked
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "plugins" / "conformance.md"
+
+test_conforms = conformance("metric", "psnr")
+"""As a plugin's test file has it."""
+
+
+def test_one_test_of_pytest_for_each_promise():
+    (mark,) = test_conforms.pytestmark
+    ids = [case.id for case in mark.args[1]]
+    assert ids == [f"metric-psnr-{promise.name}" for promise in promises("metric")]
+
+
+def test_a_broken_promise_tells_what_was_promised_what_happened_and_what_to_change():
+    made = conformance("metric", "breaks-honours-valid", plugin=Plugin())
+    subject = find_subject("metric", "breaks-honours-valid", plugin=Plugin())
+    (promise,) = (item for item in promises("metric") if item.name == "honours-valid")
+    with pytest.raises(AssertionError) as caught:
+        made(subject, promise)
+    lines = str(caught.value).splitlines()
+    assert lines[0] == (
+        "metric 'breaks-honours-valid' (Plugin) breaks the promise 'honours-valid'."
+    )
+    heads = [line.split(":")[0].strip() for line in lines[1:]]
+    assert heads == ["promised", "happened", "change"]
+
+
+def test_a_promise_that_does_not_concern_a_part_is_skipped():
+    subject = find_subject("metric", "psnr")
+    (promise,) = (item for item in promises("metric") if item.name == "settings-round-trip")
+    with pytest.raises(pytest.skip.Exception, match="this metric has no settings"):
+        test_conforms(subject, promise)
+
+
+def test_an_error_of_a_part_is_told_with_its_line():
+    subject = find_subject("importer", "breaks-recognises-never-raises", plugin=Plugin())
+    found = {outcome.promise.name: outcome for outcome in outcomes(subject)}
+    assert "FileNotFoundError" in found["recognises-never-raises"].happened or (
+        "IsADirectoryError" in found["recognises-never-raises"].happened
+    )
+
+
+def test_nothing_else_is_checked_of_a_part_that_breaks_its_contract():
+    subject = find_subject("metric", "breaks-fits-its-contract", plugin=Plugin())
+    found = list(outcomes(subject))
+    assert found[-1].promise.name == "fits-its-contract"
+    assert found[-1].verdict is Verdict.BROKEN
+
+
+def test_a_check_by_name_returns_outcomes_or_names_all_that_is_broken():
+    assert {outcome.verdict for outcome in check_sampler("uniform")} <= {
+        Verdict.KEPT,
+        Verdict.NOT_APPLICABLE,
+    }
+    with pytest.raises(ConformanceError, match="breaks the promise 'changes-no-image'"):
+        check_metric("breaks-changes-no-image", plugin=Plugin())
+
+
+def test_an_unknown_part_kind_or_plugin_is_named():
+    with pytest.raises(ConfigError, match="Did you mean 'psnr'"):
+        find_subject("metric", "psnrr")
+    with pytest.raises(ConfigError, match="no kind 'metrics' of parts"):
+        find_subject("metrics", "psnr")
+    with pytest.raises(ConfigError, match="no part of a plugin 'gsfw-nothing' is registered"):
+        parts_of("gsfw-nothing")
+
+
+def test_a_name_stands_for_all_parts_that_have_it():
+    assert [subject.slot for subject in subjects_named("ply")] == ["exporter", "importer"]
+    assert [subject.name for subject in subjects_named("support.heavy_registration")] == ["heavy"]
+
+
+def test_names_of_promises_are_unique_and_sentences_end():
+    for slot in SLOTS:
+        names = [promise.name for promise in promises(slot)]
+        assert len(set(names)) == len(names)
+        assert all(promise.sentence.rstrip(")").endswith(".") for promise in promises(slot))
+
+
+def test_the_page_names_every_promise():
+    text = PAGE.read_text()
+    missing = [
+        f"{slot}: {promise.name}"
+        for slot in SLOTS
+        for promise in promises(slot)
+        if f"| `{promise.name}` | {promise.sentence}" not in text
+    ]
+    assert not missing
+
+
+@pytest.mark.slow
+def test_the_kit_needs_no_pytest():
+    program = "import sys; import gsfw.testing; print('pytest' in sys.modules)"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "False", done.stderr
