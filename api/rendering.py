@@ -1,13 +1,20 @@
 """Rendering: splats, rasterizers, and the mathematics that both share."""
 
 from gsfw.core.maths.rays import pixel_rays
-from gsfw.core.maths.rotations import multiply_quaternions, quaternions_of, rotation_matrices
+from gsfw.core.maths.rotations import (
+    multiply_quaternions,
+    quaternions_of,
+    rotation_matrices,
+    unit_matrices,
+)
 from gsfw.core.maths.spherical_harmonics import dc_to_rgb, rgb_to_dc, sh_basis
+from gsfw.core.maths.ssim import ssim_map
 from gsfw.core.numerics import NumericsProfile
 from gsfw.core.rasterizer import Rasterizer
 from gsfw.core.render_output import RenderOutput, RenderStatistics
 from gsfw.core.render_settings import Depth, RenderSettings, Statistic, Validation
 from gsfw.core.splats import Sh, Splats
+from gsfw.plugins.open_rasterizer import open_rasterizer
 
 __all__ = [
     "Depth",
@@ -22,9 +29,12 @@ __all__ = [
     "Validation",
     "dc_to_rgb",
     "multiply_quaternions",
+    "open_rasterizer",
     "pixel_rays",
     "quaternions_of",
     "rgb_to_dc",
     "rotation_matrices",
     "sh_basis",
+    "ssim_map",
+    "unit_matrices",
 ]
