@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import torch
 
-from gsfw.api import CameraModel, Feature, Needs, Rasterizer, open_rasterizer
+from gsfw.api import CameraModel, Feature, Needs, NumericsProfile, Rasterizer, open_rasterizer
 
 ENVIRONMENT = "GSFW_RASTERIZER"
 """Variable with the name of a rasterizer, as in ``gsfw train rasterizer=NAME``."""
@@ -24,24 +24,28 @@ def use_rasterizer(name: str) -> None:
     _chosen[:] = [name]
 
 
-def rasterizer_for(device: torch.device, features: frozenset[Feature]) -> Rasterizer:
+def rasterizer_for(
+    device: torch.device, features: frozenset[Feature], profile: NumericsProfile
+) -> Rasterizer:
     """The chosen rasterizer.
 
     Args:
         device: of the tensors of a call.
         features: abilities that the call needs besides those of every call.
+        profile: constants that it has to render with.
 
     Raises:
         ConfigError: there is none of this name, or it cannot do what is asked for; says which can.
     """
     name = _chosen[0] if _chosen else os.environ.get(ENVIRONMENT, "auto")
-    return _opened(name, device.type, features)
+    return _opened(name, device.type, features, profile.name)
 
 
 @lru_cache
-def _opened(name: str, device: str, features: frozenset[Feature]) -> Rasterizer:
+def _opened(name: str, device: str, features: frozenset[Feature], profile: str) -> Rasterizer:
     needs = Needs(
         camera_models=frozenset({CameraModel.ORTHOGRAPHIC}),
         features=frozenset({Feature.GRADIENT, Feature.COVARIANCES}) | features,
+        profile=profile,
     )
     return open_rasterizer(name, device, needs)

@@ -9,7 +9,7 @@ by component, the one by the centres in the image.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import torch
 from jaxtyping import Bool, Float
@@ -71,8 +71,7 @@ def render_screen(splats: ScreenSplats, view: ScreenView) -> RenderOutput:
     xx, xy, yy = splats.covariances
     flat = torch.stack([xx, xy, zeros, xy, yy, zeros, zeros, zeros, zeros], dim=1)
     features = {Feature.ABSGRAD} if Statistic.ABSGRAD in view.statistics else set()
-    rasterizer = rasterizer_for(like.device, frozenset(features))
-    profile = rasterizer.capabilities().profile
+    rasterizer = rasterizer_for(like.device, frozenset(features), view.profile)
     return rasterizer.render(
         Splats(
             means=torch.cat([splats.means, depths[:, None]], dim=1),
@@ -92,7 +91,7 @@ def render_screen(splats: ScreenSplats, view: ScreenView) -> RenderOutput:
             near=0.0,
             far=torch.inf,
             statistics=view.statistics,
-            profile=replace(view.profile, name=profile) if profile else view.profile,
+            profile=view.profile,
             validation=view.validation,
         ),
     )
