@@ -72,7 +72,7 @@ def rasterization(
     quats: Float[Tensor, "n 4"] | None,
     scales: Float[Tensor, "n 3"] | None,
     opacities: Float[Tensor, " n"],
-    colors: Float[Tensor, "..."],
+    colors: Float[Tensor, ...],
     viewmats: Float[Tensor, "c 4 4"],
     Ks: Float[Tensor, "c 3 3"],
     width: int,
