@@ -77,7 +77,9 @@ def run(script: Path, always: bool) -> int:
     done = replace_modules(always)
     gpu = torch.cuda.is_available()
     notes = [f"{', '.join(done.replaced) or 'nothing'} replaced"]
-    notes += [f"{', '.join(done.kept)} kept as installed (--always replaces)"] if done.kept else []
+    notes += (
+        [f"{', '.join(done.kept)} kept as installed (--always replaces it)"] if done.kept else []
+    )
     notes += [] if gpu else ["cuda means cpu"]
     notes.append(f"rasterizer {os.environ.get('GSFW_RASTERIZER', 'auto')}")
     _say(f"gsfw.compat: {'; '.join(notes)}.")

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from importlib import import_module
 from typing import Any
 
 import torch
@@ -25,8 +26,7 @@ class CudaOnCpu(TorchFunctionMode):
     def __enter__(self) -> CudaOnCpu:
         # Every optimizer imports it; it keeps a list of torch's functions, and refuses what is
         # there under two names, as the functions here are.
-        import torch._dynamo
-
+        import_module("torch._dynamo")
         self._originals = [(owner, name, getattr(owner, name)) for owner, name, _ in PATCHES]
         for owner, name, stand_in in PATCHES:
             setattr(owner, name, stand_in)

@@ -1,6 +1,6 @@
 """A small trainer with the calls of gsplat's examples, and densification as its strategy reads it.
 
-    python -m gsfw.compat gsplat_like.py STEPS [packed] [absgrad]
+python -m gsfw.compat gsplat_like.py STEPS [packed] [absgrad]
 """
 
 # ruff: noqa: T201
@@ -88,7 +88,9 @@ def main(steps: int, packed: bool, absgrad: bool) -> None:
         images, alphas, _ = render(slice(0, 4))
     psnr = -10 * (images[..., :3] - truth).square().mean().log10()
     solid = images[..., 3:][alphas > 0.5]
-    print(f"PSNR {float(psnr):.2f} gaussians {len(params['means'])} depth {float(solid.mean()):.2f}")
+    print(
+        f"PSNR {float(psnr):.2f} gaussians {len(params['means'])} depth {float(solid.mean()):.2f}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A small trainer with the calls of those that grew from the original one, for CUDA as it says.
 
-    python -m gsfw.compat inria_like.py STEPS
+python -m gsfw.compat inria_like.py STEPS
 """
 
 # ruff: noqa: T201
