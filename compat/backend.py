@@ -45,7 +45,8 @@ def rasterizer_for(
 def _opened(name: str, device: str, features: frozenset[Feature], profile: str) -> Rasterizer:
     needs = Needs(
         camera_models=frozenset({CameraModel.ORTHOGRAPHIC}),
-        features=frozenset({Feature.GRADIENT, Feature.COVARIANCES}) | features,
+        # Flat splats have no volume: the last one rules out rasterizers that do not project.
+        features=features | {Feature.GRADIENT, Feature.COVARIANCES, Feature.SCREEN_GRADIENT},
         profile=profile,
     )
     return open_rasterizer(name, device, needs)

@@ -218,6 +218,9 @@ def test_any_rasterizer_can_be_chosen(scene, settings, monkeypatch):
     monkeypatch.setattr(backend, "_chosen", [])
     monkeypatch.setenv("GSFW_RASTERIZER", "reference")
     torch.testing.assert_close(rendered(scene, settings)[0], expected, **CLOSE)
+    backend.use_rasterizer("ray")
+    with pytest.raises(ValueError, match="needs feature 'screen gradient'"):
+        rendered(scene, settings)
     backend.use_rasterizer("nothing")
     with pytest.raises(ValueError, match="no rasterizer 'nothing'"):
         rendered(scene, settings)
