@@ -135,27 +135,31 @@ class GaussianRasterizer(nn.Module):
             means3D, opacities, shs, colors_precomp, scales, rotations, cov3D_precomp
         )
         _check(gaussians, means2D)
-        rows = _rows_in_front(settings, means3D)
-        view = settings.view()
-        splats, radii = project(_taken(gaussians, rows), view)
-        third = _third_output(settings, means2D_densify is not None)
-        splats = replace(
-            splats,
-            means=splats.means + _ScreenGradient.apply(_take(means2D, rows), view),
-            channels=_with_third(splats, third),
-        )
-        absolute: list[RenderStatistics] = []
-        if means2D_densify is not None:
-            link = _AbsoluteGradient.apply(_take(means2D_densify, rows), absolute)
-            splats = replace(splats, means=splats.means + link)
-        output = render_screen(splats, _screen_view(settings, third, means2D_densify is not None))
-        # The statistics alone: the image would hold this step's graph, which holds the list.
-        absolute.append(output.statistics)
-        image = output.color[0].permute(2, 0, 1)
-        found = (
-            radii.new_zeros(len(means3D)).index_copy(0, rows, radii) if rows is not None else radii
-        )
-        return (image, found) if third == NONE else (image[:-1], found, image[-1:])
+        return _render(settings, gaussians, means2D, means2D_densify)
+
+
+def _render(
+    settings: GaussianRasterizationSettings,
+    gaussians: InriaGaussians,
+    means2D: Float[Tensor, "n _"],
+    densify: Float[Tensor, "n 3"] | None,
+) -> tuple[Tensor, ...]:
+    """Render checked arguments."""
+    rows, view = _rows_in_front(settings, gaussians.means), settings.view()
+    splats, radii = project(_taken(gaussians, rows), view)
+    third = _third_output(settings, densify is not None)
+    means = splats.means + _ScreenGradient.apply(_take(means2D, rows), view)
+    measured: list[RenderStatistics] = []
+    if densify is not None:
+        means = means + _AbsoluteGradient.apply(_take(densify, rows), measured)
+    splats = replace(splats, means=means, channels=_with_third(splats, third))
+    output = render_screen(splats, _screen_view(settings, third, densify is not None))
+    # The statistics alone: the image would hold this step's graph, which holds the list.
+    measured.append(output.statistics)
+    if rows is not None:
+        radii = radii.new_zeros(len(gaussians.means)).index_copy(0, rows, radii)
+    image = output.color[0].permute(2, 0, 1)
+    return (image, radii) if third == NONE else (image[:-1], radii, image[-1:])
 
 
 class _ScreenGradient(torch.autograd.Function):

@@ -10,7 +10,7 @@ from gsfw.api import ssim_map
 from gsfw.compat.refusal import refuse
 
 RADIUS = 5
-"""Of the window, in pixels."""
+"""Half the side of the window, in pixels."""
 
 
 def fused_ssim(

@@ -105,9 +105,7 @@ def rasterization(
     """
     refuse_unknown(NAME, {name: value for name, value in newer.items() if _is_set(name, value)})
     _check_flags(sparse_grad, distributed, means)
-    _check_choice("render_mode", render_mode, MODES)
-    _check_choice("rasterize_mode", rasterize_mode, ("classic", "antialiased"))
-    _check_choice("camera_model", camera_model, MODELS)
+    _check_choices(render_mode, rasterize_mode, camera_model)
     gaussians = _Gaussians(means, quats, scales, opacities, colors, covars)
     conventions = _Conventions(
         near_plane=near_plane,
@@ -120,10 +118,7 @@ def rasterization(
         antialiased=rasterize_mode == "antialiased",
         profile=_profile(eps2d),
     )
-    cameras = [
-        GsplatCamera(view, matrix, width, height, camera_model)
-        for view, matrix in zip(viewmats, Ks, strict=True)
-    ]
+    cameras = _cameras(viewmats, Ks, width, height, camera_model)
     return _render(gaussians, cameras, conventions, backgrounds)
 
 
@@ -166,6 +161,20 @@ def _render(
     alphas = torch.cat([output.alpha for output in outputs])
     info = make_info(projected, means2d, join, cameras, conventions.profile.dilation)
     return torch.cat(images), alphas, info
+
+
+def _cameras(
+    views: Float[Tensor, "c 4 4"],
+    intrinsics: Float[Tensor, "c 3 3"],
+    width: int,
+    height: int,
+    model: str,
+) -> list[GsplatCamera]:
+    """The cameras of a call, one by one."""
+    return [
+        GsplatCamera(view, matrix, width, height, model)
+        for view, matrix in zip(views, intrinsics, strict=True)
+    ]
 
 
 def _project(
@@ -287,11 +296,16 @@ def _check_flags(sparse_grad: bool, distributed: bool, means: Tensor) -> None:
         )
 
 
-def _check_choice(argument: str, value: str, served: tuple[str, ...]) -> None:
-    """Refuse a value that is not served.
+def _check_choices(render_mode: str, rasterize_mode: str, camera_model: str) -> None:
+    """Refuse values that are not served.
 
     Raises:
-        UnservedArgument: it is none of ``served``.
+        UnservedArgument: there is one.
     """
-    if value not in served:
-        raise refuse(NAME, f"{argument}={value!r}", f"Served: {', '.join(served)}.")
+    for argument, value, served in (
+        ("render_mode", render_mode, MODES),
+        ("rasterize_mode", rasterize_mode, ("classic", "antialiased")),
+        ("camera_model", camera_model, MODELS),
+    ):
+        if value not in served:
+            raise refuse(NAME, f"{argument}={value!r}", f"Served: {', '.join(served)}.")

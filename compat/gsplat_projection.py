@@ -38,7 +38,7 @@ class GsplatCamera:
 
     @property
     def center(self) -> Float[Tensor, " 3"]:
-        """Of the camera, in the scene."""
+        """The camera's place in the scene."""
         return -(self.rotation.T @ self.world_to_camera[:3, 3])
 
     def in_camera(self, means: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:

@@ -49,9 +49,9 @@ class InriaView:
     projection: Float[Tensor, "4 4"]
     """World to clip space, transposed."""
     center: Float[Tensor, " 3"]
-    """Of the camera, in the world."""
+    """The camera's place in the world."""
     degree: int
-    """Of spherical harmonics."""
+    """Degree of spherical harmonics."""
     scale: float
     """Factor of standard deviations; covariances that are given are not scaled."""
     antialiasing: bool

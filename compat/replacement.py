@@ -12,12 +12,12 @@ MODULES = {
     "fused_ssim": {"": "fused_ssim"},
     "gsplat": {"": "gsplat", "rendering": "gsplat"},
 }
-"""For each package the modules, by their names inside it, and what stands for them here."""
+"""Modules of each package, by their names inside it, and their stand-ins in gsfw.compat."""
 
 
 @dataclass(frozen=True)
 class Replacement:
-    """What was done."""
+    """Packages that were replaced, and that were not."""
 
     replaced: tuple[str, ...]
     kept: tuple[str, ...]
