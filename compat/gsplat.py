@@ -9,7 +9,7 @@ column 1, as strategies read the norm; lists of tiles are not in ``info``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -56,8 +56,8 @@ class _Gaussians:
 class _Conventions:
     """The settings of a call, with gsplat's names."""
 
-    near_plane: float
-    far_plane: float
+    planes: tuple[float, float]
+    """Depths between which splats are seen."""
     radius_clip: float
     sh_degree: int | None
     packed: bool
@@ -98,18 +98,14 @@ def rasterization(
 ) -> tuple[Float[Tensor, "c h w x"], Float[Tensor, "c h w 1"], Info]:
     """Images, alphas and ``info`` of ``c`` cameras; arguments as gsplat documents them.
 
-    ``tile_size``, ``channel_chunk`` and ``segmented`` change no image, and nothing here.
-
-    Raises:
-        UnservedArgument: an argument, or its value, is not served; names it.
+    ``tile_size``, ``channel_chunk`` and ``segmented`` change no image, and nothing here. An
+    argument or value that is not served raises ``UnservedArgument``, with its name.
     """
-    refuse_unknown(NAME, {name: value for name, value in newer.items() if _is_set(name, value)})
-    _check_flags(sparse_grad, distributed, means)
+    _check_flags(newer, sparse_grad, distributed, means)
     _check_choices(render_mode, rasterize_mode, camera_model)
     gaussians = _Gaussians(means, quats, scales, opacities, colors, covars)
     conventions = _Conventions(
-        near_plane=near_plane,
-        far_plane=far_plane,
+        planes=(near_plane, far_plane),
         radius_clip=radius_clip,
         sh_degree=sh_degree,
         packed=packed,
@@ -183,7 +179,8 @@ def _project(
     """Project the splats for the camera of this number."""
     points = camera.in_camera(gaussians.means)
     depths = points[:, 2]
-    in_range = (depths > conventions.near_plane) & (depths < conventions.far_plane)
+    near, far = conventions.planes
+    in_range = (depths > near) & (depths < far)
     # Others may be at depth 0: they take a place that has finite derivatives, and get none.
     ahead = points.new_tensor([0.0, 0.0, 1.0])
     means, jacobian = camera.project(torch.where(in_range[:, None], points, ahead))
@@ -280,12 +277,15 @@ def _is_set(name: str, value: object) -> bool:
     return value is not None and value is not (name == "global_z_order")
 
 
-def _check_flags(sparse_grad: bool, distributed: bool, means: Tensor) -> None:
-    """Refuse what is asked for by a flag or by a shape.
+def _check_flags(
+    newer: Mapping[str, Any], sparse_grad: bool, distributed: bool, means: Tensor
+) -> None:
+    """Refuse what is asked for by a flag, a shape, or an argument of newer versions.
 
     Raises:
-        UnservedArgument: there is such a flag or shape.
+        UnservedArgument: there is such a one.
     """
+    refuse_unknown(NAME, {name: value for name, value in newer.items() if _is_set(name, value)})
     if sparse_grad:
         raise refuse(NAME, "sparse_grad=True", "Use dense gradients and torch.optim.Adam.")
     if distributed:
